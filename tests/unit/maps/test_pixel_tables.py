@@ -168,3 +168,44 @@ def test_units_of_a_table_that_contradict_are_refused(header: str, message: str)
 def test_a_table_that_cannot_be_understood_is_refused_with_the_remedy(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         exchange.from_csv(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "".join(f"{n},{100 + 7 * n},{n * n}\n" for n in range(6)),
+            "first of three columns without names counts",
+        ),
+        (
+            "".join(f"{n},{9 - n},4\n" for n in range(1, 7)),
+            "counts the lines: is it the pixel, and are the others",
+        ),
+        ('"x","y","z"\n"1",0.1,2,3\n"2",0.2,2,3\n', "line 2: has 4 cells, and the header 3 names; name each"),
+        (
+            "led,x,y,z\n0,1,2,3\n1,0,0,0\n2,1.1,2,3\n3,0,0,0\n",
+            "lines 3, 5: 2 pixels are at 0, 0, 0, as programs",
+        ),
+    ],
+)
+def test_columns_that_are_no_coordinates_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        exchange.from_csv(text)
+
+
+def test_a_header_that_numbers_the_columns_is_no_pixel() -> None:
+    (strip,) = exchange.from_csv("0,1,2\n" + "".join(f"{n / 10},0.5,1.5\n" for n in range(8))).values()
+    assert strip.pixels == 8
+
+
+def test_pixels_a_metre_apart_on_an_axis_are_read() -> None:
+    (strip,) = exchange.from_csv("".join(f"{n},0,2\n" for n in range(8))).values()
+    assert strip.pixels == 8
+
+
+def test_pixels_that_a_program_has_not_seen_are_noted() -> None:
+    notes: list[str] = []
+    exchange.from_csv("led,x,y,z\n0,1,2,3\n1,0,0,0\n2,1.1,2,3\n3,0,0,0\n4,1.2,2,3\n", notes.append)
+    assert notes[0].startswith(
+        "2 pixels are at 0, 0, 0 (lines 3, 5), as programs write it for those that they"
+    )

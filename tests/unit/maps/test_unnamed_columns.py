@@ -141,3 +141,25 @@ def test_a_pcd_that_cannot_be_read_is_refused(
     path.write_bytes(PCD.format(fields=fields, counts=counts, kind=kind).encode() + b"\xff\xfe\0\1")
     with pytest.raises(ConfigError, match=message):
         read_cloud(path)
+
+
+HEADERS = {
+    "numbers_of_pandas.csv": "0,1,2\n",
+    "survey_of_a_program.csv": "East (m),North (m),Elev (m)\n",
+    "german_survey.csv": "Rechtswert,Hochwert,Höhe\n",
+    "viewer_of_a_lidar.csv": '"Points_m_XYZ:0","Points_m_XYZ:1","Points_m_XYZ:2"\n',
+}
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_headers_of_programs_are_no_points(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_text(HEADERS[name] + "\n".join(PLAIN) + "\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_cloud(path), POINTS)
+
+
+def test_a_mesh_whose_faces_look_like_points_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.txt"
+    path.write_text("OFF\n4 1 0\n" + "\n".join(PLAIN).replace(",", " ") + "\n3 0 1 2\n")
+    with pytest.raises(ConfigError, match=r"mesh.txt: is an OFF mesh, whose faces are no points; export it"):
+        read_cloud(path)

@@ -7,7 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.maps.column_units import split_unit
-from pointit.maps.point_files.point_columns import cells_of, delimiter_of, is_number, point_columns
+from pointit.maps.point_files.point_columns import (
+    cells_of,
+    delimiter_of,
+    is_number,
+    is_numbering,
+    point_columns,
+)
 from pointit.maps.point_files.stated_units import (
     StatedUnit,
     Triple,
@@ -61,28 +67,57 @@ def pixels_of(text: str) -> tuple[list[TablePixel], bool, Sequence[str]]:
     columns: _Columns | None = None
     units = units_in_comments(filter(_is_comment, text.splitlines()))
     rows: list[tuple[int, Sequence[str]]] = []
+    names = 0
     for line, row in _rows(text):
         if columns is None:
             is_header = not any(map(is_number, row))
             columns = _named(row) if is_header else _unnamed(line, row)
             if is_header:
+                names = len(row)
                 continue
         if not rows and (of_row := units_of_row(row, columns.points)):
             units = *units, *of_row
             continue
         if len(rows) == MAX_POINTS:
             raise ConfigError(f"more than {MAX_POINTS} pixels; split the file")
+        if names and len(row) > names:
+            raise ConfigError(
+                f"line {line}: has {len(row)} cells, and the header {names} names; name each column, also one "
+                "with the numbers of rows"
+            )
         rows.append((line, row))
     if columns is None:
         return [], False, ()
+    if not names:
+        _check_no_count([row for _, row in rows])
     factors = unit_factors((*columns.units, *units))
     return [_pixel(line, row, columns, factors) for line, row in rows], columns.is_of_wire, columns.unused
 
 
+def _check_no_count(rows: Sequence[Sequence[str]]) -> None:
+    """Check that the first of three columns without names does not count the pixels of a plane.
+
+    Raises:
+        ConfigError: If it may do so.
+    """
+    first = [row[0] for row in rows]
+    is_count = len(rows) > 2 and first[0] in ("0", "1") and len(rows[0]) == 3
+    start = int(first[0]) if is_count else 0
+    is_count = is_count and first == [str(number) for number in range(start, start + len(rows))]
+    if is_count and len({(*row[1:],) for row in rows}) > 1:
+        raise ConfigError(
+            "the first of three columns without names counts the lines: is it the pixel, and are the others "
+            "x and y? Add a line with the names of the columns, such as x,y,z or pixel,x,y,z"
+        )
+
+
 def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield number and cells of the lines that are neither empty nor comments."""
-    for line, content in enumerate(text.splitlines(), 1):
+    lines = text.splitlines()
+    for line, content in enumerate(lines, 1):
         bare = content.strip()
+        if line < len(lines) and is_numbering(lines[line - 1 : line + 1]):
+            continue
         if bare.startswith("[") and bare.rstrip(",]") != bare:  # as Python writes lists of lists
             bare = bare.strip("[], ")
         if bare and not _is_comment(bare) and not bare.lower().startswith("sep="):

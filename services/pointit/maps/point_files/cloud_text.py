@@ -12,6 +12,7 @@ from pointit.maps.point_files.point_columns import (
     cells_of,
     delimiter_of,
     is_number,
+    is_numbering,
     named_columns,
     point_columns,
 )
@@ -35,6 +36,8 @@ _PTX_CELLS = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
 """Numbers in the first lines of a PTX: columns, rows, pose of the scanner, transformation."""
 _ROW_NAME = re.compile(r"""\s*(["'])[^"']*\1[,;|\s]+[^"',;|\s]""")
 """Quoted name of a row before numbers without quotes, for which the header of R has no name."""
+_OFF = re.compile(r"(ST)?C?N?4?n?OFF")
+"""First line of a mesh in the Object File Format."""
 _COMMENT = re.compile(r" *(?:#|//|%)+ *")
 
 
@@ -75,6 +78,8 @@ def text_layout(sample: Sequence[str], wanted: Sequence[str | int]) -> TextLayou
     """
     if [len(line.split()) for line in sample[: len(_PTX_CELLS)]] == _PTX_CELLS:
         raise ConfigError("is a PTX, which begins with the pose of its scanner; export it as PTS or PLY")
+    if sample and _OFF.fullmatch(sample[0].strip()):
+        raise ConfigError("is an OFF mesh, whose faces are no points; export it as PLY")
     if pcd := read_pcd_header(sample):
         skip, names = pcd
         columns = named_columns(wanted, names, len(names)) if wanted else point_columns(names)
@@ -90,7 +95,7 @@ def _layout_of_table(sample: Sequence[str], wanted: Sequence[str | int]) -> Text
     for number, line in enumerate(sample):
         comment = _COMMENT.match(line)
         text = line[comment.end() :] if comment else line
-        if not text.strip():
+        if not text.strip() or is_numbering(sample[number : number + 2]):
             continue
         row = text.split("#")[0]
         delimiter = delimiter_of(row.strip())

@@ -21,9 +21,15 @@ _OTHER_VECTORS = {
     *("gyro", "mag", "size", "scale", "sigma", "std"),
 }
 """Words in names of vectors that are no positions."""
-_MAP_AXES = {"easting": "x", "northing": "y", "elevation": "z", "altitude": "z", "height": "z"}
+_MAP_AXES = {
+    **dict.fromkeys(("easting", "east", "rechtswert"), "x"),
+    **dict.fromkeys(("northing", "north", "hochwert"), "y"),
+    **dict.fromkeys(("elevation", "elev", "altitude", "height", "höhe"), "z"),
+}
 _MAP_WORDS = {"east", "north", "altitude"}
 """Words beside an axis: `X/East`."""
+_METRES = {"m", "xyz"}
+"""Words between the name and the axis: `Points_m_XYZ:0`."""
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT_BEHIND_BLANK = re.compile(r"(?<=\S)\s+(?=[\[({])")
 
@@ -129,6 +135,13 @@ def is_number(cell: str) -> bool:
     return True
 
 
+def is_numbering(lines: Sequence[str]) -> bool:
+    """Return True if the first of two `lines` numbers the columns from 0, as pandas does, and is no point."""
+    first, *rest = [cells_of(line, delimiter_of(line.strip())) for line in lines]
+    is_count = len(first) > 2 and first == [str(column) for column in range(len(first))]
+    return is_count and any("." in cell for row in rest for cell in row)
+
+
 def _stem_and_axis(name: str) -> tuple[str, str]:
     """Return `name` with `*` for its axis, and the axis; `""` if it is not of one."""
     words = [word for word in name.split("_") if word not in _MAP_WORDS] or name.split("_")
@@ -139,6 +152,6 @@ def _stem_and_axis(name: str) -> tuple[str, str]:
         return "map", _MAP_AXES[name]
     if name[-1:] in AXES and name[:-1] in _JOINED_STEMS:
         return f"{name[:-1]}_*", name[-1]
-    if len(words) == 2 and words[0] in _JOINED_STEMS and words[1] in _DIGITS:
-        return f"{words[0]}_*", AXES[_DIGITS.index(words[1])]
+    if len(words) > 1 and words[0] in _JOINED_STEMS and words[-1] in _DIGITS and {*words[1:-1]} <= _METRES:
+        return f"{words[0]}_*", AXES[_DIGITS.index(words[-1])]
     return name, ""

@@ -182,10 +182,6 @@ def test_a_table_that_cannot_be_understood_is_refused_with_the_remedy(text: str,
             "counts the lines: is it the pixel, and are the others",
         ),
         ('"x","y","z"\n"1",0.1,2,3\n"2",0.2,2,3\n', "line 2: has 4 cells, and the header 3 names; name each"),
-        (
-            "led,x,y,z\n0,1,2,3\n1,0,0,0\n2,1.1,2,3\n3,0,0,0\n",
-            "lines 3, 5: 2 pixels are at 0, 0, 0, as programs",
-        ),
     ],
 )
 def test_columns_that_are_no_coordinates_are_refused(text: str, message: str) -> None:

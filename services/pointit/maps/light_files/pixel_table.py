@@ -82,8 +82,8 @@ def pixels_of(text: str) -> tuple[list[TablePixel], bool, Sequence[str]]:
             raise ConfigError(f"more than {MAX_POINTS} pixels; split the file")
         if names and len(row) > names:
             raise ConfigError(
-                f"line {line}: has {len(row)} cells, and the header {names} names; name each column, also one "
-                "with the numbers of rows"
+                f"line {line}: has {len(row)} cells, and the header {names} names; name each column, also "
+                "one with the numbers of rows"
             )
         rows.append((line, row))
     if columns is None:

@@ -184,7 +184,7 @@ def laid_out(segments: Mapping[str, WledSegment], pitch_m: float) -> dict[str, S
 
 
 def from_matrix(text: str, pitch_m: float) -> dict[str, StripEntry]:
-    """Return the strips of the matrix in WLED's configuration, on an upright plane; empty if it has none.
+    """Return the strips of the matrix in WLED's configuration, on an upright plane, `{}` if it has none.
 
     They follow the wire through the panels. Pixels of the outputs behind the matrix are a strip above it.
     Raises: ConfigError: If a panel has no size, or two share a cell.

@@ -95,7 +95,7 @@ def _read_text(source: Path) -> str:
     except FileNotFoundError:
         raise ConfigError(f"{source}: there is no such file") from None
     except UnicodeDecodeError as error:
-        line = len(data[: error.start + 1].splitlines())
+        line = len(error.object[: error.start + 1].splitlines())
         raise ConfigError(f"{source}: line {line} is not UTF-8; save the file as UTF-8") from None
     if len(data) > MAX_FILE:
         raise ConfigError(f"{source}: more than {MAX_FILE} bytes")

@@ -16,7 +16,9 @@ _MIN_RISING_SHARE = 0.5
 
 
 def first_columns_problem(rows: Sequence[Sequence[str]]) -> tuple[str, int]:
-    """Return why the first of the columns of `rows` may be no coordinates, and how many; `"", 0` if they are.
+    """Return the reason for which first columns of `rows` may be no coordinates, and their number.
+
+    The reason is `""` if there is none.
 
     A number of the point, its time, the row and column of a scanner, an intensity or a colour may be first.
     Cells behind the numbers may be a code or a label.

@@ -1,18 +1,20 @@
 """Wrists that speak Open Sound Control: NGIMU, and apps of phones such as GyrOSC, ZIG SIM and Sensors2OSC."""
 
 import math
+import re
+from collections import Counter
 from collections.abc import Sequence
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
 from pointit.services.imu_bridge.network.contents import DatagramError, orientation, vector
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
 from pointit.services.imu_bridge.network.osc_message import OscMessage, parse_each
+from pointit.services.imu_bridge.network.osc_quaternions import QuaternionPosition
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.serial.fifth_number import FifthNumber, is_unit
 from pointit.services.imu_bridge.sources import ImuSource
-from pointit.services.imu_bridge.streams.json_content import Order
+from pointit.services.imu_bridge.streams.json_content import Order, component
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 GRAVITY_MPS2 = 9.80665
@@ -24,14 +26,18 @@ ORDERS: Final[dict[str, Order]] = {
     "/gamerotationvector": "xyzw",
 }
 """Orders of the numbers at addresses of known devices."""
-NAMES = frozenset(address.rpartition("/")[2] for address in ORDERS)
-"""Last parts of addresses of orientations."""
+NAMES = frozenset({"quaternion", "quaternions", "quat", "quats", "rotationvector", "gamerotationvector"})
+"""Parts of addresses of orientations, in small letters and without numbers."""
+OTHER_NAMES = frozenset({"q", "orientation", "rotation", "attitude"})
+"""Parts of addresses that may also be those of angles."""
 ZIG_SIM = "/ZIGSIM/"
 """Beginning of addresses of ZIG SIM on iPhones; before, and on Android, they begin with the device's name."""
 SENSORS = "/sensors"
 """NGIMU's rates, °/s, then its accelerations, g."""
 MOST_SHOWN = 4
 """Number of addresses without an orientation that a warning names."""
+MAX_POSITIONS = 64
+"""Number of addresses and formats of which the position of the quaternion is known."""
 
 
 class OscConfig(DatagramConfig):
@@ -45,8 +51,16 @@ class OscConfig(DatagramConfig):
     )
     address: str = Field(
         default="",
-        description="address of the messages with the orientation, such as /gyrosc/quat; each that ends "
-        "in /quaternion, /quaternions, /quat, /rotationvector or /gamerotationvector if empty",
+        description="address of the messages with the orientation, such as /gyrosc/quat; if empty each with "
+        "a part such as quaternion, quat, q, orientation or rotationvector, also with a number, as in "
+        "/imu/quat1",
+    )
+    first: int = Field(
+        default=0,
+        ge=0,
+        le=64,
+        description="position of the quaternion's first number among the numbers of a message, from 1; 0: "
+        "found by the norm, which is 1",
     )
     order: Literal["auto", "wxyz", "xyzw"] = Field(
         default="auto",
@@ -63,26 +77,11 @@ class OscConfig(DatagramConfig):
         return value
 
 
-def several_quaternions(numbers: Sequence[float]) -> list[tuple[Sequence[float], str]]:
-    """Return the quaternions of a message with those of several sensors, or with one behind a position.
+class NamedReading(NamedTuple):
+    """An orientation, and the names of its sensor."""
 
-    Each comes with the number of its sensor: the one in front of it, else its position in the message from 1.
-    Empty if the numbers are of another kind.
-    """
-    for start, size in ((0, 4), (1, 5), (0, 5)):
-        groups = [numbers[at : at + size] for at in range(0, len(numbers), size)]
-        fours = [group[start : start + 4] for group in groups]
-        if len(groups) < 2 or len(numbers) % size or not all(map(is_unit, fours)):
-            continue
-        fronts = {group[0] for group in groups}
-        has_numbers = start > 0 and len(fronts) == len(groups) and all(each == round(each) for each in fronts)
-        names = [f"{group[0]:.9g}" if has_numbers else f"{n}" for n, group in enumerate(groups, 1)]
-        return [*zip(fours, names, strict=True)]
-    if len(numbers) >= 9 and len(numbers) % 4 == 1:  # a time or count in front
-        return several_quaternions(numbers[1:])
-    if len(numbers) == 7 and is_unit(numbers[3:]) and not is_unit(numbers[:4]):
-        return [(numbers[3:], "")]
-    return []
+    reading: Reading
+    names: tuple[str, ...]
 
 
 class OscDecoder(Decoder):
@@ -94,7 +93,10 @@ class OscDecoder(Decoder):
         self._has_orientation = False
         self._zig_sim = ""
         """Address of the orientations of a ZIG SIM that has introduced itself, or `""`."""
-        self._fifth = FifthNumber()
+        self._positions: dict[tuple[str, str], QuaternionPosition] = {}
+        """Positions of quaternions by address and types."""
+        self._components: dict[str, dict[str, float]] = {}
+        """Components of quaternions that are not complete, by the address without w, x, y or z."""
         self._battery: Battery | None = None
         self._addresses: dict[str, None] = {}
         """Addresses of messages that were not used."""
@@ -106,23 +108,53 @@ class OscDecoder(Decoder):
             DatagramError: If it is not OSC, or its orientation is none.
         """
         messages, problem = parse_each(data)
-        items: list[Item] = []
+        items: list[Item | NamedReading] = []
         for message in messages:
             try:
-                item = self._item(message, stamp_ns)
+                items += self._items(message, stamp_ns)
             except DatagramError as error:
                 problem = problem or f"{message.address} {error}"
-            else:
-                items += [] if item is None else [item]
         if problem and not items:
             raise DatagramError(problem)
         self.problem = problem or self.problem
-        return items
+        return self._used_items(items)
+
+    def _used_items(self, items: Sequence[Item | NamedReading]) -> list[Item]:
+        """Return `items` without orientations of sensors that are not used.
+
+        Orientations of one time that have the same names are of several sensors: their positions name them.
+        """
+        senders = [
+            (each.names, each.reading.device_time_ns) if isinstance(each, NamedReading) else None
+            for each in items
+        ]
+        counts, earlier = Counter(senders), Counter[object]()
+        used: list[Item] = []
+        for each, sender in zip(items, senders, strict=True):
+            if not isinstance(each, NamedReading):
+                used.append(each)
+                continue
+            earlier[sender] += 1
+            names = (*each.names, f"{earlier[sender]}") if counts[sender] > 1 else each.names
+            if self.sensors.accepts(*names):
+                used.append(each.reading)
+        return used
+
+    def _items(self, message: OscMessage, stamp_ns: int) -> Sequence[Item | NamedReading]:
+        """Return the orientations of `message`, or its other item, if it has any.
+
+        Raises:
+            DatagramError: If it cannot be read.
+        """
+        if self._is_orientation(message):
+            return self._readings(message, stamp_ns)
+        if len(message.numbers) == 1 and (axis := self._axis(message.address)):
+            return self._add_component(message, axis, stamp_ns)
+        item = self._item(message, stamp_ns)
+        return [] if item is None else [item]
 
     def _item(self, message: OscMessage, stamp_ns: int) -> Item | None:
         address, numbers = message.address, message.numbers
-        if self._is_orientation(address):
-            return self._reading(message, stamp_ns)
         if address == SENSORS and len(numbers) >= 6 and not self._has_orientation:
             rates = vector(numbers[0:3], math.radians(1.0))
             return RawReading(stamp_ns, rates, vector(numbers[3:6], GRAVITY_MPS2), message.time_ns)
@@ -141,30 +173,52 @@ class OscDecoder(Decoder):
             )
         return None
 
-    def _reading(self, message: OscMessage, stamp_ns: int) -> Reading | None:
-        """Return the orientation in `message`, or None if it is of another sensor, or has none.
-
-        Raises:
-            DatagramError: If it cannot be read.
-        """
+    def _readings(self, message: OscMessage, stamp_ns: int) -> list[NamedReading]:
         numbers = message.numbers
         if len(numbers) < 4:
             reason = message.problem or f"has {len(numbers)} numbers, 4 were expected"
             self.problem = f"{message.address} {reason}"
-            return None
-        quaternions = several_quaternions(numbers)
-        if not quaternions and len(numbers) > 4:
-            split = self._fifth.split(numbers[:5], is_behind=message.types[:1] == message.types[1:2])
-            if split is None:
-                return None
-            quaternions = [(split[0], split[1])]
-        reading: Reading | None = None
-        for four, name in quaternions or [(numbers, "")]:
-            turned = orientation(four, self._order(message.address))
+            return []
+        key = (message.address, message.types)
+        position = self._positions.get(key)
+        if position is None:
+            if len(self._positions) >= MAX_POSITIONS:
+                del self._positions[next(iter(self._positions))]
+            position = self._positions[key] = QuaternionPosition(message.types, self._config.first)
+        order = self._order(message.address)
+        readings = [
+            NamedReading(
+                Reading(stamp_ns, orientation(four, order), message.time_ns),
+                (message.address, *message.strings, sensor),
+            )
+            for four, sensor in position.quaternions(numbers)
+        ]
+        if readings:
             self._has_orientation, self.unused = True, ""
-            if self.sensors.accepts(message.address, *message.strings, name) and reading is None:
-                reading = Reading(stamp_ns, turned, message.time_ns)
-        return reading
+        return readings
+
+    def _axis(self, address: str) -> str:
+        """Return the component w, x, y or z that has an address of its own, as /quaternion/x, else `""`."""
+        parent, _, last = address.rpartition("/")
+        axis, is_quaternion = component(last)
+        is_quaternion = is_quaternion or "quat" in parent.casefold()
+        return axis if parent == self._config.address or (is_quaternion and not self._config.address) else ""
+
+    def _add_component(self, message: OscMessage, axis: str, stamp_ns: int) -> list[NamedReading]:
+        parent = message.address.rpartition("/")[0] or "/"
+        if len(self._components) >= MAX_POSITIONS:
+            self._components.clear()
+        components = self._components.setdefault(parent, {})
+        if axis in components:  # another was lost
+            components.clear()
+        components[axis] = message.numbers[0]
+        if len(components) < 4:
+            return []
+        four = [components[each] for each in "xyzw"]
+        components.clear()
+        turned = orientation(four, "xyzw")
+        self._has_orientation, self.unused = True, ""
+        return [NamedReading(Reading(stamp_ns, turned, message.time_ns), (parent, *message.strings))]
 
     def _is_of_other(self, address: str) -> bool:
         """Return True if an event at `address` stands beside the orientation of another sensor only."""
@@ -172,15 +226,21 @@ class OscDecoder(Decoder):
         others = {each.rpartition("/")[0] for each in self.sensors.others}
         return place in others and place != (self.sensors.used or "").rpartition("/")[0]
 
-    def _is_orientation(self, address: str) -> bool:
-        return address == self._config.address or (
-            not self._config.address and address.rpartition("/")[2] in NAMES
-        )
+    def _is_orientation(self, message: OscMessage) -> bool:
+        if self._config.address:
+            return message.address == self._config.address
+        *before, last = (re.sub(r"[\W\d_]", "", part) for part in message.address.casefold().split("/"))
+        if last == "button" or len(message.numbers) < 4:
+            return last in NAMES
+        return any(part in NAMES | OTHER_NAMES or "quat" in part for part in (*before, last))
 
     def _order(self, address: str) -> Order:
         if self._config.order != "auto":
             return self._config.order
         order = ORDERS.get(address)
+        stated = re.search(r"xyzw|wxyz", address, re.IGNORECASE)
+        if order is None and stated:
+            return "xyzw" if stated[0].casefold() == "xyzw" else "wxyz"
         if order is None:
             is_zig_sim = address == self._zig_sim or address.startswith(ZIG_SIM)
             has_name = address.count("/") == 2 and address.endswith("/quaternion")

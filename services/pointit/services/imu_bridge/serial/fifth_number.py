@@ -40,9 +40,9 @@ class LeadingNumber:
         others that rise, are not whole or exceed `MAX_SENSOR` are times.
         """
         before = self._newest[-1] if self._newest else number
-        count, is_whole = self._newest.count(number), number == round(number)
+        count, is_whole = self._newest.count(number), math.isfinite(number) and number == round(number)
         self._newest.append(number)
-        if self._is_sensor:
+        if self._is_sensor and is_whole:
             return True
         self._returns += is_whole and number < before and count > 0
         self._rises += number > before
@@ -56,10 +56,31 @@ class LeadingNumber:
         return self._is_sensor
 
 
+class TrailingNumber:
+    """Tells whether the number behind the quaternions of one stream is that of a sensor."""
+
+    def __init__(self) -> None:
+        self._newest: deque[float] = deque(maxlen=MEMORY_BEHIND)
+        self._is_sensor = False
+
+    def is_sensor(self, number: float) -> bool:
+        """Return True for the number of a sensor, which comes round and round, False for an accuracy."""
+        newest = self._newest
+        newest.append(number)
+        period = len(set(newest))
+        self._is_sensor = self._is_sensor or (
+            len(newest) == MEMORY_BEHIND
+            and 1 < period <= MEMORY_BEHIND // 2
+            and all(math.isfinite(each) and each == round(each) for each in newest)
+            and all(newest[at] == newest[at - period] for at in range(period, MEMORY_BEHIND))
+        )
+        return self._is_sensor
+
+
 class FifthNumber:
     """Separates the fifth number of the lines of one stream, by the norms of both halves.
 
-    In front it is what `LeadingNumber` tells. Behind it is an accuracy, unless it comes round and round.
+    In front it is what `LeadingNumber` tells, behind it what `TrailingNumber` tells.
     """
 
     def __init__(self, fifth: Fifth = "auto") -> None:
@@ -69,45 +90,29 @@ class FifthNumber:
         self._open = 0
         """Number of lines in which they did not."""
         self._leading = LeadingNumber()
-        self._behind: deque[float] = deque(maxlen=MEMORY_BEHIND)
-        self._is_sensor_behind = False
+        self._trailing = TrailingNumber()
 
-    def split(
-        self, numbers: Sequence[float], *, is_behind: bool | None = None
-    ) -> tuple[Sequence[float], str, float | None] | None:
+    def split(self, numbers: Sequence[float]) -> tuple[Sequence[float], str, float | None] | None:
         """Return the quaternion's four numbers, the sensor's number or `""`, and the time, µs, or None.
 
-        None for the first lines in which its side or meaning is open. `is_behind` is the side if the norms do
-        not tell it.
+        None for the first lines in which its side or meaning is open.
 
         Raises:
             ValueError: If the side stays open.
         """
-        is_behind = self._side(numbers, otherwise=is_behind)
+        is_behind = self._side(numbers)
         if is_behind is None:
             return None
         four, beside = (numbers[:4], numbers[4]) if is_behind else (numbers[1:], numbers[0])
         if self._fifth == "auto":
-            is_sensor = self._comes_round(beside) if is_behind else self._leading.is_sensor(beside)
+            is_sensor = (self._trailing if is_behind else self._leading).is_sensor(beside)
         else:
             is_sensor = self._fifth == "sensor"
         if is_sensor is None:
             return None
         return four, f"{beside:.9g}" if is_sensor else "", None if is_sensor or is_behind else beside
 
-    def _comes_round(self, number: float) -> bool:
-        newest = self._behind
-        newest.append(number)
-        period = len(set(newest))
-        self._is_sensor_behind = self._is_sensor_behind or (
-            len(newest) == MEMORY_BEHIND
-            and 1 < period <= MEMORY_BEHIND // 2
-            and all(each == round(each) for each in newest)
-            and all(newest[at] == newest[at - period] for at in range(period, MEMORY_BEHIND))
-        )
-        return self._is_sensor_behind
-
-    def _side(self, numbers: Sequence[float], *, otherwise: bool | None) -> bool | None:
+    def _side(self, numbers: Sequence[float]) -> bool | None:
         if self._fifth in ("time", "accuracy"):
             return self._fifth == "accuracy"
         fits_behind, fits_front = is_unit(numbers[:4]), is_unit(numbers[1:])
@@ -120,8 +125,8 @@ class FifthNumber:
             if fits_behind != fits_front:
                 return fits_behind
             self._open += 1
-            if otherwise is not None or self._open <= MAX_OPEN:
-                return otherwise
+            if self._open <= MAX_OPEN:
+                return None
             raise ValueError(
                 "has five numbers, of which the first and the last four are a quaternion: set the parameter "
                 "`fifth` to time, sensor or accuracy"

@@ -1,6 +1,6 @@
 """Numbers and names in front of quaternions: sensors, clocks that start at 0, counts and ids of messages."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
 
@@ -98,7 +98,8 @@ def test_counts_that_begin_again_and_ids_of_messages_name_no_sensor(names: list[
     assert sensors.warning == ""
     accepted += [sensors.accepts("phone", name) for name in names[30:]]
     assert all(accepted[2 * MAX_NAMES :])
-    assert sensors.used == "phone"
+    assert sensors.used in ("phone", "phone #-a")
+    assert sensors.warning == ""
 
 
 def test_sensor_is_found_by_each_of_its_names() -> None:
@@ -121,3 +122,60 @@ def test_time_that_several_sensors_share_is_no_sensor() -> None:
     readings, _ = read_lines(lines, "network")
     assert len(readings) == 50
     assert all(each.device_time_ns is not None for each in readings)
+
+
+LETTERS = "abcdefghijklmnopqrstuvwxyz"
+
+
+@pytest.mark.parametrize(
+    ("mine", "others", "used"),
+    [
+        (lambda n: (f"wrist{n}",), lambda n: (f"elbow{n}",), "wrist#"),  # a count behind the name
+        (lambda n: (f"s1_{n}",), lambda n: (f"s2_{n}",), "s1_#"),
+        (lambda _: ("wrist",), lambda n: (f"elbow-{n}",), "wrist"),
+        (lambda n: (f"{n}",), lambda _: ("elbow",), ""),
+        (lambda n: (f"{n}",), lambda n: ("elbow", f"{n}"), ""),
+        (lambda n: ("imu1", f"12:00:{n / 100:.3f}"), lambda n: ("imu2", f"12:00:{n / 100:.3f}"), "imu1"),
+        (lambda n: (f"{7919 * (n + 9):08x}",), lambda _: ("elbow",), ""),
+    ],
+)
+def test_second_sensor_is_reported_and_not_read_although_no_name_is_shared(
+    mine: Callable[[int], tuple[str, ...]], others: Callable[[int], tuple[str, ...]], used: str
+) -> None:
+    sensors = SensorChoice("udp.sensor")
+    accepted = [sensors.accepts(*(mine, others)[n % 2](n)) for n in range(2 * N)]
+    assert accepted[N:] == [True, False] * (N // 2)
+    assert sensors.used == used
+    assert "several sensors send in one stream" in sensors.warning
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_ten_sensors_beside_counts_are_told_apart(first: int) -> None:
+    sensors = SensorChoice("udp.sensor")
+    accepted = [sensors.accepts(f"node{n % 10}", f"{first + n // 10}") for n in range(2 * N)]
+    assert sum(accepted[N:]) == N // 10
+
+
+def test_second_sensor_whose_name_always_changes_is_reported_with_its_first_reading() -> None:
+    sensors = SensorChoice("udp.sensor")
+    for _ in range(9):
+        sensors.accepts("wrist")
+    assert not sensors.accepts("elbow-1")
+    assert sensors.warning.startswith("several sensors send in one stream: wrist is used, not elbow-1;")
+
+
+def test_names_that_all_differ_are_reported_unless_they_are_a_count() -> None:
+    sensors, count = SensorChoice("udp.sensor"), SensorChoice("udp.sensor")
+    for n in range(N):
+        sensors.accepts("".join(LETTERS[7 * n // 26**k % 26] for k in range(5)))
+        count.accepts(f"{n}")
+    assert sensors.warning.startswith("each reading names another sensor, the last ")
+    assert sensors.warning.endswith("let it send a name that stays the same, and set udp.sensor to it")
+    assert count.warning == ""
+
+
+def test_configured_sensor_is_found_before_a_count_and_behind_it() -> None:
+    sensors = SensorChoice("udp.sensor", "wrist")
+    accepted = [sensors.accepts(("wrist", "elbow")[n % 2] + f"{n}") for n in range(2 * N)]
+    assert accepted[N:] == [True, False] * (N // 2)
+    assert sensors.warning == ""

@@ -39,6 +39,27 @@ from pointit.runtime.mqtt.payload_words import is_on, is_online
         (b'{"status":null,"online":true}', True),
         (b'{"status":{"value":"Dead","since":3}}', False),
         (b'{"state":{"state":{"state":"online"}}}', None),
+        (b'{"state":"online","available":false}', False),  # the availability counts
+        (b'{"status":"ready","reachable":false}', False),
+        (b'{"state":"offline","connected":true}', True),  # the state of another thing
+        (b'{"val":0,"online":true}', True),
+        (b'{"isOnline":false,"state":1}', False),
+        (b'{"is_available":"no","status":"up"}', False),
+        (b'{"connectionState":"connected","status":"down"}', True),
+        (b'{"state":"online","offline":true}', False),
+        (b'{"disconnected":false,"value":0}', True),
+        (b'{"available":null,"state":"online"}', True),
+        (b'{"available":"perhaps","state":"online"}', True),
+        (b'{"$state":"lost"}', False),  # Homie
+        (b"sleeping", False),
+        (b"alert", True),
+        (b"connection_lost", False),
+        (b"connection-lost", False),
+        (b"Not_Connected", False),
+        (b'{"LWT":"Connection_Lost"}', False),
+        (b'{"connection":{"status":"not reachable"}}', False),
+        (b"disconnected-clean", False),
+        (b"stopped", False),  # Frigate
         (b"", None),
         (b'{"state": {}}', None),
         (b'{"state": "ON", "brightness": 254}', None),  # a lamp that is off is reachable, too
@@ -79,6 +100,10 @@ def test_own_words_for_availability_replace_the_usual_ones() -> None:
         (b"true", True),
         (b"0", False),
         (b'{"state": "ON"}', True),
+        (b'{"state": "OFF", "available": true}', False),
+        (b'{"online": true}', None),
+        (b'{"POWER": "on"}', True),  # Tasmota
+        (b'{"id": 0, "on": false}', False),  # Shelly
         (b"on?", None),
         (b"toggle", None),
         (b"\xff", None),

@@ -22,6 +22,8 @@ STREAMED = 0x7FFF0000
 """Size of data from which it is a placeholder of a program that could not seek back, or was ended."""
 
 _CHUNK = struct.Struct("<4sI")
+_NAMES = frozenset({b"data", b"fmt ", b"LIST", b"fact", b"cue ", b"bext", b"JUNK", b"id3 ", b"smpl", b"PEAK"})
+"""Names of usual chunks."""
 _FORMAT = struct.Struct("<HHIIHH")
 _SUBFORMAT, _SUBFORMAT_END = 24, bytes.fromhex("000000001000800000aa00389b71")
 """Offset of the extensible format's subformat, and what follows if its first two bytes are a format tag."""
@@ -47,12 +49,40 @@ NEEDED = WavFormat(PCM, 1, RATE_HZ, 16)
 
 
 def read_wav(path: Path) -> bytes:
-    """Return the samples in the WAV file at `path`, little-endian.
+    """Return the samples in the WAV file at `path`, little-endian, those of all its data chunks.
 
     Of a file that is cut off the samples that are there are returned, and a warning is logged.
 
     Raises:
         ConfigError: If it cannot be read, or has another format than `NEEDED`. Names both, with the remedy.
+    """
+    data = _file_content(path)
+    forms: set[WavFormat] = set()
+    sound: list[bytes] = []
+    for name, size, content in _chunks(data):
+        if name == b"fmt " and (form := _format(content)) is not None:
+            forms.add(form)
+        elif name == b"data":
+            sound.append(content[: len(content) // 2 * 2])
+            if len(content) < size < STREAMED:
+                log.warning("%s: is cut off, %d of %d bytes of sound are there", path, len(content), size)
+        elif name in (b"RIFF", b"wavl"):
+            raise ConfigError(f"{path}: has several recordings; export them as one, or as files of their own")
+    for form in forms - {NEEDED}:
+        raise ConfigError(f"{path}: has {form}, and must have {NEEDED}; convert it: {_CONVERTER}")
+    if not forms or not any(sound):
+        missing = "sound" if forms else "format"
+        raise ConfigError(
+            f"{path}: no WAV file that can be read: it has no {missing}; copy or record it again"
+        )
+    return b"".join(sound)
+
+
+def _file_content(path: Path) -> bytes:
+    """Return the bytes of the WAV file at `path`.
+
+    Raises:
+        ConfigError: If it cannot be read, is too large, or is none.
     """
     try:
         with path.open("rb") as file:
@@ -64,20 +94,7 @@ def read_wav(path: Path) -> bytes:
     if data[:4] != b"RIFF" or data[8:12] != b"WAVE":
         begin = f"it begins with {data[:4]!r}" if data else "it is empty"
         raise ConfigError(f"{path}: no WAV file that can be read: {begin}; convert it: {_CONVERTER}")
-    form: WavFormat | None = None
-    for name, size, content in _chunks(data):
-        if name == b"fmt ":
-            form = _format(content)
-        elif name == b"data" and form is not None:
-            if form != NEEDED:
-                raise ConfigError(f"{path}: has {form}, and must have {NEEDED}; convert it: {_CONVERTER}")
-            if not content:
-                break
-            if len(content) < size < STREAMED:
-                log.warning("%s: is cut off, %d of %d bytes of sound are there", path, len(content), size)
-            return content[: len(content) // 2 * 2]
-    missing = "format" if form is None else "sound"
-    raise ConfigError(f"{path}: no WAV file that can be read: it has no {missing}; copy or record it again")
+    return data
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, int, bytes]]:
@@ -89,7 +106,9 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, int, bytes]]:
         # a recorder that is ended has written the sizes of an empty file
         is_unfinished = name == b"data" and not size and not offset < end <= len(data)
         yield name, size, data[offset:] if is_unfinished else data[offset : offset + size]
-        offset += size + size % 2
+        offset += size
+        if data[offset : offset + 4] not in _NAMES:  # some programs leave the padding out
+            offset += size % 2
 
 
 def _format(content: bytes) -> WavFormat | None:

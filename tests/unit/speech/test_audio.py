@@ -76,6 +76,45 @@ def test_pcm_is_read_whatever_header_and_chunks_it_has(tmp_path: Path, chunks: t
     assert read_wav(write(tmp_path, *chunks)) == SOUND
 
 
+FORMAT = chunk(b"fmt ", format_of(1))
+
+
+@pytest.mark.parametrize(
+    "chunks",
+    [
+        (FORMAT, chunk(b"data", SOUND[:4]), chunk(b"data", SOUND[4:])),
+        (
+            FORMAT,
+            chunk(b"data", SOUND[:8]),
+            chunk(b"LIST", b"INFOIART\5\0\0\0Zoe.."),
+            chunk(b"data", SOUND[8:]),
+        ),
+        (FORMAT, chunk(b"data", b""), chunk(b"data", SOUND)),
+        (chunk(b"data", SOUND), FORMAT),
+        (FORMAT, chunk(b"note", b"odd"), chunk(b"data", SOUND)),
+        (FORMAT, chunk(b"note", b"odd")[:-1], chunk(b"data", SOUND)),  # without its padding
+        (chunk(b"JUNK", b"x")[:-1], FORMAT, chunk(b"LIST", b"INFO.")[:-1], chunk(b"data", SOUND)),
+        (FORMAT, chunk(b"data", SOUND + b"\1"), chunk(b"LIST", b"INFO")),
+        (FORMAT, FORMAT, chunk(b"data", SOUND)),
+    ],
+)
+def test_sound_in_several_chunks_and_between_odd_ones_is_read(
+    tmp_path: Path, chunks: tuple[bytes, ...], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert read_wav(write(tmp_path, *chunks)) == SOUND
+    assert not caplog.records
+
+
+def test_second_chunk_of_another_format_and_a_second_file_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, FORMAT, chunk(b"data", SOUND), chunk(b"fmt ", format_of(1, rate_hz=8000)))
+    with pytest.raises(ConfigError, match="has PCM, 8 kHz, 16 bits, 1 channel, and must have"):
+        read_wav(path)
+    path = write(tmp_path, FORMAT, chunk(b"data", SOUND))
+    path.write_bytes(2 * path.read_bytes())
+    with pytest.raises(ConfigError, match="has several recordings; export them as one"):
+        read_wav(path)
+
+
 @pytest.mark.parametrize(
     ("riff", "data"), [(0xFFFFFFFF, 0xFFFFFFFF), (36, 0), (0, 0), (0x7FFFFFFF, 0x7FFFF000)]
 )

@@ -72,11 +72,7 @@ class SensorChoice:
             if is_full and self._counts is None and self._count < MIN_READINGS * MAX_NAMES:
                 self._find_counts()
                 return self.accepts(*raw)
-        is_apart = (
-            self._used_total >= MIN_SHARED and self._used_names and set(self._used_names).isdisjoint(names)
-        )
-        is_doubtful = self._is_noisy or (any(map(str.isdigit, name)) and not is_apart)
-        is_doubtful = is_doubtful and is_new and not self._wanted
+        is_doubtful = is_new and not self._wanted and (self._is_noisy or self._is_count(names))
         if self.used == "" and name and self._count - self._used_count > MAX_NAMES:
             self.used = None  # numbers are known as those of sensors after some readings
         if self._wanted:

@@ -121,7 +121,7 @@ def test_a_twist_that_is_no_velocity_is_named_as_such_and_leaves_the_pose(speed_
     assert robot.problem == ""
 
 
-@pytest.mark.parametrize("variance", [-1.0, 1e6])
+@pytest.mark.parametrize("variance", [-1.0, 1e6, 0.0, NAN])  # with 0 nothing was filled in
 def test_a_twist_that_is_not_measured_is_found_by_the_positions(variance: float) -> None:
     robot = reader()
     found = [
@@ -138,6 +138,14 @@ def test_a_twist_that_is_not_measured_is_found_by_the_positions(variance: float)
         for step in range(10)
     ]
     assert found[-1].velocity_mps[0] > 0.9
+
+
+def test_a_twist_of_0_with_a_covariance_is_stated() -> None:
+    robot = reader()
+    for step in range(5):
+        stamp_ns = NOW_NS + step * NS_PER_S // 10
+        twist = odometry(x=0.1 * step, forward_mps=0.0, twist_covariance=matrix(0.01), stamp_ns=stamp_ns)
+        assert report(twist, robot, now_ns=stamp_ns).velocity_mps == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0, 0.0), (NAN, NAN, NAN, NAN)])

@@ -67,8 +67,7 @@ def pose_with_covariance(value: Any) -> Seen:
 def odometry(value: Any) -> Seen:
     """Return the object of a nav_msgs/Odometry; its twist is in the frame `child_frame_id`."""
     found = _posed(value.header.frame_id, value.pose.pose, value.pose.covariance, "the pose")
-    variance = float(value.twist.covariance[0])
-    if isinstance(found, Sighting) and variance != UNKNOWN and not variance >= UNMEASURED:
+    if isinstance(found, Sighting) and _is_measured(value.twist):
         velocity_mps = checks.velocity(value.twist.twist.linear, "the twist")
         if isinstance(velocity_mps, str):
             found = found._replace(notes=(*found.notes, velocity_mps))
@@ -113,6 +112,19 @@ def sigma(covariance: Any) -> float | str | None:
         return "the covariance is none: a number beside its diagonal is larger than those on it"
     largest = float(np.linalg.eigvalsh((place + place.T) / 2.0)[-1])
     return math.sqrt(largest) if largest > 0.0 else None
+
+
+def _is_measured(twist: Any) -> bool:
+    """Return False if the variance of a TwistWithCovariance states so, or if all of its numbers are 0.
+
+    Drivers that do not compute a twist leave all of it at 0. A robot at rest then has that of its positions.
+    """
+    variance = float(twist.covariance[0])
+    parts = (twist.twist.linear, twist.twist.angular)
+    is_filled = any(each.x or each.y or each.z for each in parts) or any(
+        each > 0.0 for each in twist.covariance
+    )
+    return is_filled and variance != UNKNOWN and not variance >= UNMEASURED
 
 
 def _posed(frame: str, pose: Any, covariance: Any, what: str) -> Sighting | str:

@@ -4,9 +4,8 @@ Names and units are those of the specification (https://github.com/VDA5050/VDA50
 another name, both are read. Fields that are not used here are ignored, since vendors add some.
 """
 
-import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import AliasChoices, Field, StringConstraints, model_validator
 from pydantic_core import from_json
@@ -25,10 +24,6 @@ from pointit.vda5050.tolerant_model import (
 
 MAX_BYTES = 1 << 20
 """Maximum size of a message."""
-SHORTEST_S = 0.02
-"""Shortest time from which a velocity is computed, s."""
-SAME_M = 0.01
-"""Distance below which two places are the same, m."""
 MAX_CHARGE = 110.0
 """Maximum percentage that is read, as full. Chargers overshoot, but 255 means something else."""
 
@@ -65,16 +60,16 @@ class Connection(_MessageWithHeader):
 class AgvPosition(TolerantModel):
     """Pose on a map."""
 
-    NEEDED: ClassVar[tuple[str, ...]] = ("theta",)
+    NEEDED: ClassVar[tuple[str, ...]] = ("theta", "position_initialized")
 
     x: Number
     y: Number
     theta: Annotated[float, Field(ge=-7.0, le=7.0)] | None = None
     map_id: Text = ""
-    position_initialized: bool = Field(
-        default=True, validation_alias=AliasChoices("positionInitialized", "localized")
+    position_initialized: bool | None = Field(
+        default=None, validation_alias=AliasChoices("positionInitialized", "localized")
     )
-    """False if the message states something unreadable, True if it states nothing."""
+    """False if the message states something unreadable, None if it states nothing."""
     deviation_range: Annotated[float, Field(ge=0, le=1e6)] | None = None
     """Deviation of the position, m, if the AGV knows it."""
 
@@ -205,42 +200,6 @@ def parse(kind: type[M], payload: object) -> M | None:
     except ValueError:  # no JSON
         return None
     return message if message and message.model_fields_set else None
-
-
-class LastPose(NamedTuple):
-    """An AGV as it was seen before."""
-
-    place: tuple[float, float]
-    """On its map, m."""
-    velocity: tuple[float, float]
-    """On its map, m/s."""
-    age_s: float
-
-
-def velocity_on_map(message: Visualization, last: LastPose | None) -> tuple[float, float]:
-    """Return the velocity on the map, m/s, towards where the AGV has gone since `last`.
-
-    AGVs state its direction in their own frame, as the standard wants, or in that of the map, and some state
-    no velocity at all.
-    """
-    position, velocity = message.agv_position, message.velocity
-    forward_mps = velocity.vx if velocity else None
-    if position is None or (forward_mps is None and last is None):
-        return (0.0, 0.0)
-    gone = (position.x - last.place[0], position.y - last.place[1]) if last else (0.0, 0.0)
-    gone_m = math.hypot(*gone)
-    if velocity is None or forward_mps is None:
-        if last is not None and last.age_s < SHORTEST_S:
-            return last.velocity
-        speed_mps = gone_m / last.age_s if last else 0.0
-    else:
-        speed_mps = math.hypot(forward_mps, velocity.vy)
-    if gone_m > SAME_M:
-        return (speed_mps * gone[0] / gone_m, speed_mps * gone[1] / gone_m)
-    if velocity is None or forward_mps is None or position.theta is None:
-        return (0.0, 0.0)
-    azimuth_rad = position.theta + math.atan2(velocity.vy, forward_mps)
-    return (speed_mps * math.cos(azimuth_rad), speed_mps * math.sin(azimuth_rad))
 
 
 def blocked_by(state: State) -> str:

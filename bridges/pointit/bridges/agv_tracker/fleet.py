@@ -5,16 +5,10 @@ from dataclasses import dataclass, field
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.schemas import NS_PER_S, TrackedObject
-from pointit.vda5050.agv_messages import (
-    LOST_CONNECTIONS,
-    Connection,
-    LastPose,
-    Visualization,
-    parse,
-    velocity_on_map,
-)
+from pointit.vda5050.agv_messages import LOST_CONNECTIONS, Connection, Visualization, parse
 from pointit.vda5050.agv_topic import AgvTopic, agv_of_topic
 from pointit.vda5050.header_check import HeaderCheck
+from pointit.vda5050.map_velocity import LastPose, MapVelocity
 from pointit.vda5050.tolerant_model import UnreadableFields
 
 MAX_AGVS = 500
@@ -43,6 +37,7 @@ class _Agv:
     place: tuple[float, float] | None = None
     """On its map, m. None if it is not known."""
     velocity: tuple[float, float] = (0.0, 0.0)
+    motion: MapVelocity = field(default_factory=MapVelocity)
     yaw_rad: float | None = 0.0
     sigma_m: float | None = None
     heard_ns: int = 0
@@ -125,10 +120,10 @@ class Fleet:
             agv.problems["map"] = (
                 f"{topic[:200]}: mapId is missing: set it at the AGV, or leave `map_id` empty"
             )
-        if not position.position_initialized or self._config.map_id not in ("", position.map_id):
+        if position.position_initialized is False or self._config.map_id not in ("", position.map_id):
             agv.place = None
             return
-        agv.velocity = velocity_on_map(message, last)
+        agv.velocity = agv.motion.update(message, last)
         agv.place = (position.x, position.y)
         agv.yaw_rad, agv.sigma_m = position.theta, position.deviation_range
 

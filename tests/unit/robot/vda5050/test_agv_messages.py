@@ -1,7 +1,6 @@
 """Messages of VDA 5050: those of the specification, and whatever a broker may deliver."""
 
 import json
-import math
 
 import pytest
 from hypothesis import given
@@ -14,15 +13,7 @@ from pointit.services.robot.drivers.vda5050.master_messages import (
     Order,
     Version,
 )
-from pointit.vda5050.agv_messages import (
-    Connection,
-    LastPose,
-    State,
-    Visualization,
-    blocked_by,
-    parse,
-    velocity_on_map,
-)
+from pointit.vda5050.agv_messages import Connection, State, Visualization, blocked_by, parse
 
 HEADER = """"headerId": 15, "timestamp": "2017-04-15T11:40:03.12Z", "version": "2.0.0",
   "manufacturer": "KIT", "serialNumber": "0001" """
@@ -143,30 +134,3 @@ def test_orders_and_actions_are_written_as_the_specification_wants(version: Vers
     assert json.loads(payload) == {**header, **{key: [action] for key in names}}
     _, second = letterhead.actions([InstantAction("cancelOrder", "d")])
     assert json.loads(second)["headerId"] == 1, "counted by topic"
-
-
-@pytest.mark.parametrize(
-    ("velocity", "place", "age_s", "expected"),
-    [
-        ({"vx": 0.5, "vy": 0.0}, (0.0, 0.0), 0.1, (0.0, 0.5)),  # stands, and begins to drive forward
-        ({"vx": 0.5, "vy": 0.0}, (0.0, -0.1), 0.1, (0.0, 0.5)),
-        ({"vx": 0.0, "vy": 0.5}, (0.0, -0.1), 0.1, (0.0, 0.5)),  # in the frame of the map
-        ({"vx": -0.5, "vy": 0.0}, (0.0, 0.1), 0.1, (0.0, -0.5)),  # backwards
-        (None, (0.0, -0.1), 0.2, (0.0, 0.5)),
-        (None, (0.0, -0.1), 0.001, (7.0, 7.0)),  # two messages at once
-        (None, (0.0, 0.0), 0.2, (0.0, 0.0)),
-    ],
-)
-def test_a_velocity_points_to_where_the_agv_has_gone_whatever_its_frame(
-    velocity: dict[str, float] | None, place: tuple[float, float], age_s: float, expected: tuple[float, float]
-) -> None:
-    position = {"x": 0.0, "y": 0.0, "theta": math.pi / 2, "mapId": "hall"}
-    message = Visualization.model_validate({"agvPosition": position, "velocity": velocity})
-    assert velocity_on_map(message, LastPose(place, (7.0, 7.0), age_s)) == pytest.approx(expected)
-
-
-def test_an_agv_seen_first_has_the_velocity_that_it_states() -> None:
-    position = {"x": 0.0, "y": 0.0, "theta": 0.0, "mapId": "hall"}
-    message = Visualization.model_validate({"agvPosition": position, "velocity": {"vx": 0.5}})
-    assert velocity_on_map(message, None) == pytest.approx((0.5, 0.0))
-    assert velocity_on_map(Visualization.model_validate({"agvPosition": position}), None) == (0.0, 0.0)

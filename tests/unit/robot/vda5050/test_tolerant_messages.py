@@ -232,6 +232,16 @@ def test_a_position_of_which_it_cannot_be_read_whether_it_is_valid_is_not(flag: 
     assert set(parsed.unreadable) == {"positionInitialized"}
 
 
+@pytest.mark.parametrize("where", [{"positionInitialized": None}, {}])
+def test_position_of_which_nothing_states_that_it_is_valid_counts_and_is_reported(
+    where: dict[str, object],
+) -> None:
+    parsed = state(agvPosition={"x": 1.0, "y": 2.0, "theta": 0.0, "mapId": "f2", **where})
+    assert parsed.agv_position is not None
+    assert parsed.agv_position.position_initialized is None
+    assert parsed.unreadable == {"positionInitialized": "is missing"}
+
+
 @pytest.mark.parametrize("where", [{"x": "here"}, {"x": None}, {"y": 1e9}])
 def test_a_position_without_a_coordinate_is_none_and_the_rest_of_the_state_is_used(
     where: dict[str, object],

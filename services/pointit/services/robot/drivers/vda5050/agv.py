@@ -22,16 +22,9 @@ from pointit.services.robot.robot_driver import (
     RobotSpec,
     TakeOff,
 )
-from pointit.vda5050.agv_messages import (
-    LOST_CONNECTIONS,
-    Connection,
-    LastPose,
-    State,
-    Visualization,
-    parse,
-    velocity_on_map,
-)
+from pointit.vda5050.agv_messages import LOST_CONNECTIONS, Connection, State, Visualization, parse
 from pointit.vda5050.header_check import HeaderCheck
+from pointit.vda5050.map_velocity import LastPose, MapVelocity
 from pointit.vda5050.tolerant_model import UnreadableFields
 
 REPEAT_S = 0.08
@@ -75,6 +68,7 @@ class Agv:
         self._polls = 0
         self._last: RobotReport | None = None
         """Newest report, or None while the AGV is not connected."""
+        self._motion = MapVelocity()
         self._lost = ""
         self._map_id = config.map_id
         self._is_driving = self._has_other_master = False
@@ -204,7 +198,7 @@ class Agv:
                     "the AGV reports no agvPosition: PointIt steers AGVs that know where they are"
                 )
             return
-        if not position.position_initialized:
+        if position.position_initialized is False:
             self._disconnect("the AGV does not know where it is: set its position at the vehicle")
             return
         map_id = self._config.map_id
@@ -219,7 +213,7 @@ class Agv:
             return
         self._map_id = position.map_id
         place = (position.x, position.y)
-        velocity = velocity_on_map(message, self._seen())
+        velocity = self._motion.update(message, self._seen())
         if self._last is None:
             self._orders.on_connected(place)
         else:

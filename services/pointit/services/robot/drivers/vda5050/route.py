@@ -4,7 +4,7 @@ import math
 from collections import deque
 from collections.abc import Iterable
 
-from pointit.vda5050.agv_messages import SAME_M
+from pointit.vda5050.map_velocity import SAME_M
 
 Point = tuple[float, float]
 

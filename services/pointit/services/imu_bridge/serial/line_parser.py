@@ -1,12 +1,12 @@
 r"""Lines of text that boards send over a serial port or in datagrams: their content (hardware.md A.3b).
 
-    line       = [name [":"]] number{4,6} | [name] component{4} | [name ":"] button | JSON
+    line       = {label} number{4,6} {label} | {label} component{4} {label} | [name ":"] button | JSON
     number     = decimal, separated by commas, semicolons, bars or white space; one may trail
     component  = ["q" | "quat"] ("w" | "x" | "y" | "z" | ...) [":" | "="] number
     button     = ("button" | "b") ["press" | "double" | "hold"]
 
-Four numbers are a quaternion in the configured order; for a fifth see `FifthNumber`. Names other than `quat`
-and its like are those of sensors. Lines that boards mix in between (`Orientation:`, `Calibration:`, comments)
+Four numbers are a quaternion in the order that the line states, else in the configured one; for a fifth see
+`FifthNumber`, for labels `line_labels`. Lines that boards mix in between (`Orientation:`, `Calibration:`, comments)
 are passed over.
 """
 
@@ -16,11 +16,24 @@ import re
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, cast
 
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.serial.fifth_number import Fifth, FifthNumber, LeadingNumber, is_unit
+from pointit.services.imu_bridge.serial.line_labels import (
+    ANGLES,
+    NO_NUMBER,
+    REAL,
+    is_other_reading,
+    names,
+    order_of_header,
+    stated_order,
+    with_points,
+    without_frame,
+    words,
+)
 from pointit.services.imu_bridge.streams.json_content import (
     ContentError,
     Order,
@@ -33,35 +46,13 @@ LONGEST_LINE = 256
 """Longest line, bytes; longer ones are discarded on arrival."""
 MAX_TIME_US = 2**53
 """Largest time in µs that is exact as a float; 285 years."""
-_REAL = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_COLUMNS = re.compile(
-    rf"(.*?)[\s:=,;|]*(?<![\w.+\-])(?<!:[\da-fA-F]{{2}}:){_REAL}(?:[,;|\s]+{_REAL})*[,;|\s]*\Z", re.DOTALL
-)
-_PAIR = re.compile(rf"([^\W\d_][\w.\-]*)\s*[:=,\s]\s*({_REAL})(?![\w.:])")
+_BLOCK = re.compile(rf"(?<![\w.+\-])(?<!:[\da-fA-F]{{2}}:){REAL}(?:[,;|\s]+{REAL})*(?![\w.])")
+_BEHIND = re.compile(r"[\w\s:=,;|.%°µ/+\-#*!?&@$]*")
+_PAIR = re.compile(rf"([^\W\d_][\w.\-]*)\s*[:=,\s]\s*({REAL})(?![\w.:])")
+_SENSOR_KEY = re.compile(r"(?:(.+)[._\-])?(q(?:uat)?_?[wxyz]|[wxyz])_?(\d*)", re.IGNORECASE)
 _BUTTON = re.compile(r"(?:([^:]+):\s*)?(?:button|b)(?:[:,;\s]+(press|double|hold))?\Z", re.IGNORECASE)
 _SEPARATOR = re.compile(r"[,;|\s]+")
-_WORD = re.compile(r"[0-9a-fA-F]{1,4}(?:::?[0-9a-fA-F]{1,4}){3,}|[^\W_](?:[\w.\-]*\w)?")
-"""A word, or an address of Bluetooth or IPv6, which has colons."""
-_COLOR = re.compile(r"\x1b\[[\d;]*m")
-_LOG = re.compile(
-    r"[EWIDV] \([\d:. ]+\) |\[[\d:., ]+\](?: <\w+> |\[[EWIDV]\]\[[^\]]*\] )|\d\d:\d\d:\d\d\.\d{3} -?> "
-    r"|\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d+)?)?(?:Z|[+-]\d\d:?\d\d)?[,;\s]+"
-)
-"""Level and time of ESP-IDF, Zephyr, the ESP32's Arduino core, serial monitors and loggers before a line."""
-_COMMA_NUMBER = re.compile(r"((?:[^\W\d]\w*[:=])?[+-]?\d+),(\d+)")
-_PLAIN_NUMBER = re.compile(r"(?:[^\W\d]\w*[:=])?[+-]?\d+")
 _BRACKETS = str.maketrans("[](){}<>\"'", " " * 10)
-_NO_NUMBER = re.compile(r"(?<![^\W_])[+-]?(?:nan|inf|infinity|ovf|null|none)(?![^\W_])", re.IGNORECASE)
-_KINDS = frozenset({"quaternion", "quaternions", "quat", "quats", "q", "game", "rotation", "vector"})
-"""Words for the quaternion, which do not tell sensors apart."""
-_GENERIC = frozenset({"sensor", "imu", "id", "device"})
-"""Words that tell sensors apart only with another word or number."""
-_ANGLES = frozenset({"ypr", "rpy", "yaw", "pitch", "roll", "angle", "angles"})
-_OTHER_NAMES = frozenset({
-    "orientation", "calibration", "calib", "cal", "status", "euler", "heading", "raw", "uncal", "unical",
-    "accel", "gyro", "mag", "temp", "areal", "aworld", "gravity", "linear",
-})  # fmt: skip
-"""Names of lines with other numbers that may look like a quaternion."""
 _TIME_NS = {
     "us": 1e3,
     "tus": 1e3,
@@ -123,18 +114,20 @@ class LineParser:
         if len(line) > LONGEST_LINE:
             raise LineError(f"has {len(line)} bytes, limit {LONGEST_LINE}")
         try:
-            text = _COLOR.sub("", line.decode()).strip(" \t\r\n\0\ufeff")
-        except UnicodeDecodeError as error:
-            raise LineError("is not text") from error
-        if log := _LOG.match(text):
-            text = text[log.end() :].lstrip()
+            text = without_frame(line.decode())
+        except ValueError as error:
+            reason = "is not text" if isinstance(error, UnicodeDecodeError) else str(error)
+            raise LineError(reason) from error
+        if text.startswith("#") and text[1:2].isdigit():  # the number of a sensor, else a comment
+            text = text[1:]
         if not text or text.startswith("#"):
             return None
         if button := _BUTTON.match(text):
-            return ButtonLine(cast("Gesture", (button[2] or "press").lower()), _names(button[1] or ""))
-        if wrong := _NO_NUMBER.search(text):
-            raise LineError(f"has {wrong[0]!r} where a number was expected")
-        text = _with_points(text.translate(_BRACKETS).strip())
+            return ButtonLine(cast("Gesture", (button[2] or "press").lower()), names(button[1] or ""))
+        if order := order_of_header(text):
+            self._order = order
+            return None
+        text = with_points(text.translate(_BRACKETS).strip())
         named = self._components(text)
         return named if named is not None else self._columns(text)
 
@@ -162,48 +155,70 @@ class LineParser:
 
     def _components(self, text: str) -> QuaternionLine | None:
         """Return a quaternion whose numbers have names, such as `qW: 1.0 qX: 0.0`, or None."""
-        fields = [(pair[1], pair[2], pair.start()) for pair in _PAIR.finditer(text)]
+        fields = [(pair[1], pair[2], pair.span()) for pair in _PAIR.finditer(text)]
         values: dict[tuple[str, bool], float] = {}
-        for key, number, _ in fields:
-            name = component(key)
-            if name[0] and name in values:
+        plain: set[tuple[str, bool]] = set()
+        spans: list[tuple[int, int]] = []
+        sensors: dict[str, None] = {}
+        for key, number, span in sorted(fields, key=lambda field: not _is_plain(field[0])):
+            axis, says_quaternion, sensor = _axis(key)
+            kind = (axis, says_quaternion)
+            if not axis or (kind in plain and not _is_plain(key)):  # S: of a status, perhaps
+                continue
+            if kind in values:
                 raise LineError(f"has {key} twice: send the quaternion of each sensor in its own line")
-            values[name] = float(number)
+            values[kind] = float(number)
+            plain |= {kind} if _is_plain(key) else set()
+            spans.append(span)
+            sensors[sensor] = None
         for says_quaternion in (True, False):
             four = [values.get((each, says_quaternion)) for each in "xyzw"]
             if None in four[:3]:
                 continue
+            if four[3] is None and (wrong := NO_NUMBER.search(text)):
+                raise LineError(f"has {wrong[0]!r} where a number was expected")
             x, y, z = (each or 0.0 for each in four[:3])
             w = four[3] if four[3] is not None else _left_out({key.lower() for key, _, _ in fields}, x, y, z)
-            start = min(at for key, _, at in fields if component(key)[0])
-            if not says_quaternion and _is_other_reading(_PAIR.sub(" ", text[:start])):
+            before = _PAIR.sub(" ", text[: min(start for start, _ in spans)])
+            behind = _PAIR.sub(" ", text[max(end for _, end in spans) :])
+            if not says_quaternion and is_other_reading(before):
                 return None
             ids = [number for key, number, _ in fields if is_id(key)]
-            return QuaternionLine(
-                _unit((x, y, z, w)), _time_field(fields), (*_names(_PAIR.sub(" ", text[:start])), *ids)
-            )
+            own = (*names(before), *names(behind, is_behind=True), *ids, *filter(None, sensors))
+            return QuaternionLine(_unit((x, y, z, w)), _time_field(fields), own)
         return None
 
     def _columns(self, text: str) -> QuaternionLine | None:
-        found = _COLUMNS.match(text)
-        label = text if found is None else found[1]
-        if _is_other_reading(label):
+        columns: list[tuple[str, list[float], int, int]] = []
+        for block in _BLOCK.finditer(text):
+            label = text[columns[-1][3] if columns else 0 : block.start()]
+            columns.append((label, [float(word) for word in _SEPARATOR.split(block[0])], *block.span()))
+        fours = [each for each in columns if len(each[1]) >= 4 and not is_other_reading(each[0])]
+        if len(fours) > 1:
+            raise LineError("has several quaternions: send that of each sensor in its own line")
+        if not fours and any(is_other_reading(label) for label, *_ in columns):
             return None
-        if {word.lower() for word in _WORD.findall(label)} & _ANGLES:
+        label, numbers, start, end = (fours or columns or [(text, [], len(text), len(text))])[-1]
+        before, behind = text[:start], text[end:]
+        if words(label if fours else before) & ANGLES:
             raise AnglesError(f"has angles: {_QUATERNIONS}")
-        is_name = any(map(str.isalpha, label)) or ":" in text or label.count(".") == 3
-        if found is None or (label and not is_name):
-            word = next((each for each in _SEPARATOR.split(text) if not re.fullmatch(_REAL, each)), text)
+        is_name = any(map(str.isalpha, before)) or ":" in before or before.count(".") == 3
+        is_read = bool(columns) and (is_name or not before.strip())
+        if not is_read or not _BEHIND.fullmatch(behind) or (behind.strip(" ,;|\t") and not fours):
+            word = next((each for each in _SEPARATOR.split(text) if not re.fullmatch(REAL, each)), text)
             raise LineError(f"has {word[:20]!r} where a number was expected")
-        numbers = [float(word) for word in _SEPARATOR.split(text[found.end(1) :].lstrip(" :=,;|\t")) if word]
         if not all(map(math.isfinite, numbers)):
             raise LineError(f"has {max(numbers, key=abs)}, a number that is not finite")
-        if len(numbers) >= 4 and len(re.findall(rf"(?<![\w.]){_REAL}(?![\w.:])", label)) > 2:
-            raise LineError("has several quaternions: send that of each sensor in its own line")
-        return self._quaternion(numbers, label)
+        if wrong := NO_NUMBER.search(before):
+            raise LineError(f"has {wrong[0]!r} where a number was expected")
+        vectors = [(s, e) for _, other, s, e in columns if len(other) > 1 and e <= start]
+        own = "".join(text[e:s] for (_, e), (s, _) in pairwise([(0, 0), *vectors, (start, start)]))
+        return self._quaternion(numbers, own, names(behind, is_behind=True))
 
-    def _quaternion(self, numbers: list[float], label: str) -> QuaternionLine | None:
-        names, time_ns = [*_names(label)], None
+    def _quaternion(
+        self, numbers: list[float], label: str, other_names: Sequence[str]
+    ) -> QuaternionLine | None:
+        sensors, time_ns = [*names(label), *other_names], None
         four: Sequence[float] = numbers
         if len(numbers) == 5:
             try:
@@ -213,7 +228,7 @@ class LineParser:
             if split is None:
                 return None
             four, sensor, time_us = split
-            names.append(sensor)
+            sensors.append(sensor)
             time_ns = None if time_us is None else _time_ns(time_us * 1e3)
         elif len(numbers) == 6 and is_unit(numbers[2:]):
             four = numbers[2:]
@@ -222,7 +237,7 @@ class LineParser:
                 return None
             for number, is_sensor in zip(numbers, are_sensors, strict=False):
                 if is_sensor:
-                    names.append(f"{number:.9g}")
+                    sensors.append(f"{number:.9g}")
                 else:
                     time_ns = _time_ns(number * 1e3)
         elif len(numbers) != 4:
@@ -231,30 +246,23 @@ class LineParser:
             hint = ", those of each sensor in its own line" if len(numbers) >= 8 else hint
             raise LineError(f"has {len(numbers)} numbers{after}, 4 or 5 were expected{hint}")
         a, b, c, d = four
-        turned = _unit((b, c, d, a) if self._order == "wxyz" else (a, b, c, d))
-        return QuaternionLine(turned, time_ns, tuple(filter(None, names)))
+        order = stated_order(label) or self._order
+        turned = _unit((b, c, d, a) if order == "wxyz" else (a, b, c, d))
+        return QuaternionLine(turned, time_ns, tuple(filter(None, sensors)))
 
 
-def _with_points(text: str) -> str:
-    """Return `text` with points in its numbers if they have decimal commas, as in `0,6; 0,8; 0; 0`."""
-    words = re.split(r"([;|\s]+)", text)
-    numbers = [word for word in words if _COMMA_NUMBER.fullmatch(word)]
-    others = [word for word in words if _PLAIN_NUMBER.fullmatch(word)]
-    if not numbers or len(numbers) + len(others) < 4 or "." in text:
-        return text
-    return "".join(_COMMA_NUMBER.sub(r"\1.\2", word) if word in numbers else word for word in words)
+def _is_plain(key: str) -> bool:
+    """Return True if a component's name ends as w, x, y, z or a digit do, not as i, j, k, r, s or real."""
+    return key[-1].lower() in "wxyz" or key[-1].isdigit()
 
 
-def _is_other_reading(label: str) -> bool:
-    """Return True if a label is of numbers that are no quaternion, such as accelerations."""
-    words = {word.lower() for word in _WORD.findall(label)}
-    return bool(words & _OTHER_NAMES) and not words & _KINDS
-
-
-def _names(label: str) -> tuple[str, ...]:
-    """Return the words of a label that tell sensors apart."""
-    words = [word for word in _WORD.findall(label) if word.lower() not in _KINDS]
-    return tuple(word for word in words if word.lower() not in _GENERIC or len(words) == 1)
+def _axis(key: str) -> tuple[str, bool, str]:
+    """Return what `component` does, and the sensor in the name, as in `imu2.qw` or `qw2`, or `""`."""
+    axis, says_quaternion = component(key)
+    split = _SENSOR_KEY.fullmatch(key)
+    if axis or split is None or is_other_reading(split[1] or ""):
+        return axis, says_quaternion, ""
+    return (*component(split[2]), split[1] or split[3])
 
 
 def _unit(four: Quaternion) -> Quaternion:
@@ -277,7 +285,7 @@ def _left_out(keys: AbstractSet[str], x: float, y: float, z: float) -> float:
     return math.sqrt(max(0.0, 1.0 - x * x - y * y - z * z))
 
 
-def _time_field(fields: Sequence[tuple[str, str, int]]) -> int | None:
+def _time_field(fields: Sequence[tuple[str, str, tuple[int, int]]]) -> int | None:
     """Return the time of a field whose name states the unit, ns, or None."""
     for key, number, _ in fields:
         unit_ns = _TIME_NS.get(re.sub(r"\W|_", "", key.lower()))

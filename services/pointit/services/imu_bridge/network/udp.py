@@ -29,6 +29,8 @@ LONGEST_DATAGRAM = 4096
 MOST_LINES = 64
 TOGETHER_NS = NS_PER_S // 10
 """Largest age of the acceleration that belongs to a rate, ns."""
+MIN_UNIX_MS, MAX_UNIX_MS = 1e12, 1e13
+"""Range of Unix times, ms: the years 2001 to 2286."""
 DAY_NS = 24 * 3600 * NS_PER_S
 _WEARMOCAP = struct.Struct(">28f")
 _ANDROID = "android.sensor."
@@ -121,7 +123,7 @@ class UdpDecoder(Decoder):
                 return []
             item = self._android(content, _numbers(values), stamp_ns)
             return [] if item is None else [item]
-        time_ns = _time_ns(content) if is_object(content) else None
+        time_ns = _unix_ns(content) if is_object(content) else None
         return [
             Reading(stamp_ns, each.orientation_xyzw, time_ns)
             for each in quaternions(content, self._order)
@@ -185,3 +187,14 @@ UDP = ImuSource(
     argument_optional=True,
     example="46000",
 )
+
+
+def _unix_ns(content: Mapping[str, Any]) -> int | None:
+    """Return the Unix time of a message in ns. Since its unit is not stated, it is told by the amount."""
+    time = content.get("timestamp")
+    if not isinstance(time, int | float) or isinstance(time, bool) or not MIN_UNIX_MS <= time < 2**62:
+        return None
+    for scale in (1_000_000, 1000):  # of ms and µs
+        if time * scale < MAX_UNIX_MS * 1_000_000:
+            return round(time * scale)
+    return round(time)

@@ -6,8 +6,8 @@ r"""Lines of text that boards send over a serial port or in datagrams: their con
     button     = ("button" | "b") ["press" | "double" | "hold"]
 
 Four numbers are a quaternion in the order that the line states, else in the configured one; for a fifth see
-`FifthNumber`, for labels `line_labels`. Lines that boards mix in between (`Orientation:`, `Calibration:`, comments)
-are passed over.
+`FifthNumber`, for labels `line_labels`. Lines that boards mix in between (`Orientation:`, `Calibration:`,
+comments) are passed over.
 """
 
 import json

@@ -1,8 +1,11 @@
 """Quaternions in JSON of apps and sketches, each with what names its sensor."""
 
+import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any, Literal, TypeGuard
 
 from pointit.geometry.rotation import Quaternion
@@ -19,11 +22,15 @@ ID_KEYS = frozenset({
     "id", "sensor", "name", "device", "mac", "uuid", "address", "addr", "imu", "node", "tracker", "serial",
     "serialnumber", "sn", "label", "source", "board", "channel", "index", "joint", "bone", "segment", "limb",
     "part", "bodypart", "body", "hand", "side", "location", "position", "player", "user", "person", "ch",
-    "dev", "port", "mux", "topic",
+    "dev", "port", "mux", "topic", "frame",
 })  # fmt: skip
 """Names of fields that tell sensors apart, without separators; also with one of `_ID_ENDS` behind them."""
 _ID_ENDS = ("", "id", "name", "address", "number", "index", "idx", "no", "num", "nr")
-_ID_FIELDS = frozenset(key + end for key in ID_KEYS for end in _ID_ENDS)
+_ID_FIELDS = frozenset(key + end for key in ID_KEYS for end in _ID_ENDS) - {
+    "frame",
+    "framenumber",
+    "frameindex",
+}
 _KINDS = frozenset({
     "quaternion", "quat", "q", "orientation", "rotation", "attitude", "pose", "motion", "sensordata", "data",
     "payload", "message", "msg", "values", "reading", "readings", "sensor", "sensors", "device", "devices",
@@ -31,6 +38,13 @@ _KINDS = frozenset({
 })  # fmt: skip
 """Names of fields that hold orientations and do not tell sensors apart."""
 _LISTS = frozenset({"quaternion", "quat", "q", "orientation", "rotation"})
+_HEADERS = frozenset({"header", "meta", "metadata", "info"})
+"""Names of fields whose object may name the sensor."""
+_ORDERS: dict[str, Order] = {"wxyz": "wxyz", "xyzw": "xyzw"}
+_ORDER_FIELDS = frozenset({"order", "format", "convention", "quatorder", "quaternionorder", "quatformat"})
+"""Names of fields that state the order of the numbers in a list."""
+SAME = 1e-3
+"""Largest difference of the numbers of quaternions that state one rotation twice."""
 _ANGLES = frozenset({"yaw", "pitch", "roll", "heading", "euler", "ypr", "rpy"})
 _VECTORS = re.compile(
     r"(?:raw|lin|linear|user|local|world|angular|device|motion)*(?:acc(?:el(?:eration|erometer)?)?|"
@@ -67,6 +81,8 @@ class NamedQuaternion:
     orientation_xyzw: Quaternion
     names: tuple[str, ...]
     """Names, numbers or addresses of its sensor."""
+    key: str = ""
+    """Name of its field, or `""`."""
 
 
 def component(key: str) -> tuple[str, bool]:
@@ -92,11 +108,7 @@ def quaternions(content: Any, order: Order) -> list[NamedQuaternion]:
     Raises:
         ContentError: If there is none, or its norm is wrong.
     """
-    found: list[NamedQuaternion] = []
-    for each in _search(content, order, (), 0):
-        found.append(each)
-        if len(found) >= MAX_QUATERNIONS:
-            break
+    found = _with_own_names([*islice(_search(content, order, (), 0), MAX_QUATERNIONS)])
     if not found:
         has_angles = is_object(content) and any(_plain(key) in _ANGLES for key in content)
         remedy = "angles only: let it send quaternions" if has_angles else "no quaternion"
@@ -109,8 +121,9 @@ def names_in(content: Mapping[str, Any], depth: int = 0) -> tuple[str, ...]:
     names: list[str] = []
     for key, value in content.items():
         if not is_id(key):
-            continue
-        if isinstance(value, float):  # some languages have no other numbers
+            is_header = _plain(key) in _HEADERS and depth < MAX_DEPTH
+            names += names_in(value, depth + 1) if is_header and is_object(value) else ()
+        elif isinstance(value, float):  # some languages have no other numbers
             names.append(f"{value:.15g}")
         elif isinstance(value, str | int) and not isinstance(value, bool):
             names.append(f"{value}"[:MAX_NAME])
@@ -131,16 +144,52 @@ def _search(content: Any, order: Order, names: tuple[str, ...], depth: int) -> I
     if not is_object(content):
         return
     names = tuple(dict.fromkeys((*names, *names_in(content))))
+    stated = (_plain(value) for key, value in content.items() if _plain(key) in _ORDER_FIELDS)
+    order = next((_ORDERS[each] for each in stated if each in _ORDERS), order)
     four = _components(content)
     if four is not None:
         yield NamedQuaternion(four, names)
     for key, value in content.items():
-        plain = _plain(key)
-        if plain in _LISTS and _is_list(value) and len(value) == 4 and not any(map(is_object, value)):
-            yield NamedQuaternion(_rotation(value, order), names)
-        elif (is_object(value) or _is_list(value)) and not _VECTORS.fullmatch(plain):
-            own = names if plain in _KINDS or is_id(key) else (*names, key[:MAX_NAME])
-            yield from _search(value, order, own, depth + 1)
+        for each in _search_field(key, value, order, names, depth):
+            yield replace(each, key=each.key or key[:MAX_NAME])
+
+
+def _search_field(
+    key: str, value: Any, order: Order, names: tuple[str, ...], depth: int
+) -> Iterator[NamedQuaternion]:
+    plain, full = _plain(key), (*names, key[:MAX_NAME])
+    for word, stated in _ORDERS.items():
+        if word in plain:
+            plain, order = plain.replace(word, ""), stated
+    if (plain in _LISTS or "quat" in plain) and (numbers := _four_numbers(value)):
+        yield NamedQuaternion(_rotation(numbers, order), names if plain in _LISTS else full)
+    elif (is_object(value) or _is_list(value)) and not _VECTORS.fullmatch(plain):
+        yield from _search(value, order, names if plain in _KINDS or is_id(key) else full, depth + 1)
+
+
+def _four_numbers(value: Any) -> list[Any] | None:
+    """Return the numbers of a list of four, or of a string such as `1, 0, 0, 0`, or None."""
+    values = re.split(r"[,;\s]+", value.strip(" []()")) if isinstance(value, str) else value
+    is_four = _is_list(values) and len(values) == 4
+    return values if is_four and not any(is_object(each) or _is_list(each) for each in values) else None
+
+
+def _with_own_names(found: list[NamedQuaternion]) -> list[NamedQuaternion]:
+    """Return those with the same names with that of their field or position, each rotation once."""
+    counts = Counter(each.names for each in found)
+    keys = Counter((each.names, each.key) for each in found)
+    named: list[NamedQuaternion] = []
+    for number, each in enumerate(found, 1):
+        if any(each.names == other.names and _are_same(each, other) for other in found[: number - 1]):
+            continue
+        is_key_own = each.key != "" and keys[each.names, each.key] == 1
+        own = (each.key if is_key_own else f"{number}",) if counts[each.names] > 1 else ()
+        named.append(replace(each, names=(*each.names, *own)))
+    return named
+
+
+def _are_same(a: NamedQuaternion, b: NamedQuaternion) -> bool:
+    return math.dist(a.orientation_xyzw, b.orientation_xyzw) < SAME
 
 
 def _components(content: Mapping[str, Any]) -> Quaternion | None:
@@ -164,7 +213,7 @@ def _rotation(values: list[Any], order: Order) -> Quaternion:
         raise ContentError(f"has {error}") from error
 
 
-def _plain(key: str) -> str:
+def _plain(key: Any) -> str:
     return re.sub(r"[\W_]", "", f"{key}".casefold())
 
 

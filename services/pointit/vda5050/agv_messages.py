@@ -7,7 +7,7 @@ another name, both are read. Fields that are not used here are ignored, since ve
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import AliasChoices, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, AliasChoices, Field, StringConstraints, model_validator
 from pydantic_core import from_json
 
 from pointit.vda5050.tolerant_model import (
@@ -76,10 +76,17 @@ class AgvPosition(TolerantModel):
     @model_validator(mode="before")
     @classmethod
     def _with_coordinates(cls, data: Json) -> Json:
-        """Add unused coordinates if the AGV does not know where it is, and states none."""
-        if isinstance(data, dict) and False in (data.get("positionInitialized"), data.get("localized")):
-            return data | {name: 0.0 for name in ("x", "y", "theta") if data.get(name) is None}
-        return data
+        """Add unused coordinates if the AGV does not know where it is, and states none.
+
+        It knows only if neither the field of version 2 nor that of version 3 denies it.
+        """
+        if not isinstance(data, dict):
+            return data
+        flags = {f"{data.get(name)}".strip().lower() for name in ("positionInitialized", "localized")}
+        if flags.isdisjoint(("false", "0", "no")):
+            return data
+        unused = {name: 0.0 for name in ("x", "y", "theta") if data.get(name) is None}
+        return data | unused | {"positionInitialized": False}
 
 
 class Velocity(TolerantModel):
@@ -135,10 +142,21 @@ class AgvError(TolerantModel):
         return value in values if values else default
 
 
+def _percent(charge: float) -> float:
+    """Return a charge in percent.
+
+    Raises:
+        ValueError: If it may be a share.
+    """
+    if 0.0 < charge < 1.0:
+        raise ValueError("may be a share")
+    return charge
+
+
 class BatteryState(TolerantModel):
     """Battery."""
 
-    battery_charge: Annotated[float, Field(ge=0, le=MAX_CHARGE)] | None = Field(
+    battery_charge: Annotated[float, Field(ge=0, le=MAX_CHARGE), AfterValidator(_percent)] | None = Field(
         default=None, validation_alias=AliasChoices("batteryCharge", "stateOfCharge")
     )
     """Percent."""

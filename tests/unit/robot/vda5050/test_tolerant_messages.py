@@ -232,6 +232,28 @@ def test_a_position_of_which_it_cannot_be_read_whether_it_is_valid_is_not(flag: 
     assert set(parsed.unreadable) == {"positionInitialized"}
 
 
+@pytest.mark.parametrize(
+    "flags",
+    [
+        {"positionInitialized": "false"},
+        {"positionInitialized": 0},
+        {"positionInitialized": True, "localized": False},
+        {"positionInitialized": None, "localized": "False"},
+    ],
+)
+def test_position_that_one_of_the_fields_denies_does_not_count(flags: dict[str, object]) -> None:
+    parsed = state(agvPosition={"x": None, "y": None, "theta": None, "mapId": "", **flags})
+    assert parsed.agv_position is not None
+    assert parsed.agv_position.position_initialized is False
+    assert parsed.unreadable == {}
+
+
+def test_charge_that_may_be_a_share_is_reported() -> None:
+    parsed = state(batteryState={"batteryCharge": 0.83})
+    assert (parsed.charge, parsed.unreadable) == (None, {"batteryCharge": "is 0.83"})
+    assert [state(batteryState={"batteryCharge": charge}).charge for charge in (0, 1, 1.5)] == [0.0, 1.0, 1.5]
+
+
 @pytest.mark.parametrize("where", [{"positionInitialized": None}, {}])
 def test_position_of_which_nothing_states_that_it_is_valid_counts_and_is_reported(
     where: dict[str, object],

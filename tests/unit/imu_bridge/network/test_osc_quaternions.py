@@ -204,3 +204,28 @@ def test_components_with_their_own_addresses_are_one_orientation(prefix: str, *,
         )
     assert problems == set()
     assert len(readings) == N - (not is_bundle)
+
+
+@pytest.mark.parametrize("address", ["/rotationvector", "/gamerotationvector"])
+def test_accuracy_of_android_is_known_also_while_the_phone_is_level(address: str) -> None:
+    decoder = OscDecoder(OscConfig())
+    readings, problems = read_all(decoder, [message(address, "fffff", (0.0, 0.0, 0.6, 0.8, 0.0))] * 40)
+    assert [reading.world_from_sensor for _, reading in readings] == [
+        pytest.approx((0.0, 0.0, 0.6, 0.8))
+    ] * 40
+    assert problems == set()
+
+
+def test_numbers_that_are_whole_now_and_then_are_of_the_same_messages() -> None:
+    decoder = OscDecoder(OscConfig(order="wxyz"))
+    data: list[bytes] = []
+    for n in range(N):  # as of Max, which sends 0 and 1 as whole numbers
+        numbers = (4, 0.6, 0.0, 0.8, 0.0) if n % 2 else (4, *turned(n))
+        whole = [float(each).is_integer() for each in numbers]
+        types = "".join("i" if each else "f" for each in whole)
+        data.append(
+            message("/quat", types, [int(v) if w else v for v, w in zip(numbers, whole, strict=True)])
+        )
+    readings, problems = read_all(decoder, data)
+    assert len(readings) >= N - MAX_RISES
+    assert problems == set()

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pointit.bridges.ros2.inbound.person import people_in
+from pointit.bridges.ros2.inbound.person import REPLACED_NS, people_in
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
-from pointit.bridges.ros2.routing.route_types import BusOutput
+from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning
 from pointit.schemas import UserPose, WristSample
 from tests.unit.ros2.scenes import NOW_NS, into, jazzy
 from tests.unit.ros2.tracking.rosbags_values import (
@@ -77,3 +77,29 @@ def test_an_imu_is_read_by_what_it_says_of_its_orientation(
     )
     found = outputs_of("imu_in", decoded(name, value), user="anna")
     assert [type(each) for each in found] == ([WristSample] if is_read else [])
+
+
+def test_imu_in_another_frame_is_reported_and_never_moves_the_arm_of_the_first() -> None:
+    route, scene = into("imu_in"), scene_of("anna")
+    samples: list[WristSample] = []
+    warnings: set[str] = set()
+
+    def send(frame: str, turned: Quaternion, now_ns: int) -> None:
+        three = (np.zeros(9), vector(0.0), np.zeros(9), vector(0.0), np.zeros(9))
+        quaternion = message("geometry_msgs/msg/Quaternion", *turned)
+        name = "sensor_msgs/msg/Imu"
+        value = decoded(name, message(name, header(frame, stamp_ns=now_ns), quaternion, *three))
+        for each in route.convert(value, "anna", scene, now_ns=now_ns, wall_ns=now_ns):
+            if isinstance(each, ConversionWarning):
+                warnings.add(each.sentence)
+            elif isinstance(each, BusOutput):
+                samples.append(each.what)
+
+    for step in range(10):
+        frame, turned = (("/wrist_imu", LEFT), ("elbow_imu", (0.0, 0.0, 0.0, 1.0)))[step % 2]
+        send(frame, turned, NOW_NS + step * 10**7)
+    assert [each.orientation_xyzw for each in samples] == [pytest.approx(LEFT)] * 5
+    (warning,) = warnings
+    assert "that of frame 'wrist_imu' is used, not that of 'elbow_imu'; let only one" in warning
+    send("elbow_imu", LEFT, NOW_NS + 2 * REPLACED_NS)
+    assert len(samples) == 6

@@ -26,6 +26,8 @@ SOONEST_NS = NS_PER_S // 30
 NO_ORIENTATION = "has no orientation: the IMU states that it measures none; add a filter that computes one"
 MAX_TF_AGE_NS = 2 * NS_PER_S
 """Time for which a publisher of a person's frame is assumed to continue."""
+REPLACED_NS = 10 * NS_PER_S
+"""Time without a message after which a sensor in another frame is used."""
 FOR_EVER_NS = 2**63 - 1
 
 MAX_TRANSFORMS = 1000
@@ -37,6 +39,8 @@ class Wrist:
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
+        self._frames: dict[str, tuple[str, int]] = {}
+        """Frame of the sensor in use of each person, and the time of its newest message, ns."""
 
     def rotation(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a geometry_msgs/QuaternionStamped."""
@@ -49,13 +53,27 @@ class Wrist:
         return self._turned(value, checks.quaternion(value.orientation, _arm(context)), context)
 
     def _turned(self, value: Any, turned: Quaternion | str, context: ConversionContext) -> Taken:
-        if isinstance(turned, str):
-            return (ConversionWarning(turned),)
+        problem = (
+            turned if isinstance(turned, str) else self._rival(frame_name(value.header.frame_id), context)
+        )
+        if isinstance(turned, str) or problem:
+            return (ConversionWarning(problem),)
         stamp_ns, problem = checks.stamp(value.header.stamp, context, _arm(context))
         count = self._counts[context.name] = self._counts.get(context.name, 0) + 1
         sample = WristSample(stamp_ns=stamp_ns, seq=count, orientation_xyzw=turned)
         output = BusOutput(WRIST, context.name, sample)
         return (output, ConversionWarning(problem)) if problem else (output,)
+
+    def _rival(self, frame: str, context: ConversionContext) -> str:
+        """Return a sentence if a sensor in another frame moves the arm now, else `""`."""
+        used, heard_ns = self._frames.get(context.name, (frame, 0))
+        if frame != used and context.stamp_ns - heard_ns < REPLACED_NS:
+            return (
+                f"{_arm(context)} has several sensors: that of frame {checks.named(used)} is used, not "
+                f"that of {checks.named(frame)}; let only one of them publish to this person's topics"
+            )
+        self._frames[context.name] = (frame, context.stamp_ns)
+        return ""
 
 
 class Button:

@@ -26,6 +26,8 @@ ORDERS: Final[dict[str, Order]] = {
     "/gamerotationvector": "xyzw",
 }
 """Orders of the numbers at addresses of known devices."""
+ACCURATE = frozenset({"/rotationvector", "/gamerotationvector"})
+"""Addresses of messages that begin with the quaternion, and may have its accuracy behind it."""
 NAMES = frozenset({"quaternion", "quaternions", "quat", "quats", "rotationvector", "gamerotationvector"})
 """Parts of addresses of orientations, in small letters and without numbers."""
 OTHER_NAMES = frozenset({"q", "orientation", "rotation", "attitude"})
@@ -93,8 +95,8 @@ class OscDecoder(Decoder):
         self._has_orientation = False
         self._zig_sim = ""
         """Address of the orientations of a ZIG SIM that has introduced itself, or `""`."""
-        self._positions: dict[tuple[str, str], QuaternionPosition] = {}
-        """Positions of quaternions by address and types."""
+        self._positions: dict[tuple[str, int], QuaternionPosition] = {}
+        """Positions of quaternions by address and count of numbers."""
         self._components: dict[str, dict[str, float]] = {}
         """Components of quaternions that are not complete, by the address without w, x, y or z."""
         self._battery: Battery | None = None
@@ -179,19 +181,20 @@ class OscDecoder(Decoder):
             reason = message.problem or f"has {len(numbers)} numbers, 4 were expected"
             self.problem = f"{message.address} {reason}"
             return []
-        key = (message.address, message.types)
+        key = (message.address, len(numbers))
         position = self._positions.get(key)
         if position is None:
             if len(self._positions) >= MAX_POSITIONS:
                 del self._positions[next(iter(self._positions))]
-            position = self._positions[key] = QuaternionPosition(message.types, self._config.first)
+            first = self._config.first or int(message.address in ACCURATE)
+            position = self._positions[key] = QuaternionPosition(len(numbers), first)
         order = self._order(message.address)
         readings = [
             NamedReading(
                 Reading(stamp_ns, orientation(four, order), message.time_ns),
                 (message.address, *message.strings, sensor),
             )
-            for four, sensor in position.quaternions(numbers)
+            for four, sensor in position.quaternions(numbers, message.types)
         ]
         if readings:
             self._has_orientation, self.unused = True, ""

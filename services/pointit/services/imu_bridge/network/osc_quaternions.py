@@ -31,21 +31,22 @@ class SensorQuaternion(NamedTuple):
 
 
 class QuaternionPosition:
-    """Position of the quaternions in messages of one address that have the same types."""
+    """Position of the quaternions in messages of one address that have as many numbers."""
 
-    def __init__(self, types: str, first: int) -> None:
+    def __init__(self, count: int, first: int) -> None:
         """Find the quaternions by their norms, or at `first`, from 1, if it is not 0."""
-        self._types = types
         self._first = first
         self._starts: AbstractSet[int] = frozenset()
         """Indices at which four numbers had norm 1 in each message; empty before the first."""
         self._is_known = False
         self._misfits = self._open = 0
-        self._leading = [LeadingNumber() for _ in types]
+        self._leading = [LeadingNumber() for _ in range(count)]
         self._trailing = TrailingNumber()
 
-    def quaternions(self, numbers: Sequence[float]) -> list[SensorQuaternion]:
+    def quaternions(self, numbers: Sequence[float], types: str) -> list[SensorQuaternion]:
         """Return the quaternion of each sensor; `[]` for the first messages in which they are not known.
+
+        `types` are those of the `numbers`.
 
         Raises:
             DatagramError: If there is none, or their position stays open.
@@ -57,18 +58,20 @@ class QuaternionPosition:
                 raise DatagramError(
                     f"has {len(numbers)} numbers, and osc.first is {self._first}: set it to the first of four"
                 )
-            return self._with_name(numbers, self._first - 1)
+            return self._with_name(numbers, types, self._first - 1)
         if not self._is_known and not any(numbers[:4]):  # devices send zeros before their first quaternion
             return self._undecided("begins with four zeros: wait for its first quaternion, or set osc.first")
-        starts = self._narrowed({at for at in range(len(numbers) - 3) if is_unit(numbers[at : at + 4])})
+        starts = self._narrowed(
+            len(numbers), {at for at in range(len(numbers) - 3) if is_unit(numbers[at : at + 4])}
+        )
         if len(starts) > 1:
             exact = {at for at in starts if is_unit(numbers[at : at + 4], ROUNDING_TOLERANCE)}
             if groups := _groups(numbers, exact):
                 return groups
-            starts = self._likeliest(numbers, starts)
+            starts = _likeliest(numbers, types, starts)
         if len(starts) == 1:
             self._is_known = True
-            return self._with_name(numbers, min(starts))
+            return self._with_name(numbers, types, min(starts))
         places = " or ".join(f"{at + 1}" for at in sorted(starts))
         return self._undecided(
             f"has {len(numbers)} numbers, of which the quaternion may begin at {places}: set osc.first to "
@@ -86,7 +89,7 @@ class QuaternionPosition:
             raise DatagramError(problem)
         return []
 
-    def _narrowed(self, fits: AbstractSet[int]) -> AbstractSet[int]:
+    def _narrowed(self, count: int, fits: AbstractSet[int]) -> AbstractSet[int]:
         """Return those of the indices in `fits` that have fitted in all messages.
 
         Raises:
@@ -100,21 +103,13 @@ class QuaternionPosition:
         if self._misfits >= MAX_MISFITS:
             self._starts = fits
         raise DatagramError(
-            f"has {len(self._types)} numbers without a quaternion, whose norm is 1: let it send one, or set "
+            f"has {count} numbers without a quaternion, whose norm is 1: let it send one, or set "
             "osc.address to the messages that have one"
         )
 
-    def _likeliest(self, numbers: Sequence[float], starts: AbstractSet[int]) -> AbstractSet[int]:
-        """Return those of `starts` without whole numbers, else those with an exact norm."""
-        if not FLOATS.issuperset(self._types):
-            of_floats = {at for at in starts if FLOATS.issuperset(self._types[at : at + 4])}
-            starts = of_floats or starts
-        exact = {at for at in starts if is_unit(numbers[at : at + 4], EXACT)}
-        return exact or starts
-
-    def _with_name(self, numbers: Sequence[float], start: int) -> list[SensorQuaternion]:
+    def _with_name(self, numbers: Sequence[float], types: str, start: int) -> list[SensorQuaternion]:
         """Return the quaternion at `start` and the numbers of its sensor, `[]` while they may be counts."""
-        ids = [at for at in range(start) if start <= MAX_IDS or self._types[at] not in FLOATS]  # no position
+        ids = [at for at in range(start) if start <= MAX_IDS or types[at] not in FLOATS]  # no position
         are_sensors = [self._leading[at].is_sensor(numbers[at]) for at in ids]
         if None in are_sensors:
             return []
@@ -122,6 +117,13 @@ class QuaternionPosition:
         if len(numbers) == start + 5 and self._trailing.is_sensor(numbers[-1]):
             names.append(f"{numbers[-1]:.9g}")
         return [SensorQuaternion(numbers[start : start + 4], " ".join(names))]
+
+
+def _likeliest(numbers: Sequence[float], types: str, starts: AbstractSet[int]) -> AbstractSet[int]:
+    """Return those of `starts` without whole numbers, else those with an exact norm."""
+    if not FLOATS.issuperset(types):
+        starts = {at for at in starts if FLOATS.issuperset(types[at : at + 4])} or starts
+    return {at for at in starts if is_unit(numbers[at : at + 4], EXACT)} or starts
 
 
 def _groups(numbers: Sequence[float], starts: AbstractSet[int]) -> list[SensorQuaternion]:

@@ -59,9 +59,9 @@ def test_an_agv_that_drives_is_shown_where_it_is_now_and_not_for_long_without_ne
 def test_agv_that_states_velocity_0_while_it_drives_is_shown_where_it_is_now() -> None:
     fleet = fleet_of()
     for number in range(1, 12):
-        now_ns = START_NS + number * NS_PER_S // 2
-        fleet.on_message(topic("visualization"), at(0.2 * number, 0.0, number=number), now_ns)
-    assert places(fleet, now_ns + NS_PER_S)["acme-7"] == pytest.approx((2.6, 0.0))
+        payload = at(0.2 * number, 0.0, number=number)
+        fleet.on_message(topic("visualization"), payload, START_NS + number * NS_PER_S // 2)
+    assert places(fleet, START_NS + 13 * NS_PER_S // 2)["acme-7"] == pytest.approx((2.6, 0.0))
 
 
 def test_an_agv_that_is_off_on_another_map_or_silent_has_left() -> None:

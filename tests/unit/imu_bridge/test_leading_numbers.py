@@ -1,6 +1,6 @@
 """Numbers and names in front of quaternions: sensors, clocks that start at 0, counts and ids of messages."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import pytest
 
@@ -130,20 +130,25 @@ LETTERS = "abcdefghijklmnopqrstuvwxyz"
 @pytest.mark.parametrize(
     ("mine", "others", "used"),
     [
-        (lambda n: (f"wrist{n}",), lambda n: (f"elbow{n}",), "wrist#"),  # a count behind the name
-        (lambda n: (f"s1_{n}",), lambda n: (f"s2_{n}",), "s1_#"),
-        (lambda _: ("wrist",), lambda n: (f"elbow-{n}",), "wrist"),
-        (lambda n: (f"{n}",), lambda _: ("elbow",), ""),
-        (lambda n: (f"{n}",), lambda n: ("elbow", f"{n}"), ""),
-        (lambda n: ("imu1", f"12:00:{n / 100:.3f}"), lambda n: ("imu2", f"12:00:{n / 100:.3f}"), "imu1"),
-        (lambda n: (f"{7919 * (n + 9):08x}",), lambda _: ("elbow",), ""),
+        (("wrist{n}",), ("elbow{n}",), "wrist#"),  # a count behind the name
+        (("s1_{n}",), ("s2_{n}",), "s1_#"),
+        (("wrist",), ("elbow-{n}",), "wrist"),
+        (("{n}",), ("elbow",), ""),
+        (("{n}",), ("elbow", "{n}"), ""),
+        (("imu1", "12:00:{time_s:.3f}"), ("imu2", "12:00:{time_s:.3f}"), "imu1"),
+        (("{id:08x}",), ("elbow",), ""),
     ],
 )
 def test_second_sensor_is_reported_and_not_read_although_no_name_is_shared(
-    mine: Callable[[int], tuple[str, ...]], others: Callable[[int], tuple[str, ...]], used: str
+    mine: Sequence[str], others: Sequence[str], used: str
 ) -> None:
     sensors = SensorChoice("udp.sensor")
-    accepted = [sensors.accepts(*(mine, others)[n % 2](n)) for n in range(2 * N)]
+    accepted = [
+        sensors.accepts(
+            *(each.format(n=n, time_s=n / 100, id=7919 * (n + 9)) for each in (mine, others)[n % 2])
+        )
+        for n in range(2 * N)
+    ]
     assert accepted[N:] == [True, False] * (N // 2)
     assert sensors.used == used
     assert "several sensors send in one stream" in sensors.warning

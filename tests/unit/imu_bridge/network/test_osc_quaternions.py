@@ -61,28 +61,30 @@ def assert_are_turned(readings: Sequence[tuple[int, Reading]], phase: float = 0.
 @pytest.mark.parametrize(
     ("types", "before", "behind"),
     [
-        ("iiffff", lambda n: (5000 + 10 * n, 3), ()),  # a time and the number of a sensor
-        ("iiffff", lambda n: (3, 10 * n), ()),
-        ("hiffff", lambda n: (1_700_000_000_000 + n, 7), ()),
-        ("fffff", lambda _: (0.0,), ()),  # the number of a sensor as a float
-        ("fffff", lambda _: (1.0,), ()),
-        ("fffff", lambda n: (n / 100,), ()),
-        ("iiiffff", lambda n: (n, 2, 1), ()),
-        ("ffffff", lambda n: (n / 100, 4.0), ()),
-        ("ddddd", lambda _: (), (0.05,)),  # an accuracy
-        ("ffffi", lambda _: (), (87,)),
-        ("ffffffffff", lambda n: (0.02 * math.sin(n), -0.4, 0.91 + 0.1 * math.sin(n), 0.01, 0.2, 0.1), ()),
-        ("ffffffffff", lambda _: (), (0.01, 0.02, 0.99, 0.0, 0.1, 0.2)),
-        ("fffffff", lambda n: (0.2, 0.1 + 0.02 * n, 0.0), ()),  # a position
-        ("ffffffff", lambda n: (0.01 * n, 0.2, 0.1, 1.5), ()),
+        ("iiffff", ((5000, 10), (3, 0)), ()),  # a time and the number of a sensor
+        ("iiffff", ((3, 0), (0, 10)), ()),
+        ("hiffff", ((1_700_000_000_000, 1), (7, 0)), ()),
+        ("fffff", ((0.0, 0.0),), ()),  # the number of a sensor as a float
+        ("fffff", ((1.0, 0.0),), ()),
+        ("fffff", ((0.0, 0.01),), ()),
+        ("iiiffff", ((0, 1), (2, 0), (1, 0)), ()),
+        ("ffffff", ((0.0, 0.01), (4.0, 0.0)), ()),
+        ("ddddd", (), (0.05,)),  # an accuracy
+        ("ffffi", (), (87,)),
+        ("f" * 10, ((0.02, 0.0), (-0.4, 0.01), (0.91, 0.002), (0.01, 0.0), (0.2, 0.0), (0.1, 0.0)), ()),
+        ("f" * 10, (), (0.01, 0.02, 0.99, 0.0, 0.1, 0.2)),
+        ("fffffff", ((0.2, 0.0), (0.1, 0.02), (0.0, 0.0)), ()),  # a position
+        ("ffffffff", ((0.0, 0.01), (0.2, 0.0), (0.1, 0.0), (1.5, 0.0)), ()),
     ],
 )
 def test_quaternion_is_never_mixed_with_numbers_beside_it(
-    types: str, before: object, behind: Numbers
+    types: str, before: Sequence[tuple[float, float]], behind: Numbers
 ) -> None:
-    assert callable(before)
     decoder = OscDecoder(OscConfig(order="wxyz"))
-    datagrams = [message("/quat", types, (*before(n), *turned(n), *behind)) for n in range(N)]
+    datagrams = [
+        message("/quat", types, (*(start + n * step for start, step in before), *turned(n), *behind))
+        for n in range(N)
+    ]
     readings, _ = read_all(decoder, datagrams)
     assert_are_turned(readings)
     assert len(readings) >= N - MAX_RISES - 20

@@ -1,6 +1,7 @@
 """Velocities of AGVs on their map: in any frame, not stated, or stated as 0 while they drive."""
 
 import math
+from collections.abc import Sequence
 
 import pytest
 
@@ -35,7 +36,7 @@ def test_an_agv_seen_first_has_the_velocity_that_it_states() -> None:
     assert velocity_on_map(Visualization.model_validate({"agvPosition": position}), None) == (0.0, 0.0)
 
 
-def velocities(speeds: list[dict[str, float] | None], places: list[float], period_s: float) -> list[float]:
+def velocities(speeds: Sequence[dict[str, float]], places: Sequence[float], period_s: float) -> list[float]:
     """Return the velocities along x of an AGV that states `speeds` at `places`."""
     motion, found = MapVelocity(), list[float]()
     last: LastPose | None = None

@@ -92,7 +92,7 @@ def test_imu_in_another_frame_is_reported_and_never_moves_the_arm_of_the_first()
         for each in route.convert(value, "anna", scene, now_ns=now_ns, wall_ns=now_ns):
             if isinstance(each, ConversionWarning):
                 warnings.add(each.sentence)
-            elif isinstance(each, BusOutput):
+            elif isinstance(each.what, WristSample):
                 samples.append(each.what)
 
     for step in range(10):

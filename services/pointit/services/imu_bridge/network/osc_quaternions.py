@@ -37,7 +37,7 @@ class QuaternionPosition:
         """Find the quaternions by their norms, or at `first`, from 1, if it is not 0."""
         self._first = first
         self._starts: AbstractSet[int] = frozenset()
-        """Indices at which four numbers had norm 1 in each message; empty before the first."""
+        """Indices at which four numbers had norm 1 in each message, none before the first."""
         self._is_known = False
         self._misfits = self._open = 0
         self._leading = [LeadingNumber() for _ in range(count)]

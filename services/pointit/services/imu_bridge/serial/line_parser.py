@@ -257,7 +257,7 @@ def _is_plain(key: str) -> bool:
 
 
 def _axis(key: str) -> tuple[str, bool, str]:
-    """Return what `component` does, and the sensor in the name, as in `imu2.qw` or `qw2`, or `""`."""
+    """Return the result of `component`, and the sensor in the name, as in `imu2.qw` or `qw2`, or `""`."""
     axis, says_quaternion = component(key)
     split = _SENSOR_KEY.fullmatch(key)
     if axis or split is None or is_other_reading(split[1] or ""):

@@ -40,7 +40,7 @@ _KINDS = frozenset({
 _LISTS = frozenset({"quaternion", "quat", "q", "orientation", "rotation"})
 _HEADERS = frozenset({"header", "meta", "metadata", "info"})
 """Names of fields whose object may name the sensor."""
-_ORDERS: dict[str, Order] = {"wxyz": "wxyz", "xyzw": "xyzw"}
+_ORDERS: Mapping[str, Order] = {"wxyz": "wxyz", "xyzw": "xyzw"}
 _ORDER_FIELDS = frozenset({"order", "format", "convention", "quatorder", "quaternionorder", "quatformat"})
 """Names of fields that state the order of the numbers in a list."""
 SAME = 1e-3
@@ -158,9 +158,8 @@ def _search_field(
     key: str, value: Any, order: Order, names: tuple[str, ...], depth: int
 ) -> Iterator[NamedQuaternion]:
     plain, full = _plain(key), (*names, key[:MAX_NAME])
-    for word, stated in _ORDERS.items():
-        if word in plain:
-            plain, order = plain.replace(word, ""), stated
+    stated = next((word for word in _ORDERS if word in plain), "")
+    plain, order = plain.replace(stated, ""), _ORDERS.get(stated, order)
     if (plain in _LISTS or "quat" in plain) and (numbers := _four_numbers(value)):
         yield NamedQuaternion(_rotation(numbers, order), names if plain in _LISTS else full)
     elif (is_object(value) or _is_list(value)) and not _VECTORS.fullmatch(plain):

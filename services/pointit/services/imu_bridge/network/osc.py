@@ -54,8 +54,8 @@ class OscConfig(DatagramConfig):
     address: str = Field(
         default="",
         description="address of the messages with the orientation, such as /gyrosc/quat; if empty each with "
-        "a part such as quaternion, quat, q, orientation or rotationvector, also with a number, as in "
-        "/imu/quat1",
+        "a part such as quaternion, quat, q, orientation or rotationvector, also with a "
+        "number, as quat1",
     )
     first: int = Field(
         default=0,

@@ -144,8 +144,9 @@ def _search(content: Any, order: Order, names: tuple[str, ...], depth: int) -> I
     if not is_object(content):
         return
     names = tuple(dict.fromkeys((*names, *names_in(content))))
-    stated = (_plain(value) for key, value in content.items() if _plain(key) in _ORDER_FIELDS)
-    order = next((_ORDERS[each] for each in stated if each in _ORDERS), order)
+    for key, value in content.items():
+        if _plain(key) in _ORDER_FIELDS:
+            order = _ORDERS.get(_plain(value), order)
     four = _components(content)
     if four is not None:
         yield NamedQuaternion(four, names)
@@ -158,8 +159,8 @@ def _search_field(
     key: str, value: Any, order: Order, names: tuple[str, ...], depth: int
 ) -> Iterator[NamedQuaternion]:
     plain, full = _plain(key), (*names, key[:MAX_NAME])
-    stated = next((word for word in _ORDERS if word in plain), "")
-    plain, order = plain.replace(stated, ""), _ORDERS.get(stated, order)
+    for word in [each for each in _ORDERS if each in plain]:
+        plain, order = plain.replace(word, ""), _ORDERS[word]
     if (plain in _LISTS or "quat" in plain) and (numbers := _four_numbers(value)):
         yield NamedQuaternion(_rotation(numbers, order), names if plain in _LISTS else full)
     elif (is_object(value) or _is_list(value)) and not _VECTORS.fullmatch(plain):

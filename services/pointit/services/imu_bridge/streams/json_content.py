@@ -144,15 +144,19 @@ def _search(content: Any, order: Order, names: tuple[str, ...], depth: int) -> I
     if not is_object(content):
         return
     names = tuple(dict.fromkeys((*names, *names_in(content))))
-    for key, value in content.items():
-        if _plain(key) in _ORDER_FIELDS:
-            order = _ORDERS.get(_plain(value), order)
+    order = _stated_order(content) or order
     four = _components(content)
     if four is not None:
         yield NamedQuaternion(four, names)
     for key, value in content.items():
         for each in _search_field(key, value, order, names, depth):
             yield replace(each, key=each.key or key[:MAX_NAME])
+
+
+def _stated_order(content: Mapping[str, Any]) -> Order | None:
+    """Return the order that a field such as `order` states, or None."""
+    stated = (_ORDERS.get(_plain(value)) for key, value in content.items() if _plain(key) in _ORDER_FIELDS)
+    return next(filter(None, stated), None)
 
 
 def _search_field(

@@ -155,8 +155,10 @@ def _search(content: Any, order: Order, names: tuple[str, ...], depth: int) -> I
 
 def _stated_order(content: Mapping[str, Any]) -> Order | None:
     """Return the order that a field such as `order` states, or None."""
-    stated = (_ORDERS.get(_plain(value)) for key, value in content.items() if _plain(key) in _ORDER_FIELDS)
-    return next(filter(None, stated), None)
+    for key, value in content.items():
+        if _plain(key) in _ORDER_FIELDS and (order := _ORDERS.get(_plain(value))):
+            return order
+    return None
 
 
 def _search_field(

@@ -292,12 +292,14 @@ class Session:
             return
         with contextlib.closing(self._folder.answers(self._participant)) as table:
             answered = Counter((row["questionnaire"], row["block"]) for row in table.rows)
+            blocks = self._plan.trials[-1].block
+            name = f"block {block} of {blocks}" if blocks > 1 else ""
             for scale in map(scale_of, self._study.questionnaires):
                 if answered[scale.name, str(block)] >= len(scale.items):
                     continue
                 about = {"participant": self._participant, "questionnaire": scale.name, "block": block}
                 about |= {"condition": self._plan.order[block - 1]}
-                answers = enumerate(await self._view.ask(scale), 1)
+                answers = enumerate(await self._view.ask(scale, name), 1)
                 table.append(*({**about, "item": item, "value": value} for item, value in answers))
 
     def _show(self, trial: Trial, state: str, scene: Scene | None = None) -> None:

@@ -55,8 +55,9 @@ class SimulatedView:
         del steps, go
         return True
 
-    async def ask(self, scale: Scale) -> list[int]:
+    async def ask(self, scale: Scale, block: str = "") -> list[int]:
         """Return random answers."""
+        del block
         low, high = scale.points
         steps = (high - low) // scale.step
         return [low + scale.step * int(n) for n in self._rng.binomial(steps, 0.55, len(scale.items))]

@@ -74,8 +74,8 @@ class StudyView(Protocol):
         """Show `steps` until the participant does `go`; return False if they do not want to."""
         ...
 
-    async def ask(self, scale: Scale) -> list[int]:
-        """Return the answer to each item of a questionnaire."""
+    async def ask(self, scale: Scale, block: str = "") -> list[int]:
+        """Return the answer to each item of a questionnaire on `block`; `""`: it has one block."""
         ...
 
     def status(self, status: Status, /) -> None:

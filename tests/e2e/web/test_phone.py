@@ -2,14 +2,14 @@
 
 import asyncio
 import math
-from typing import Literal
+import re
 
 import pytest
 from playwright.async_api import Browser, expect
 
 from pointit.schemas import ButtonEvent, Cursor
 from pointit.schemas.topics import BUTTON
-from tests.e2e.web.axe import violations
+from tests.e2e.web.axe import check_look
 from tests.e2e.web.phone import CUES, NO_SOCKET, PhonePage, Source
 from tests.e2e.web.site import SitePage
 from tests.support.bench import until
@@ -19,7 +19,6 @@ from tests.support.pace import Patience
 pytestmark = pytest.mark.slow
 
 USER = "user1"
-THEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 
 
 async def address(site: SitePage) -> str:
@@ -175,9 +174,47 @@ async def test_nothing_bars_the_way_of_anybody(browser: Browser, shared_site: Si
         else:
             for details in await phone.page.locator("summary").all():
                 await details.tap()
-        for theme in THEMES:
-            await phone.page.emulate_media(color_scheme=theme, reduced_motion="reduce")
-            assert await violations(phone.page) == [], (stage, theme)
+        await check_look(phone.page, stage)
+
+
+@pytest.mark.parametrize("path", ["/", "/phone", "/scan", "/nowhere", "/recording.mcap"])
+async def test_a_page_that_lets_nobody_in_looks_like_the_others(
+    browser: Browser, shared_site: SitePage, path: str
+) -> None:
+    page = await (await browser.new_context()).new_page()
+    response = await page.goto(shared_site.origin + path)
+    assert response is not None
+    assert response.status == (404 if path == "/nowhere" else 403)
+    await expect(page.get_by_role("heading", level=1)).to_be_visible()
+    await check_look(page, path)
+
+
+LISTENS = """
+window.SpeechRecognition = window.webkitSpeechRecognition = class {
+  start() { setTimeout(() => { this.onerror({ error: "not-allowed" }); this.onend(); }, 50); }
+  abort() {}
+};
+"""
+
+
+async def test_a_refused_microphone_has_its_remedy(browser: Browser, shared_site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(shared_site), scripts=(LISTENS,))
+    await phone.start()
+    await phone.page.get_by_role("button", name="Skip").tap()
+    await phone.page.get_by_role("button", name="Listen").tap()
+    await expect(phone.page.locator("#said")).to_have_text(
+        "The microphone was refused: allow it for this page in the browser's settings, then tap Listen again."
+    )
+
+
+@pytest.mark.parametrize("site", [("scenario_1", "--localize")], indirect=True)
+async def test_lamps_have_names_on_the_phone(browser: Browser, site: SitePage) -> None:
+    phone = await PhonePage.open(browser, await address(site))
+    await phone.start()
+    await phone.page.get_by_role("button", name="Skip").tap()
+    await phone.page.get_by_role("button", name="Find my place").tap()
+    await expect(phone.page.locator("#next")).to_contain_text(re.compile(r"Point at lamp \d and stay on it"))
+    assert phone.faults == []
 
 
 async def test_it_fits_every_phone_without_scrolling_once_it_runs(

@@ -66,6 +66,16 @@ async def test_questionnaire_ends_by_a_whole_answer_to_it_only() -> None:
     assert shown(view)["show"] == "wait"
 
 
+async def test_questionnaire_that_comes_again_says_which_block_it_is_on() -> None:
+    view = PageView("small", "P01")
+    asking = await begun(view.ask(SUS, "block 2 of 3"))
+    assert "block 2 of 3" in shown(view)["text"]
+    asking.cancel()
+    asking = await begun(view.ask(SUS))
+    assert shown(view)["text"] == ""
+    asking.cancel()
+
+
 @pytest.mark.parametrize(
     ("answer", "problem"),
     [

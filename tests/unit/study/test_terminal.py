@@ -45,13 +45,14 @@ async def test_skip_during_a_pause_does_not_end_the_pause() -> None:
     assert [view.command() for _ in range(2)] == [Command("skip", "slipped"), None]
 
 
-async def test_participant_is_asked_until_the_answer_is_one() -> None:
+async def test_participant_is_asked_until_the_answer_is_one(capsys: pytest.CaptureFixture[str]) -> None:
     view = TerminalView()
     scale = Scale(name="own", items=("Easy?", "Fast?"), points=(1, 5))
     async with asyncio.TaskGroup() as group:
-        asked = group.create_task(view.ask(scale))
+        asked = group.create_task(view.ask(scale, "block 1 of 2"))
         await typed(view, "9\n", "yes\n", "4\n", "1\n")
     assert asked.result() == [4, 1]
+    assert "Questions on block 1 of 2:" in capsys.readouterr().out
     differential = Scale(name="own", items=("Mood?",), points=(-4, 4), step=2)
     async with asyncio.TaskGroup() as group:
         asked = group.create_task(view.ask(differential))

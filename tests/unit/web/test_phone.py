@@ -56,6 +56,19 @@ async def posted(phone: AsyncClient, *items: Any) -> list[dict[str, Any]]:
     return found
 
 
+async def test_phones_know_the_lamps_of_the_map_and_of_a_new_one(
+    bench: PhoneBench, phone: AsyncClient
+) -> None:
+    bench.phones.set_lamps(("led_0",))
+    async with bench.connect(phone) as socket:
+        assert (await heard(socket))["lamps"] == ["led_0"]
+        assert (await heard(socket))["kind"] == "cue"
+        bench.phones.set_lamps(("led_0",))
+        bench.phones.set_lamps(("led_0", "door"))
+        hello = await heard(socket)
+        assert (hello["kind"], hello["user"], hello["lamps"]) == ("hello", "anna", ["led_0", "door"])
+
+
 async def test_the_link_pairs_and_leads_to_the_page_without_its_token(bench: PhoneBench) -> None:
     async with bench.client() as client:
         assert (await client.get("/phone")).status_code == 403

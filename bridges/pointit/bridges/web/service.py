@@ -312,6 +312,7 @@ class Web(Service[WebConfig]):
                 self._wrists.room(message)
                 self._told_apart.take(message)
                 self._devices.on_map(message)
+                self._phones.set_lamps(tuple(lamp.id for lamp in message.lamps))
                 strips = {strip.id: strip.pixels for strip in message.strips}
                 lamps = {lamp.id: 1 for lamp in message.lamps if lamp.id not in strips}
                 self._lights.set_lamps(lamps)

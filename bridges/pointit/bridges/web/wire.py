@@ -111,6 +111,7 @@ class Hello(WireModel):
     requests: Annotated[tuple[str, ...], Field(description="keys of the requests that this page may make")]
     deeds: tuple[Deed, ...]
     user: Annotated[str, Field(description="of a phone: whose wrist it is")] = ""
+    lamps: Annotated[tuple[str, ...], Field(description="of a phone: lamps of the map")] = ()
 
 
 class ServiceLine(WireModel):

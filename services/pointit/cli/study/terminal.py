@@ -43,8 +43,10 @@ class TerminalView:
             if answer in ("n", "no"):
                 return False
 
-    async def ask(self, scale: Scale) -> list[int]:
+    async def ask(self, scale: Scale, block: str = "") -> list[int]:
         """Ask all items of `scale`, each until the answer is one of its values."""
+        if block:
+            click.echo(f"Questions on {block}:")
         low, high = scale.points
         answers: list[int] = []
         for item in scale.items:

@@ -73,7 +73,7 @@ async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[s
 
 
 def _application(view: PageView, doors: Access) -> ASGIApp:
-    bundle = Bundle(STATIC)
+    own, shared = Bundle(STATIC), Bundle()
 
     def page_of(connection: HTTPConnection) -> Page | None:
         asked = replace(asked_of(connection), bearer=connection.path_params["token"], cookies={})
@@ -84,10 +84,11 @@ def _application(view: PageView, doors: Access) -> ASGIApp:
         page = page_of(request)
         if page is None:
             return refusal(403, "This page needs a link", REFUSED)
-        return file_response(request, bundle, f"{page}.html")
+        return file_response(request, own, f"{page}.html")
 
     async def static(request: Request) -> Response:
-        return file_response(request, bundle, request.path_params["name"])
+        name = request.path_params["name"]
+        return file_response(request, own if own.file(name) else shared, name)
 
     async def image(request: Request) -> Response:
         number: int = request.path_params["number"]

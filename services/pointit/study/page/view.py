@@ -79,10 +79,12 @@ class PageView:
         message = await self._ask({"show": "text", "steps": shown, "go": go})
         return go != "agree" or message.agrees is True
 
-    async def ask(self, scale: Scale) -> list[int]:
+    async def ask(self, scale: Scale, block: str = "") -> list[int]:
         """Show a questionnaire until all its items are answered. Raises as `tell` does."""
         self._scale = scale
-        return list((await self._ask({"show": "scale", **scale.model_dump(mode="json")})).answers)
+        text = f"These questions are on {block}, which you have just done." if block else ""
+        shown = {"show": "scale", "title": "Please answer", "text": text, **scale.model_dump(mode="json")}
+        return list((await self._ask(shown)).answers)
 
     def status(self, status: Status, /) -> None:
         """Show where the study stands."""

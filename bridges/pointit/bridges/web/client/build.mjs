@@ -1,5 +1,5 @@
 // Bundles src into ../static: the page (app.js, app.css), the phone's page (phone.js, phone.css), the page that maps the room (scan.js,
-// scan.css) and its worker, the glossary, the licences.
+// scan.css) and its worker, the style of all pages but the first (touch.css), the glossary, the licences.
 // The same sources and lock file give the same bytes on every machine.
 import { build } from "esbuild";
 import { cpSync, existsSync, mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -10,10 +10,10 @@ const here = dirname(fileURLToPath(import.meta.url));
 const out = process.argv[2] ?? join(here, "../static");
 rmSync(out, { recursive: true, force: true });
 mkdirSync(out, { recursive: true });
-const entries = { app: "app", phone: "phone", scan: "scan", "scan-worker": "scan/worker" };
+const entries = { app: "app.ts", phone: "phone.ts", scan: "scan.ts", "scan-worker": "scan/worker.ts", touch: "styles/touch.css" };
 await build({
   absWorkingDir: here,
-  entryPoints: Object.fromEntries(Object.entries(entries).map(([name, file]) => [name, `src/${file}.ts`])),
+  entryPoints: Object.fromEntries(Object.entries(entries).map(([name, file]) => [name, `src/${file}`])),
   outdir: out, bundle: true, minify: true, format: "esm", target: "es2022", legalComments: "none", logLevel: "warning",
   charset: "utf8", splitting: true, chunkNames: "chunk-[hash]", // who sees the plan loads no three.js
 });

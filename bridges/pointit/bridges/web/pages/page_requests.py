@@ -195,10 +195,17 @@ def is_allowed(ask: Ask, role: Role) -> bool:
     return any(ask.key == request.key for request in REQUESTS[role])
 
 
-def greeting(role: Role, *, version: str, site: str, user: str = "") -> Hello:
+def greeting(role: Role, *, version: str, site: str, user: str = "", lamps: tuple[str, ...] = ()) -> Hello:
     """Return the greeting of a page of this role; `user`: of a phone, the owner of the wrist."""
-    requests = tuple(request.key for request in REQUESTS[role])
-    return Hello(version=version, site=site, role=role, requests=requests, deeds=DEEDS[role], user=user)
+    return Hello(
+        version=version,
+        site=site,
+        role=role,
+        requests=tuple(request.key for request in REQUESTS[role]),
+        deeds=DEEDS[role],
+        user=user,
+        lamps=lamps,
+    )
 
 
 def parse_request(ask: Ask, role: Role) -> Call | PageAction:

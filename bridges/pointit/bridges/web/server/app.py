@@ -52,10 +52,15 @@ def application(
                 Route("/recording.mcap", page.recording, methods=["GET"]),
                 *others,
                 Route("/static/{name:path}", page.static, methods=["GET"]),
-            ]
+            ],
+            exception_handlers={404: _not_found},
         ),
         doors,
     )
+
+
+async def _not_found(_request: Request, _error: Exception) -> Response:
+    return refusal(404, "There is no such page", "Check its address, or open the link that PointIt printed.")
 
 
 class _Page:

@@ -37,9 +37,20 @@ _TYPES = {
 PIECE = 64 * 1024
 """Bytes of a response handed on at a time, which bounds memory for clients that do not read."""
 
-REFUSED = """<!doctype html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width"><title>PointIt</title>
-<h1>{title}</h1><p>{sentence}</p></html>
+REFUSED = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}: PointIt</title>
+<link rel="icon" href="/static/icon.svg" type="image/svg+xml">
+<link rel="stylesheet" href="/static/touch.css">
+</head>
+<body>
+<header class="top"><img class="mark" src="/static/icon.svg" alt=""><p class="name">PointIt</p></header>
+<main><h1>{title}</h1><p>{sentence}</p></main>
+</body>
+</html>
 """
 
 

@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.pages.page_requests import greeting
 from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
-from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue
+from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue, Hello
 from pointit.bridges.web.wrists.pairing import Pairing, Phone
 from pointit.bridges.web.wrists.phone_connection import PhoneConnection, PhoneHost
 from pointit.bridges.web.wrists.phone_cues import Cues
@@ -57,6 +57,7 @@ class Phones:
         """Open sockets by page id."""
         self._cues: dict[str, Cues] = {}
         """By user."""
+        self._lamps: tuple[str, ...] = ()
 
     @property
     def routes(self) -> list[BaseRoute]:
@@ -82,6 +83,13 @@ class Phones:
     def localization(self, user: str, progress: Localization) -> None:
         """Send the phone of `user` the target to point at."""
         self._tell(user, self._cues_of(user).localization(progress))
+
+    def set_lamps(self, lamps: tuple[str, ...]) -> None:
+        """Set the lamps of the map, whose names the phones show."""
+        if lamps != self._lamps:
+            self._lamps = lamps
+            for line in self._lines.values():
+                line.put(self._hello(line.phone))
 
     def lost(self, user: str, *, is_own: bool = False) -> None:
         """Notify the phone of `user` that it has lost the wrist; `is_own`: to the person's own device."""
@@ -196,9 +204,12 @@ class Phones:
 
     def _greet(self, line: PhoneConnection) -> None:
         line.clear()
-        host = self._host
-        line.put(greeting("wrist", version=host.version, site=host.site, user=line.phone.user))
+        line.put(self._hello(line.phone))
         line.put(self._cues_of(line.phone.user).current)
+
+    def _hello(self, phone: Phone) -> Hello:
+        host = self._host
+        return greeting("wrist", version=host.version, site=host.site, user=phone.user, lamps=self._lamps)
 
     def _tell(self, user: str, cue: Cue | None) -> None:
         line = self._lines.get(self._pairing.paired(user, time.monotonic()))

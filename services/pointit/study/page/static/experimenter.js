@@ -3,7 +3,7 @@ import { draw } from "./top.js";
 
 const at = (id) => document.getElementById(id);
 const buttons = [...document.querySelectorAll("[data-command]")];
-const WORDS = { text: "Reading", scale: "Answering a questionnaire", wait: "Getting ready", end: "The session has ended" };
+const WORDS = { text: "Reading", wait: "Getting ready", end: "The session has ended" };
 
 function tell(text) {
   at("problem").textContent = text;
@@ -21,8 +21,10 @@ function show(content) {
   put("study", content.study);
   put("who", content.who);
   document.title = `${content.who}: ${content.study}`;
-  put("state", status && shown.show === "wait" ? status.state : WORDS[shown.show]);
+  put("state", status && shown.show === "wait" ? status.state : shown.show === "scale" ? `Answering ${shown.name}` : WORDS[shown.show]);
   if (status) {
+    at("done").hidden = at("facts").hidden = false;
+    at("attempts").hidden = !status.outcomes.length;
     put("trial", `${status.trial} of ${status.trials}`);
     put("left", String(status.left));
     put("condition", status.condition);
@@ -32,10 +34,10 @@ function show(content) {
     at("outcomes").replaceChildren(...status.outcomes.map((each) => made("li", each)));
   }
   draw(at("top"), status?.live);
-  put("target", status?.target ?? "");
+  put("target", status?.target || "none");
   put("pages", ["It is open nowhere.", "It is open once."][content.pages] ?? `It is open ${content.pages} times.`);
   const texts = shown.steps?.map((each) => each.text) ?? [shown.title, shown.text ?? ""];
-  const lines = shown.items ?? texts.flatMap((each) => each.split("\n"));
+  const lines = texts.flatMap((each) => each.split("\n"));
   at("shown").replaceChildren(...lines.filter(Boolean).map((each) => made("p", each)));
   for (const button of buttons) button.disabled = !content.can.includes(button.dataset.command);
   const isPaused = status?.state === "paused";

@@ -1,6 +1,6 @@
 import { join, made } from "./link.js";
 
-const main = document.getElementById("main");
+const main = document.getElementById("content");
 const problem = document.getElementById("problem");
 const MOST_BUTTONS = 11; // a scale of more steps is a slider
 let shown = ""; // what the page was built from
@@ -41,7 +41,7 @@ function place(content) {
 function wait(content) {
   return [
     made("h1", content.title, { tabindex: -1 }),
-    made("p", content.text, { id: "small", class: "large" }),
+    made("p", content.text, { id: "small", class: "lead" }),
     made("p", place(content), { id: "place", class: "quiet" }),
   ];
 }
@@ -56,7 +56,7 @@ function paragraphs(content) {
 function text(content) {
   const isConsent = content.go === "agree";
   const heading = made("h1", isConsent ? "Consent" : "Instruction", { tabindex: -1 });
-  const go = made("button", isConsent ? "Next" : "Begin", { type: "button", class: "main" });
+  const go = made("button", isConsent ? "Next" : "Begin", { type: "button", class: "primary" });
   if (!isConsent) {
     go.onclick = () => send({ id: content.id });
     return [heading, ...paragraphs(content), go];
@@ -84,7 +84,7 @@ function scale(content) {
     group.append(made("div", "", { class: "ends", "aria-hidden": "true" }, ...ends));
     return group;
   });
-  const next = made("button", "Next", { type: "submit", class: "main" });
+  const next = made("button", "Next", { type: "submit", class: "primary" });
   const form = made("form", "", { novalidate: "" }, ...items, next);
   form.oninput = form.onclick = (event) => {
     const group = event.target.closest("fieldset");
@@ -103,7 +103,7 @@ function scale(content) {
     first.scrollIntoView({ block: "center" });
     first.querySelector("input").focus();
   };
-  return [made("h1", "Please answer", { tabindex: -1 }), form];
+  return [made("h1", content.title, { tabindex: -1 }), ...(content.text ? [made("p", content.text, { class: "quiet" })] : []), form];
 }
 
 function valueOf(group) {

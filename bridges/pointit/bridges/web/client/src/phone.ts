@@ -12,6 +12,7 @@ import { Screen } from "./phone/screen";
 import { NoOrientation, objection, sense, type Sensing } from "./phone/sensing";
 import { Taps, type Gesture } from "./phone/taps";
 import { Wake } from "./phone/wake";
+import { withNames } from "./words";
 import { figures, linkWords, pressWords, sentence, stateWords } from "./phone/words";
 
 const CENTRE = "Point at the middle of the room with your arm straight, then tap.";
@@ -32,6 +33,8 @@ class Wrist {
   private charge: number | null = null;
   private stage: "before" | "centre" | "button" | "over" = "before";
   private cue: Cue | null = null;
+  /** Ids of the map's lamps, which the person sees by their names. */
+  private lamps: readonly string[] = [];
   private hasArm = true;
   private awaited = new Map<number, string>();
   private readonly voice = new Voice({
@@ -175,10 +178,12 @@ class Wrist {
   private hear(part: Heard): void {
     if (part.kind === "hello") {
       this.screen.write("who", part.user);
+      this.lamps = part.lamps;
+      this.show();
     } else if (part.kind === "answer") {
       const what = this.awaited.get(part.id);
       this.awaited.delete(part.id);
-      if (part.error) this.screen.say(sentence(part.error));
+      if (part.error) this.screen.say(this.shown(part.error));
       else if (what === "give" || what === "take") this.hasArm = what === "take";
       else if (what === "centre") this.enter("button");
       this.show();
@@ -187,7 +192,7 @@ class Wrist {
       if (part.chime) chime(part.chime as Feedback["chime"]);
       if (part.haptic_ms.length) navigator.vibrate?.(part.haptic_ms);
       if (part.has_lost_arm) this.hasArm = false;
-      if (part.text) this.screen.say(part.text === part.next_step ? "" : sentence(part.text));
+      if (part.text) this.screen.say(part.text === part.next_step ? "" : this.shown(part.text));
       this.show();
     }
   }
@@ -205,12 +210,17 @@ class Wrist {
     const state = cue?.state ?? "";
     screen.mark("state", state);
     screen.write("state", stage === "centre" ? "First" : stateWords(state));
-    const next = stage === "centre" ? CENTRE : sentence(cue?.next_step ?? "");
+    const next = stage === "centre" ? CENTRE : this.shown(cue?.next_step ?? "");
     screen.next(next, stage === "button" ? (cue?.progress ?? null) : null);
     screen.write("big-name", stage === "centre" ? "Centre" : "Press");
     screen.write("big-note", stage === "centre" ? "this is straight ahead" : pressWords(state));
     screen.write("place", state === "localizing" ? "Call off" : "Find my place");
     screen.write("let-go", this.hasArm ? "Let go" : "Take my arm");
+  }
+
+  /** A service's text as a sentence for the person. */
+  private shown(text: string): string {
+    return sentence(withNames(text, this.lamps));
   }
 
   private showFigures(): void {

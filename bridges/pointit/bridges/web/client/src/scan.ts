@@ -189,6 +189,7 @@ class Page {
   private async save(): Promise<void> {
     const name = part<HTMLInputElement>("name").value.trim();
     const state = await ask({ kind: "save", name, origin: part<HTMLSelectElement>("origin").value });
+    this.show(state);
     part("saved").textContent = `The map is in ${state.saved}. Check it: pointit map check ${state.saved}`;
     chime("up");
   }
@@ -200,10 +201,14 @@ class Page {
       el("th", { scope: "row" }, name, pixels ? null : el("button", { type: "button", className: "forget", text: "Forget", "aria-label": `Forget ${name}`,
         onclick: () => void this.attempt(async () => this.show(await ask({ kind: "thing", name, shape: "box", corners: [] }))) })), el("td", { text: `${seen} ${seen === 1 ? "view" : "views"}` }),
       el("td", { text: line_m.length ? `${sigma_m === null ? "?" : `± ${(100 * sigma_m).toFixed(1)} cm`}${reason ? `: ${reason}` : ""}` : reason || "not yet" }))));
-    const done = state.is_complete ? "All lights are known to 1 cm. Save the map, or take more views. " : "";
+    const isReady = state.is_complete && !state.saved;
+    const done = isReady ? "All lights are known to 1 cm. Save the map, or take more views. " : "";
     this.say(state.is_solving ? "Calculating …" : `${done}${state.problem ? capital(state.problem) : state.advice}`);
     button("undo").disabled = !state.views;
-    part("finish").hidden = !state.strips.some(({ line_m }) => line_m.length > 1);
+    const hasMap = state.strips.some(({ line_m }) => line_m.length > 1);
+    part("finish").hidden = button("save").hidden = !hasMap;
+    button("save").classList.toggle("primary", isReady);
+    button("take").classList.toggle("primary", !state.is_complete);
     if (!state.saved) part("saved").textContent = "";
   }
 

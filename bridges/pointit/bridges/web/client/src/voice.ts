@@ -53,9 +53,18 @@ export function timed(text: string, confidence: number | null, began: number, en
 }
 
 const PROBLEMS: Readonly<Record<string, string>> = {
-  "not-allowed": "The browser may not use the microphone here.", "service-not-allowed": "The browser may not recognise speech here.",
-  "audio-capture": "There is no microphone.", network: "The browser's recogniser needs the internet.",
+  "not-allowed": "The microphone was refused: allow it for this page in the browser's settings, then tap Listen again.",
+  "service-not-allowed": "This browser may not recognise speech: allow dictation in the device's settings, or use Chrome, then tap Listen again.",
+  "audio-capture": "No microphone was found: connect one, then tap Listen again.",
+  network: "The browser recognises speech by the internet, which it does not reach: connect this device to it, then tap Listen again.",
 };
+const INSECURE = "Browsers give a page the microphone only over https, or on the computer that runs PointIt: open the page there.";
+
+/** A problem of the recogniser with its remedy. */
+export function problemOf(error: string, isSecure: boolean): string {
+  if (error === "not-allowed" && !isSecure) return INSECURE;
+  return PROBLEMS[error] ?? `The browser's recogniser fails (${error}): load the page again, or use Chrome.`;
+}
 
 export interface Heard {
   /** What is heard now, as it may still change. */
@@ -118,7 +127,7 @@ export class Voice {
     };
     recognition.onerror = ({ error }) => {
       if (error === "no-speech" || error === "aborted") return; // begins again below
-      this.problem = PROBLEMS[error] ?? `The browser's recogniser fails: ${error}.`;
+      this.problem = problemOf(error, isSecureContext);
       this.stop();
     };
     recognition.onend = () => { // browsers end it after a silence

@@ -227,6 +227,10 @@ export interface Hello {
   )[];
   kind: "hello";
   /**
+   * of a phone: lamps of the map
+   */
+  lamps: string[];
+  /**
    * keys of the requests that this page may make
    */
   requests: string[];

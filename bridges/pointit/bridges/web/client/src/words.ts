@@ -88,9 +88,14 @@ export function placeName(id: string, noun: string): string {
 
 /** A sentence of a service with the names of lamps as they are shown. */
 export function friendly({ map }: Pick<Site, "map">, sentence: string): string {
-  return (map?.lamps ?? []).reduce((text, { id }) => {
-    const shown = placeName(id, "lamp");
-    return shown === id || !text.includes(id) ? text : text.replace(new RegExp(`(?<![\\w-])${id.replace(/[^\w]/g, "\\$&")}(?![\\w-])`, "g"), shown);
+  return withNames(sentence, (map?.lamps ?? []).map(({ id }) => id));
+}
+
+/** A sentence with the names of `lamps` instead of their ids: `lamp led_2` is `lamp 2`, too. */
+export function withNames(sentence: string, lamps: readonly string[]): string {
+  return lamps.reduce((text, id) => {
+    const shown = placeName(id, "lamp"), noun = shown.startsWith("lamp ") ? "(?:[Ll]amp )?" : "";
+    return shown === id || !text.includes(id) ? text : text.replace(new RegExp(`(?<![\\w-])${noun}${id.replace(/[^\w]/g, "\\$&")}(?![\\w-])`, "g"), shown);
   }, sentence);
 }
 

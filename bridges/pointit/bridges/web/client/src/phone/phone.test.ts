@@ -5,6 +5,7 @@ import { LEAST_MS, MOST_BUFFERED, Pace, Rate, STILL_MS } from "./pace";
 import { Ladder } from "./ladder";
 import { DOUBLE_MS, HOLD_MS, Taps } from "./taps";
 import { figures, sentence } from "./words";
+import { withNames } from "../words";
 
 type Matrix = number[][];
 const times = (a: Matrix, b: Matrix): Matrix => a.map((row) => b[0]!.map((_, j) => row.reduce((sum, x, k) => sum + x * b[k]![j]!, 0)));
@@ -153,4 +154,11 @@ test("sentences of the server are understood as far as the page needs it", () =>
   assert.equal(sentence("point at led_1, 1 of 4"), "Point at led_1, 1 of 4.");
   assert.equal(figures(59, 12.4, 0.84, "sensor", false), "59/s · 12 ms · battery 84 %");
   assert.equal(figures(27, null, null, "event", true), "27/s · by events · by posts");
+});
+
+test("lamps have names instead of ids in sentences", () => {
+  const lamps = ["led_1", "led_10", "behind_left", "door"];
+  assert.equal(withNames("You point 60° to the left of lamp led_10: turn right.", lamps), "You point 60° to the left of lamp 10: turn right.");
+  assert.equal(withNames("Lamp led_1 left, lamp behind_left and door stay, xled_1 is none.", lamps), "lamp 1 left, lamp behind left and door stay, xled_1 is none.");
+  assert.equal(withNames("Point at led_1.", []), "Point at led_1.");
 });

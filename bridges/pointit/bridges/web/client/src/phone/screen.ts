@@ -64,11 +64,11 @@ export class Screen {
     progress.value = share ?? 0;
   }
 
-  /** Say something for a while. */
+  /** Say something for as long as it takes to be read. */
   say(text: string): void {
     this.write("said", text);
     clearTimeout(this.saidUntil);
-    if (text) this.saidUntil = setTimeout(() => this.write("said", ""), 6000);
+    if (text) this.saidUntil = setTimeout(() => this.write("said", ""), Math.max(6000, 100 * text.length));
   }
 
   /** Show a problem until it is replaced. */

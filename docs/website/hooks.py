@@ -11,6 +11,7 @@ from mkdocs.structure.pages import Page
 
 from docs.website.reference import PAGES
 from docs.website.visit import framed, visit
+from pointit.bridges.web.server.bundle import STATIC
 
 ROOT = Path(__file__).parents[2]
 ELSEWHERE = {
@@ -40,6 +41,7 @@ FENCE = re.compile(r"^([ ]*```[a-z]+)((?: title=\"[^\"]*\")?)[^\n`]*$", re.MULTI
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are not in `docs`."""
     files.append(File.generated(config, "visit.html", content=visit()))
+    files.append(File.generated(config, "icon.svg", abs_src_path=str(STATIC / "icon.svg")))
     for uri, page in PAGES.items():
         files.append(File.generated(config, uri, content="\n\n".join(page()) + "\n"))
     for path, uri in ELSEWHERE.items():
@@ -72,4 +74,7 @@ def on_page_markdown(markdown: str, page: Page, **_others: Any) -> str:
         return f"{picture}[{text}]({relative}{'#' if fragment else ''}{fragment})"
 
     markdown = FENCE.sub(r"\1\2", LINK.sub(linked, markdown))
-    return framed(markdown) if uri == "index.md" else markdown
+    if uri != "index.md":
+        return markdown
+    page.meta["hide"] = ["navigation", "toc"]
+    return framed(markdown)

@@ -12,6 +12,8 @@ from pointit.recording.reader import Recording
 from tests.support.recorded import session, write_recording
 
 LENGTH_S = 45.0
+LEAD_S = 3.0
+"""Time before the first selection at which the page begins to play, s."""
 STILL = re.compile(r"!\[[^\]]*\]\(pictures/window-light\.webp\)")
 """Picture of the front page, over which the page lies where there is room."""
 
@@ -36,7 +38,11 @@ def visit() -> str:
         with Recording.open(path) as recording:
             past = FilePast(recording, "demo")
             asyncio.run(past.read())
-            return page_file(past)
+            lanes = past.timeline().lanes
+            first_s = min(
+                start_s for lane in lanes if lane.kind == "selections" for start_s, _, _ in lane.items
+            )
+            return page_file(past, start_s=first_s - LEAD_S)
 
 
 def framed(markdown: str) -> str:

@@ -42,7 +42,7 @@ def past(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Past]:
 
 
 def recording_in(html: str) -> list[Any]:
-    found = re.search(r'<script id="recording" type="text/plain">([^<]*)</script>', html)
+    found = re.search(r'<script id="recording" type="text/plain"[^>]*>([^<]*)</script>', html)
     assert found is not None
     packed = zlib.decompress(base64.b64decode(found[1]), wbits=31)
     return list(msgpack.Unpacker(io.BytesIO(packed)))

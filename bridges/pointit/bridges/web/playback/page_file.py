@@ -40,10 +40,10 @@ Frame = tuple[float, tuple[News, ...], tuple[News, ...], str]
 """Time from the beginning, s; states and events as in a batch; status as JSON once a second, else empty."""
 
 
-def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str:
+def page_file(past: Past, tick: Callable[[float], None] = lambda _: None, start_s: float = 0.0) -> str:
     """Return the HTML of the page with `past`, which has been read.
 
-    `tick` gets the time of each finished frame, s from the beginning.
+    `tick` gets the time of each finished frame, s from the beginning; the page begins to play at `start_s`.
 
     Raises:
         ConfigError: If it is too long for a page.
@@ -66,7 +66,7 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None) -> str
                     f"{past.timeline().title}: too long for a page: its limit of {MAX_BYTES >> 20} MB is "
                     f"reached after {part[0]:.0f} s. Record a shorter session (pointit record --duration)."
                 )
-    return _html(bytes(packed + packer.flush()))
+    return _html(bytes(packed + packer.flush()), start_s)
 
 
 def frames(past: Past) -> Iterator[Frame]:
@@ -87,13 +87,14 @@ def frames(past: Past) -> Iterator[Frame]:
             return
 
 
-def _html(recording: bytes) -> str:
+def _html(recording: bytes, start_s: float) -> str:
     """Return the page with everything that it loads, and `recording`, packed."""
     html = _text("index.html")
     icon = f"data:image/svg+xml,{quote(_text('icon.svg'))}"
     content = "".join(
         (
-            f'<script id="recording" type="text/plain">{base64.b64encode(recording).decode()}</script>',
+            f'<script id="recording" type="text/plain" data-start-s="{start_s:g}">',
+            f"{base64.b64encode(recording).decode()}</script>",
             f'<script type="importmap">{json.dumps({"imports": _modules()})}</script>',
             '<script type="module">import "app.js";</script>\n',
             f'<script id="licences" type="text/plain">{_text("LICENSES.txt")}</script>\n</body>',

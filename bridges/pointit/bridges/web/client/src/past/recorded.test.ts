@@ -45,6 +45,16 @@ test("a recording in the page begins as a server does, and stands at its end", (
   assert.deepEqual(said().batches, []);
 });
 
+test("a recording may begin to play in its middle, with all that is there", () => {
+  const socket = new RecordedSocket("hello", '{"began_ns":1e18}', FRAMES, true, 1.5), heard: unknown[] = [];
+  socket.onmessage = ({ data }: MessageEvent) => void heard.push(data);
+  socket.open();
+  const { at_s, is_playing } = JSON.parse(heard.find((each) => String(each).startsWith('{"kind":"playing"')) as string) as Playing;
+  assert.deepEqual([at_s, is_playing], [1.5, true]);
+  const { states, events } = decodeBatch(new Uint8Array(heard.at(-1) as ArrayBuffer));
+  assert.deepEqual([states.map(({ payload }) => payload?.[0]), events], [[9, 1, 5], []]);
+});
+
 test("a jump brings the differences and no event, forth and back; a step pauses", () => {
   const { socket, said } = opened();
   said();

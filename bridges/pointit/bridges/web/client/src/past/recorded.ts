@@ -36,8 +36,8 @@ export class RecordedSocket implements Socket {
   private at = 0;
   private speed = 1;
 
-  /** @param isPlaying from the beginning on. */
-  constructor(private readonly hello: string, private readonly timeline: string, private readonly frames: readonly Frame[], private isPlaying: boolean) {
+  /** @param isPlaying from `start` on, s from the beginning. */
+  constructor(private readonly hello: string, private readonly timeline: string, private readonly frames: readonly Frame[], private isPlaying: boolean, private readonly start = 0) {
     this.began = (JSON.parse(timeline) as { began_ns: number }).began_ns;
     this.end = frames.at(-1)?.[0] ?? 0;
   }
@@ -47,7 +47,7 @@ export class RecordedSocket implements Socket {
     this.onopen?.call(this as never, new Event("open"));
     this.hear(this.hello);
     this.hear(this.timeline);
-    this.jump(0);
+    this.jump(this.start);
   }
 
   close(): void {}
@@ -126,10 +126,11 @@ function hold(held: Map<string, News>, news: News): void {
 
 /** Return the end of the connection that plays what is in `element`; it runs with the animation frames. */
 export async function play(element: Element): Promise<() => RecordedSocket> {
+  const start = Number(element.getAttribute("data-start-s"));
   const [hello, timeline, ...frames] = await unpacked(element.textContent);
   element.remove();
   return () => {
-    const socket = new RecordedSocket(hello, timeline, frames, !matchMedia("(prefers-reduced-motion: reduce)").matches);
+    const socket = new RecordedSocket(hello, timeline, frames, !matchMedia("(prefers-reduced-motion: reduce)").matches, start);
     let before = 0;
     requestAnimationFrame(function begin(now: number): void {
       if (before) socket.advance((now - before) / 1000);

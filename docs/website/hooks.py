@@ -35,6 +35,11 @@ SOURCES = {
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 MESSAGE = re.compile(r"schemas/catalogue/messages/(\w+)\.v(\d+)\.json")
 PARAMETERS = re.compile(r"services/pointit/services/(\w+)/config\.py")
+SECTION = re.compile(
+    r' aria-labelledby="__nav_[^"]*"'
+    r'([^>]*>\s*<label class="md-nav__title"[^>]*>\s*<span[^>]*></span>([^<]*)<)'
+)
+"""Navigation of a section, and its title: the label that names it is empty if the section has a page."""
 FENCE = re.compile(r"^([ ]*```[a-z]+)((?: title=\"[^\"]*\")?)[^\n`]*$", re.MULTILINE)
 
 
@@ -78,3 +83,8 @@ def on_page_markdown(markdown: str, page: Page, **_others: Any) -> str:
         return markdown
     page.meta["hide"] = ["navigation", "toc"]
     return framed(markdown)
+
+
+def on_post_page(output: str, **_others: Any) -> str:
+    """Return the HTML of a page with a name for the navigation of each section."""
+    return SECTION.sub(lambda match: f' aria-label="{match[2].strip()}"{match[1]}', output)

@@ -4,12 +4,15 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
 from docs.website.reference import PAGES
 from tests.docs.blocks import ROOT
 from tests.docs.blocks import blocks as blocks_of
+from tests.e2e.web.axe import SIZES, violations
+from tests.support.browser import chromium, installed
 
 SITE = ROOT / "site"
 
@@ -57,7 +60,32 @@ def test_first_page_plays_a_recording() -> None:
     first = (SITE / "index.html").read_text(encoding="utf-8")
     assert re.search('<iframe [^>]*src="visit.html"', first)
     assert 'src="pictures/window-light.webp"' in first
-    assert '<script id="recording"' in (SITE / "visit.html").read_text(encoding="utf-8")
+    played = (SITE / "visit.html").read_text(encoding="utf-8")
+    found = re.search(r'<script id="recording" type="text/plain" data-start-s="([\d.]+)"', played)
+    assert found is not None
+    assert 1.0 < float(found[1]) < 20.0  # just before the first selection
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_built")
+@pytest.mark.parametrize("theme", ["light", "dark"])
+async def test_nothing_bars_the_way_of_readers(theme: Literal["light", "dark"]) -> None:
+    path = installed()
+    if path is None:
+        pytest.skip("no browser")
+    async with chromium(path) as browser:
+        page = await (await browser.new_context(color_scheme=theme)).new_page()
+        for name in ("index", "gallery", "how-to/index", "how-to/run", "reference/messages"):
+            for width, height in SIZES:
+                await page.set_viewport_size({"width": width, "height": height})
+                await page.goto((SITE / f"{name}.html").as_uri())
+                assert await violations(page) == [], (name, width, height)
+
+
+def test_first_page_has_the_two_commands_and_nothing_for_maintainers() -> None:
+    text = (ROOT / "docs/index.md").read_text(encoding="utf-8")
+    assert {"scripts/demo", "scripts/test"} <= {*text.splitlines()}
+    assert "scripts/docs" not in text
 
 
 def test_a_fence_with_unknown_words_is_refused() -> None:

@@ -93,7 +93,7 @@ def referents(
     Args:
         cursors: rays of its span, in the order of their times, each with origin and direction in {W}.
         targets: what the person may mean, where it is at that time.
-        said: the word.
+        spoken: the word.
         model: constants.
     """
     if not cursors:

@@ -169,7 +169,7 @@ class LifeCycle:
         return self._imu_ns + round(self._config.imu_timeout_s * NS_PER_S)
 
     def _classify_unexpected(self, localization: Localization, now_ns: int) -> Event | None:
-        """Return the event that `localization` is without an attempt. Other clients' attempts count with a target."""
+        """Return the event of `localization` without an attempt. Those of others count with a target."""
         activity = self._before.resumable_activity(localization) if self._stage == "idle" else ""
         if activity == "pointing":
             self._readiness.on_interrupted(now_ns)

@@ -30,7 +30,7 @@ T = TypeVar("T")
 BLINK_NS = NS_PER_S // 2
 """Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
 MOTION_PERIOD_NS = NS_PER_S // 25
-"""Time after which moving objects are drawn again without a new message, ns: some trackers send 5 a second."""
+"""Time after which moving objects are drawn again without a message, ns: some trackers send 5 a second."""
 NOWHERE = Cursor(stamp_ns=0)
 
 

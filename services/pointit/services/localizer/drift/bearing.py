@@ -24,7 +24,7 @@ def predicted_bearing(means: Array, measurement: AnchorMeasurement) -> tuple[Arr
 
     Args:
         means: n x 5, states; only x, y (m) and yaw (rad) of {H} in {W} count.
-        sight: target and origin of the ray.
+        measurement: target and origin of the ray.
 
     Returns:
         azimuth and elevation in {H} (n x 2), their derivatives by the states (n x 2 x 5), horizontal

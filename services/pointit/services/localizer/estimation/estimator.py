@@ -76,7 +76,7 @@ def solve(
 
     Args:
         pointings: at least `settings.min_samples`, at two or more places.
-        trust: weights and limits.
+        settings: weights and limits.
         floor_m: height in {W} of the floor on which the person stands.
         start: a pose found before, used as an additional start.
     """
@@ -232,8 +232,9 @@ def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
     if settings.accepts(replace(solution, covariance=solution.timely, of_latency=np.zeros(3))):
         return (
-            f"{stated}: the latency of what tracks the target is uncertain by {settings.latency_sigma_s:.2f} s; "
-            "have the tracker state its `latency_sigma_s`, or the target move slower"
+            f"{stated}: the latency of what tracks the target is uncertain by "
+            f"{settings.latency_sigma_s:.2f} s; have the tracker state its `latency_sigma_s`, or the target move "
+            "slower"
         )
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
 

@@ -42,7 +42,7 @@ def origins(rays: Sequence[PointingRay]) -> Array:
 
 
 def believed(settings: SolverSettings, rays: Iterable[PointingRay]) -> SolverSettings:
-    """Return `settings` with the elevation uncertainty of the person's calibration, which leaves no known bias.
+    """Return `settings` with the elevation uncertainty of the person's calibration, which leaves no bias.
 
     Only if all rays are of a calibrated person; the largest sigma counts.
     """

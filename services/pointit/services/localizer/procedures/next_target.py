@@ -59,7 +59,7 @@ def fisher_information(targets_m: Array, eyes_m: Array, observation_model: Obser
     Args:
         targets_m: n x 3, {W}.
         eyes_m: p x 3, {W}: positions of the eyes, not straight above or below a target.
-        acuity: noise of a hold.
+        observation_model: noise of a hold.
 
     Returns:
         p x n x 4 x 4, in 1/m², 1/(m·rad), 1/rad².
@@ -107,7 +107,7 @@ def next_target(
     Args:
         lamps_m: positions of the lamps, {W}.
         visits: number of holds at each.
-        acuity: noise of a hold.
+        observation_model: noise of a hold.
         floor_m: height of the floor in {W}.
         place_m: x and y of the person. None if unknown: anywhere in the room.
     """
@@ -160,7 +160,7 @@ def best_for_yaw(
         lamps_m: positions of the lamps, {W}, at least one.
         place_m: x and y of the person.
         covariance: 3 x 3, of x, y, yaw.
-        acuity: noise of a hold.
+        observation_model: noise of a hold.
         floor_m: height of the floor in {W}.
     """
     lamps = np.array(lamps_m, dtype=np.float64)

@@ -17,31 +17,31 @@ BINS = 10
 """Most groups of trials in which learning is shown."""
 
 
-def values_of(study: Trials, measure: str) -> list[TrialRow]:
+def values_of(trials: Trials, measure: str) -> list[TrialRow]:
     """Return the counted trials with a value of `measure`: hits, and for errors also wrong selections.
 
     Raises: ConfigError: If no counted trial has one.
     """
     outcomes = ("hit", "wrong") if measure.startswith("error") else ("hit",)
-    rows = [row for row in study.counted if measure in row.numbers and row.outcome in outcomes]
+    rows = [row for row in trials.counted if measure in row.numbers and row.outcome in outcomes]
     if not rows:
         raise ConfigError(
-            f"{study.folder}: no trial has {measure}; measures are {', '.join(filter(study.has, MEASURES))}"
+            f"{trials.folder}: no trial has {measure}; measures are {', '.join(filter(trials.has, MEASURES))}"
         )
     return rows
 
 
 def participant_medians(
-    study: Trials, measure: str, *factors: str
+    trials: Trials, measure: str, *factors: str
 ) -> dict[tuple[str, ...], dict[str, float]]:
     """Return each participant's median of `measure`, by the levels of `factors` and the participant.
 
     Where a study has further factors, it is the mean over their levels of the medians, so that each level
     weighs the same however many trials were hit. Raises: ConfigError: If nothing is known of `measure`.
     """
-    kept = [study.index(factor) for factor in factors]
+    kept = [trials.index(factor) for factor in factors]
     cells: dict[tuple[tuple[str, ...], str], dict[tuple[str, ...], list[float]]] = {}
-    for row in values_of(study, measure):
+    for row in values_of(trials, measure):
         key = (tuple(row.levels[index] for index in kept), row.participant)
         cells.setdefault(key, {}).setdefault(row.levels, []).append(row.numbers[measure])
     found: dict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
@@ -50,18 +50,18 @@ def participant_medians(
     return found
 
 
-def medians(study: Trials, measure: str = "selection_s") -> Table:
+def medians(trials: Trials, measure: str = "selection_s") -> Table:
     """Return for each condition the median over participants of their medians, with its bootstrap interval.
 
     Raises: ConfigError: If nothing is known of `measure`.
     """
-    found = participant_medians(study, measure, *study.factors)
-    people = ([*found.get(levels, {}).values()] for levels in study.conditions)
-    rows = zip(study.conditions, people, strict=True)
-    return Table({**study.named(levels), **summary(values, "median")} for levels, values in rows)
+    found = participant_medians(trials, measure, *trials.factors)
+    people = ([*found.get(levels, {}).values()] for levels in trials.conditions)
+    rows = zip(trials.conditions, people, strict=True)
+    return Table({**trials.named(levels), **summary(values, "median")} for levels, values in rows)
 
 
-def differences(study: Trials, measure: str = "selection_s") -> Table:
+def differences(trials: Trials, measure: str = "selection_s") -> Table:
     """Return the differences between all pairs of levels of each factor, with intervals of t distributions.
 
     Within participants, differences are of the same people: paired two-sided t-test. Between participants:
@@ -69,13 +69,13 @@ def differences(study: Trials, measure: str = "selection_s") -> Table:
     nothing is known of `measure`.
     """
     table = Table()
-    for factor in study.factors:
-        found = participant_medians(study, measure, factor)
+    for factor in trials.factors:
+        found = participant_medians(trials, measure, factor)
         rows: list[dict[str, Any]] = []
-        for a, b in combinations(study.levels(factor), 2):
+        for a, b in combinations(trials.levels(factor), 2):
             first, second = found.get((a,), {}), found.get((b,), {})
             rows.append(
-                {"factor": factor, "difference": f"{b} - {a}", **_difference(study, factor, first, second)}
+                {"factor": factor, "difference": f"{b} - {a}", **_difference(trials, factor, first, second)}
             )
         _holm(rows)
         table += rows
@@ -83,9 +83,9 @@ def differences(study: Trials, measure: str = "selection_s") -> Table:
 
 
 def _difference(
-    study: Trials, factor: str, first: dict[str, float], second: dict[str, float]
+    trials: Trials, factor: str, first: dict[str, float], second: dict[str, float]
 ) -> dict[str, Any]:
-    is_within = study.is_within(factor)
+    is_within = trials.is_within(factor)
     if is_within:
         both = sorted(first.keys() & second.keys())
         first, second = ({name: one[name] for name in both} for one in (first, second))
@@ -117,16 +117,16 @@ def _holm(rows: list[dict[str, Any]]) -> None:
         row["p_holm"] = worst
 
 
-def outcomes(study: Trials) -> Table:
+def outcomes(trials: Trials) -> Table:
     """Return for each condition the mean over participants of the share of each outcome.
 
     `missed` is the share of trials that did not end with a hit, of those that were not skipped, with its
     bootstrap interval.
     """
     table = Table()
-    for levels in study.conditions:
+    for levels in trials.conditions:
         counts: dict[str, dict[str, int]] = defaultdict(lambda: dict.fromkeys(OUTCOMES, 0))
-        for row in study.counted:
+        for row in trials.counted:
             if row.levels == levels:
                 counts[row.participant][row.outcome] += 1
         shares = {
@@ -135,22 +135,22 @@ def outcomes(study: Trials) -> Table:
         }
         done = [(one, sum(one.values()) - one["skipped"]) for one in counts.values()]
         missed = [1 - one["hit"] / total for one, total in done if total]
-        trials = sum(sum(one.values()) for one in counts.values())
-        columns = summary(missed, "missed", np.mean, trials=trials, **shares)
-        table.append({**study.named(levels), **columns, "participants": len(counts)})
+        attempts = sum(sum(one.values()) for one in counts.values())
+        columns = summary(missed, "missed", np.mean, trials=attempts, **shares)
+        table.append({**trials.named(levels), **columns, "participants": len(counts)})
     return table
 
 
-def learning(study: Trials, measure: str = "selection_s") -> Table:
+def learning(trials: Trials, measure: str = "selection_s") -> Table:
     """Return medians by the number of the trial within its condition, in at most `BINS` groups.
 
     Each value is the median over participants of their medians. Numbers count trials of all outcomes. Raises:
     ConfigError: If nothing is known of `measure`.
     """
-    known = {id(row) for row in values_of(study, measure)}
+    known = {id(row) for row in values_of(trials, measure)}
     seen: Counter[tuple[tuple[str, ...], str]] = Counter()
     numbered: list[tuple[TrialRow, int]] = []
-    for row in study.counted:
+    for row in trials.counted:
         seen[row.levels, row.participant] += 1
         numbered.append((row, seen[row.levels, row.participant]))
     most = max(seen.values())
@@ -161,10 +161,10 @@ def learning(study: Trials, measure: str = "selection_s") -> Table:
             people = cells.setdefault((row.levels, (number - 1) // width), {})
             people.setdefault(row.participant, []).append(row.numbers[measure])
     table = Table()
-    for levels in study.conditions:
+    for levels in trials.conditions:
         for group in range(-(-most // width)):
             values = [float(np.median(one)) for one in cells.get((levels, group), {}).values()]
             ends = {"first_trial": group * width + 1, "last_trial": min((group + 1) * width, most)}
             if values:
-                table.append({**study.named(levels), **summary(values, "median", np.median, **ends)})
+                table.append({**trials.named(levels), **summary(values, "median", np.median, **ends)})
     return table

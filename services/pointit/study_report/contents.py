@@ -28,9 +28,9 @@ class Step:
         arguments = "".join(f', "{each}"' for each in self.arguments)
         return f"study_report.{module}{self.call.__name__}(trials{arguments})"
 
-    def run(self, study: Trials) -> Any:
+    def run(self, trials: Trials) -> Any:
         """Return the result. Raises: ConfigError: If the study has no data for it."""
-        return self.call(study, *self.arguments)
+        return self.call(trials, *self.arguments)
 
 
 @dataclass(frozen=True)
@@ -42,25 +42,25 @@ class Section:
     steps: tuple[Step, ...]
 
 
-def sections(study: Trials) -> Iterator[Section]:
-    """Yield the sections of the report of `study`. Tasks and measures without data are left out."""
-    for measure in filter(study.has, MEASURES):
+def sections(trials: Trials) -> Iterator[Section]:
+    """Yield the sections of the report of `trials`. Tasks and measures without data are left out."""
+    for measure in filter(trials.has, MEASURES):
         about = ABOUT["errors" if measure.startswith("error") else "hits"]
         yield Section(capital(MEASURES[measure]), about, _both("medians", measure))
-        if study.factors:
+        if trials.factors:
             about = ABOUT["differences"]
             yield Section(f"Differences: {MEASURES[measure]}", about, _both("differences", measure))
     yield Section("Outcomes", ABOUT["outcomes"], _both("outcomes"))
     yield Section("Learning", ABOUT["learning"], _both("learning"))
     for unit, title in (("m", "Throughput and Fitts' law"), ("deg", "Throughput and Fitts' law of angles")):
-        if study.has(f"target_width_{unit}"):
+        if trials.has(f"target_width_{unit}"):
             steps = [Step(sequences.throughput, (unit,)), Step(sequences.omissions, (unit,))]
             for index in ("m",) if unit == "m" else ("deg", "kopper"):
                 steps += [Step(figures.fitts, (index,)), Step(tapping.fitts, (index,))]
             yield Section(title, ABOUT[unit], tuple(steps))
-    if study.answers:
+    if trials.answers:
         yield Section("Questionnaires", ABOUT["questionnaires"], (Step(scores.questionnaires),))
-    if study.factors and len(study.participants) > 1:
+    if trials.factors and len(trials.participants) > 1:
         yield Section("Linear mixed model", ABOUT["mixed"], (Step(mixed.mixed_model),))
 
 

@@ -37,25 +37,25 @@ STYLE: dict[str, Any] = {
 WIDE_IN = 6.4
 
 
-def medians(study: Trials, measure: str = "selection_s") -> Figure:
+def medians(trials: Trials, measure: str = "selection_s") -> Figure:
     """Return the table `medians` as a figure; small dots are participants."""
-    table = comparisons.medians(study, measure)
-    people = comparisons.participant_medians(study, measure, *study.factors)
+    table = comparisons.medians(trials, measure)
+    people = comparisons.participant_medians(trials, measure, *trials.factors)
     figure, axes = _axes(len(table))
-    for place, (row, levels) in enumerate(zip(table, study.conditions, strict=True)):
+    for place, (row, levels) in enumerate(zip(table, trials.conditions, strict=True)):
         values = [*people.get(levels, {}).values()]
         spread = np.linspace(-0.25, 0.25, len(values)) if len(values) > 1 else [0.0] * len(values)
         axes.plot(values, place + np.array(spread), "o", color=COLOURS[place % 7], ms=3, alpha=0.55)
         _interval(axes, place, row, "median")
-    _rows(axes, [study.label(levels) for levels in study.conditions])
+    _rows(axes, [trials.label(levels) for levels in trials.conditions])
     axes.set_xlim(left=0)
     axes.set_xlabel(MEASURES.get(measure, measure))
     return figure
 
 
-def differences(study: Trials, measure: str = "selection_s") -> Figure:
+def differences(trials: Trials, measure: str = "selection_s") -> Figure:
     """Return the table `differences` as a figure."""
-    table = comparisons.differences(study, measure)
+    table = comparisons.differences(trials, measure)
     figure, axes = _axes(len(table))
     axes.axvline(0, color=INK, lw=0.8, ls=":")
     for place, row in enumerate(table):
@@ -65,26 +65,26 @@ def differences(study: Trials, measure: str = "selection_s") -> Figure:
     return figure
 
 
-def outcomes(study: Trials) -> Figure:
+def outcomes(trials: Trials) -> Figure:
     """Return the shares of outcomes as a figure."""
-    table = comparisons.outcomes(study)
+    table = comparisons.outcomes(trials)
     figure, axes = _axes(len(table), legend=True)
     begin = np.zeros(len(table))
     for name, colour in zip(OUTCOMES, ("#009e73", "#d55e00", "#e69f00", "#8a8a8a"), strict=True):
         shares = np.array([row[name] for row in table])
         axes.barh(range(len(table)), shares * 100, left=begin * 100, color=colour, height=0.6, label=name)
         begin += shares
-    _rows(axes, [study.label(levels) for levels in study.conditions])
+    _rows(axes, [trials.label(levels) for levels in trials.conditions])
     axes.set_xlim(0, 100)
     axes.set_xlabel("share of trials, %")
     axes.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=4, frameon=False, labelcolor=INK)
     return figure
 
 
-def learning(study: Trials, measure: str = "selection_s") -> Figure:
+def learning(trials: Trials, measure: str = "selection_s") -> Figure:
     """Return the table `learning` as a figure, a line for each condition."""
     figure, axes = _axes(6)
-    for place, (label, rows) in enumerate(_by_condition(study, comparisons.learning(study, measure))):
+    for place, (label, rows) in enumerate(_by_condition(trials, comparisons.learning(trials, measure))):
         number = np.array([(row["first_trial"] + row["last_trial"]) / 2 for row in rows])
         axes.plot(number, [row["median"] for row in rows], "o-", ms=4, color=COLOURS[place % 7], label=label)
         if all(row["low"] is not None for row in rows):
@@ -98,16 +98,16 @@ def learning(study: Trials, measure: str = "selection_s") -> Figure:
     return figure
 
 
-def fitts(study: Trials, index: Index = "m") -> Figure:
+def fitts(trials: Trials, index: Index = "m") -> Figure:
     """Return the regressions of the table `fitts` as a figure; dots are means over participants."""
-    points = tapping.fitts_points(study, index)
+    points = tapping.fitts_points(trials, index)
     figure, axes = _axes(6)
-    for place, row in enumerate(tapping.fitts(study, index)):
-        group = tuple((factor, row[factor]) for factor in study.factors if factor in row)
+    for place, row in enumerate(tapping.fitts(trials, index)):
+        group = tuple((factor, row[factor]) for factor in trials.factors if factor in row)
         bits = points[group].bits
         whole = points[group].times.mean(axis=0)
         colour = COLOURS[place % 7]
-        axes.plot(bits, whole, "o", color=colour, ms=5, label=study.label(level for _, level in group))
+        axes.plot(bits, whole, "o", color=colour, ms=5, label=trials.label(level for _, level in group))
         ends = np.array([bits.min(), bits.max()])
         axes.plot(ends, row["intercept_s"] + row["slope_s_per_bit"] * ends, color=colour)
     axes.set_ylim(bottom=0)
@@ -154,10 +154,10 @@ def _interval(axes: Any, place: int, row: dict[str, Any], column: str) -> None:
         axes.plot([row[column]], [place], "D", color=colour, ms=6)
 
 
-def _by_condition(study: Trials, table: Table) -> list[tuple[str, list[dict[str, Any]]]]:
+def _by_condition(trials: Trials, table: Table) -> list[tuple[str, list[dict[str, Any]]]]:
     found: dict[str, list[dict[str, Any]]] = {}
     for row in table:
-        found.setdefault(study.label(row[factor] for factor in study.factors), []).append(row)
+        found.setdefault(trials.label(row[factor] for factor in trials.factors), []).append(row)
     return [*found.items()]
 
 

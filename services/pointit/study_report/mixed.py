@@ -64,7 +64,7 @@ def fit(values: Floats, design: Floats, groups: Sequence[str]) -> Fit:
     return Fit(effects, errors, float(np.sqrt(ratio * variance)), float(np.sqrt(variance)))
 
 
-def mixed_model(study: Trials, measure: str = "selection_s") -> Table:
+def mixed_model(trials: Trials, measure: str = "selection_s") -> Table:
     """Return the model of the logarithm of `measure`, of single trials: main effects of all factors.
 
     Effects are against the first level of a factor, as ratios: 1.2 means 20 % longer. Intervals and p (Wald)
@@ -74,14 +74,14 @@ def mixed_model(study: Trials, measure: str = "selection_s") -> Table:
     Raises: ConfigError: If nothing is known of `measure`, there is no factor or only one participant, or
         effects cannot be told apart.
     """
-    rows = [row for row in values_of(study, measure) if row.numbers[measure] > 0]
+    rows = [row for row in values_of(trials, measure) if row.numbers[measure] > 0]
     people = [row.participant for row in rows]
-    if len(set(people)) < 2 or not study.factors:
-        raise ConfigError(f"{study.folder}: a mixed model needs two participants and a factor")
+    if len(set(people)) < 2 or not trials.factors:
+        raise ConfigError(f"{trials.folder}: a mixed model needs two participants and a factor")
     names, columns = ["(Intercept)"], [np.ones(len(rows))]
-    for index, factor in enumerate(study.factors):
+    for index, factor in enumerate(trials.factors):
         present = {row.levels[index] for row in rows}
-        first, *others = [level for level in study.levels(factor) if level in present]
+        first, *others = [level for level in trials.levels(factor) if level in present]
         for level in others:
             names.append(f"{factor}: {level} / {first}")
             columns.append(np.array([float(row.levels[index] == level) for row in rows]))

@@ -25,30 +25,30 @@ from pointit.study_report import figures
 trials = study_report.trials({folder!r})"""
 
 
-def report(study: Trials, folder: str, tell: Callable[[str], object] = lambda _: None) -> tuple[str, str]:
-    """Return the page of `study`, and a notebook (nbformat 4.5, JSON) without results, which makes the same.
+def report(trials: Trials, folder: str, tell: Callable[[str], object] = lambda _: None) -> tuple[str, str]:
+    """Return the page of `trials`, and a notebook (nbformat 4.5, JSON) without results, which makes the same.
 
     `folder` is the study's, as seen from the notebook's. `tell` is called with the title of each section.
     """
-    parts = [_head(study)]
-    cells = [_cell("markdown", f"# {study.title}"), _cell("code", SETUP.format(folder=folder))]
-    for place, section in enumerate(sections(study)):
+    parts = [_head(trials)]
+    cells = [_cell("markdown", f"# {trials.title}"), _cell("code", SETUP.format(folder=folder))]
+    for place, section in enumerate(sections(trials)):
         tell(section.title)
         parts.append(f'<h2>{escape(section.title)}</h2><p class="about">{escape(section.about)}</p>')
         cells.append(_cell("markdown", f"## {section.title}\n\n{section.about}"))
         missing = dict[str, None]()
         for number, step in enumerate(section.steps):
             try:
-                result = step.run(study)
+                result = step.run(trials)
             except ConfigError as error:
-                missing[capital(str(error).removeprefix(f"{study.folder}: ")) + "."] = None
+                missing[capital(str(error).removeprefix(f"{trials.folder}: ")) + "."] = None
                 continue
             parts.append(_shown(result, f"s{place}-{number}", section.title))
             parts.append(f"<pre><code>{escape(step.code)}</code></pre>")
             cells.append(_cell("code", step.code))
         parts += [f"<p>{escape(sentence)}</p>" for sentence in missing]
         cells += [_cell("markdown", sentence) for sentence in missing]
-    read = escape(f"trials = study_report.trials({str(study.folder)!r})")
+    read = escape(f"trials = study_report.trials({str(trials.folder)!r})")
     parts.append(
         f"<footer><p>Made by PointIt {escape(pointit_version())}. Bootstrap: {RESAMPLES} draws,"
         " fixed seed. Each grey line makes what is above it, after"
@@ -62,27 +62,27 @@ def report(study: Trials, folder: str, tell: Callable[[str], object] = lambda _:
     return "\n".join(parts), json.dumps(book, indent=1, ensure_ascii=False) + "\n"
 
 
-def notes_of(study: Trials) -> list[str]:
-    """Return sentences on all that is left out of the report of `study`."""
-    return [*study.notes, *omission_notes(study)]
+def notes_of(trials: Trials) -> list[str]:
+    """Return sentences on all that is left out of the report of `trials`."""
+    return [*trials.notes, *omission_notes(trials)]
 
 
-def _head(study: Trials) -> str:
-    count = len(study.participants)
-    facts = f"{count} participant{'s' * (count != 1)}, {len(study.counted)} trials"
-    facts += f" in {len(study.conditions)} conditions"
-    for factor in study.factors:
-        kind = "within" if study.is_within(factor) else "between"
-        facts += f"; factor {factor} ({kind} participants): {', '.join(study.levels(factor))}"
-    notes = notes_of(study)
+def _head(trials: Trials) -> str:
+    count = len(trials.participants)
+    facts = f"{count} participant{'s' * (count != 1)}, {len(trials.counted)} trials"
+    facts += f" in {len(trials.conditions)} conditions"
+    for factor in trials.factors:
+        kind = "within" if trials.is_within(factor) else "between"
+        facts += f"; factor {factor} ({kind} participants): {', '.join(trials.levels(factor))}"
+    notes = notes_of(trials)
     if count == 1:
         notes.append("One participant: there are no intervals over participants and no tests.")
     listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(study.title)}</title><style>{STYLE}</style></head><body>"
-        f"<h1>{escape(study.title)}</h1><p>{escape(facts)}.</p>" + (f"<ul>{listed}</ul>" if listed else "")
+        f"<title>{escape(trials.title)}</title><style>{STYLE}</style></head><body>"
+        f"<h1>{escape(trials.title)}</h1><p>{escape(facts)}.</p>" + (f"<ul>{listed}</ul>" if listed else "")
     )
 
 

@@ -38,7 +38,7 @@ class Spread:
         return "paired t-test, two-sided" if self.is_within else "Welch's t-test, two-sided"
 
 
-def spread(study: Trials, factor: str, first: str, second: str, measure: str = "selection_s") -> Spread:
+def spread(trials: Trials, factor: str, first: str, second: str, measure: str = "selection_s") -> Spread:
     """Return the spread of the participants' medians of `measure` in a pilot.
 
     A sample's deviations are too small by the square root of n / (n - 1), which is corrected.
@@ -46,19 +46,19 @@ def spread(study: Trials, factor: str, first: str, second: str, measure: str = "
     Raises: ConfigError: If there is no such factor, level or measure, or fewer than four participants (of
         each level, if it is a factor between participants).
     """
-    levels = study.levels(factor)
+    levels = trials.levels(factor)
     for level in (first, second):
         if level not in levels:
-            raise ConfigError(f"{study.folder}: {factor} has no level {level!r}, but {', '.join(levels)}")
-    found = participant_medians(study, measure, factor)
+            raise ConfigError(f"{trials.folder}: {factor} has no level {level!r}, but {', '.join(levels)}")
+    found = participant_medians(trials, measure, factor)
     one, other = found.get((first,), {}), found.get((second,), {})
-    is_within = study.is_within(factor)
+    is_within = trials.is_within(factor)
     if is_within:
         both = sorted(one.keys() & other.keys())
         one, other = ({name: each[name] for name in both} for each in (one, other))
     if (count := min(len(one), len(other))) < 4:
         raise ConfigError(
-            f"{study.folder}: {count} participants with {first} and {second}; a pilot needs 4, better 12"
+            f"{trials.folder}: {count} participants with {first} and {second}; a pilot needs 4, better 12"
         )
     values = [np.array([*each.values()]) for each in (one, other)]
     mean = float(values[0].mean())

@@ -25,7 +25,7 @@ def system_usability(values: Sequence[float]) -> float:
     return 2.5 * sum(value - 1 if item % 2 else 5 - value for item, value in enumerate(values, 1))
 
 
-def questionnaires(study: Trials) -> Table:
+def questionnaires(trials: Trials) -> Table:
     """Return scores by questionnaire and condition: means over participants, with bootstrap intervals.
 
     SUS becomes its score. NASA-TLX becomes the mean of its items, the raw TLX (Hart, 2006), followed by its
@@ -35,12 +35,12 @@ def questionnaires(study: Trials) -> Table:
     Raises: ConfigError: If there is no answer that is a number, or one of SUS cannot be used.
     """
     sheets: dict[tuple[str, ...], dict[str, float]] = defaultdict(dict)
-    for row in study.answers:
+    for row in trials.answers:
         if NUMBER.fullmatch(row["value"]):
             key = tuple(row[name] for name in ("questionnaire", "condition", "block", "participant"))
             sheets[key][row["item"]] = float(row["value"])
     if not sheets:
-        raise ConfigError(f"{study.folder}: no answer to a questionnaire that is a number")
+        raise ConfigError(f"{trials.folder}: no answer to a questionnaire that is a number")
     scores: dict[tuple[str, str, str], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for (name, condition, _, participant), answers in sheets.items():
         items = dict(answers)

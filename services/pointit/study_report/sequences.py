@@ -53,7 +53,7 @@ class Sequences(NamedTuple):
     """Number of trials that began at a known target."""
 
 
-def sequences(study: Trials, unit: Unit = "m") -> Sequences:
+def sequences(trials: Trials, unit: Unit = "m") -> Sequences:
     """Return the sequences of tapping of a study.
 
     A sequence is the trials of a block with the same condition, distance and width. A movement begins at the
@@ -61,22 +61,22 @@ def sequences(study: Trials, unit: Unit = "m") -> Sequences:
     the distance are gross errors and left out (Soukoreff and MacKenzie, 2004). Times include reaction and
     dwell. Errors in degrees are those in metres, at the distance of the target.
     """
-    moved = movements(study)
+    moved = movements(trials)
     kept = [name for name, _ in moved[0].group] if moved else []
-    by_trial = [tuple((name, row.levels[study.index(name)]) for name in kept) for row in study.counted]
+    by_trial = [tuple((name, row.levels[trials.index(name)]) for name in kept) for row in trials.counted]
     by_key: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
     for each in moved:
         by_key[each.trial.participant, each.trial.block, each.trial.levels, each.size_m].append(each)
     found = [_sequence(each, unit) for each in by_key.values()]
     valid = [each for each in found if each.effective is not None]
-    own_groups = groups_of_participants(study, [each.group for each in valid])
+    own_groups = groups_of_participants(trials, [each.group for each in valid])
     there = {(each.group, each.participant, each.size_m) for each in valid}
     is_matched = [
         all((group, each.participant, each.size_m) in there for group in own_groups[each.participant])
         for each in valid
     ]
     return Sequences(
-        groups=tuple(dict.fromkeys(sorted(by_trial, key=lambda group: _place(study, group)))),
+        groups=tuple(dict.fromkeys(sorted(by_trial, key=lambda group: _place(trials, group)))),
         used=[each for each, is_used in zip(valid, is_matched, strict=True) if is_used],
         unmatched=[each for each, is_used in zip(valid, is_matched, strict=True) if not is_used],
         short=[each for each in found if each.effective is None],
@@ -85,8 +85,8 @@ def sequences(study: Trials, unit: Unit = "m") -> Sequences:
     )
 
 
-def _place(study: Trials, group: Group) -> list[int]:
-    return [study.levels(name).index(level) for name, level in group]
+def _place(trials: Trials, group: Group) -> list[int]:
+    return [trials.levels(name).index(level) for name, level in group]
 
 
 def _sequence(moved: Sequence[Movement], unit: Unit) -> TapSequence:
@@ -112,7 +112,7 @@ def _sequence(moved: Sequence[Movement], unit: Unit) -> TapSequence:
     )
 
 
-def throughput(study: Trials, unit: Unit = "m") -> Table:
+def throughput(trials: Trials, unit: Unit = "m") -> Table:
     """Return the throughput of each `Group`: the mean over participants of the means of their `sequences`.
 
     All conditions are of the same participants, distances and widths, but for factors between participants.
@@ -120,11 +120,11 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
 
     Raises: ConfigError: If no participant has a sequence in each of their conditions.
     """
-    found = sequences(study, unit)
+    found = sequences(trials, unit)
     if not found.used:
         total = len(found.short) + len(found.unmatched)
         raise ConfigError(
-            f"{study.folder}: no participant has {MIN_SEQUENCE_TRIALS} selections in a row with one distance"
+            f"{trials.folder}: no participant has {MIN_SEQUENCE_TRIALS} selections in a row with one distance"
             f" and width in {unit} in each condition, so there is no throughput (it is of tapping tasks): of"
             f" {total} sequences {len(found.short)} are shorter, {len(found.unmatched)} have no counterpart"
         )
@@ -145,7 +145,7 @@ def throughput(study: Trials, unit: Unit = "m") -> Table:
     return table
 
 
-def omissions(study: Trials, unit: Unit = "m") -> Table:
+def omissions(trials: Trials, unit: Unit = "m") -> Table:
     """Return for each `Group` the number of counted trials, and of those that are not in its throughput.
 
     `no_start`: the first of a block, or the trial before has no target. `no_selection`: nothing was selected,
@@ -153,7 +153,7 @@ def omissions(study: Trials, unit: Unit = "m") -> Table:
     `MIN_SEQUENCE_TRIALS`. `in_unmatched_sequences`: the participant has none of that size in another
     condition.
     """
-    found, table = sequences(study, unit), Table()
+    found, table = sequences(trials, unit), Table()
     for group in found.groups:
         used, unmatched, short = (
             [each for each in kind if each.group == group]
@@ -172,14 +172,14 @@ def omissions(study: Trials, unit: Unit = "m") -> Table:
     return table
 
 
-def omission_notes(study: Trials, unit: Unit = "m") -> list[str]:
+def omission_notes(trials: Trials, unit: Unit = "m") -> list[str]:
     """Return a sentence for each condition whose throughput lacks sequences, none without a throughput."""
     notes: list[str] = []
-    table = omissions(study, unit)
+    table = omissions(trials, unit)
     for row in table if any(row["used"] for row in table) else ():
         short, unmatched = row["short_sequences"], row["unmatched_sequences"]
         if short or unmatched:
-            name = study.label(row[factor] for factor in study.factors if factor in row)
+            name = trials.label(row[factor] for factor in trials.factors if factor in row)
             total = row["sequences"] + short + unmatched
             notes.append(
                 f"Throughput of {name} in {unit}: {short + unmatched} of {total} sequences are left out,"

@@ -52,11 +52,11 @@ class Movement(NamedTuple):
     group: Group = ()
 
 
-def movements(study: Trials) -> list[Movement]:
+def movements(trials: Trials) -> list[Movement]:
     """Return the movements of all counted trials with a width, a target and a target before, by condition."""
     found: list[Movement] = []
     error_m = np.nan
-    for start, row in zip(study.counted, study.counted[1:], strict=False):
+    for start, row in zip(trials.counted, trials.counted[1:], strict=False):
         before_m, error_m = error_m, np.nan
         is_next = (start.participant, start.block) == (row.participant, row.block)
         if not is_next or not all(name in each.numbers for name in TARGET for each in (start, row)):
@@ -68,12 +68,12 @@ def movements(study: Trials) -> list[Movement]:
             if all(name in row.numbers for name in SELECTED):
                 error_m = float((_point(row, SELECTED) - target) @ line) / distance_m
             found.append(Movement(row, distance_m, error_m, before_m))
-    found.sort(key=lambda each: study.conditions.index(each.trial.levels))
+    found.sort(key=lambda each: trials.conditions.index(each.trial.levels))
     distances = _merged([each.distance_m for each in found])
     widths = _merged([each.trial.numbers["target_width_m"] for each in found])
     sizes = [(distances[each.distance_m], widths[each.trial.numbers["target_width_m"]]) for each in found]
-    kept = [factor for factor in study.factors if not _sets_size(study.index(factor), found, sizes)]
-    groups = (tuple((name, each.trial.levels[study.index(name)]) for name in kept) for each in found)
+    kept = [factor for factor in trials.factors if not _sets_size(trials.index(factor), found, sizes)]
+    groups = (tuple((name, each.trial.levels[trials.index(name)]) for name in kept) for each in found)
     return [
         each._replace(size_m=size, group=group)
         for each, size, group in zip(found, sizes, groups, strict=True)
@@ -138,11 +138,11 @@ def effective(distance: Floats, error: Floats, before: Floats, seconds: Floats) 
     return Effective(float(moved[known].mean()), width, float(seconds[known].mean()))
 
 
-def groups_of_participants(study: Trials, groups: Iterable[Group]) -> dict[str, list[Group]]:
+def groups_of_participants(trials: Trials, groups: Iterable[Group]) -> dict[str, list[Group]]:
     """Return those of `groups` that each participant should have: those with their levels between people."""
-    between = [factor for factor in study.factors if not study.is_within(factor)]
+    between = [factor for factor in trials.factors if not trials.is_within(factor)]
     own = {
-        row.participant: {name: row.levels[study.index(name)] for name in between} for row in study.counted
+        row.participant: {name: row.levels[trials.index(name)] for name in between} for row in trials.counted
     }
     all_groups = list(dict.fromkeys(groups))
     return {
@@ -171,16 +171,16 @@ class FittsPoints(NamedTuple):
     """Number of the other participants."""
 
 
-def fitts_points(study: Trials, index: Index = "m") -> dict[Group, FittsPoints]:
+def fitts_points(trials: Trials, index: Index = "m") -> dict[Group, FittsPoints]:
     """Return the points of the regression of each condition that has three indices of difficulty."""
     names = ("target_distance_deg", "target_width_deg")
     cells: dict[Group, dict[tuple[float, float], list[TrialRow]]] = defaultdict(lambda: defaultdict(list))
-    for each in movements(study):
+    for each in movements(trials):
         if each.trial.outcome == "hit" and (index == "m" or each.trial.numbers.keys() >= {*names}):
             cells[each.group][each.size_m].append(each.trial)
     difficulty = {group: _difficulty(sizes, index) for group, sizes in cells.items()}
     cells = {group: cells[group] for group, values in difficulty.items() if len({*values.tolist()}) >= 3}
-    own_groups = groups_of_participants(study, cells)
+    own_groups = groups_of_participants(trials, cells)
     times = {group: _times(sizes) for group, sizes in cells.items()}
     whole = {
         group: {name for name, own in people.items() if None not in own} for group, people in times.items()
@@ -221,7 +221,7 @@ def _difficulty(sizes: Mapping[tuple[float, float], Sequence[TrialRow]], index: 
     return bits(distance, width, index)
 
 
-def fitts(study: Trials, index: Index = "m") -> Table:
+def fitts(trials: Trials, index: Index = "m") -> Table:
     """Return the regression of the time over the index of difficulty, of each `Group`.
 
     The points are the means over participants. Intervals are bootstrap intervals over participants.
@@ -230,7 +230,7 @@ def fitts(study: Trials, index: Index = "m") -> Table:
     Raises: ConfigError: If no condition has three indices of difficulty.
     """
     table = Table()
-    for group, (difficulty, whole, left_out) in fitts_points(study, index).items():
+    for group, (difficulty, whole, left_out) in fitts_points(trials, index).items():
         if not len(whole):
             continue
         fit = stats.linregress(difficulty, whole.mean(axis=0))
@@ -253,7 +253,7 @@ def fitts(study: Trials, index: Index = "m") -> Table:
         table.append({**dict(group), **row, "left_out": left_out})
     if not table:
         raise ConfigError(
-            f"{study.folder}: no condition has three different distances or widths of all its"
+            f"{trials.folder}: no condition has three different distances or widths of all its"
             " participants, so there is no regression; add targets of other sizes"
         )
     return table

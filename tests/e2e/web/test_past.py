@@ -129,7 +129,7 @@ async def test_recording_is_played_and_scrubbed(
     await window.until(f"{SELECTED}.length === 0", "what was selected before")
     await page.mouse.up()
     await page.mouse.move(*await on(lane, recorded.share))
-    await expect(lane.locator("..")).to_have_attribute("title", f"selected {_called(recorded.event)}")
+    await expect(page.locator(".tip")).to_contain_text(f"selected {_called(recorded.event)}")
 
     await page.keyboard.press("e")
     await window.until(f"Math.abs({POSITION} - {recorded.at_s}) < 0.02", "a key leads to the selection")

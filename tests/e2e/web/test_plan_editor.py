@@ -60,6 +60,7 @@ async def test_a_strip_is_moved_undone_checked_and_saved_and_the_cursor_follows(
     window = await Window.open(browser, site.url, scripts=(NO_WEBGL,))
     await window.is_shown()
     page = window.page
+    await page.get_by_role("tab", name="Set up").click()
     await page.get_by_role("button", name="Edit the map").click()
     editor, side = page.locator("dialog.editor"), page.locator(".edit-side")
     strip, status = page.get_by_role("button", name="Strip shelf"), side.get_by_role("status").first

@@ -66,7 +66,7 @@ def headed(folder: Path) -> None:
             edited(",hit,", ",Hit,"),
             r"P02/trials\.csv, line 2: outcome is 'Hit', not one of hit, wrong, timeout",
         ),
-        (edited(",0.050000,", ",nan,"), "line 2: target_width_m is 'nan', not a number or empty"),
+        (edited(",0.050000,", ",wide,"), "line 2: target_width_m is 'wide', not a number or empty"),
         (edited("P02,1,1,1,0", "P02,1,1,one,0"), "line 2: attempt is 'one', not a whole number"),
         (edited(",method,", ",mode,"), r"P02/trials\.csv: no column method; restore the table"),
         (edited(",dwell,", ",Dwell,"), r"P02/trials\.csv: method 'Dwell' is not of the study; correct it"),

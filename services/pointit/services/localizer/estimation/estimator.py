@@ -233,8 +233,8 @@ def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
     if settings.accepts(replace(solution, covariance=solution.timely, of_latency=np.zeros(3))):
         return (
             f"{stated}: the latency of what tracks the target is uncertain by "
-            f"{settings.latency_sigma_s:.2f} s; have the tracker state its `latency_sigma_s`, or the target move "
-            "slower"
+            f"{settings.latency_sigma_s:.2f} s; have the tracker state its `latency_sigma_s`, or the target "
+            "move slower"
         )
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
 

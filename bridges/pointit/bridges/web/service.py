@@ -304,6 +304,8 @@ class Web(Service[WebConfig]):
             case Deployment():
                 self._devices.on_deployment(message)
                 self._changed()
+                if not message.services:
+                    self._pages.tell_status()  # now, as this process may end with the run
             case SelectionEvent():
                 self._past.hear(message)
             case Health():

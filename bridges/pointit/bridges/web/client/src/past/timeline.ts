@@ -12,6 +12,8 @@ const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 const REACH_PX = 6;
 /** Room of a label of the axis, px. */
 const LABEL_PX = 70;
+/** Time before the end from which playing begins anew, s: positions are rounded. */
+const END_S = 0.05;
 const SVG = "http://www.w3.org/2000/svg";
 
 export interface Timeline {
@@ -166,7 +168,7 @@ export function makeTimeline(host: HTMLElement, controls: Controls, say: (text: 
     },
     toggle() {
       const isPlaying = site.playing?.is_playing ?? false;
-      const isOver = !isPlaying && position(site) >= (site.timeline?.length_s ?? 0);
+      const isOver = !isPlaying && position(site) >= (site.timeline?.length_s ?? 0) - END_S;
       connection.play({ is_playing: !isPlaying, ...(isOver ? { at_s: 0 } : {}) });
     },
     step: (by) => connection.play({ step: by }),

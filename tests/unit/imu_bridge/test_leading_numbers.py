@@ -1,13 +1,15 @@
 """Numbers and names in front of quaternions: sensors, clocks that start at 0, counts and ids of messages."""
 
+import math
 from collections.abc import Sequence
 
 import pytest
 
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.reading import Reading
-from pointit.services.imu_bridge.serial.fifth_number import MAX_RISES
+from pointit.services.imu_bridge.serial.fifth_number import MAX_OPEN, MAX_RISES
 from pointit.services.imu_bridge.serial.text_line import TextFramer
+from pointit.services.imu_bridge.streams.json_content import Order
 from pointit.services.imu_bridge.streams.sensor_choice import MAX_NAMES, SensorChoice
 
 ARM, OTHER = (0.6, 0.0, 0.0, 0.8), (0.0, 0.0, 0.8, 0.6)
@@ -87,6 +89,20 @@ def test_accuracy_that_changes_now_and_then_is_no_sensor(kind: str) -> None:
     lines = [f"{text(ARM)},{2 + (n * 7 % 10 > 6)}" for n in range(N)]
     readings, warning = read_lines(lines, kind)
     assert (len(readings), warning) == (N, "")
+
+
+@pytest.mark.parametrize(
+    ("line", "order"),
+    [("{x:.4f},0.0000,0.0000,{w:.4f},0.05", "xyzw"), ("0,{w:.4f},0.0000,0.0000,{x:.4f}", "wxyz")],
+)
+def test_number_beside_the_quaternion_of_a_level_wrist_is_told_by_signs(line: str, order: Order) -> None:
+    framer = TextFramer(order)  # the first and the last four have norm 1
+    angles = [0.02 * math.sin(n / 3) for n in range(N)]
+    lines = [line.format(x=math.sin(each), w=math.cos(each)) for each in angles]
+    items = framer.feed("\n".join(["", *lines, ""]).encode(), 0)
+    assert framer.bad == 0, framer.reason
+    assert len(items) > N - MAX_OPEN - MAX_RISES
+    assert all(each.world_from_sensor[3] > 0.99 for each in items if isinstance(each, Reading))
 
 
 @pytest.mark.parametrize(

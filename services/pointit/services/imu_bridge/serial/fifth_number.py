@@ -87,8 +87,10 @@ class FifthNumber:
         self._fifth: Fifth = fifth
         self._is_behind: bool | None = None
         """Side in the newest line in which the norms told it."""
+        self._first = 0.0
+        """First number of the newest line in which they did not."""
         self._open = 0
-        """Number of lines in which they did not."""
+        """Number of such lines."""
         self._leading = LeadingNumber()
         self._trailing = TrailingNumber()
 
@@ -124,6 +126,12 @@ class FifthNumber:
             )
             if fits_behind != fits_front:
                 return fits_behind
+            before, self._first = self._first, numbers[0]
+            is_falling = self._first < before and not self._first.is_integer()
+            is_no_front, is_no_accuracy = self._first < 0 or is_falling, numbers[4] < 0
+            if is_no_front != is_no_accuracy:
+                self._is_behind = is_no_front
+                return is_no_front
             self._open += 1
             if self._open <= MAX_OPEN:
                 return None

@@ -114,16 +114,26 @@ def test_order_in_a_label_is_used(label: str) -> None:
     assert turned.orientation_xyzw == pytest.approx(XYZW, abs=2e-3) or "x" in label
 
 
+def test_vectornavs_quaternion_has_its_scalar_last() -> None:
+    parsed = read("$VNQTN,-0.017386,-0.000303,+0.055490,+0.998308*56")
+    assert parsed.orientation_xyzw == pytest.approx((-0.017386, -0.000303, 0.05549, 0.998308), abs=1e-5)
+
+
 @pytest.mark.parametrize(
     ("header", "line"),
     [
         ("qx,qy,qz,qw", "0.28,-0.64,0.48,0.5333"),
         ("time,x,y,z,w", "91000,0.28,-0.64,0.48,0.5333"),
         ("qw\tqx\tqy\tqz", NUMBERS),
+        ("t [s],qx [1],qy [1],qz [1],qw [1]", "91000,0.28,-0.64,0.48,0.5333"),
+        (
+            "loggingTime(txt),motionQuaternionX(R),motionQuaternionY(R),motionQuaternionZ(R),motionQuaternionW(R)",
+            "2024-05-01T12:00:00.250+02:00,0.28,-0.64,0.48,0.5333",
+        ),
     ],
 )
 def test_order_in_a_header_is_used(header: str, line: str) -> None:
-    parser = LineParser("wxyz" if header.endswith("w") else "xyzw")
+    parser = LineParser("xyzw" if line is NUMBERS else "wxyz")
     assert parser.parse(header.encode()) is None
     assert read(line, parser).orientation_xyzw == pytest.approx(XYZW, abs=2e-3)
 

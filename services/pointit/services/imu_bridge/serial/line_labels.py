@@ -43,6 +43,9 @@ _ORDERS: dict[str, Order] = {"wxyz": "wxyz", "xyzw": "xyzw"}
 _ORDER = re.compile(
     r"(?<![a-pr-z])(?:(w)[\W_]*x[\W_]*y[\W_]*z|x[\W_]*y[\W_]*z[\W_]*w)(?![a-z])", re.IGNORECASE
 )
+_SCALAR_LAST = "VNQTN"
+"""Name of VectorNav's sentence with a quaternion."""
+_UNIT_OF_COLUMN = re.compile(r"(?<=\w)\s?[(\[][^\s,;|()\[\]]*[)\]]")
 _KINDS = frozenset({"quaternion", "quaternions", "quat", "quats", "q", "game", "rotation", "vector"})
 """Words for the quaternion, which do not tell sensors apart."""
 _GENERIC = frozenset({"sensor", "imu", "id", "device"})
@@ -110,15 +113,16 @@ def names(label: str, *, is_behind: bool = False) -> tuple[str, ...]:
 
 
 def stated_order(label: str) -> Order | None:
-    """Return the order that a label such as `quat xyzw` states, or None."""
+    """Return the order that a label such as `quat xyzw` or `VNQTN` states, or None."""
     found = _ORDER.search(label)
     if found is None:
-        return None
+        return "xyzw" if _SCALAR_LAST in label else None
     return "wxyz" if found[1] else "xyzw"
 
 
 def order_of_header(text: str) -> Order | None:
     """Return the order that a header such as `time,qx,qy,qz,qw` states, or None if it is none."""
+    text = _UNIT_OF_COLUMN.sub("", text)
     columns = "".join(component(word)[0] for word in re.split(r"[,;|\s]+", text))
     return None if _PLAIN.search(text) else _ORDERS.get(columns)
 

@@ -43,6 +43,7 @@ def wearmocap(
 def test_sensagram_sends_androids_rotation_vector() -> None:
     assert items(android("game_rotation_vector", [*XYZW])) == [Reading(NOW, XYZW, 5 * NS_PER_S)]
     assert items(android("rotation_vector", [*XYZW, 0.1])) == [Reading(NOW, XYZW, 5 * NS_PER_S)]
+    assert items(android("geomagnetic_rotation_vector", [*XYZW])) == [Reading(NOW, XYZW, 5 * NS_PER_S)]
     (old,) = items(android("rotation_vector", [-0.5, 0.5, -0.5]))
     assert isinstance(old, Reading)
     assert old.world_from_sensor == pytest.approx(XYZW)
@@ -66,6 +67,15 @@ def test_rates_and_accelerations_are_paired_until_an_orientation_comes() -> None
     items(android("game_rotation_vector", [*XYZW]), decoder)
     items(android("accelerometer", [0.0, 0.0, 9.81]), decoder)
     assert items(rates, decoder) == []
+
+
+def test_sensors_that_are_of_no_use_are_named() -> None:
+    decoder = UdpDecoder(UdpConfig())
+    for sensor in ("orientation", "light", "orientation"):
+        assert items(android(sensor, [211.0, 3.0, 1.0]), decoder) == []
+    assert decoder.unused == (
+        "gets readings of orientation, but no rotation vector: switch on the game rotation vector"
+    )
 
 
 def test_time_of_wearmocap_runs_on_at_midnight() -> None:

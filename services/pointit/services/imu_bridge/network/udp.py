@@ -34,7 +34,7 @@ MIN_UNIX_MS, MAX_UNIX_MS = 1e12, 1e13
 DAY_NS = 24 * 3600 * NS_PER_S
 _WEARMOCAP = struct.Struct(">28f")
 _ANDROID = "android.sensor."
-_ORIENTATIONS = frozenset({"game_rotation_vector", "rotation_vector"})
+_ORIENTATIONS = frozenset({"game_rotation_vector", "rotation_vector", "geomagnetic_rotation_vector"})
 
 
 class UdpConfig(DatagramConfig):
@@ -148,6 +148,9 @@ class UdpDecoder(Decoder):
             rates = vector(values)
             if 0 <= stamp_ns - self._acceleration_ns < TOGETHER_NS:
                 return RawReading(stamp_ns, rates, self._acceleration, time_ns)
+        self.unused = self.unused or (
+            f"gets readings of {kind[:40]}, but no rotation vector: switch on the game rotation vector"
+        )
         return None
 
     def _wearmocap(self, data: bytes, stamp_ns: int) -> Reading:

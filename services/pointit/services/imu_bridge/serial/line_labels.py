@@ -35,6 +35,13 @@ _LOG = re.compile(
     rf"|{_DATE}[T ]\d\d:\d\d(?::\d\d(?:[.,]\d+)?)?(?:Z|[+-]\d\d:?\d\d)?[,;\s]+"
 )
 """Level and time of ESP-IDF, Zephyr, the ESP32's Arduino core, serial monitors and loggers before a line."""
+_SCALARS = re.compile(
+    rf"(?<![\w.])(?:(?:rssi|snr|v?bat\w*|volt\w*|soc|temp\w*|hum\w*|press?\w*|alt\w*|seq\w*|cnt|counter|count|n"
+    rf"|frame\w*|pa?c?ke?t\w*|fps|hz|rate|heading)\s*[:=]\s*{REAL}[,;|\s]+)+"
+    rf"(?=[(\[{{]?{REAL}(?:[,;|\s]+{REAL}){{3}})",
+    re.IGNORECASE,
+)
+"""Fields with one measurement or count each, directly before four numbers."""
 _SENTENCE = re.compile(r"[$!]([^*]*)\*([\da-fA-F]{2})")
 """A line as of NMEA 0183, with the exclusive or of its characters behind it."""
 _COMMA_NUMBER = re.compile(r"((?:[^\W\d]\w*[:=])?[+-]?\d+),(\d+)")
@@ -59,7 +66,7 @@ _OTHER_NAMES = frozenset({
 
 
 def without_frame(text: str) -> str:
-    """Return a line without colors, time and level of a logger, and the checksum of NMEA 0183.
+    """Return a line without colors, time and level of a logger, checksum, and measurements before numbers.
 
     Raises:
         ValueError: If the checksum is wrong.
@@ -74,7 +81,7 @@ def without_frame(text: str) -> str:
         if checksum != int(sentence[2], 16):
             raise ValueError(f"has the checksum {sentence[2]}, {checksum:02X} was expected")
         text = sentence[1]
-    return text.removeprefix("/*").removesuffix("*/").strip()
+    return _SCALARS.sub("", text.removeprefix("/*").removesuffix("*/").strip())
 
 
 def words(label: str) -> set[str]:

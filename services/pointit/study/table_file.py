@@ -136,14 +136,18 @@ def _is_sorted_row(header: _Record, records: Sequence[_Record], last: bytes) -> 
 
 
 def _is_in_order(header: _Record, records: Sequence[_Record]) -> bool:
-    """Return True if rows are in the order in which the study writes them."""
+    """Return True if rows are in the order in which the study writes them.
+
+    A trial that is repeated when its participant is simulated to the end may come after later trials.
+    """
     at = [header.values.index(name) for name in ("trial", "attempt") if name in header.values]
     at = at or [header.values.index(name) for name in ("block",) if name in header.values]
     cells = [[record.values[place] for place in at if place < len(record.values)] for record in records]
     if not all(text.isdecimal() for each in cells for text in each):
         return True
     numbers = [[*map(int, each)] for each in cells]
-    return numbers == sorted(numbers)
+    trials = [*dict.fromkeys(tuple(number[:1]) for number in numbers)]
+    return trials == sorted(trials) and sorted(numbers, key=lambda number: number[:1]) == sorted(numbers)
 
 
 def _line_ends(text: str) -> set[str]:

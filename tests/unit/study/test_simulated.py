@@ -200,6 +200,14 @@ def test_wrist_lost_in_mid_trial_costs_that_attempt_only(tmp_path: Path) -> None
     assert {row["trial"] for row in rows if not row["reason"].startswith("repeated")} == {"1", "2"}
 
 
+def with_a_clock_set_back(lines: list[str]) -> list[str]:
+    """Return `lines` with the times of the first two rows exchanged."""
+    at = lines[0].split(",").index("began_utc")
+    first, second = (line.split(",") for line in lines[1:3])
+    first[at], second[at] = second[at], first[at]
+    return [lines[0], ",".join(first), ",".join(second), *lines[3:]]
+
+
 def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], tmp_path: Path) -> None:
     data = tmp_path / "data"
     shutil.copytree(whole[1].path, data)
@@ -209,13 +217,13 @@ def test_check_finds_what_is_missing_or_wrong(whole: tuple[Study, StudyFolder], 
         path.write_text("".join(alter(path.read_text().splitlines(keepends=True))))
 
     change("P01", lambda lines: [*lines[:2], *lines[3:]])  # trial 2 is gone
-    change("P02", lambda lines: [lines[0], lines[2], lines[1], *lines[3:]])  # a clock was set back
+    change("P02", with_a_clock_set_back)
     about = (data / "P02/participant.yaml").read_text()
     (data / "P02/participant.yaml").write_text(about.replace("simulated: true", "simulated: false"))
     shutil.copytree(data / "P02", data / "P03")
     found = {(finding.participant, finding.text) for finding in check_folder(data)}
     assert ("P01", "1 of 4 trials are missing: 2") in found
-    assert ("P02", "trial 1 begins before trial 2 ends: a clock was set back") in found
+    assert ("P02", "trial 2 begins before trial 1 ends: a clock was set back") in found
     assert ("P03", "does not take part in the study; remove the folder") in found
     assert ("", "P02 is there twice, in P02 and P03") in found
     shutil.rmtree(data / "P02")

@@ -1,5 +1,6 @@
 """Services whose inputs are old although a writer is present. Pure."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 from pointit.diagnosis.observation import Finding, Observation
@@ -31,7 +32,8 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             if key.age_s is not None and key.age_s < _span_s(seen, instance):
                 continue  # messages came between its last two reports
             able = present_writers(topic, health.user or ANY, seen.present)
-            old = [each for each in able if not is_bridge(each) and not seen.has_just_begun(each, GRACE_S)]
+            new_s = min(GRACE_S, math.inf if key.age_s is None else key.age_s)  # the message is another's
+            old = [each for each in able if not is_bridge(each) and not seen.has_just_begun(each, new_s)]
             writers = [each for each in old if _is_read(seen, instance, topic, each)]
             if writers and (topic not in PAUSES or _written(seen, topic, writers)):
                 stale.setdefault(instance, []).append((topic, key, writers))

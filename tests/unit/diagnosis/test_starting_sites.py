@@ -93,6 +93,17 @@ def test_what_a_writer_writes_in_its_first_three_seconds_need_not_have_arrived(
     assert is_healthy(diagnose(site.seen())) == is_well
 
 
+@pytest.mark.parametrize(("input_s", "is_well"), [(2.4, False), (2.6, True)])
+def test_an_input_that_has_ended_within_three_seconds_of_its_writers_start_is_found(
+    input_s: float, *, is_well: bool
+) -> None:
+    site = processes()
+    site.processes["user-sim.user1"].uptime_s = 2.5
+    site.ages_s["user-sim.user1", IMU, "out"] = input_s
+    site.ages_s |= {(f"{name}.user1", IMU, "in"): input_s for name in ("pointing", "localizer", "supervisor")}
+    assert is_healthy(diagnose(site.seen())) == is_well
+
+
 @pytest.mark.parametrize(("age_s", "is_well"), [(119.0, True), (121.0, False)])
 def test_the_first_process_that_is_present_does_not_make_the_others_late(
     age_s: float, *, is_well: bool

@@ -303,9 +303,7 @@ class Web(Service[WebConfig]):
         match message:
             case Deployment():
                 self._devices.on_deployment(message)
-                self._changed()
-                if not message.services:
-                    self._pages.tell_status()  # now, as this process may end with the run
+                self._changed(now=not message.services)  # this process may end with the run
             case SelectionEvent():
                 self._past.hear(message)
             case Health():
@@ -371,9 +369,12 @@ class Web(Service[WebConfig]):
             self._pages.measure()
             self._pages.tell_status()
 
-    def _changed(self) -> None:
+    def _changed(self, *, now: bool = False) -> None:
         self._motion.wake()
-        self._pages.status_changed()
+        if now:
+            self._pages.tell_status()
+        else:
+            self._pages.status_changed()
 
     def _now_s(self) -> float:
         return self._loop.time()

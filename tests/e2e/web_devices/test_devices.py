@@ -92,7 +92,7 @@ async def test_a_light_and_a_wrist_are_connected_and_come_back_in_the_next_run(
         page = window.page
         await window.until("window.pointit.site.people.get('anna')?.cursor != null", "anna is back")
         await until(lambda: bool(light.shown), what="frames on the light")
-        await page.get_by_text("Devices", exact=True).click()
+        await page.get_by_role("tab", name="Set up").click()
         for name in ("Kitchen", MAC):
             await page.get_by_role("button", name=f"Forget {name}").click()
         await expect(page.get_by_role("button", name="Forget")).to_have_count(0)

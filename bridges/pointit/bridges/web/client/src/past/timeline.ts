@@ -12,7 +12,7 @@ const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 const REACH_PX = 6;
 /** Room of a label of the axis, px. */
 const LABEL_PX = 70;
-/** Time before the end from which playing begins anew, s: positions are rounded. */
+/** Time before the end within which *Play* starts from the beginning, s. Positions are rounded. */
 const END_S = 0.05;
 const SVG = "http://www.w3.org/2000/svg";
 

@@ -73,7 +73,7 @@ class RosEndpoint(abc.ABC, Generic[C]):
         """Withdraw the declarations of the middleware, which is still open."""
 
 
-class ServiceServer(RosEndpoint[C]):
+class RosServiceServer(RosEndpoint[C]):
     """Answers requests to one service, each in a task."""
 
     def __init__(self, context: C, service: str, server: Server) -> None:
@@ -169,7 +169,7 @@ class MessageQueue(Generic[T]):
                     log.exception("what arrived on %s could not be handled", self._topic)
 
 
-class Client(Protocol):
+class RosServiceClient(Protocol):
     """Client of one service."""
 
     async def call(self, request: bytes, *, timeout_s: float) -> bytes:
@@ -190,7 +190,7 @@ class NodeBackend(abc.ABC, Generic[C]):
             context.warnings, domain=config.domain_id, distro=distro, needs=needs, matching=matching
         )
         self.watch = self._graph_monitor.watch
-        self._clients: dict[tuple[str, RosType], Client] = {}
+        self._clients: dict[tuple[str, RosType], RosServiceClient] = {}
         self._calls = Calls()
 
     @property
@@ -212,7 +212,7 @@ class NodeBackend(abc.ABC, Generic[C]):
         return await self._calls.answered(client.call(request, timeout_s=timeout_s), f"call {service}")
 
     @abc.abstractmethod
-    def _client(self, service: str, kind: RosType) -> Client:
+    def _client(self, service: str, kind: RosType) -> RosServiceClient:
         """Return a new client of `service`."""
 
     def _close_endpoints(self) -> None:

@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Server, check_cdr
-from pointit.bridges.ros2.graph.node_backend import RosEndpoint, ServiceServer
+from pointit.bridges.ros2.graph.node_backend import RosEndpoint, RosServiceServer
 from pointit.bridges.ros2.over_rclpy.dds_context import DdsContext
 from pointit.bridges.ros2.over_rclpy.rclpy_types import Reply, ServiceClass
 from pointit.runtime.errors import RefusedError
@@ -20,7 +20,7 @@ LOOK_S = 0.05
 """Interval (s) of checking for a server, of which rclpy does not notify."""
 
 
-class DdsServiceServer(ServiceServer[DdsContext]):
+class DdsServiceServer(RosServiceServer[DdsContext]):
     """Answers one service."""
 
     def __init__(self, context: DdsContext, service: str, types: ServiceClass, server: Server) -> None:

@@ -9,8 +9,8 @@ from pointit.bridges.ros2.over_zenoh.endpoint_context import Announcement, Endpo
 from pointit.bridges.ros2.over_zenoh.graph import LivelinessDirectory
 from pointit.bridges.ros2.over_zenoh.keys import EVERY_TOKEN
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.over_zenoh.services import RosServiceServer, ServiceClient
-from pointit.bridges.ros2.over_zenoh.topics import TopicReader, TopicWriter
+from pointit.bridges.ros2.over_zenoh.services import ZenohServiceClient, ZenohServiceServer
+from pointit.bridges.ros2.over_zenoh.topics import ZenohReader, ZenohWriter
 from pointit.runtime.clock import Timer
 from pointit.runtime.foreign_zenoh.raw_session import RawSession
 from pointit.runtime.service.surroundings import WarningSink
@@ -54,20 +54,20 @@ class ZenohBackend(NodeBackend[EndpointContext]):
         """Return an error message if the connection itself fails, else `""`."""
         return self._session.problem
 
-    def advertise(self, topic: str, kind: RosType, qos: Qos) -> TopicWriter:
+    def advertise(self, topic: str, kind: RosType, qos: Qos) -> ZenohWriter:
         """Declare a publisher of the resolved name `topic`."""
-        return TopicWriter(self._context, topic, kind, qos)
+        return ZenohWriter(self._context, topic, kind, qos)
 
-    def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> TopicReader:
+    def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> ZenohReader:
         """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
-        return TopicReader(self._context, topic, kind, qos, handler)
+        return ZenohReader(self._context, topic, kind, qos, handler)
 
-    def serve(self, service: str, kind: RosType, server: Server) -> RosServiceServer:
+    def serve(self, service: str, kind: RosType, server: Server) -> ZenohServiceServer:
         """Answer requests to `service`."""
-        return RosServiceServer(self._context, service, kind, server)
+        return ZenohServiceServer(self._context, service, kind, server)
 
-    def _client(self, service: str, kind: RosType) -> ServiceClient:
-        return ServiceClient(self._context, service, kind)
+    def _client(self, service: str, kind: RosType) -> ZenohServiceClient:
+        return ZenohServiceClient(self._context, service, kind)
 
     async def close(self) -> None:
         """Leave the graph; no handler runs afterwards."""
@@ -83,9 +83,9 @@ class ZenohBackend(NodeBackend[EndpointContext]):
         """Update the topics that exchange messages with us, with or without a token."""
         ends: set[tuple[EndpointKind, str]] = set()
         for end in self._context.ends:
-            if isinstance(end, TopicWriter) and end.is_read:
+            if isinstance(end, ZenohWriter) and end.is_read:
                 ends.add(("subscriber", end.name))
-            elif isinstance(end, TopicReader) and end.has_heard:
+            elif isinstance(end, ZenohReader) and end.has_heard:
                 end.has_heard = False
                 ends.add(("publisher", end.name))
         self._directory.exchange(ends)

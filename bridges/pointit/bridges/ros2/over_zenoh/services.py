@@ -5,7 +5,7 @@ import contextlib
 from dataclasses import replace
 
 from pointit.bridges.ros2.graph.backend import SERVICE, RosType, Server, check_cdr
-from pointit.bridges.ros2.graph.node_backend import RosEndpoint, ServiceServer
+from pointit.bridges.ros2.graph.node_backend import RosEndpoint, RosServiceServer
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.over_zenoh.endpoint_context import EndpointContext
 from pointit.runtime.errors import RefusedError
@@ -18,7 +18,7 @@ AT_ONCE_S = 0.05
 """A request that ended without an answer within this time (s) reached no server; later, the server died."""
 
 
-class RosServiceServer(ServiceServer[EndpointContext]):
+class ZenohServiceServer(RosServiceServer[EndpointContext]):
     """Answers one service."""
 
     def __init__(self, context: EndpointContext, service: str, kind: RosType, server: Server) -> None:
@@ -60,7 +60,7 @@ class RosServiceServer(ServiceServer[EndpointContext]):
             await query.answer(response, packed(replace(origin, stamp_ns=self._context.now_ns())))
 
 
-class ServiceClient(RosEndpoint[EndpointContext]):
+class ZenohServiceClient(RosEndpoint[EndpointContext]):
     """Client of one service."""
 
     def __init__(self, context: EndpointContext, service: str, kind: RosType) -> None:

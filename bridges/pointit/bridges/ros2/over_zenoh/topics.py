@@ -15,7 +15,7 @@ REMEMBERED = 16
 """Minimum number of a topic's messages that are remembered to drop duplicates."""
 
 
-class TopicWriter(RosEndpoint[EndpointContext]):
+class ZenohWriter(RosEndpoint[EndpointContext]):
     """Publisher of one topic."""
 
     def __init__(self, context: EndpointContext, topic: str, kind: RosType, qos: Qos) -> None:
@@ -49,7 +49,7 @@ class TopicWriter(RosEndpoint[EndpointContext]):
         self._writer.close()
 
 
-class TopicReader(RosEndpoint[EndpointContext]):
+class ZenohReader(RosEndpoint[EndpointContext]):
     """Subscription of one topic, without messages of ourselves and of other PointIt bridges."""
 
     def __init__(

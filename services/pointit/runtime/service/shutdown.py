@@ -17,7 +17,7 @@ END_PATIENCE_S = 5.0
 """After a signal, how long the end may take before the process is cut off; it takes well below 2 s."""
 MAX_CROWDING = 12.0
 """Limit of the factor by which `END_PATIENCE_S` is longer where many processes share each core."""
-SWITCH_INTERVAL_S = 0.0005
+SWITCH_INTERVAL_S = 0.0001
 """Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
 STARTED_S = 5.0

@@ -3,13 +3,12 @@
 import asyncio
 import time
 
-from prometheus_client.exposition import choose_encoder
-from prometheus_client.registry import Collector, CollectorRegistry
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from pointit.bridges.web.metrics.site_metrics import SiteMetrics
 from pointit.bridges.web.server.access import Access, new_token
 from pointit.bridges.web.server.app import REFUSAL_S, SecurityMiddleware, asked_of
 from pointit.bridges.web.server.listener import Listener, bind
@@ -29,15 +28,18 @@ TICK_S = 1.0
 """Interval of checks for idle connections."""
 
 
-def exposition(metrics: Collector, accept: str) -> tuple[bytes, str]:
+def exposition(metrics: SiteMetrics, accept: str) -> tuple[bytes, str]:
     """Return the metrics in the format that an Accept header asks for, and its media type."""
+    from prometheus_client.exposition import choose_encoder  # noqa: PLC0415 - see SiteMetrics
+    from prometheus_client.registry import CollectorRegistry  # noqa: PLC0415
+
     registry = CollectorRegistry(auto_describe=False)
     registry.register(metrics)
     encode, media_type = choose_encoder(accept)
     return encode(registry), media_type
 
 
-def metrics_route(metrics: Collector, doors: Access | None) -> Route:
+def metrics_route(metrics: SiteMetrics, doors: Access | None) -> Route:
     """Return the route of `PATH`. With `doors` it needs a token of theirs, as a cookie or a bearer."""
 
     async def answer(request: Request) -> Response:
@@ -55,7 +57,7 @@ def metrics_route(metrics: Collector, doors: Access | None) -> Route:
 class MetricsServer:
     """Serves metrics without a token, on this machine only."""
 
-    def __init__(self, metrics: Collector, host: str, port: int) -> None:
+    def __init__(self, metrics: SiteMetrics, host: str, port: int) -> None:
         """Bind the port.
 
         Raises:

@@ -2,10 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any
-
-from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric
-from prometheus_client.registry import Collector
+from typing import TYPE_CHECKING, Any
 
 from pointit.bridges.web.metrics.totals import MAX_INSTANCES, OTHER, Durations, Totals
 from pointit.diagnosis.observation import expected_services
@@ -14,6 +11,9 @@ from pointit.schemas import NS_PER_S, Deployment, Health, Localization, Message,
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LOCALIZATION, POSE, SELECTION_EVENTS, Topic
 from pointit.services.registry import names
+
+if TYPE_CHECKING:
+    from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 READS: tuple[Topic[Any], ...] = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, DEPLOYMENT)
 """Topics that metrics are made from."""
@@ -39,8 +39,11 @@ Rows = Iterable[tuple[Sequence[str], float]]
 """Values of the labels, and the value, of each series of a family."""
 
 
-class SiteMetrics(Collector):
-    """Metrics of one site. Not thread-safe: messages and scrapes in the same event loop."""
+class SiteMetrics:
+    """Metrics of one site: a collector of `prometheus_client`, 2 MB that the first scrape loads.
+
+    Not thread-safe: messages and scrapes are in the same event loop.
+    """
 
     def __init__(self, site: str, version: str) -> None:
         self._about = {"site": site, "version": version}
@@ -89,14 +92,16 @@ class SiteMetrics(Collector):
         elif len(self._users) < MAX_USERS:
             self._users.add(user)
 
-    def collect(self) -> Iterator[Metric]:
+    def collect(self) -> Iterator["Metric"]:
         """Yield all families of metrics as they are now."""
+        from prometheus_client.metrics_core import InfoMetricFamily  # noqa: PLC0415
+
         yield InfoMetricFamily("pointit_site", "Site, and version of PointIt", value=self._about)
         yield from self._of_services()
         yield from self._of_traffic()
         yield from self._of_people()
 
-    def _of_services(self) -> Iterator[Metric]:
+    def _of_services(self) -> Iterator["Metric"]:
         expected = expected_services(self._deployments)
         there = {name: float(name in self._present) for name in sorted(self._present | expected.keys())}
         health = {split_instance(name): each for name, each in sorted(self._health.items())}
@@ -132,7 +137,7 @@ class SiteMetrics(Collector):
             rows = ((key, value) for key, each in health.items() for value in _figures(each, figure))
             yield _gauge(name, about, of, rows)
 
-    def _of_traffic(self) -> Iterator[Metric]:
+    def _of_traffic(self) -> Iterator["Metric"]:
         totals = self._totals.values
         for counter, name, about, labels in (
             ("messages", "pointit_messages", "Messages read and written", ("service", "topic", "direction")),
@@ -155,7 +160,7 @@ class SiteMetrics(Collector):
         )
         yield self._step.family("pointit_step_seconds", "Time of each call of the service's handlers")
 
-    def _of_people(self) -> Iterator[Metric]:
+    def _of_people(self) -> Iterator["Metric"]:
         users = sorted(self._users)
         yield _gauge("pointit_people", "People on the site", (), [((), len(users))])
         poses = [(user, self._poses[user].covariance) for user in users if user in self._poses]
@@ -231,14 +236,18 @@ class SiteMetrics(Collector):
             self._deployments[name] = believed
 
 
-def _gauge(name: str, about: str, labels: Sequence[str], rows: Rows) -> GaugeMetricFamily:
+def _gauge(name: str, about: str, labels: Sequence[str], rows: Rows) -> "GaugeMetricFamily":
+    from prometheus_client.metrics_core import GaugeMetricFamily  # noqa: PLC0415
+
     family = GaugeMetricFamily(name, about, labels=labels)
     for values, value in rows:
         family.add_metric(values, value)
     return family
 
 
-def _counter(name: str, about: str, labels: Sequence[str], rows: Rows) -> CounterMetricFamily:
+def _counter(name: str, about: str, labels: Sequence[str], rows: Rows) -> "CounterMetricFamily":
+    from prometheus_client.metrics_core import CounterMetricFamily  # noqa: PLC0415
+
     family = CounterMetricFamily(name, about, labels=labels)
     for values, value in rows:
         family.add_metric(values, value)

@@ -3,13 +3,14 @@
 from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import accumulate
-from typing import NamedTuple
-
-from prometheus_client.metrics_core import HistogramMetricFamily
+from typing import TYPE_CHECKING, NamedTuple
 
 from pointit.schemas import Health, KeyHealth, Quantiles
 from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.topics import TOPICS
+
+if TYPE_CHECKING:
+    from prometheus_client.metrics_core import HistogramMetricFamily
 
 MAX_INSTANCES = 4096
 """Maximum number of instances whose last report is stored; the oldest is dropped."""
@@ -110,8 +111,10 @@ class Durations:
         self._counts[service] = [sum(pair) for pair in zip(counts, reported.counts, strict=True)]
         self._sums_s[service] += max(0.0, reported.sum_s)  # a clock that was set back must not lower the sum
 
-    def family(self, name: str, about: str) -> HistogramMetricFamily:
+    def family(self, name: str, about: str) -> "HistogramMetricFamily":
         """Return the histogram under `name`, with its help."""
+        from prometheus_client.metrics_core import HistogramMetricFamily  # noqa: PLC0415 - see SiteMetrics
+
         family = HistogramMetricFamily(name, about, labels=("service",))
         for service, counts in self._counts.items():
             buckets = list(zip(BUCKETS, map(float, accumulate(counts)), strict=True))

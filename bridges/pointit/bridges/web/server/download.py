@@ -10,7 +10,6 @@ from starlette.responses import Response
 from pointit.bridges.web.playback.recent import Recent, RecentPast
 from pointit.bridges.web.server.bundle import Pieces
 from pointit.recording.head import make_head
-from pointit.recording.writer import RecordingWriter
 from pointit.runtime.clock import Clock
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import Delivery, Topic
@@ -24,6 +23,8 @@ def write_recording(past: RecentPast, since_ns: int, output: IO[bytes]) -> int:
     Returns:
         the number of entries.
     """
+    from pointit.recording.writer import RecordingWriter  # noqa: PLC0415 - 1 MB, for who downloads
+
     writer = RecordingWriter(output, make_head(past.site, since_ns))
     for entry in past.states_at(since_ns - 1):
         if not isinstance(entry.row, Topic) or entry.row.delivery is Delivery.STATE:

@@ -6,8 +6,6 @@ import secrets
 from dataclasses import dataclass
 from typing import Any
 
-import segno
-
 UNUSED_S = 600.0
 """Validity of an unused token, s. A phone that has used it stays paired."""
 
@@ -83,6 +81,8 @@ class Pairing:
 
 def offer(url: str, fingerprint: str) -> dict[str, Any]:
     """Return the QR code and its facts for the operator's page; a phone that opens `url` is paired."""
+    import segno  # noqa: PLC0415 - 3 MB, for who pairs a phone
+
     drawn = io.BytesIO()
     segno.make(url, error="m", micro=False).save(
         drawn,

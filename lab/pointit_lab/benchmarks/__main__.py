@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import socket
+import statistics
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -20,11 +21,13 @@ from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 from pointit_lab.benchmarks import (
     against,
     bare_chain,
+    bare_relay,
     cores,
     instructions,
     light,
     our_chain,
     page,
+    rclpy_relay,
     recorder,
     ros2,
     sample_path,
@@ -34,8 +37,12 @@ from pointit_lab.benchmarks.statistics import Figures, machine
 
 RATE_HZ = 100.0
 PARTS = ("latency", "users", "calls", "startup", "cores", "lights", "things", "page", "ros2", "recorder")
-ON_REQUEST = ("instructions",)
-"""Parts that run only if named: Valgrind must be installed, and takes minutes."""
+ON_REQUEST = ("instructions", "hop")
+"""Parts that run only if named: Valgrind must be installed, and takes minutes; one hop needs a ROS 2."""
+HOP_HZ = 500.0
+"""Messages per second through one hop."""
+HOP_PEOPLE = 20
+"""People of the chain beside it, each at 100 Hz."""
 COMPARISON_ROUNDS = 3
 THINGS = 24.0
 """Multiple of the duration for which people point at things, of which each fires one in four seconds."""
@@ -180,12 +187,38 @@ def _measure_sample(wanted: Sequence[str], result: dict[str, Any], console: Cons
             "{bytecodes} bytecodes, "
             "{different} different ones".format(**result["instructions"])
         )
+        console.print(hops_table(result["instructions"]))
+
+
+def measure_hop(duration_s: float) -> dict[str, Any]:
+    """Return the CPU time, µs, of a message through an rclpy node, a bare relay, and of a whole chain.
+
+    Raises:
+        click.ClickException: There is no rclpy.
+    """
+    if not rclpy_relay.is_available():
+        raise click.ClickException(
+            f"{rclpy_relay.PYTHON} is not there; `scripts/test tests/interop/ros2_dds` makes it"
+        )
+    row = asyncio.run(our_chain.carried(HOP_PEOPLE, duration_s, free_endpoint()))
+    return {
+        "one hop through rclpy, Fast DDS": rclpy_relay.measure_cost(HOP_HZ, duration_s)["us_per_message"],
+        "one hop through bare Zenoh": asyncio.run(bare_relay.cost(HOP_HZ, duration_s))["us_per_message"],
+        f"whole chain, {HOP_PEOPLE} people": row["services_us_per_sample"],
+    }
 
 
 def _measure_bridges(
     wanted: Sequence[str], duration: float, result: dict[str, Any], console: Console
 ) -> None:
-    """Measure what runs beside the services: functions, page, ROS bridge, recorder."""
+    """Measure what runs beside the services: functions, page, ROS bridge, recorder, one hop of others."""
+    if "hop" in wanted:
+        console.print("hop: a message through rclpy and through bare Zenoh, and a sample through all …")
+        rounds = [measure_hop(duration) for _ in range(ROUNDS)]
+        result["hop"] = {way: [row[way] for row in rounds] for way in rounds[0]}
+        for way, times_us in result["hop"].items():
+            low, middle, high = min(times_us), statistics.median(times_us), max(times_us)
+            console.print(f"{way:<32} {middle:>6.0f} µs of CPU ({low:.0f} to {high:.0f})")
     if "things" in wanted:
         console.print("things: IMU sample to the call of a function for what it fires …")
         figures = Figures.of(asyncio.run(our_chain.pointed(THINGS * duration)))
@@ -261,6 +294,20 @@ def users_table(title: str, rows: list[dict[str, Any]]) -> Table:
             f"{row['delivered']:.1%}",
             f"{age['p99_ms']:.2f}" if age else "-",
         )
+    return table
+
+
+def hops_table(counted: dict[str, Any]) -> Table:
+    """Return the instructions of each hop and the messages of each topic, per sample, as a table."""
+    table = Table(title="What a sample takes")
+    table.add_column("hop or topic")
+    table.add_column("instructions", justify="right")
+    table.add_column("messages", justify="right")
+    table.add_row("wrists and what runs without samples", f"{counted['wrists_and_rest']}", "")
+    for hop, count in counted["by_hop"].items():
+        table.add_row(hop, f"{count}", "")
+    for key, count in counted["messages"].items():
+        table.add_row(key, "", f"{count:.2f}")
     return table
 
 

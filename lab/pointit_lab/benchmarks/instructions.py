@@ -6,9 +6,12 @@ Wrists are included, as is what the services do each second without samples.
 Instructions alone do not tell the CPU time. Bytecodes are counted beside them: all, and the different ones. A
 processor predicts where the interpreter goes next by what went before, and that is lost where a sample passes
 too many different ones.
+
+A hop's instructions are the difference between a run of the services before it and one with its service too.
 """
 
 import asyncio
+import functools
 import itertools
 import os
 import subprocess
@@ -16,7 +19,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -26,8 +30,8 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import run_services
 from pointit.runtime.virtual_time import VirtualClock, run_virtually
-from pointit.schemas import Cursor
-from pointit.schemas.topics import CURSOR, IMU
+from pointit.schemas import Message
+from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY, STRIPS_FRAME, Topic
 from pointit_lab.loadtest.layout import load_launches
 from pointit_lab.loadtest.wrist import Wrist, drive_wrists
 
@@ -38,41 +42,56 @@ WARM_UP_S = 0.5
 DURATION_S = 1.0
 MARK = "getloadavg"
 """C function at each call of which Valgrind writes what it has counted since the last one."""
+HOPS = ("pointing", "localizer", "pui", "selector", "led-driver")
+"""Services that a sample passes, in this order; the localizer reads the rays, too."""
+COUNTED = (IMU, RAY, CURSOR, HOVER, STRIPS_FRAME)
+"""Topics whose messages are counted."""
 USUAL = 0.3
 """Bytecodes that fewer of the samples execute are not among the different ones."""
 
 
 def measure() -> dict[str, Any]:
-    """Return the number of people and samples; instructions, CPU time (µs) and bytecodes per sample.
+    """Return people, samples; of a sample: instructions, also by hop, CPU time (µs), bytecodes, messages.
 
     Raises:
         FileNotFoundError: Valgrind is not installed.
-        subprocess.CalledProcessError: The run failed.
+        subprocess.CalledProcessError: A run failed.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "counts"
-        tool = ["valgrind", "--tool=callgrind", f"--dump-before={MARK}", f"--callgrind-out-file={out}"]
-        subprocess.run(
-            [*tool, sys.executable, "-m", __name__],
-            env=os.environ | {"PYTHONHASHSEED": "0", "POINTIT_STATE": folder},
-            stderr=subprocess.DEVNULL,  # what Valgrind says of itself
-            check=True,
-        )
-        counted = Path(f"{out}.2").read_text(encoding="utf-8")  # .1: before the first call of MARK
-    total = next(int(line.split()[1]) for line in counted.splitlines() if line.startswith("totals:"))
     samples = round(PEOPLE * RATE_HZ * DURATION_S)
+    left_out = [HOPS[count:] for count in range(len(HOPS) + 1)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        totals = [total / samples for total in pool.map(_count_instructions, left_out)]
     times_s: list[float] = []
     run_virtually(drive(lambda: times_s.append(time.thread_time())))
+    messages = run_virtually(drive(lambda: None, read=COUNTED))
     counter = BytecodeCounter()
     run_virtually(drive(counter.toggle))
     return {
         "people": PEOPLE,
         "samples": samples,
-        "per_sample": round(total / samples),
+        "per_sample": round(totals[-1]),
+        "wrists_and_rest": round(totals[0]),
+        "by_hop": {hop: round(totals[place + 1] - totals[place]) for place, hop in enumerate(HOPS)},
         "cpu_us": round((times_s[1] - times_s[0]) / samples * 1e6, 1),
         "bytecodes": round(counter.executed.total() / samples),
         "different": sum(count >= USUAL * samples for count in counter.executed.values()),
+        "messages": {key: round(count / samples, 2) for key, count in messages.items()},
     }
+
+
+def _count_instructions(left_out: Collection[str]) -> int:
+    """Return the instructions of all samples, by Valgrind, without the services in `left_out`."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "counts"
+        tool = ["valgrind", "--tool=callgrind", f"--dump-before={MARK}", f"--callgrind-out-file={out}"]
+        subprocess.run(
+            [*tool, sys.executable, "-m", __name__, *left_out],
+            env=os.environ | {"PYTHONHASHSEED": "0", "POINTIT_STATE": folder},
+            stderr=subprocess.DEVNULL,  # what Valgrind says of itself
+            check=True,
+        )
+        counted = Path(f"{out}.2").read_text(encoding="utf-8")  # .1: before the first call of MARK
+    return next(int(line.split()[1]) for line in counted.splitlines() if line.startswith("totals:"))
 
 
 class BytecodeCounter:
@@ -98,29 +117,42 @@ class BytecodeCounter:
         return self._on_event
 
 
-async def drive(mark: Callable[[], object]) -> int:
+async def drive(
+    mark: Callable[[], object], left_out: Collection[str] = (), read: Sequence[Topic[Any]] = (CURSOR,)
+) -> Counter[str]:
     """Run services and wrists, with a call of `mark` before and after the measured time.
 
-    Return the number of cursors that came meanwhile.
+    Return the messages of the topics in `read` meanwhile, by key. Services in `left_out` do not run.
     """
     site, people = load_launches(PEOPLE, choices=Choices(seed=1))
+    launches = [
+        launch for launch in itertools.chain(site, *people.values()) if launch.service.NAME not in left_out
+    ]
     bus, clock = MemoryBus(LocalBroker()), VirtualClock()
-    services = asyncio.create_task(run_services([*site, *itertools.chain(*people.values())], bus, clock))
-    cursors: list[Cursor] = []
-    bus.subscribe(CURSOR, lambda cursor, _user: cursors.append(cursor))
+    services = asyncio.create_task(run_services(launches, bus, clock))
+    messages = Counter[str]()
+
+    def count(message: Message, _name: str, *, key: str) -> None:
+        del message
+        messages[key] += 1
+
+    for topic in read:
+        bus.subscribe(topic, functools.partial(count, key=topic.key))
     wrists = [Wrist(bus.publisher(IMU, user), index, clock) for index, user in enumerate(people)]
     await asyncio.sleep(SETTLE_S)
     await drive_wrists(wrists, RATE_HZ, WARM_UP_S)
-    cursors.clear()
+    messages.clear()
     mark()
     await drive_wrists(wrists, RATE_HZ, DURATION_S)
     mark()
     services.cancel()
     await asyncio.wait({services})
     await bus.close()
-    return len(cursors)
+    return messages
 
 
 if __name__ == "__main__":
-    if run_virtually(drive(os.getloadavg)) < 0.99 * PEOPLE * RATE_HZ * DURATION_S:
+    left_out = sys.argv[1:]
+    came = run_virtually(drive(os.getloadavg, left_out))
+    if not left_out and came[CURSOR.key] < 0.99 * PEOPLE * RATE_HZ * DURATION_S:
         raise SystemExit("cursors are missing")

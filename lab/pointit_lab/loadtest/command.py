@@ -215,8 +215,11 @@ def _sections(done: Sequence[LoadResult], found: Sequence[PartSlopes]) -> list[S
     about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
     roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
     made = [Section(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]
+    if len(last.processes) > 1:
+        about = f"CPU for one sample of all, {last.users} people, {last.layout}"
+        made.append(Section(name="processes", about=about, rows=tuple(last.process_rows())))
     if last.links:
-        rows = tuple(link.row() for link in last.links)
+        rows = tuple(last.link_rows())
         about = f"per second, {last.users} people, {last.layout}"
         made.append(Section(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
     if found:

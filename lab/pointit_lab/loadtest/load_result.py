@@ -109,6 +109,29 @@ class LoadResult:
         per_s = self.sent / self.duration_s
         return sum(usage.cpu for usage in self.processes) / per_s * 1e6 if per_s else 0.0
 
+    def process_rows(self) -> list[dict[str, Any]]:
+        """Return for each process its CPU time for one sample of all wrists, us, and its memory."""
+        per_s = self.sent / self.duration_s
+        return [
+            {
+                "process": usage.name,
+                "us_per_sample": round(usage.cpu / per_s * 1e6) if per_s else None,
+                "memory_mb": round(usage.memory_mb),
+            }
+            for usage in self.processes
+        ]
+
+    def link_rows(self) -> list[dict[str, Any]]:
+        """Return for each link its traffic, and its bytes for one sample of all wrists."""
+        per_s = self.sent / self.duration_s
+        return [
+            {
+                **link.row(),
+                "bytes_per_sample": round((link.up_bytes_hz + link.down_bytes_hz) / per_s) if per_s else None,
+            }
+            for link in self.links
+        ]
+
     @property
     def failure(self) -> str:
         """Return the reason why the load was not carried, or `""` if it was."""

@@ -19,10 +19,18 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_all_samples_give_cursors_between_the_two_marks() -> None:
     marks: list[None] = []
-    assert (
-        run_virtually(instructions.drive(lambda: marks.append(None))) >= 0.99 * 2 * 0.2 * instructions.RATE_HZ
-    )
+    came = run_virtually(instructions.drive(lambda: marks.append(None), read=instructions.COUNTED))
+    samples = 2 * 0.2 * instructions.RATE_HZ
+    assert came["users/{user}/cursor"] == pytest.approx(samples, abs=2)  # those of both ends
+    assert 0 < came["users/{user}/hover"] < samples
     assert len(marks) == 2
+
+
+def test_a_hop_is_what_its_service_adds() -> None:
+    came = run_virtually(
+        instructions.drive(lambda: None, left_out=instructions.HOPS[2:], read=instructions.COUNTED)
+    )
+    assert {key for key, count in came.items() if count} == {"users/{user}/imu", "users/{user}/ray"}
 
 
 def test_bytecodes_are_counted_by_their_place() -> None:
@@ -59,5 +67,7 @@ def test_only_what_is_counted_between_the_marks_is_divided_by_the_samples(
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     measured = instructions.measure()
     assert (measured["samples"], measured["per_sample"]) == (40, 100_000)
+    assert measured["by_hop"] == dict.fromkeys(instructions.HOPS, 0)  # the same count for each run
+    assert measured["messages"]["users/{user}/ray"] == pytest.approx(1.0, abs=0.1)
     assert measured["bytecodes"] > measured["different"] > 1000
     assert 0.0 < measured["cpu_us"] < 1e5

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pointit_lab.loadtest.layout import Load, groups
-from pointit_lab.loadtest.load_result import CapacitySearch, LoadResult, Usage
+from pointit_lab.loadtest.load_result import CapacitySearch, LinkUsage, LoadResult, Usage
 from tests.support.bench import until
 from tests.support.commands import Commands, Ended, onlooker
 from tests.support.pace import within
@@ -112,6 +112,24 @@ def test_what_is_carried_fails_for_nothing() -> None:
     assert (record["light_max_ms"], record["lacking"]) == (20.0, "")
     assert measured(lacking="no root").record()["lacking"] == "no root"
     assert record["processes"][1] == {"name": "users 1", "cpu": 0.7, "memory_mb": 60.0}
+    assert measured().process_rows() == [
+        {"process": "site", "us_per_sample": 500, "memory_mb": 80},
+        {"process": "users 1", "us_per_sample": 700, "memory_mb": 60},
+    ]
+
+
+def test_bytes_of_a_link_are_counted_for_each_sample() -> None:
+    link = LinkUsage(
+        name="host 2 > host 1",
+        up_bytes_hz=150_000.0,
+        up_packets_hz=900.0,
+        down_bytes_hz=50_000.0,
+        down_packets_hz=300.0,
+        up_hz={},
+        down_hz={},
+        counted_s=1.0,
+    )
+    assert [row["bytes_per_sample"] for row in measured(links=[link]).link_rows()] == [200]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,119 @@
+"""Cost of one hop through a genuine ROS 2 node, to compare a hop of ours and the whole chain with.
+
+As a program it runs in the environment `.venv-rclpy`, which the tests of `tests/interop` make, and imports
+nothing of ours. `rclpy_relay.py relay` publishes again what it subscribes to until its input closes;
+`rclpy_relay.py drive RATE SECONDS` publishes so many orientations a second, and prints as JSON how many it
+sent and how many came back.
+"""
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+PYTHON = Path(__file__).parents[3] / ".venv-rclpy" / "bin" / "python"
+THERE, BACK = "relayed", "returned"
+DEPTH = 100
+READY_S = 20.0
+SETTLE_S = 1.0
+
+
+def is_available() -> bool:
+    """Return whether the environment with rclpy is there."""
+    return PYTHON.exists()
+
+
+def measure_cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
+    """Return the CPU time of the relay per message (µs), messages, and how many were lost.
+
+    Raises:
+        subprocess.CalledProcessError: rclpy failed.
+    """
+    import psutil  # noqa: PLC0415 - the environment with rclpy lacks it
+
+    with tempfile.TemporaryDirectory() as folder:
+        command = [f"{PYTHON}", __file__]
+        graph = {"ROS_DOMAIN_ID": f"{10 + os.getpid() % 90}", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        environment = os.environ | graph | {"HOME": folder, "ROS_HOME": folder}
+        relay = subprocess.Popen([*command, "relay"], env=environment, stdin=subprocess.PIPE)
+        try:
+            process = psutil.Process(relay.pid)
+            drive = subprocess.Popen(
+                [*command, "drive", f"{rate_hz}", f"{duration_s}"],
+                env=environment,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+            output = drive.stdout
+            if output is None or output.readline() != "ready\n":
+                raise subprocess.CalledProcessError(drive.wait(), drive.args)
+            before = process.cpu_times()
+            answer = output.readline()
+            after = process.cpu_times()
+            if drive.wait() or not answer:
+                raise subprocess.CalledProcessError(drive.returncode, drive.args)
+        finally:
+            relay.kill()  # on SIGTERM rclpy ends, but not the process
+            relay.wait()
+    counted = json.loads(answer)
+    cpu_s = after.user + after.system - before.user - before.system
+    return {
+        "us_per_message": round(cpu_s / counted["sent"] * 1e6, 1),
+        "messages": counted["sent"],
+        "lost": counted["sent"] - counted["returned"],
+    }
+
+
+def _open_node(name: str) -> tuple[Any, Any]:
+    rclpy = importlib.import_module("rclpy")
+    rclpy.init()
+    message = importlib.import_module("geometry_msgs.msg").QuaternionStamped
+    return rclpy.create_node(name), message
+
+
+def relay() -> None:
+    """Publish again what comes, until the standard input closes."""
+    rclpy = importlib.import_module("rclpy")
+    node, message = _open_node("relay")
+    publisher = node.create_publisher(message, BACK, DEPTH)
+    node.create_subscription(message, THERE, publisher.publish, DEPTH)
+    threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
+    sys.stdin.read()
+
+
+def drive(rate_hz: float, duration_s: float) -> None:
+    """Publish orientations and print how many were sent and came back."""
+    rclpy = importlib.import_module("rclpy")
+    node, message = _open_node("driver")
+    publisher = node.create_publisher(message, THERE, DEPTH)
+    returned: list[Any] = []
+    node.create_subscription(message, BACK, returned.append, DEPTH)
+    threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
+    end_s = time.monotonic() + READY_S
+    while not returned and time.monotonic() < end_s:
+        publisher.publish(message())
+        time.sleep(0.1)
+    time.sleep(SETTLE_S)
+    returned.clear()
+    print("ready", flush=True)
+    sent, began_s = 0, time.monotonic()
+    while (due_s := began_s + sent / rate_hz) < began_s + duration_s:
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        publisher.publish(message())
+        sent += 1
+    time.sleep(SETTLE_S)
+    print(json.dumps({"sent": sent, "returned": len(returned)}), flush=True)
+    os._exit(0)  # rclpy's thread spins
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "relay":
+        relay()
+    else:
+        drive(*map(float, sys.argv[2:]))

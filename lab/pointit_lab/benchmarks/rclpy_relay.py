@@ -41,26 +41,25 @@ def measure_cost(rate_hz: float, duration_s: float) -> dict[str, Any]:
         command = [f"{PYTHON}", __file__]
         graph = {"ROS_DOMAIN_ID": f"{10 + os.getpid() % 90}", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         environment = os.environ | graph | {"HOME": folder, "ROS_HOME": folder}
-        relay = subprocess.Popen([*command, "relay"], env=environment, stdin=subprocess.PIPE)
-        try:
-            process = psutil.Process(relay.pid)
-            drive = subprocess.Popen(
+        with (
+            subprocess.Popen([*command, "relay"], env=environment, stdin=subprocess.PIPE) as relay,
+            subprocess.Popen(
                 [*command, "drive", f"{rate_hz}", f"{duration_s}"],
                 env=environment,
                 stdout=subprocess.PIPE,
                 text=True,
-            )
-            output = drive.stdout
-            if output is None or output.readline() != "ready\n":
-                raise subprocess.CalledProcessError(drive.wait(), drive.args)
-            before = process.cpu_times()
-            answer = output.readline()
-            after = process.cpu_times()
-            if drive.wait() or not answer:
-                raise subprocess.CalledProcessError(drive.returncode, drive.args)
-        finally:
-            relay.kill()  # on SIGTERM rclpy ends, but not the process
-            relay.wait()
+            ) as drive,
+        ):
+            output, process = drive.stdout, psutil.Process(relay.pid)
+            try:
+                is_ready = output is not None and output.readline() == "ready\n"
+                before = process.cpu_times()
+                answer = output.readline() if output is not None and is_ready else ""
+                after = process.cpu_times()
+            finally:
+                relay.kill()  # on SIGTERM rclpy ends, but not the process
+        if drive.returncode or not answer:
+            raise subprocess.CalledProcessError(drive.returncode, drive.args)
     counted = json.loads(answer)
     cpu_s = after.user + after.system - before.user - before.system
     return {

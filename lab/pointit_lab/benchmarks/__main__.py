@@ -21,18 +21,17 @@ from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
 from pointit_lab.benchmarks import (
     against,
     bare_chain,
-    bare_relay,
     cores,
     instructions,
     light,
     our_chain,
     page,
-    rclpy_relay,
     recorder,
     ros2,
     sample_path,
     startup,
 )
+from pointit_lab.benchmarks.relays import bare_relay, rclpy_relay
 from pointit_lab.benchmarks.statistics import Figures, machine
 
 RATE_HZ = 100.0

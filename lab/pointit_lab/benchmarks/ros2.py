@@ -21,8 +21,8 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import PointingRay, WristSample
 from pointit.schemas.topics import RAY, USER_ALIVE, WRIST
-from pointit_lab.benchmarks import bare_relay
-from pointit_lab.benchmarks.relays import RoundTrips, relay_cost
+from pointit_lab.benchmarks.relays import bare_relay
+from pointit_lab.benchmarks.relays.relay_cost import RoundTrips, relay_cost
 from pointit_lab.benchmarks.statistics import machine
 from tests.support.buses import free_port
 

@@ -2,7 +2,7 @@
 # (the stubs of zenoh leave return types out)
 """Lower bound of any bridge in Python: forwards bytes from one Zenoh session to another.
 
-As a program: `python -m pointit_lab.benchmarks.bare_relay FROM TO` relays both ways until it is ended.
+As a program: `python -m pointit_lab.benchmarks.relays.bare_relay FROM TO` relays both ways until it is ended.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit_lab.benchmarks.bare_chain import opened
-from pointit_lab.benchmarks.relays import RoundTrips, relay_cost
+from pointit_lab.benchmarks.relays.relay_cost import RoundTrips, relay_cost
 from tests.support.buses import free_port
 
 THERE, BACK = "relayed", "returned"
@@ -43,7 +43,7 @@ async def relaying() -> AsyncGenerator[Ends]:
     endpoints = [f"tcp/127.0.0.1:{free_port()}" for _ in range(2)]
     source, sink = (opened(listen=endpoint, mode="router") for endpoint in endpoints)
     child = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "pointit_lab.benchmarks.bare_relay", *endpoints
+        sys.executable, "-m", "pointit_lab.benchmarks.relays.bare_relay", *endpoints
     )
     arrived: list[zenoh.Sample] = []
     try:

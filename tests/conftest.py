@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import itertools
+import logging
 import os
 import signal
 from collections.abc import AsyncIterator, Iterator
@@ -61,6 +62,19 @@ def own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
     path = tmp_path_factory.getbasetemp() / f"state{next(_states)}"
     monkeypatch.setenv("POINTIT_STATE", str(path))
     return path
+
+
+@pytest.fixture(autouse=True)
+def no_log_handler_is_left() -> Iterator[None]:
+    """Take back what commands change of logging in this process: their handler hides errors from later tests."""
+    root, other = logging.getLogger(), logging.getLogger("asyncio")
+    handlers, levels = [*root.handlers], (root.level, other.level)
+    yield
+    for handler in [*root.handlers]:
+        if handler not in handlers:
+            root.removeHandler(handler)
+    root.setLevel(levels[0])
+    other.setLevel(levels[1])
 
 
 @pytest.fixture(autouse=True)

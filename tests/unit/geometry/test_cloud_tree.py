@@ -116,7 +116,8 @@ def misses(points: Array, origin: Vec3, direction: Vec3, measure: CloudMeasure) 
     reach = points - np.array(origin)
     d = np.array(direction)
     along: Array = reach @ d
-    across: Array = np.linalg.norm(np.cross(d, reach), axis=1)
+    (x, y, z), (a, b, c) = reach.T, direction
+    across: Array = np.sqrt((b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2)  # |d x reach|
     if measure == "angle":
         angles: Array = np.arctan2(across, along)
         return angles

@@ -41,9 +41,14 @@ def turned(points: Array, yaw: float) -> Array:
     return np.asarray(points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
+def square(count: int, across: int) -> Array:
+    u, v = np.meshgrid(np.linspace(-0.5, 0.5, count), np.linspace(-0.5, 0.5, across))
+    return np.column_stack([u.ravel(), v.ravel()])
+
+
 def box_skin(size: Vec3) -> Array:
-    u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.5, 0.5, GRID), np.linspace(-0.5, 0.5, GRID)))
-    uv = np.column_stack([u, v])
+    """Return points of the faces, and more of the edges: the closest point of a missed box is on one."""
+    uv = np.concatenate([square(20, 20), square(2 * GRID, 2), square(2, 2 * GRID)])
     faces = [np.insert(uv, axis, side, axis=1) for axis in range(3) for side in (-0.5, 0.5)]
     return np.asarray(np.concatenate(faces) * np.array(size))
 
@@ -73,7 +78,7 @@ def some_solid(rng: random.Random, form: str) -> tuple[Solid, Array]:
         return CylinderSolid(at, size[0], size[1]), cylinder_skin(size[0], size[1]) + np.array(at)
     normal = some_direction(rng)
     u, v = plane_axes(normal)
-    grid = box_skin((size[0], size[1], 0.0))[:, :2]
+    grid = square(GRID, GRID) * size[:2]
     points = grid[:, :1] * np.array(u) + grid[:, 1:] * np.array(v) + np.array(at)
     return PlaneSolid(at, normal, (size[0], size[1]), grazing_rad=0.0), points
 

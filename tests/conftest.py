@@ -66,7 +66,7 @@ def own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
 
 @pytest.fixture(autouse=True)
 def no_log_handler_is_left() -> Iterator[None]:
-    """Take back what commands change of logging in this process: their handler hides errors from later tests."""
+    """Take back the logging that a command has set up here: its handler hides tracebacks from later tests."""
     root, other = logging.getLogger(), logging.getLogger("asyncio")
     handlers, levels = [*root.handlers], (root.level, other.level)
     yield

@@ -26,7 +26,6 @@ import re
 import resource
 import subprocess
 import sys
-import tempfile
 import time
 import tomllib
 from collections import Counter
@@ -122,15 +121,13 @@ def mend(path: Path = ROWS) -> None:
     path.write_text("[[mutant]]\n".join([head, *rows]), "utf-8")
 
 
-def run_tests(tests: Sequence[str], folder: str, mutant: Mutant | None = None) -> tuple[int, str]:
+def run_tests(tests: Sequence[str], mutant: Mutant | None = None) -> tuple[int, str]:
     """Run `tests` in a process of their own, with `mutant` if given.
-
-    Python keeps bytecode in `folder`, which saves most of the time of later runs with the same one.
 
     Returns:
         The exit code of pytest and what it printed.
     """
-    changed = {"PYTHONPYCACHEPREFIX": folder}
+    changed = {"OPENBLAS_NUM_THREADS": "1"}
     options = ["-q", "--no-header", "--tb=short", "-p", "no:cacheprovider", "-p", "tests.mutants.plugin"]
     options += ["-o", f"timeout={TIMEOUT_S}", "--hypothesis-seed=0"]
     if mutant is not None:
@@ -148,9 +145,9 @@ def run_tests(tests: Sequence[str], folder: str, mutant: Mutant | None = None) -
     return ended.returncode, ended.stdout + ended.stderr
 
 
-def verdict(mutant: Mutant, folder: str) -> str:
+def verdict(mutant: Mutant) -> str:
     """Return `"killed"`, or the problem."""
-    code, printed = run_tests([mutant.test], folder, mutant)
+    code, printed = run_tests([mutant.test], mutant)
     if code == FAILED:
         return "killed"
     if code == PASSED:
@@ -192,8 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if errors or chosen.check or not mutants:
         return int(bool(errors) or not mutants)
 
-    with tempfile.TemporaryDirectory() as folder:
-        return _run(mutants, folder)
+    return _run(mutants)
 
 
 def _say(text: str) -> None:
@@ -201,16 +197,16 @@ def _say(text: str) -> None:
     sys.stdout.flush()
 
 
-def _run(mutants: Sequence[Mutant], folder: str) -> int:
+def _run(mutants: Sequence[Mutant]) -> int:
     """Run the tests of `mutants` without and with them; return 0 if all are killed."""
-    code, printed = run_tests(sorted({mutant.test for mutant in mutants}), folder)
+    code, printed = run_tests(sorted({mutant.test for mutant in mutants}))
     if code != PASSED:
         _say(f"{printed}\nThe tests fail without any mutant.")
         return 1
     killed = 0
     for mutant in mutants:
         began = time.monotonic()
-        answer = verdict(mutant, folder)
+        answer = verdict(mutant)
         killed += answer == "killed"
         _say(f"{time.monotonic() - began:5.1f} s  {mutant.file}: {mutant.mutated}: {answer}")
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -223,26 +219,25 @@ def _run_fresh(count: int, seed: str, parts: Sequence[str]) -> int:
     rows = {(row.file, row.line) for row in read()}
     reasons = {(row.file, row.line, row.mutated): row.test for row in read(EQUIVALENT)}
     tally: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory() as folder:
-        for file, line, mutated in fresh.sample(count, seed, rows):
-            if parts and not any(part in file for part in parts):
-                continue
-            began = time.monotonic()
-            if reason := reasons.get((file, line, mutated)):
-                answer, said = "equivalent", reason
-            else:
-                answer, said = _fresh_verdict(Mutant(file, line, mutated, ""), folder)
-            tally[answer] += 1
-            _say(f"{time.monotonic() - began:5.1f} s  {answer}  {file}: {line} -> {mutated}  {said}")
+    for file, line, mutated in fresh.sample(count, seed, rows):
+        if parts and not any(part in file for part in parts):
+            continue
+        began = time.monotonic()
+        if reason := reasons.get((file, line, mutated)):
+            answer, said = "equivalent", reason
+        else:
+            answer, said = _fresh_verdict(Mutant(file, line, mutated, ""))
+        tally[answer] += 1
+        _say(f"{time.monotonic() - began:5.1f} s  {answer}  {file}: {line} -> {mutated}  {said}")
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     _say(f"{dict(tally)}, {used.ru_utime + used.ru_stime:.0f} s of CPU")
     return int(tally["killed"] < 0.9 * (tally["killed"] + tally["SURVIVED"]))
 
 
-def _fresh_verdict(mutant: Mutant, folder: str) -> tuple[str, str]:
+def _fresh_verdict(mutant: Mutant) -> tuple[str, str]:
     """Return `killed` or `SURVIVED`, and the test that failed."""
     for tests in (fresh.unit_tests(mutant.file), fresh.NETS):
-        code, printed = run_tests(tests, folder, mutant) if tests else (PASSED, "")
+        code, printed = run_tests(tests, mutant) if tests else (PASSED, "")
         if code != PASSED:  # also an import that is no longer possible
             failed = re.search(r"^(?:FAILED|ERROR) (\S+)", printed, re.MULTILINE)
             return "killed", failed[1] if failed else f"pytest ended with {code}"

@@ -67,17 +67,15 @@ def test_error_says_what_to_mend(project: Path, each: runner.Mutant, complaint: 
         (mutant(test="test_other.py"), "SURVIVED (the test does not import the mutated file)"),
     ],
 )
-def test_verdict_is_what_the_test_did(
-    project: Path, tmp_path: Path, each: runner.Mutant, expected: str
-) -> None:
-    assert runner.verdict(each, str(tmp_path / "cache")) == expected
+def test_verdict_is_what_the_test_did(project: Path, each: runner.Mutant, expected: str) -> None:
+    assert runner.verdict(each) == expected
     assert (project / "src" / "shape.py").read_text(encoding="utf-8") == SOURCE
 
 
-def test_mutant_that_cannot_be_imported_is_broken_not_killed(project: Path, tmp_path: Path) -> None:
+def test_mutant_that_cannot_be_imported_is_broken_not_killed(project: Path) -> None:
     each = mutant("def area(a, b, c=undefined):", line="def area(a, b):")
     assert project.is_dir()
-    assert runner.verdict(each, str(tmp_path / "cache")).startswith("BROKEN (pytest ended with 2)")
+    assert runner.verdict(each).startswith("BROKEN (pytest ended with 2)")
 
 
 def test_a_seed_draws_the_same_lines_of_cores_and_none_of_those_left_out() -> None:

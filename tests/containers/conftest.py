@@ -64,7 +64,7 @@ def until(holds: Callable[[], bool], what: Callable[[], str], patience_s: float 
     began_s, patience = time.monotonic(), Patience(patience_s)
     while not holds():
         assert not patience.is_over(), what()
-        time.sleep(0.5)
+        time.sleep(1.0)  # each look starts programs of podman
     return time.monotonic() - began_s
 
 

@@ -74,10 +74,10 @@ def test_the_page_answers_whoever_has_its_link_on_this_machine(stack: Stack) -> 
 
     until(lambda: bool(link()), lambda: stack.log("web"))
     jar = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
-    with jar.open(link(), timeout=10) as answer:
+    with jar.open(link(), timeout=60) as answer:
         assert b"PointIt" in answer.read()
     with pytest.raises(urllib.error.HTTPError) as refused:
-        urllib.request.urlopen(f"http://127.0.0.1:{stack.page_port}/", timeout=10)
+        urllib.request.urlopen(f"http://127.0.0.1:{stack.page_port}/", timeout=60)
     assert refused.value.code == 403
     refused.value.close()
     ports = podman("port", stack.name("web")).stdout.split("->")
@@ -89,7 +89,7 @@ def test_the_page_is_not_reached_from_other_machines(stack: Stack) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.connect(("192.0.2.1", 9))  # sends nothing: finds the address by which others reach this machine
         address = probe.getsockname()[0]
-    with socket.create_connection(("127.0.0.1", stack.page_port), timeout=10):
+    with socket.create_connection(("127.0.0.1", stack.page_port), timeout=60):
         pass
     with pytest.raises(OSError, match=r"refused|timed out"):
         socket.create_connection((address, stack.page_port), timeout=10)

@@ -193,7 +193,7 @@ def _try(*command: str) -> None:
 
 
 def _run(*command: str) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     if done.returncode:
         raise RuntimeError(f"`{' '.join(command)}`: {done.stderr.strip()}")
     return done.stdout

@@ -31,7 +31,7 @@ class Prometheus:
     def value(self, expression: str) -> float | None:
         """Return the value of an expression with one result, or None without one."""
         try:
-            answer = httpx.get(f"{self._url}/query", params={"query": expression}, timeout=10.0)
+            answer = httpx.get(f"{self._url}/query", params={"query": expression}, timeout=60.0)
         except httpx.TransportError:
             return None  # it has not started yet
         if not answer.is_success:
@@ -47,7 +47,7 @@ class Prometheus:
         await until(is_said, START_S, expression)
 
     def faults(self) -> list[str]:
-        groups = httpx.get(f"{self._url}/rules", timeout=10.0).json()["data"]["groups"]
+        groups = httpx.get(f"{self._url}/rules", timeout=60.0).json()["data"]["groups"]
         return [
             rule.get("lastError", "")
             for group in groups

@@ -47,7 +47,7 @@ async def address(request: pytest.FixtureRequest) -> AsyncIterator[str]:
     bench.put(topics.MAP, MAP)
     bench.start(SERVICE, FoxgloveConfig.model_validate({"host": host, "port": port}))
     try:
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(60.0):
             await listens(host, port)
         yield f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     finally:

@@ -135,7 +135,7 @@ async def serving(bench: Bench, **parameters: Any) -> AsyncGenerator[Server]:
     life = asyncio.create_task(serve(bench, port, **parameters))
     server = Server(port)
     try:
-        async with asyncio.timeout(30.0):
+        async with asyncio.timeout(60.0):
             await _listening(port, life)
         yield server
     finally:

@@ -102,7 +102,7 @@ async def is_answered(listener: Listener) -> bool:
 async def is_cut(client: socket.socket) -> bool:
     """Return True if the server ends the connection."""
     try:
-        async with asyncio.timeout(30.0):
+        async with asyncio.timeout(60.0):
             return await asyncio.get_running_loop().sock_recv(client, 10) == b""
     except ConnectionError:
         return True

@@ -160,7 +160,7 @@ async def test_files_are_sent_once_and_compressed(client: httpx.AsyncClient) -> 
 async def test_nothing_beside_the_bundle_is_served(server: Server, path: str) -> None:
     reader, writer = await asyncio.open_connection(*server.host.split(":"))
     writer.write(f"GET {path} HTTP/1.1\r\nHost: {server.host}\r\nConnection: close\r\n\r\n".encode())
-    async with asyncio.timeout(30.0):
+    async with asyncio.timeout(60.0):
         answer = await reader.read()
     writer.close()
     await writer.wait_closed()

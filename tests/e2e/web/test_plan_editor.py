@@ -91,7 +91,7 @@ async def test_a_strip_is_moved_undone_checked_and_saved_and_the_cursor_follows(
 
     assert path.read_text() == ROOM, "nothing is saved yet"
     await editor.get_by_role("button", name="Save", exact=True).click()
-    await expect(status).to_contain_text(f"saved to {path}")
+    await expect(status).to_contain_text(f"saved as …/{tmp_path.name}/my_room.yaml, and people point at it")
     saved = path.read_text()
     line = f"[[{x:g}, {y - 0.3:g}, 1.2], [{x + 2:g}, {y - 0.3:g}, 1.2]]"
     assert saved == ROOM.replace("[[1.0, 2.9, 1.2], [3.0, 2.9, 1.2]]", line)

@@ -1,16 +1,18 @@
 """The plan editor's server: the map in use is read, checked with edits, saved in place or as a copy."""
 
+from collections.abc import Awaitable
 from pathlib import Path
 from typing import cast
 
 import pytest
 
 from pointit.bridges.web.model.map_editor import MapEditor
+from pointit.bridges.web.model.shown_path import shown_path, with_shown_path
 from pointit.maps.edit.edits import Add, Edit, SetValue
 from pointit.maps.file import load_map
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.errors import ConfigError, PointItError, RefusedError
-from pointit.schemas import KeyNameError, UseMap, UseMapReply
+from pointit.runtime.errors import PointItError, RefusedError
+from pointit.schemas import UseMap, UseMapReply
 
 pytestmark = pytest.mark.wall_time  # files are read in threads
 
@@ -38,6 +40,13 @@ class Site:
             raise RefusedError(self.refuses)
         self.map = query.path or self.map
         return UseMapReply(path=self.map)
+
+
+async def refused(request: Awaitable[object]) -> str:
+    """Return the reason."""
+    with pytest.raises(RefusedError) as error:
+        await request
+    return str(error.value)
 
 
 def text_of(path: str) -> str:
@@ -94,7 +103,8 @@ async def test_a_saved_map_has_its_comments_and_mode_and_is_used_at_once(site: S
     saved = await site.editor.save([HIGHER], digest, "")
     assert text_of(site.map) == ROOM.replace("[3, 1, 1]", "[3, 1, 1.25]")
     assert mode_of(site.map) == 0o640
-    assert saved["message"] == f"saved to {site.map}, and people point at it"
+    name = f"…/{Path(site.map).parent.name}/room.yaml"
+    assert saved["message"] == f"saved as {name}, and people point at it"
     await site.editor.save([], saved["digest"], "")  # what was saved is what is edited next
 
 
@@ -128,15 +138,17 @@ async def test_a_shipped_map_is_saved_as_a_copy_only(tmp_path: Path, monkeypatch
         await site.editor.save([edit], found["digest"], "")
     saved = await site.editor.save([edit], found["digest"], "mine")
     assert site.map == saved["path"] == str(tmp_path / "mine.yaml")
-    assert saved["message"].endswith(f"with --set pui.map={site.map}")
+    assert saved["message"] == (
+        "saved as mine.yaml, and people point at it; from the next start on with --set pui.map=mine.yaml"
+    )
     assert [lamp.id for lamp in load_map(site.map, 0).lamps][-1] == "new"
 
 
 @pytest.mark.parametrize(
     ("name", "error", "sentence"),
     [
-        ("other", ConfigError, "exists already; choose another name"),
-        ("../other", KeyNameError, "other"),
+        ("other", RefusedError, "/other.yaml: exists already; choose another name"),
+        ("../other", RefusedError, "other"),
         ("", RefusedError, "not saved: strips.top.pixels: write"),
     ],
 )
@@ -152,9 +164,53 @@ async def test_what_cannot_be_saved_changes_no_file(
 
 async def test_that_the_site_does_not_take_a_saved_map_is_said(site: Site) -> None:
     digest = (await site.editor.read())["digest"]
-    site.refuses = "nothing to point at"
+    site.refuses = f"{site.map}: nothing to point at"
     saved = await site.editor.save([HIGHER], digest, "")
-    assert saved["message"].endswith("but the site still uses the map as it was: nothing to point at")
+    assert saved["message"].endswith("/room.yaml: nothing to point at")
+    assert "but the site still uses the map as it was" in saved["message"]
+    assert str(Path(site.map).parent) not in saved["message"]
+
+
+async def test_a_copy_elsewhere_is_used_by_its_path_that_only_the_user_knows(site: Site) -> None:
+    saved = await site.editor.save([HIGHER], (await site.editor.read())["digest"], "mine")
+    assert saved["message"].endswith("from the next start on with the path of mine.yaml in --set pui.map")
+    assert Path(site.map).name == "mine.yaml"
+
+
+async def test_no_sentence_of_the_editor_has_the_folder_of_the_map(site: Site, tmp_path: Path) -> None:
+    digest = (await site.editor.read())["digest"]
+    put(str(tmp_path / "other.yaml"), "theirs")
+    invalid: list[Edit] = [SetValue(section="lamps", name="none", key="position", value=[0, 0, 1])]
+    sentences = [
+        await refused(site.editor.check([HIGHER], "another digest")),
+        await refused(site.editor.save([HIGHER], digest, "other")),
+        await refused(site.editor.check(invalid, digest)),
+    ]
+    put(site.map, "lamps: [")
+    sentences.append(await refused(site.editor.read()))
+    site.map = str(tmp_path / "gone.yaml")
+    sentences.append(await refused(site.editor.read()))
+    assert [each for each in sentences if str(tmp_path) in each] == []
+    assert all("room.yaml" in each for each in (sentences[0], sentences[3]))
+
+
+@pytest.mark.parametrize(
+    ("path", "shown"),
+    [
+        ("start/mine.yaml", "mine.yaml"),
+        ("start/maps/mine.yaml", "maps/mine.yaml"),
+        ("srv/maps/mine.yaml", "…/maps/mine.yaml"),
+    ],
+)
+def test_a_path_is_shown_relative_to_a_folder_that_users_know(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, shown: str
+) -> None:
+    (tmp_path / "start").mkdir()
+    monkeypatch.chdir(tmp_path / "start")
+    there = tmp_path / path
+    assert shown_path(there) == shown
+    sentence = f"{there}: cut; see {there.with_name('b.yaml')}"
+    assert with_shown_path(sentence, there) == f"{shown}: cut; see {shown.replace('mine', 'b')}"
 
 
 async def test_a_map_on_another_machine_is_not_edited_here() -> None:

@@ -14,6 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pointit.bridges.web.model.shown_path import shown_path, with_shown_path
 from pointit.maps.edit.document import edited
 from pointit.maps.edit.edits import Edit
 from pointit.maps.edit.new_file import write_new
@@ -75,13 +76,17 @@ class MapEditor:
         """
         path = await self._beside(_save, await self._used(), edits, digest, name)
         log.info("a page has saved the map %s with %d edits", path, len(edits))
-        message = f"saved to {path}, and people point at it"
+        shown = shown_path(path)
+        message = f"saved as {shown}, and people point at it"
         if name:
-            message += f"; from the next start on with --set pui.map={path}"
+            is_elsewhere = shown.startswith("…")
+            option = f"the path of {path.name} in --set pui.map" if is_elsewhere else f"--set pui.map={shown}"
+            message += f"; from the next start on with {option}"
         try:
             await self._bus.call(USE_MAP, UseMap(path=str(path)))
         except (PointItError, SchemaError) as error:
-            message = f"saved to {path}, but the site still uses the map as it was: {error}"
+            reason = with_shown_path(str(error), path)
+            message = f"saved as {shown}, but the site still uses the map as it was: {reason}"
         return {**await self._beside(_read, str(path)), "message": message}
 
     async def _used(self) -> str:
@@ -100,8 +105,10 @@ def _opened(name_or_path: str) -> Generator[tuple[Path, bytes]]:
             yield path, read_limited(path, MAX_YAML_BYTES + 1)
         except FileNotFoundError as error:
             raise RefusedError(
-                f"{path} is not on the machine of this page; open a page where `pui` runs"
+                f"{path.name} is not on the machine of this page; open a page where `pui` runs"
             ) from error
+        except PointItError as error:
+            raise RefusedError(with_shown_path(str(error), path)) from error
 
 
 def _digest(content: bytes) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pointit.bridges.web.model.shown_path import shown_path, with_shown_path
 from pointit.bridges.web.scan.marks import marked_pixels, picture
 from pointit.bridges.web.scan.wire import (
     MAX_LIGHTS,
@@ -201,8 +202,11 @@ class ScanSession:
             raise RefusedError(f"{said.name!r} is no name for a map: use letters, digits, - and _")
         text = self.map_text(said.origin)
         path = self._folder / name
-        write_new(path, text)
-        self._saved = str(path)
+        try:
+            write_new(path, text)
+        except ConfigError as error:
+            raise RefusedError(with_shown_path(str(error), path)) from error
+        self._saved = shown_path(path)
         log.info("the scanned map is in %s: check it with `pointit map check %s`", path, path)
 
     def state(self, *, is_simulated: bool = False) -> ScanState:

@@ -146,7 +146,7 @@ class ScanState(WireModel):
     problem: str = ""
     is_simulated: bool = False
     file: Annotated[str, Field(description="suggested name of the map")] = ""
-    saved: Annotated[str, Field(description="path of the written map; empty if none")] = ""
+    saved: Annotated[str, Field(description="path of the written map as pages show it; empty if none")] = ""
 
 
 class ScanRoomStrip(WireModel):

@@ -190,7 +190,7 @@ class Page {
     const name = part<HTMLInputElement>("name").value.trim();
     const state = await ask({ kind: "save", name, origin: part<HTMLSelectElement>("origin").value });
     this.show(state);
-    part("saved").textContent = `The map is in ${state.saved}. Check it: pointit map check ${state.saved}`;
+    part("saved").textContent = `The map is saved as ${state.saved}. Check it in its folder: pointit map check ${state.saved.replace(/^.*[\\/]/, "")}`;
     chime("up");
   }
 

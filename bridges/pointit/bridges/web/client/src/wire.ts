@@ -416,7 +416,7 @@ export interface ScanState {
   next_m: [number, number, number] | null;
   problem: string;
   /**
-   * path of the written map; empty if none
+   * path of the written map as pages show it; empty if none
    */
   saved: string;
   strips: ScanStrip[];

@@ -72,6 +72,19 @@ async def test_objects_move_on_the_strips_of_the_map() -> None:
             assert moved_m == pytest.approx(0.5 * span_ns / 1e9, abs=1e-6)
 
 
+async def test_configured_speed_is_a_figure_also_after_a_request() -> None:
+    async with memory_bench(VirtualClock()) as bench:
+        reports = bench.collect(topics.HEALTH)
+        bench.start(ConveyorSim, config(speed_mps=0.2))
+        bench.put(topics.MAP, LAB)
+        await until(lambda: bool(reports))
+        await bench.bus.call(topics.SET_SPEED, SetSpeed(speed_mps=0.8))
+        count = len(reports)
+        await until(lambda: len(reports) > count)
+        figures = [figure for figure in reports[-1].figures if figure.name == "default speed"]
+        assert [(each.value, each.unit) for each in figures] == [(0.2, "m/s")]
+
+
 async def test_requests_are_done_or_refused_in_a_sentence() -> None:
     clock = ManualClock()
     async with memory_bench(clock) as bench:

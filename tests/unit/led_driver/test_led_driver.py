@@ -152,13 +152,13 @@ async def test_a_request_sets_the_brightness() -> None:
             return {figure.name: figure.value for figure in reports[-1].figures} if reports else {}
 
         frames = await started(bench)
-        await until(lambda: shown() == {"brightness": 1.0})
+        await until(lambda: shown() == {"brightness": 1.0, "default brightness": 1.0})
         bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         assert max(pixels(await next_frame(frames), "a").values()) == (255, 255, 255)
         reply = await bench.bus.call(at.SET_BRIGHTNESS, SetBrightness(brightness=0.2))
         assert "20%" in reply.message
         await until(lambda: max(pixels(frames[-1], "a").values()) == (51, 51, 51))
-        await until(lambda: shown() == {"brightness": 0.2})
+        await until(lambda: shown() == {"brightness": 0.2, "default brightness": 1.0})
         await bench.bus.call(at.SET_BRIGHTNESS, SetBrightness(brightness=1.0, strips=("a",)))
         await until(lambda: max(pixels(frames[-1], "a").values()) == (255, 255, 255))
         with pytest.raises(RequestError, match="there is no strip 'x'"):

@@ -22,7 +22,7 @@ from pointit.schemas import (
     TrackedObjects,
     UseMap,
 )
-from pointit.schemas.topics import MAP, OBJECTS, SET_TOLERANCE, SET_WORKSPACE, USE_MAP, USER_ALIVE
+from pointit.schemas.topics import HEALTH, MAP, OBJECTS, SET_TOLERANCE, SET_WORKSPACE, USE_MAP, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 from tests.support.bench import in_virtual_time, memory_bench, until
@@ -232,6 +232,15 @@ async def test_it_holds_for_everybody_from_the_next_ray_on() -> None:
         await tolerate(here, 20.0)
         assert [await beside(here, 15.0), await beside(here, 15.0, "ben")] == ["strip", "strip"]
         assert (await tolerate(here)).tolerance_rad == pytest.approx(math.radians(20.0))
+
+
+async def test_configured_tolerance_is_a_figure_also_after_a_request() -> None:
+    async with room(tolerance_deg=7.0) as here:
+        reports = here.bench.collect(HEALTH)
+        await tolerate(here, 5.0)
+        await until(lambda: bool(reports))
+        figures = [figure for figure in reports[-1].figures if figure.name == "default tolerance"]
+        assert [(each.value, each.unit) for each in figures] == [(7.0, "°")]
 
 
 @pytest.mark.parametrize(

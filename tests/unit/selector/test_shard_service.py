@@ -66,6 +66,19 @@ async def test_a_shard_follows_the_method_of_the_site() -> None:
         assert site.told == [("selected", "a", "anna")]
 
 
+async def test_configured_dwell_time_of_the_method_in_use_is_a_figure() -> None:
+    async with served(gauge={"full_s": 0.6, "sparse_full_s": 0.4}, window_s=0.9) as site:
+
+        def default_s() -> list[float]:
+            figures = site.health[-1].figures if site.health else ()
+            return [each.value for each in figures if each.name == "default dwell"]
+
+        for query, wanted_s in (({"dwell_s": 2.0}, 0.6), ({"method": "hold", "dwell_s": 1.5}, 0.9)):
+            await site.bus.call(topics.SET_METHOD, SetMethod.model_validate(query))
+            await site.stay("anna", 1.0)
+            await until(lambda wanted_s=wanted_s: default_s() == [wanted_s])  # type: ignore[misc]
+
+
 async def test_a_method_that_is_not_installed_here_is_a_warning() -> None:
     async with shard_alone() as site:
         stare = Selection(stamp_ns=site.clock.now_ns(), method="stare", dwell_s=1.0)

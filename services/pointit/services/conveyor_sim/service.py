@@ -67,6 +67,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._states = self.bus.publisher(topics.CONVEYOR_STATE)
         self._events = self.bus.publisher(topics.SELECTION_EVENTS)
         self._states.put(self._state)
+        self.bus.set_metric("default speed", config.speed_mps, "m/s")
         self.bus.serve(topics.ADD_PACKAGE, self._on_add)
         self.bus.serve(topics.SET_SPEED, self._on_speed)
         self.bus.serve(topics.SET_FEEDING, self._on_feeding)

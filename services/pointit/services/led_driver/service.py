@@ -102,7 +102,8 @@ class LedDriver(Service[LedDriverConfig]):
         """People whose cursors are on beams."""
         self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
         self._leases = self.bus.publisher(LAMP_LEASES)
-        self.bus.set_metric("brightness", self._lights.brightness)
+        for name in ("brightness", "default brightness"):
+            self.bus.set_metric(name, config.brightness)
         self._leases.put(LampLeases(stamp_ns=self.clock.now_ns()))  # replaces a crashed instance's
         self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
         self.bus.serve(SET_LAMP, self._set_lamp)

@@ -109,6 +109,7 @@ class Pui(Service[PuiConfig]):
         if not config.people:
             self.bus.serve(SET_TOLERANCE, self._on_tolerance)
             self.bus.serve(USE_MAP, self._on_use_map)
+        self.bus.set_metric("default tolerance", config.tolerance_deg, "°")
         self.bus.subscribe(OBJECTS, self._on_objects)
         self._share.subscribe(POSE, self._on_pose)
         self._share.subscribe(INTERACTION, self._on_interaction)
@@ -282,10 +283,8 @@ class Pui(Service[PuiConfig]):
         tolerance_rad = surfaces.tolerance_rad
         if tolerance_rad is None:
             return SetToleranceReply(message=f"the tolerance is in metres: {self._by_metres()}")
-        return SetToleranceReply(
-            message=f"a ray may pass what it points at by {math.degrees(tolerance_rad):.1f}°",
-            tolerance_rad=min(tolerance_rad, WIDEST_RAD),
-        )
+        message = f"a ray may pass what it points at by {math.degrees(tolerance_rad):.1f}°"
+        return SetToleranceReply(message=message, tolerance_rad=min(tolerance_rad, WIDEST_RAD))
 
     def _by_metres(self) -> str:
         if self.config.method == "kd_tree":

@@ -132,6 +132,7 @@ class Selector(Service[SelectorConfig]):
     def _check_method(self) -> None:
         fault = self._engine.fault()
         name = self._in_use.method
+        self.bus.set_metric("default dwell", apply_method(self.config, self._in_use, name, None).dwell_s, "s")
         problem = f"{METHODS.label(name)} failed ({fault}): choose another one, or update it" if fault else ""
         if problem and problem != self._told:
             log.error("%s", problem)

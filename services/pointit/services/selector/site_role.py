@@ -126,8 +126,7 @@ class SiteRole:
         return Done(message=f"{len(done)} of {user}'s objects deselected")
 
     async def _undo(self, _query: UndoSelection, user: str) -> Done:
-        outputs = self._put(self.engine.undo(user, self._clock.now_ns()))
-        return Done(message=_done_message(outputs))
+        return Done(message=_done_message(self._put(self.engine.undo(user, self._clock.now_ns()))))
 
     async def _release(self, query: ReleaseObject, user: str) -> Done:
         now_ns = self._clock.now_ns()

@@ -1,6 +1,6 @@
 /** A slider with its name, its value, which can be typed as well, and the way back; it shows the value that the server confirmed. */
 
-import { el, icon, mark } from "./dom";
+import { el, icon, mark, show } from "./dom";
 import { typedNumber } from "./format";
 
 export interface SliderOptions {
@@ -10,8 +10,8 @@ export interface SliderOptions {
   step: number;
   /** Unit, as shown behind the value and as read out. */
   unit: string;
-  /** Default value; that with which the site began, if it is left out. */
-  usual?: number;
+  /** Default value, such as that with which its service has started; null while it is unknown. */
+  initial(): number | null;
   /** Called while it is moved, at most one call at a time, and with what was typed; returns the value in use then, or null if it is refused. */
   send(value: number): Promise<number | null>;
   /** Called with the sentence on text that is no number. */
@@ -20,18 +20,18 @@ export interface SliderOptions {
 
 export interface Slider {
   readonly element: HTMLElement;
-  /** Value in use at the site, not shown while the slider is being moved; null: its service has gone, and with it the default. */
+  /** Value in use at the site, not shown while the slider is being moved; null: its service has gone. */
   set(value: number | null): void;
 }
 
 let sliders = 0;
 
-export function slider({ label, min, max, step, unit, usual, send: request, onInvalid }: SliderOptions): Slider {
+export function slider({ label, min, max, step, unit, initial, send: request, onInvalid }: SliderOptions): Slider {
   const id = `slider-${++sliders}`, digits = (String(step).split(".")[1] ?? "").length;
   const input = el("input", { type: "range", id, min, max, step });
   const field = el("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${label} in ${unit}`, value: "–" });
   const reset = el("button", { type: "button", className: "quiet reset", hidden: true, onclick: () => void back() }, icon("undo"));
-  let inUse: number | null = null, start: number | null = usual ?? null;
+  let inUse: number | null = null;
   let isBusy = false;
   let wanted: number | null = null;
   let movedAt = -Infinity;
@@ -41,9 +41,13 @@ export function slider({ label, min, max, step, unit, usual, send: request, onIn
   function display(value: number): void {
     if (document.activeElement !== field || isBusy) field.value = text(value);
     mark(input, "aria-valuetext", `${text(value)} ${unit}`);
-    const isUsual = start === null || Math.abs(value - start) < step / 2;
-    if (isUsual && document.activeElement === reset) input.focus();
-    reset.hidden = isUsual;
+    offerReset(value);
+  }
+
+  function offerReset(value: number): void {
+    const start = initial(), isInitial = start === null || text(value) === text(start);
+    if (isInitial && document.activeElement === reset) input.focus();
+    show(reset, !isInitial);
     if (start !== null) reset.title = `Back to ${text(start)} ${unit}`;
     mark(reset, "aria-label", `${label}: ${reset.title.toLowerCase()}`);
   }
@@ -73,6 +77,7 @@ export function slider({ label, min, max, step, unit, usual, send: request, onIn
   }
 
   async function back(): Promise<void> {
+    const start = initial();
     if (start !== null) await send(start);
   }
 
@@ -90,14 +95,11 @@ export function slider({ label, min, max, step, unit, usual, send: request, onIn
   return {
     element: el("div", { className: "slider" }, el("label", { for: id, text: label }), reset, el("span", { className: "typed" }, field, el("span", { text: unit })), input),
     set(value) {
-      if (value === null) {
-        inUse = null;
-        start = usual ?? null;
-      }
+      if (value === null) inUse = null;
       // the site's own state lags behind the answer a little
-      if (isBusy || value === null || value === inUse || performance.now() - movedAt < 500) return;
+      if (isBusy || value === null || performance.now() - movedAt < 500) return;
+      if (value === inUse) return offerReset(value);
       inUse = value;
-      start ??= value;
       if (document.activeElement !== field) settle();
     },
   };

@@ -6,6 +6,7 @@ import { el, icon, key, mark, renew, section, show, write } from "../dom";
 import { byName, capital } from "../format";
 import { cssColor, KIND_COLORS, kindColor } from "../geometry/looks";
 import type { BayCount } from "../messages";
+import { initialOf } from "../site/figures";
 import { slider } from "../slider";
 import { called, movingOf, nounOf } from "../words";
 import type { Part } from "./part";
@@ -48,7 +49,7 @@ export function beltsPart(controls: Controls): Belts {
     if (site.conveyor) void controls.ask({ key: "conveyor/set_feeding", query: { feeding: !isFed() } });
   }
 
-  const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, unit: "m/s", send: setSpeed, onInvalid: (problem) => controls.toasts.show("error", problem) });
+  const speed = slider({ label: "Speed", min: 0, max: 1.5, step: 0.05, unit: "m/s", initial: () => initialOf(site, "conveyor-sim", "speed"), send: setSpeed, onInvalid: (problem) => controls.toasts.show("error", problem) });
   const haltName = el("span", { text: "Stop the belts" });
   const haltIcon = icon("stop");
   const halt = el("button", { type: "button", "aria-keyshortcuts": "S", onclick: () => self.halt() }, haltIcon, haltName, key("S"));

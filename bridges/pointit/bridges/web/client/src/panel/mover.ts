@@ -19,7 +19,7 @@ export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): P
   const line = el("p", { className: "muted" });
   const takeOver = el("button", { type: "button", onclick: () => void mouse.take() }, icon("mouse"), el("span", { text: "Take over" }));
   const tremor = slider({
-    label: "Tremor of the mouse's arm", min: 0, max: 3, step: 0.1, unit: "°", usual: 0, send: (value) => mouse.shake(value),
+    label: "Tremor of the mouse's arm", min: 0, max: 3, step: 0.1, unit: "°", initial: () => 0, send: (value) => mouse.shake(value),
     onInvalid: (problem) => controls.toasts.show("error", problem),
   });
   const pair = el("button", { type: "button", onclick: () => pairing.open() }, icon("phone"), el("span", { text: "Show the QR code" }));

@@ -2,6 +2,7 @@
 
 import type { Health } from "../messages";
 import type { Topics } from "../topics";
+import type { Site } from "./site";
 
 export interface Rates {
   imu: number | null;
@@ -61,4 +62,9 @@ export function losses(accounts: Iterable<Health>): Losses {
 /** A figure of a service by name, such as the localizer's `yaw drift`. */
 export function figureOf(health: Health | undefined, name: string): number | null {
   return health?.figures.find((each) => each.name === name)?.value ?? null;
+}
+
+/** Value of a slider with which `service` has started, or null if it is not there. */
+export function initialOf({ health }: Pick<Site, "health">, service: string, name: string): number | null {
+  return figureOf(health.get(service), `default ${name}`);
 }

@@ -47,10 +47,11 @@ export function show(element: HTMLElement, isShown: boolean): void {
 }
 
 /** Set or take away an attribute, only when it differs. */
-export function mark(element: Element, name: string, value: string | null): void {
-  if (element.getAttribute(name) === value) return;
-  if (value === null) element.removeAttribute(name);
-  else element.setAttribute(name, value);
+export function mark(element: Element, name: string, value: string | number | null): void {
+  const text = value === null ? null : String(value);
+  if (element.getAttribute(name) === text) return;
+  if (text === null) element.removeAttribute(name);
+  else element.setAttribute(name, text);
 }
 
 /** Replace the children when `signature` has changed since the last time. */

@@ -45,6 +45,14 @@ export function capital(text: string): string {
   return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
+/** First letter in capitals, a full stop at the end. */
+export function sentence(text: string): string {
+  const trimmed = text.trim();
+  if (!trimmed) return "";
+  const whole = /[.!?…]$/.test(trimmed) ? trimmed : `${trimmed}.`;
+  return capital(whole);
+}
+
 /** Names in counting order: user2 before user10. */
 export function byName(a: string, b: string): number {
   return a.localeCompare(b, "en", { numeric: true });

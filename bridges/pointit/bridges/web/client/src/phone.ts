@@ -1,6 +1,7 @@
 /** The phone's page: the phone is one person's wrist and their button. */
 
 import "./phone.css";
+import { sentence } from "./format";
 import { chime } from "./sound";
 import { Voice } from "./voice";
 import type { Feedback } from "./messages";
@@ -13,7 +14,7 @@ import { NoOrientation, objection, sense, type Sensing } from "./phone/sensing";
 import { Taps, type Gesture } from "./phone/taps";
 import { Wake } from "./phone/wake";
 import { withNames } from "./words";
-import { figures, linkWords, pressWords, sentence, stateWords } from "./phone/words";
+import { figures, linkWords, pressWords, stateWords } from "./phone/words";
 
 const CENTRE = "Point at the middle of the room with your arm straight, then tap.";
 const GO_ON = "Stopped, because this page was out of sight. Tap to go on.";

@@ -2,6 +2,7 @@
 
 import "./scan.css";
 import { el } from "./dom";
+import { sentence } from "./format";
 import type { Quaternion } from "./phone/orientation";
 import { sense, type Sensing } from "./phone/sensing";
 import { Wake } from "./phone/wake";
@@ -14,7 +15,7 @@ import { gravity } from "./scan/gravity";
 import { drawPlan } from "./scan/plan";
 import { SimulatedCamera } from "./scan/simulated";
 import { Things } from "./scan/things";
-import { ask, capital, light, lights, Refused, simulatedRoom } from "./scan/site";
+import { ask, light, lights, Refused, simulatedRoom } from "./scan/site";
 
 const POLL_MS = 400;
 const USUAL_LEDS_PER_M = 60;
@@ -203,7 +204,7 @@ class Page {
       el("td", { text: line_m.length ? `${sigma_m === null ? "?" : `± ${(100 * sigma_m).toFixed(1)} cm`}${reason ? `: ${reason}` : ""}` : reason || "not yet" }))));
     const isReady = state.is_complete && !state.saved;
     const done = isReady ? "All lights are known to 1 cm. Save the map, or take more views. " : "";
-    this.say(state.is_solving ? "Calculating …" : `${done}${state.problem ? capital(state.problem) : state.advice}`);
+    this.say(state.is_solving ? "Calculating …" : `${done}${state.problem ? sentence(state.problem) : state.advice}`);
     button("undo").disabled = !state.views;
     const hasMap = state.strips.some(({ line_m }) => line_m.length > 1);
     part("finish").hidden = button("save").hidden = !hasMap;

@@ -1,5 +1,6 @@
 /** The map from above, to be edited: items that are focused, dragged and turned, over what is not edited. */
 
+import { mark, write } from "../dom";
 import { boundsOf } from "../geometry/bounds";
 import type { Environment } from "../messages";
 import { drawFences } from "../plan/fences";
@@ -7,7 +8,7 @@ import { Frame, scaleBar } from "../plan/frame";
 import { Gestures } from "../plan/gestures";
 import { drawBelts, drawFloor, drawSolids } from "../plan/ground";
 import { Lanes } from "../plan/lanes";
-import { cm, draw, path, say, set, show, xy } from "../plan/svg";
+import { cm, draw, path, show, xy } from "../plan/svg";
 import type { Picture } from "./picture";
 import type { Item, Items, Section, Sorted } from "./model";
 import { middleOf, outlineOf, verticesOf, yawOf } from "./shape";
@@ -104,9 +105,9 @@ export class Canvas {
       gone.delete(item.id);
       const group = this.groups.get(item.id) ?? this.begin(item);
       const worst = [...findings.of(item).values()].flat().map(({ severity }) => severity).sort()[0] ?? "";
-      set(group, "class", `edit-item edit-${item.section} ${worst && `edit-${worst}`}${item === chosen ? " edit-chosen" : ""}`);
-      set(group, "aria-label", `${titleOf(item)}${worst && `, ${worst}`}`);
-      set(group, "aria-pressed", String(item === chosen));
+      mark(group, "class", `edit-item edit-${item.section} ${worst && `edit-${worst}`}${item === chosen ? " edit-chosen" : ""}`);
+      mark(group, "aria-label", `${titleOf(item)}${worst && `, ${worst}`}`);
+      mark(group, "aria-pressed", String(item === chosen));
       this.shape(group, item);
     }
     for (const id of gone) {
@@ -199,7 +200,7 @@ export class Canvas {
     }
     parts.forEach((part, i) => {
       const turn = part === "turn" ? ` rotate(${((-(yaw ?? 0) * 180) / Math.PI).toFixed(2)})` : "";
-      set(layer.children[i]!, "transform", `translate(${xy(part === "turn" ? middle! : vertices[i]!)})${turn}`);
+      mark(layer.children[i]!, "transform", `translate(${xy(part === "turn" ? middle! : vertices[i]!)})${turn}`);
     });
     show(layer, parts.length > 0);
   }
@@ -220,11 +221,11 @@ export class Canvas {
   private apply(isFitted: boolean): void {
     const { frame } = this;
     this.isFitted = isFitted;
-    set(this.world, "transform", frame.transform);
+    mark(this.world, "transform", frame.transform);
     this.svg.style.setProperty("--plan-px", String(100 / frame.scale));
     const metres = scaleBar(frame.scale), y = frame.height - 16;
-    set(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
-    set(this.bar.text, "y", y - 9);
-    say(this.bar.text, metres < 1 ? `${metres * 100} cm` : `${metres} m`);
+    mark(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
+    mark(this.bar.text, "y", y - 9);
+    write(this.bar.text, metres < 1 ? `${metres * 100} cm` : `${metres} m`);
   }
 }

@@ -1,57 +1,54 @@
 /** The latency of the last minute: median and 99th percentile of each second. */
 
-import uPlot from "uplot";
-import "uplot/dist/uPlot.min.css";
 import { el, mark } from "../dom";
 import { latencyTick, milliseconds } from "../format";
+import { draw } from "../plan/svg";
 import type { Second } from "../site/timing";
 
 const HEIGHT = 110;
+/** Space for the labels of the axes, px. */
+const LEFT = 44, RIGHT = 16, TOP = 8, FOOT = 20;
+/** The vertical axis ends here at least, ms. */
+const MIN_TOP_MS = 40;
+/** Distance of the vertical lines, s, and at most so many of the horizontal ones. */
+const TICK_S = 20, MAX_TICKS = 4;
+
+/** Ticks of an axis from 0 to `top`: steps of 1, 2 or 5 times a power of ten. */
+export function ticksTo(top: number): number[] {
+  const least = top / MAX_TICKS, power = 10 ** Math.floor(Math.log10(least));
+  const step = power * ([1, 2, 5].find((each) => each * power >= least) ?? 10);
+  return Array.from({ length: Math.floor(top / step) + 1 }, (_, index) => index * step);
+}
+
+/** A line through the values that are there, with gaps where there are none. */
+export function lineThrough(values: readonly (number | null)[], x: (index: number) => number, y: (value: number) => number): string {
+  return values.map((value, index) => (value === null ? "" : `${(values[index - 1] ?? null) === null ? "M" : "L"}${x(index).toFixed(1)} ${y(value).toFixed(1)}`)).join("");
+}
 
 export class LatencyGraph {
   readonly element = el("div", { className: "graph", role: "img", "aria-label": "Latency of the last minute" });
-  private plot: uPlot | null = null;
-  private theme = "";
-
-  constructor() {
-    new ResizeObserver(() => this.fit()).observe(this.element);
-  }
 
   /** Show seconds, oldest first. */
   show(seconds: readonly Second[]): void {
-    if (!this.element.clientWidth) return;
-    const theme = document.documentElement.dataset.theme ?? "";
-    if (!this.plot || theme !== this.theme) this.make(theme);
-    const x = seconds.map((_, index) => index - seconds.length + 1);
-    this.plot?.setData([x, seconds.map((each) => each.p50), seconds.map((each) => each.p99)]);
-    const last = seconds[seconds.length - 2];
+    const width = this.element.clientWidth, last = seconds[seconds.length - 2];
+    if (!width) return;
+    const top = Math.max(MIN_TOP_MS, 1.15 * Math.max(...seconds.map(({ p99 }) => p99 ?? 0)));
+    const x = (index: number): number => LEFT + (width - LEFT - RIGHT) * index / (seconds.length - 1);
+    const y = (ms: number): number => HEIGHT - FOOT - (HEIGHT - FOOT - TOP) * ms / top;
+    this.element.replaceChildren();
+    const svg = draw(this.element, "svg", { width, height: HEIGHT, "aria-hidden": "true" });
+    for (const ms of ticksTo(top)) {
+      draw(svg, "path", { class: "grid", d: `M${LEFT} ${y(ms)}H${width - RIGHT}` });
+      draw(svg, "text", { x: LEFT - 6, y: y(ms) + 4, "text-anchor": "end" }, latencyTick(ms));
+    }
+    for (let age = 0; age < seconds.length; age += TICK_S) {
+      draw(svg, "text", { x: x(seconds.length - 1 - age), y: HEIGHT - 4, "text-anchor": "middle" }, age ? `−${age} s` : "now");
+    }
+    for (const [name, values] of [["broken", seconds.map(({ p99 }) => p99)], ["whole", seconds.map(({ p50 }) => p50)]] as const) {
+      draw(svg, "path", { class: name, d: lineThrough(values, x, y) });
+    }
     mark(this.element, "aria-label", last?.p50 == null
       ? "Latency of the last minute: nothing to show"
       : `Latency of the last minute; in the last second ${milliseconds(last.p50)}, at worst ${milliseconds(last.p99)}`);
-  }
-
-  private make(theme: string): void {
-    this.plot?.destroy();
-    this.theme = theme;
-    const style = getComputedStyle(document.documentElement);
-    const color = (name: string): string => style.getPropertyValue(name).trim();
-    const axis = { stroke: color("--muted"), grid: { stroke: color("--line"), width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
-    this.plot = new uPlot({
-      width: this.element.clientWidth, height: HEIGHT, cursor: { show: false }, legend: { show: false },
-      padding: [8, 16, 0, 0],
-      scales: { x: { time: false, range: [-59, 0] }, y: { range: (_plot, _low, high) => [0, Math.max(40, (high ?? 0) * 1.15)] } },
-      axes: [
-        { ...axis, size: 20, space: 60, values: (_plot, ticks) => ticks.map((tick) => (tick === 0 ? "now" : `−${-tick} s`)) },
-        { ...axis, size: 42, space: 26, values: (_plot, ticks) => ticks.map(latencyTick) },
-      ],
-      series: [
-        {}, { stroke: color("--accent"), width: 2, points: { show: false }, fill: color("--accent-soft") },
-        { stroke: color("--second"), width: 1.5, dash: [4, 3], points: { show: false } },
-      ],
-    }, [[], [], []], this.element);
-  }
-
-  private fit(): void {
-    if (this.plot && this.element.clientWidth) this.plot.setSize({ width: this.element.clientWidth, height: HEIGHT });
   }
 }

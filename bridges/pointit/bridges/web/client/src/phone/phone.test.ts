@@ -4,7 +4,8 @@ import { fromAngles, normalized } from "./orientation";
 import { LEAST_MS, MOST_BUFFERED, Pace, Rate, STILL_MS } from "./pace";
 import { Ladder } from "./ladder";
 import { DOUBLE_MS, HOLD_MS, Taps } from "./taps";
-import { figures, sentence } from "./words";
+import { sentence } from "../format";
+import { figures } from "./words";
 import { withNames } from "../words";
 
 type Matrix = number[][];

@@ -35,11 +35,3 @@ export function figures(rate: number, roundTrip: number | null, charge: number |
     byPost ? "by posts" : "",
   ].filter(Boolean).join(" · ");
 }
-
-/** First letter in capitals, a full stop at the end. */
-export function sentence(text: string): string {
-  const trimmed = text.trim();
-  if (!trimmed) return "";
-  const whole = /[.!?…]$/.test(trimmed) ? trimmed : `${trimmed}.`;
-  return whole.charAt(0).toUpperCase() + whole.slice(1);
-}

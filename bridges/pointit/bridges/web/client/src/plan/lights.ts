@@ -1,11 +1,12 @@
 /** Strips as rows of coloured pixels, and lamps. */
 
+import { mark } from "../dom";
 import type { Environment, StripsFrame } from "../messages";
 import { isOfThing, type Site } from "../site/site";
 import { cssColor } from "../geometry/looks";
 import { edges, paths } from "./runs";
 import { placeName } from "../words";
-import { draw, set, show, xy } from "./svg";
+import { draw, show, xy } from "./svg";
 import type { Lanes } from "./lanes";
 
 /** One strip: its pixels' edges, and a path for each colour that it shows. */
@@ -56,8 +57,8 @@ export class Lights {
     for (const [id, { bulb, halo, target, note }] of this.lamps) {
       const color = site.lamps.get(id)?.color;
       const isLit = !!color && color.some((part) => part > 0);
-      set(bulb, "fill", isLit ? cssColor(color) : "none");
-      set(halo, "fill", isLit ? cssColor(color) : "none");
+      mark(bulb, "fill", isLit ? cssColor(color) : "none");
+      mark(halo, "fill", isLit ? cssColor(color) : "none");
       show(halo, isLit);
       show(target, wanted.has(id));
       const text = wanted.get(id) ?? "";
@@ -73,8 +74,8 @@ export class Lights {
     for (const [colour, d] of paths(rgb, row.at)) {
       const pen = row.pens[used] ?? draw(row.group, "path", { class: "plan-lit" });
       row.pens[used++] = pen;
-      set(pen, "stroke", colour);
-      set(pen, "d", d);
+      mark(pen, "stroke", colour);
+      mark(pen, "d", d);
       show(pen, true);
     }
     for (const pen of row.pens.slice(used)) show(pen, false);

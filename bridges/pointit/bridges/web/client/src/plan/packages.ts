@@ -1,12 +1,13 @@
 /** Tracked objects in the plan: their kind by colour and letter, their owners by pattern and name. */
 
+import { mark, write } from "../dom";
 import type { TrackedObject } from "../messages";
 import { siteNow, thingsOf, type Site } from "../site/site";
 import { boxLook } from "../site/looks";
 import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf } from "../geometry/looks";
 import type { Lanes } from "./lanes";
 import { signOf } from "./signs";
-import { cm, draw, say, set, show, turned, xy } from "./svg";
+import { cm, draw, show, turned, xy } from "./svg";
 import type { Thing } from "./under";
 
 /** An object as it is drawn now. */
@@ -78,8 +79,8 @@ export class Packages {
     const shape = (name: string) => draw(turning, isRound ? "circle" : "rect", { class: name });
     const [hold, edge, ring, box] = [shape("plan-held"), shape("plan-owned-edge"), shape("plan-owned"), shape("plan-box")];
     const color = kindColor(object.kind);
-    set(box, "fill", cssColor(color));
-    if (isSegment(object)) set(box, "fill-opacity", 0.4);
+    mark(box, "fill", cssColor(color));
+    if (isSegment(object)) mark(box, "fill-opacity", 0.4);
     const place = draw(this.letters, "g");
     const upright = draw(place, "g", { class: "plan-upright" });
     const below = draw(place, "g");
@@ -95,26 +96,26 @@ export class Packages {
   }
 
   private place(figure: Figure, { object, at, heading, halfLength, halfBreadth }: Drawn): void {
-    set(figure.turning, "transform", `translate(${xy(at)}) rotate(${turned(heading)})`);
+    mark(figure.turning, "transform", `translate(${xy(at)}) rotate(${turned(heading)})`);
     const isThin = isSegment(object);
     const aside = isThin ? halfBreadth + 0.1 : 0;
-    set(figure.place, "transform", `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`);
+    mark(figure.place, "transform", `translate(${xy([at[0] - aside * Math.sin(heading), at[1] + aside * Math.cos(heading)])})`);
     const tall = isThin ? 0.05 : Math.abs(Math.sin(heading)) * halfLength + Math.abs(Math.cos(heading)) * halfBreadth + RING_M;
     const isBeside = isThin && Math.abs(Math.sin(heading)) > 0.5;
-    set(figure.owner.parentElement!, "text-anchor", isBeside ? "end" : "middle");
-    set(figure.owner.parentElement!, "x", isBeside ? 8 : 0);
-    set(figure.below, "transform", `translate(0 ${cm(tall)})`);
+    mark(figure.owner.parentElement!, "text-anchor", isBeside ? "end" : "middle");
+    mark(figure.owner.parentElement!, "x", isBeside ? 8 : 0);
+    mark(figure.below, "transform", `translate(0 ${cm(tall)})`);
     for (const [shape, by] of [[figure.box, 0], [figure.edge, RING_M], [figure.ring, RING_M], [figure.hold, 2 * RING_M]] as const) {
       if (shape.tagName === "circle") {
-        set(shape, "r", cm(halfLength + by));
+        mark(shape, "r", cm(halfLength + by));
         continue;
       }
       const [long, broad] = [halfLength + by, halfBreadth + by];
-      set(shape, "x", cm(-long));
-      set(shape, "y", cm(-broad));
-      set(shape, "width", cm(2 * long));
-      set(shape, "height", cm(2 * broad));
-      set(shape, "rx", cm(0.03 + by));
+      mark(shape, "x", cm(-long));
+      mark(shape, "y", cm(-broad));
+      mark(shape, "width", cm(2 * long));
+      mark(shape, "height", cm(2 * broad));
+      mark(shape, "rx", cm(0.03 + by));
     }
   }
 
@@ -124,14 +125,14 @@ export class Packages {
     for (const [element, user] of [[figure.ring, owner], [figure.hold, holder]] as const) {
       if (!user) continue;
       const sign = signOf(site.people.get(user)?.profile);
-      set(element, "stroke", sign.color);
-      set(element, "stroke-dasharray", sign.dashes);
+      mark(element, "stroke", sign.color);
+      mark(element, "stroke-dasharray", sign.dashes);
     }
     if (isBox(object)) {
       const look = boxLook(site, object);
-      set(figure.box, "fill", cssColor(look));
+      mark(figure.box, "fill", cssColor(look));
       figure.letter.style.fill = inkOn(look);
     }
-    say(figure.owner, owner ? owner : holder ? `${holder} …` : "");
+    write(figure.owner, owner ? owner : holder ? `${holder} …` : "");
   }
 }

@@ -1,12 +1,13 @@
 /** People in the plan: body, arm, ray, cursor, hover progress, uncertainty of the position. */
 
+import { mark, write } from "../dom";
 import { goalOf, isHeard, proposalOf, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
 import { rayEnd } from "../geometry/looks";
 import type { Packages } from "./packages";
 import { signOf } from "./signs";
-import { cm, draw, path, say, set, show, turned, xy } from "./svg";
+import { cm, draw, path, show, turned, xy } from "./svg";
 
 const ACTIONS = { select: "+", deselect: "−", refuse: "×", "": "" } as const;
 
@@ -96,27 +97,27 @@ export class People {
     for (const element of [figure.body, figure.nameAt, figure.arm, figure.unsure]) show(element, !!stands);
     if (!stands) return;
     const feet = stands.position_m;
-    for (const element of [figure.body, figure.arm]) set(element, "opacity", stands.isAssumed ? 0.5 : 1);
+    for (const element of [figure.body, figure.arm]) mark(element, "opacity", stands.isAssumed ? 0.5 : 1);
     const sign = signOf(person.profile), yaw = facing(person, isFresh);
-    set(figure.body, "transform", `translate(${xy(feet)}) rotate(${turned(yaw)})`);
-    set(figure.nameAt, "transform", `translate(${xy([feet[0], feet[1] - 0.36])})`);
-    set(figure.name, "y", 10);
-    say(figure.name, `${person.user}${person.user === chosen ? " (you)" : ""}${stands.isAssumed ? ": place to be found" : ""}`);
-    set(figure.torso, "fill", sign.isHollow ? "none" : sign.color);
-    set(figure.torso, "stroke", sign.isHollow ? sign.color : "");
+    mark(figure.body, "transform", `translate(${xy(feet)}) rotate(${turned(yaw)})`);
+    mark(figure.nameAt, "transform", `translate(${xy([feet[0], feet[1] - 0.36])})`);
+    mark(figure.name, "y", 10);
+    write(figure.name, `${person.user}${person.user === chosen ? " (you)" : ""}${stands.isAssumed ? ": place to be found" : ""}`);
+    mark(figure.torso, "fill", sign.isHollow ? "none" : sign.color);
+    mark(figure.torso, "stroke", sign.isHollow ? sign.color : "");
     const body = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
     const { origin_m: origin, direction } = (isFresh && person.cursor) || { origin_m: null, direction: null };
     const arm = origin && direction
       ? pointingArm(body, hand, feet, yaw, origin, direction)
       : hangingArm(body, hand, feet, yaw);
-    set(figure.arm, "d", path([arm.shoulder, arm.elbow, arm.finger]));
+    mark(figure.arm, "d", path([arm.shoulder, arm.elbow, arm.finger]));
     const { major, minor, angle } = person.pose ? ellipseOf(person.pose.covariance) : { major: 0, minor: 0, angle: 0 };
     show(figure.unsure, major > 0.005);
-    set(figure.unsure, "rx", cm(major));
-    set(figure.unsure, "ry", cm(minor));
-    set(figure.unsure, "stroke", sign.color);
-    set(figure.unsure, "fill", sign.color);
-    set(figure.unsure, "transform", `translate(${xy(feet)}) rotate(${turned(angle)})`);
+    mark(figure.unsure, "rx", cm(major));
+    mark(figure.unsure, "ry", cm(minor));
+    mark(figure.unsure, "stroke", sign.color);
+    mark(figure.unsure, "fill", sign.color);
+    mark(figure.unsure, "transform", `translate(${xy(feet)}) rotate(${turned(angle)})`);
   }
 
   private drawRay(figure: Figure, person: Person, isFresh: boolean): void {
@@ -127,20 +128,20 @@ export class People {
     const sign = signOf(person.profile);
     for (const element of [figure.ray, figure.rayEdge]) {
       show(element, !!(origin && end));
-      if (origin && end) set(element, "d", path([origin, end]));
+      if (origin && end) mark(element, "d", path([origin, end]));
     }
-    set(figure.ray, "stroke", sign.color);
-    set(figure.ray, "stroke-dasharray", sign.dashes);
-    set(figure.ray, "opacity", point ? 1 : 0.45);
+    mark(figure.ray, "stroke", sign.color);
+    mark(figure.ray, "stroke-dasharray", sign.dashes);
+    mark(figure.ray, "opacity", point ? 1 : 0.45);
     const snapped = (isFresh && person.hover?.snapped_m) || point;
     show(figure.cursor, !!snapped);
     show(figure.dot, !!point);
     if (!snapped || !point) return;
-    set(figure.cursor, "transform", `translate(${xy(snapped)})`);
-    set(figure.ring, "stroke", sign.color);
-    set(figure.ring, "stroke-dasharray", sign.dashes);
-    set(figure.dot, "fill", sign.color);
-    set(figure.dot.parentElement!, "transform", `translate(${xy(point)})`);
+    mark(figure.cursor, "transform", `translate(${xy(snapped)})`);
+    mark(figure.ring, "stroke", sign.color);
+    mark(figure.ring, "stroke-dasharray", sign.dashes);
+    mark(figure.dot, "fill", sign.color);
+    mark(figure.dot.parentElement!, "transform", `translate(${xy(point)})`);
     if (!figure.dot.classList.contains("plan-upright")) figure.dot.classList.add("plan-upright");
   }
 
@@ -148,8 +149,8 @@ export class People {
     const { color } = signOf(person.profile);
     for (const [element, at] of [[flag, goalOf(site, person)?.position_m], [proposal, proposalOf(person)]] as const) {
       show(element, !!at);
-      if (at) set(element, "transform", `translate(${xy(at)})`);
-      set(element, "stroke", color);
+      if (at) mark(element, "transform", `translate(${xy(at)})`);
+      mark(element, "stroke", color);
     }
   }
 
@@ -161,12 +162,12 @@ export class People {
     const order = gauges.get(on.object.id) ?? 0;
     gauges.set(on.object.id, order + 1);
     const radius = 19 + 7 * order;
-    set(figure.gauge, "transform", `translate(${xy(on.at)})`);
-    set(figure.gauge.querySelector(".plan-gauge-back")!, "r", radius);
-    set(figure.arc, "r", radius);
-    set(figure.arc, "stroke", signOf(person.profile).color);
-    set(figure.arc, "stroke-dasharray", `${(100 * hover.progress).toFixed(1)} 100`);
-    set(figure.action, "x", 22 * order);
-    say(figure.action, hover.taken_by ? `× ${hover.taken_by}` : ACTIONS[hover.action]);
+    mark(figure.gauge, "transform", `translate(${xy(on.at)})`);
+    mark(figure.gauge.querySelector(".plan-gauge-back")!, "r", radius);
+    mark(figure.arc, "r", radius);
+    mark(figure.arc, "stroke", signOf(person.profile).color);
+    mark(figure.arc, "stroke-dasharray", `${(100 * hover.progress).toFixed(1)} 100`);
+    mark(figure.action, "x", 22 * order);
+    write(figure.action, hover.taken_by ? `× ${hover.taken_by}` : ACTIONS[hover.action]);
   }
 }

@@ -1,5 +1,6 @@
 /** The plan: the site from above as SVG, for browsers without WebGL and for everybody who prefers it. */
 
+import { mark, write } from "../dom";
 import "./plan.css";
 import { seenRobots } from "../site/robots";
 import { standingOf, type Site } from "../site/site";
@@ -16,7 +17,7 @@ import { Lights } from "./lights";
 import { Packages } from "./packages";
 import { People } from "./people";
 import { Robots } from "./robots";
-import { draw, say, set, show, xy } from "./svg";
+import { draw, show, xy } from "./svg";
 import { under } from "./under";
 
 /** Texts that grow or move are kept inside the plan so often, ms. */
@@ -136,7 +137,7 @@ class Plan implements View {
 
   pointAt(at: Vec3): void {
     this.aim = at;
-    set(this.layers.aim, "transform", `translate(${xy(at)})`);
+    mark(this.layers.aim, "transform", `translate(${xy(at)})`);
     show(this.layers.aim, true);
   }
 
@@ -175,7 +176,7 @@ class Plan implements View {
   private count(site: Site): void {
     for (const [bay, text] of this.counts) {
       const kinds = (site.conveyor?.bays ?? []).filter((each) => each.bay === bay && each.count > 0);
-      say(text, kinds.map(({ kind, count, selected }) => `${count} ${kind}${selected ? ` (${selected} selected)` : ""}`).join(", ") || "empty");
+      write(text, kinds.map(({ kind, count, selected }) => `${count} ${kind}${selected ? ` (${selected} selected)` : ""}`).join(", ") || "empty");
     }
   }
 
@@ -230,16 +231,16 @@ class Plan implements View {
 
   private apply(): void {
     const { frame } = this;
-    set(this.world, "transform", frame.transform);
+    mark(this.world, "transform", frame.transform);
     this.svg.style.setProperty("--plan-px", String(100 / frame.scale));
     this.layers.strips.setAttribute("stroke-width", String(Math.max(2.4, 300 / frame.scale)));
     this.svg.classList.toggle("plan-near", frame.scale > 250);
     this.svg.classList.toggle("plan-far", frame.scale < 60);
     this.keepInside();
     const metres = scaleBar(frame.scale), y = frame.height - 16;
-    set(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
-    set(this.bar.text, "y", y - 9);
-    say(this.bar.text, metres < 1 ? `${metres * 100} cm` : `${metres} m`);
+    mark(this.bar.line, "d", `M14 ${y - 5}V${y}H${14 + metres * frame.scale}V${y - 5}`);
+    mark(this.bar.text, "y", y - 9);
+    write(this.bar.text, metres < 1 ? `${metres * 100} cm` : `${metres} m`);
   }
 }
 

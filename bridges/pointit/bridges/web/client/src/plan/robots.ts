@@ -1,11 +1,12 @@
 /** Robots that people steer, in the plan: heading, height, what is left of their way, and whose they are. */
 
+import { mark, write } from "../dom";
 import type { RobotState } from "../messages";
 import { heightOf, meantBy, phaseOf, robotAt, seenRobots, wayOf, type SeenRobot } from "../site/robots";
 import { siteNow, type Person, type Site } from "../site/site";
 import type { Vec3 } from "../geometry/vec";
 import { signOf } from "./signs";
-import { cm, draw, path, say, set, show, turned, xy } from "./svg";
+import { cm, draw, path, show, turned, xy } from "./svg";
 
 /** The shadow lies so far to the lower right of a robot, as a share of its height. */
 const SHADOW = 0.35;
@@ -63,29 +64,29 @@ export class Robots {
     const color = state.user ? sign.color : "var(--quiet)", height = Math.max(at[2], 0), isFlying = state.kind === "quadrotor" && height >= 0.05;
     const below: Vec3 = [at[0] + SHADOW * height, at[1] - SHADOW * height, 0];
     for (const element of [figure.shadow, figure.drop]) show(element, isFlying);
-    set(figure.shadow, "transform", `translate(${xy(below)})`);
-    set(figure.shadow, "r", cm(state.radius_m));
-    set(figure.drop, "d", path([at, below]));
+    mark(figure.shadow, "transform", `translate(${xy(below)})`);
+    mark(figure.shadow, "r", cm(state.radius_m));
+    mark(figure.drop, "d", path([at, below]));
     const way = wayOf(robot, at);
     for (const element of [figure.way, figure.wayEdge]) {
       show(element, way.length > 1);
-      set(element, "d", path(way));
+      mark(element, "d", path(way));
     }
-    set(figure.way, "stroke", color);
+    mark(figure.way, "stroke", color);
     show(figure.target, !!state.target_m);
-    if (state.target_m) set(figure.target, "transform", `translate(${xy(state.target_m)})`);
-    set(figure.target, "r", cm(state.radius_m));
-    set(figure.target, "stroke", color);
-    set(figure.place, "transform", `translate(${xy(at)}) rotate(${turned(state.yaw_rad)})`);
-    set(figure.place, "opacity", state.phase === "lost" ? 0.45 : 1);
+    if (state.target_m) mark(figure.target, "transform", `translate(${xy(state.target_m)})`);
+    mark(figure.target, "r", cm(state.radius_m));
+    mark(figure.target, "stroke", color);
+    mark(figure.place, "transform", `translate(${xy(at)}) rotate(${turned(state.yaw_rad)})`);
+    mark(figure.place, "opacity", state.phase === "lost" ? 0.45 : 1);
     figure.glyph.style.setProperty("--half", String(cm(state.radius_m)));
     figure.glyph.style.setProperty("--least", String(LEAST_PX));
-    set(figure.ring, "stroke", color);
-    set(figure.ring, "stroke-dasharray", state.user ? sign.dashes : "none");
-    set(figure.nameAt, "transform", `translate(${xy([at[0], at[1] + state.radius_m])})`);
-    say(figure.name, state.user ? `${name} · ${state.user}` : name);
+    mark(figure.ring, "stroke", color);
+    mark(figure.ring, "stroke-dasharray", state.user ? sign.dashes : "none");
+    mark(figure.nameAt, "transform", `translate(${xy([at[0], at[1] + state.radius_m])})`);
+    write(figure.name, state.user ? `${name} · ${state.user}` : name);
     const meant = meantBy(site, name).map(({ user, probability }) => `${user} ${Math.round(100 * probability)} %`);
-    say(figure.note, [phaseOf(state), isFlying ? heightOf(state) : "", ...meant].filter(Boolean).join(" · "));
+    write(figure.note, [phaseOf(state), isFlying ? heightOf(state) : "", ...meant].filter(Boolean).join(" · "));
   }
 
   /** Way-points that are set and not yet sent, numbered. */

@@ -15,17 +15,6 @@ export function draw<K extends keyof SVGElementTagNameMap>(
   return element;
 }
 
-/** Set an attribute unless it is so already: what does not change costs no layout. */
-export function set(element: Element, name: string, value: string | number): void {
-  const text = String(value);
-  if (element.getAttribute(name) !== text) element.setAttribute(name, text);
-}
-
-/** Set the text unless it is so already. */
-export function say(element: Element, text: string): void {
-  if (element.textContent !== text) element.textContent = text;
-}
-
 /** Show or hide. */
 export function show(element: Element, isShown: boolean): void {
   if (element.hasAttribute("display") === isShown) {
@@ -47,11 +36,6 @@ export function xy(at: readonly number[]): string {
 /** A closed or open path through places in {W}. */
 export function path(points: readonly (readonly number[])[], isClosed = false): string {
   return points.length ? `M${points.map(xy).join("L")}${isClosed ? "Z" : ""}` : "";
-}
-
-/** Of `rgb`, 0 to 255. */
-export function css(rgb: readonly number[]): string {
-  return `rgb(${rgb[0] ?? 0} ${rgb[1] ?? 0} ${rgb[2] ?? 0})`;
 }
 
 /** A heading in {W}, rad, as a rotation of the plan, degrees. */

@@ -2,6 +2,7 @@
 
 import type { ScanBegin, ScanLight, ScanLook, ScanRoom, ScanSave, ScanState, ScanThing, ScanUndo, ScanView } from "../wire";
 
+import { sentence } from "../format";
 import type { Colour } from "./code";
 
 /** The site refuses, and says why; or it is not reachable. */
@@ -20,7 +21,7 @@ async function post(said: object): Promise<Response> {
   const answer = await sent.catch(() => {
     throw new Refused(GONE);
   });
-  if (!answer.ok) throw new Refused(capital(await answer.text()));
+  if (!answer.ok) throw new Refused(sentence(await answer.text()));
   return answer;
 }
 
@@ -44,9 +45,4 @@ export async function lights(): Promise<Record<string, string>> {
   const heard = (await (await fetch(`/scan/lights?after=${seq}`)).json()) as { seq: number; strips: Record<string, string> };
   seq = String(heard.seq);
   return heard.strips;
-}
-
-export function capital(sentence: string): string {
-  const ended = /[.?!]$/.test(sentence) ? sentence : `${sentence}.`;
-  return ended.charAt(0).toUpperCase() + ended.slice(1);
 }

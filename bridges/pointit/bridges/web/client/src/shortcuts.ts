@@ -1,6 +1,6 @@
 /** What each key does. */
 
-import { APART_KEY } from "./apart";
+import { SEPARABILITY_KEY } from "./separability_toggle";
 import type { Controls } from "./controls";
 import type { Help } from "./help";
 import type { Shortcut } from "./keys";
@@ -81,7 +81,7 @@ export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, pa
       },
     },
     camera("1", "room", "See the room"), camera("2", "top", "See it from above"), camera("3", "eyes", "See it with the person's eyes"),
-    { keys: [APART_KEY.toLowerCase()], shown: APART_KEY, does: "Which things are told apart from where? Colour the floor", isOffered: () => stage.apart.isOffered, run: () => stage.apart.toggle() },
+    { keys: [SEPARABILITY_KEY.toLowerCase()], shown: SEPARABILITY_KEY, does: "Which things are told apart from where? Colour the floor", isOffered: () => stage.separability.isOffered, run: () => stage.separability.toggle() },
     { keys: ["h"], shown: "H", does: "Control, set-up, or health", isOffered: () => true, run: () => panel.turn() },
     { keys: ["v"], shown: "V", does: "Sounds on or off", isOffered: () => true, run: () => look.toggleSound() },
     { keys: ["?"], shown: "?", does: "This help", isOffered: () => true, run: () => help.open(), isSafe: true },

@@ -1,6 +1,6 @@
 /** The large part of the page: the view, which one it is, from where it looks. */
 
-import { ApartToggle } from "./apart";
+import { SeparabilityToggle } from "./separability_toggle";
 import { choice } from "./choice";
 import type { Controls } from "./controls";
 import { el, isTouch, show, write } from "./dom";
@@ -35,7 +35,7 @@ export class Stage {
   private pointing = "";
   private followed = "";
   private readonly cameras = choice("View from", (value) => this.look(value as Camera));
-  readonly apart: ApartToggle;
+  readonly separability: SeparabilityToggle;
   private camera: Camera = "room";
   private user = "";
   private readonly hint = el("p", { className: "hint", text: "Drag turns the view, the wheel zooms" });
@@ -58,10 +58,10 @@ export class Stage {
   ) {
     this.cameras.element.classList.add("bare");
     host.parentElement!.append(this.list.element);
-    this.apart = new ApartToggle(controls, () => this.view?.setApart(this.apart.shown));
-    cameras.append(this.hint, this.apart.legend, this.cameras.element, this.apart.button);
-    host.addEventListener("pointermove", ({ clientX, clientY }) => this.apart.over(this.view?.floorAt(clientX, clientY) ?? null));
-    host.addEventListener("pointerleave", () => this.apart.over(null));
+    this.separability = new SeparabilityToggle(controls, () => this.view?.setSeparability(this.separability.shown));
+    cameras.append(this.hint, this.separability.legend, this.cameras.element, this.separability.button);
+    host.addEventListener("pointermove", ({ clientX, clientY }) => this.separability.over(this.view?.floorAt(clientX, clientY) ?? null));
+    host.addEventListener("pointerleave", () => this.separability.over(null));
     const turned = (): void => void (this.wasTurned = true);
     host.addEventListener("wheel", turned, { capture: true, passive: true });
     host.addEventListener("pointermove", ({ buttons }) => buttons && turned(), true);
@@ -137,7 +137,7 @@ export class Stage {
     if (!view) return;
     if (this.camera === "eyes" && this.user !== this.controls.user) this.look("eyes");
     this.cameras.set(this.camera);
-    this.apart.update();
+    this.separability.update();
     view.keepClear?.(this.covered(), this.edges());
     const { software, renderer } = view.stats;
     show(this.hint, !this.wasTurned && renderer !== "SVG" && this.camera === "room");
@@ -189,7 +189,7 @@ export class Stage {
     show(this.cameras.element, cameras.length > 1);
     if (!cameras.includes(this.camera)) this.camera = cameras[0] ?? "room";
     this.look(this.camera);
-    this.view.setApart(this.apart.shown);
+    this.view.setSeparability(this.separability.shown);
     this.failures = 0;
     this.onNew();
     this.draw();

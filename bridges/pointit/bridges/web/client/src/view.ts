@@ -1,6 +1,6 @@
 /** What draws the site: the 3-D scene (`scene/`) and the plan (`plan/`, SVG) are views with one interface. */
 
-import type { Apart } from "./geometry/apart";
+import type { Separability } from "./geometry/separability";
 import type { Edges } from "./geometry/framing";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
@@ -35,7 +35,7 @@ export interface View {
   setTheme(dark: boolean): void;
   setCamera(camera: Camera, user: string): void;
   /** Colour the floor by the things that are not told apart from there, or no longer. */
-  setApart(apart: Apart | null): void;
+  setSeparability(separability: Separability | null): void;
   /** Place on the floor, {W}, below the browser window's (x, y), px; null where there is no floor. */
   floorAt(x: number, y: number): readonly [number, number] | null;
   /**

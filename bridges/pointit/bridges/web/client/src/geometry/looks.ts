@@ -22,7 +22,7 @@ export const FENCE_COLORS: Readonly<Record<"keep_in" | "keep_out", { readonly da
 };
 
 /** Floor from where things are not told apart: with its opacity it differs from the floor in lightness, too. */
-export const APART_COLORS = { dark: "#e58ac9", light: "#8e2c78" } as const;
+export const INSEPARABLE_COLORS = { dark: "#e58ac9", light: "#8e2c78" } as const;
 
 /** Width and height of a package, by its length: share, least and most, m. */
 export const PACKAGE_WIDE = [0.75, 0.1, 0.34] as const;

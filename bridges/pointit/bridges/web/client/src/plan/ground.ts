@@ -2,7 +2,7 @@
 
 import type { Environment } from "../messages";
 import { outline, ribbon } from "../geometry/ribbon";
-import { confusion, type Apart } from "../geometry/apart";
+import { confusion, type Separability } from "../geometry/separability";
 import type { Bounds } from "../geometry/bounds";
 import { cm, draw, path, turned, xy } from "./svg";
 import type { Lanes } from "./lanes";
@@ -22,12 +22,12 @@ export function drawFloor(layer: Element, bounds: Bounds): void {
 }
 
 /** Squares of the floor from where things are not told apart, and a line around all squares. */
-export function drawApart(layer: Element, apart: Apart): void {
-  const { x_m, y_m, told_apart } = apart, box = (x: number, y: number, right: number, high: number) =>
+export function drawSeparability(layer: Element, separability: Separability): void {
+  const { x_m, y_m, told_apart } = separability, box = (x: number, y: number, right: number, high: number) =>
     ({ x: cm(x), y: cm(-high), width: cm(right - x), height: cm(high - y) });
   told_apart.forEach((row, j) => row.forEach((told, i) => {
-    if (told === apart.things.length) return;
-    draw(layer, "rect", { class: "plan-apart", "fill-opacity": confusion(apart, told).toFixed(2), ...box(x_m[i]!, y_m[j]!, x_m[i + 1]!, y_m[j + 1]!) });
+    if (told === separability.things.length) return;
+    draw(layer, "rect", { class: "plan-apart", "fill-opacity": confusion(separability, told).toFixed(2), ...box(x_m[i]!, y_m[j]!, x_m[i + 1]!, y_m[j + 1]!) });
   }));
   draw(layer, "rect", { class: "plan-apart-edge", ...box(x_m[0]!, y_m[0]!, x_m.at(-1)!, y_m.at(-1)!) });
 }

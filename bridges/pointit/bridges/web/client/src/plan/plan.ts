@@ -5,13 +5,13 @@ import "./plan.css";
 import { seenRobots } from "../site/robots";
 import { standingOf, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
-import type { Apart } from "../geometry/apart";
+import type { Separability } from "../geometry/separability";
 import { boundsOf } from "../geometry/bounds";
 import type { Vec3 } from "../geometry/vec";
 import { Frame, grown, scaleBar } from "./frame";
 import { Gestures } from "./gestures";
 import { drawFences } from "./fences";
-import { drawApart, drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
+import { drawSeparability, drawBays, drawBelts, drawFloor, drawSolids } from "./ground";
 import { Lanes } from "./lanes";
 import { Lights } from "./lights";
 import { Packages } from "./packages";
@@ -104,9 +104,9 @@ class Plan implements View {
     this.box.classList.toggle("plan-dark", dark);
   }
 
-  setApart(apart: Apart | null): void {
+  setSeparability(separability: Separability | null): void {
     this.layers.apart.replaceChildren();
-    if (apart) drawApart(this.layers.apart, apart);
+    if (separability) drawSeparability(this.layers.apart, separability);
   }
 
   floorAt(x: number, y: number): readonly [number, number] {

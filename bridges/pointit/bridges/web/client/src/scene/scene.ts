@@ -1,7 +1,7 @@
 /** The 3-D scene: a view of the site; drawn when something has changed or moves, never else. */
 
 import type * as THREE from "three";
-import type { Apart } from "../geometry/apart";
+import type { Separability } from "../geometry/separability";
 import { aimsOf, boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
 import type { Edges } from "../geometry/framing";
 import type { Rect } from "../geometry/placing";
@@ -11,7 +11,7 @@ import { seenRobots } from "../site/robots";
 import { siteNow, standingOf, type Site } from "../site/site";
 import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { Aim } from "./aim";
-import { drawApart, floorAt } from "./apart";
+import { drawSeparability, floorAt } from "./separability";
 import { Cameras } from "./cameras";
 import { DARK, Kit, LIGHT, type Theme } from "./kit";
 import { Labels, NAME } from "./labels";
@@ -37,7 +37,7 @@ class Scene implements View {
   private world: World | null = null;
   private names: Names | null = null;
   private overName = "";
-  private apart: Apart | null = null;
+  private separability: Separability | null = null;
   private site: Site | null = null;
   private mapVersion = -1;
   private posed = 0;
@@ -122,9 +122,9 @@ class Scene implements View {
     this.wake();
   }
 
-  setApart(apart: Apart | null): void {
-    if (this.apart === apart) return;
-    this.apart = apart;
+  setSeparability(separability: Separability | null): void {
+    if (this.separability === separability) return;
+    this.separability = separability;
     this.build(this.site?.map ?? NOTHING);
     this.wake();
   }
@@ -191,7 +191,7 @@ class Scene implements View {
     const kit = new Kit(this.picture.stats.software, this.theme);
     this.world = makeWorld(kit, map, this.bounds, this.labels, this.isStill);
     this.names = new Names(map);
-    if (this.apart) drawApart(kit, this.apart);
+    if (this.separability) drawSeparability(kit, this.separability);
     this.picture.light(this.theme, this.bounds);
     this.picture.scene.add(kit.group);
     this.dirty = true;

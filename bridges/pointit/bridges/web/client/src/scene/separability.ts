@@ -1,8 +1,8 @@
 /** The floor, coloured where things cannot be told apart by pointing. */
 
 import * as THREE from "three";
-import { confusion, type Apart } from "../geometry/apart";
-import { APART_COLORS } from "../geometry/looks";
+import { confusion, type Separability } from "../geometry/separability";
+import { INSEPARABLE_COLORS } from "../geometry/looks";
 import type { Kit } from "./kit";
 import type { Picture } from "./picture";
 
@@ -13,13 +13,13 @@ const OVER_LINES = { polygonOffset: true, polygonOffsetFactor: -2, polygonOffset
 const UP = new THREE.Plane(new THREE.Vector3(0, 0, 1));
 
 /** Put the squares into the scene, and a line around them. */
-export function drawApart(kit: Kit, apart: Apart): void {
-  const { x_m, y_m, told_apart: rows } = apart, columns = x_m.length - 1;
-  const color = APART_COLORS[kit.theme.dark ? "dark" : "light"];
+export function drawSeparability(kit: Kit, separability: Separability): void {
+  const { x_m, y_m, told_apart: rows } = separability, columns = x_m.length - 1;
+  const color = INSEPARABLE_COLORS[kit.theme.dark ? "dark" : "light"];
   const squares = kit.texture(columns, rows.length, (c) => {
     c.fillStyle = color;
     rows.forEach((row, j) => row.forEach((told, i) => {
-      c.globalAlpha = confusion(apart, told);
+      c.globalAlpha = confusion(separability, told);
       c.fillRect(i, rows.length - 1 - j, 1, 1);
     }));
   });

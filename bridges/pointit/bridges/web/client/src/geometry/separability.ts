@@ -1,6 +1,6 @@
 /** Things that pointing alone tells apart, by the person's place on the floor: `Floor` of `model/told_apart.py`. */
 
-export interface Apart {
+export interface Separability {
   /** Edges of the squares, m in {W}, ascending. */
   readonly x_m: readonly number[];
   readonly y_m: readonly number[];
@@ -15,12 +15,12 @@ export interface Apart {
 const MOST = 0.72;
 
 /** Opacity of a square by the number of things that are told apart from there: 0 if all are. */
-export function confusion(apart: Apart, told: number): number {
-  return MOST * (1 - told / Math.max(apart.things.length, 1));
+export function confusion(separability: Separability, told: number): number {
+  return MOST * (1 - told / Math.max(separability.things.length, 1));
 }
 
 /** What is told apart from (x, y), in words; "" outside the squares. */
-export function apartText({ x_m, y_m, things, told_apart, confused }: Apart, x: number, y: number): string {
+export function separabilityText({ x_m, y_m, things, told_apart, confused }: Separability, x: number, y: number): string {
   const column = between(x_m, x), row = between(y_m, y), told = told_apart[row]?.[column];
   if (told === undefined) return "";
   const pairs = confused[row]?.[column] ?? [], count = things.length;

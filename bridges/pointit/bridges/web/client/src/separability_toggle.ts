@@ -2,18 +2,18 @@
 
 import type { Controls } from "./controls";
 import { el, icon, key, mark, show, write } from "./dom";
-import { apartText, type Apart } from "./geometry/apart";
+import { separabilityText, type Separability } from "./geometry/separability";
 import { standingOf } from "./site/site";
 
 /** A map with many things takes the server some seconds, more on a small machine, ms. */
 const PATIENCE_MS = 60_000;
-export const APART_KEY = "T";
+export const SEPARABILITY_KEY = "T";
 
-export class ApartToggle {
-  readonly button = el("button", { type: "button", "aria-keyshortcuts": APART_KEY, onclick: () => this.toggle() }, icon("floor"), el("span", { text: "Told apart" }), key(APART_KEY));
+export class SeparabilityToggle {
+  readonly button = el("button", { type: "button", "aria-keyshortcuts": SEPARABILITY_KEY, onclick: () => this.toggle() }, icon("floor"), el("span", { text: "Told apart" }), key(SEPARABILITY_KEY));
   readonly legend: HTMLElement;
   /** What the floor shows, or null. */
-  shown: Apart | null = null;
+  shown: Separability | null = null;
   private isOn = false;
   /** Map for which it was asked. */
   private asked = -1;
@@ -45,7 +45,7 @@ export class ApartToggle {
   /** The mouse is over that place of the floor, {W}, or elsewhere. */
   over(place: readonly [number, number] | null): void {
     this.mouse = place;
-    const text = place && this.shown ? apartText(this.shown, ...place) : "";
+    const text = place && this.shown ? separabilityText(this.shown, ...place) : "";
     write(this.under, text ? `Under the mouse: ${text}` : "");
   }
 
@@ -57,7 +57,7 @@ export class ApartToggle {
     show(this.legend, this.isOn);
     if (this.isOn && this.asked !== site.mapVersion) void this.ask(site.mapVersion);
     const { person } = controls, stands = person && standingOf(person), { shown } = this;
-    const text = stands && shown ? apartText(shown, stands.position_m[0], stands.position_m[1]) : "";
+    const text = stands && shown ? separabilityText(shown, stands.position_m[0], stands.position_m[1]) : "";
     write(this.stands, this.isOn && !shown ? "Computing …" : text && `Where ${controls.user} stands: ${text}`);
     this.over(this.mouse);
   }
@@ -66,12 +66,12 @@ export class ApartToggle {
     this.asked = version;
     const reply = await this.controls.ask({ deed: "told_apart" }, PATIENCE_MS);
     if (!this.isOn || this.asked !== version) return;
-    if (reply) this.put(reply as unknown as Apart);
+    if (reply) this.put(reply as unknown as Separability);
     else this.toggle();
     this.controls.changed();
   }
 
-  private put(shown: Apart | null): void {
+  private put(shown: Separability | null): void {
     this.shown = shown;
     this.changed();
   }

@@ -228,7 +228,7 @@ class Wrist {
     const now = performance.now();
     this.figuresAt = now;
     this.screen.write("figures", this.sensing && this.link.state === "open"
-      ? figures(this.rate.at(now), this.link.roundTrip, this.charge, this.sensing.source, this.link.way === "post")
+      ? figures(this.rate.at(now), this.link.roundTrip, this.charge, this.sensing.source, this.link.transport === "post")
       : "");
   }
 

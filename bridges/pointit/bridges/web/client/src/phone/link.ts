@@ -1,7 +1,7 @@
 /** The way to the server: its socket, or posts where the browser refuses that; found again when it is lost. */
 
 import type { Answer, Ask, Cue, Hello, Turn } from "../wire";
-import { Ladder, type Way } from "./ladder";
+import { RetryPolicy, type Transport } from "./retry_policy";
 
 export type Heard = Hello | Answer | Cue;
 export type LinkState = "connecting" | "open" | "unpaired" | "replaced" | "closed";
@@ -23,10 +23,10 @@ type Wish = Omit<Ask, "kind" | "id">;
 
 export class Link {
   state: LinkState = "closed";
-  way: Way = "socket";
+  transport: Transport = "socket";
   /** The last round trip, ms; null: none yet. */
   roundTrip: number | null = null;
-  private readonly ladder = new Ladder();
+  private readonly retries = new RetryPolicy();
   private socket: WebSocket | null = null;
   private turn: Turn | null = null;
   private asks: Ask[] = [];
@@ -56,13 +56,13 @@ export class Link {
 
   /** Bytes that are on their way. */
   get buffered(): number {
-    return this.way === "post" ? (this.posting ? Infinity : 0) : (this.socket?.bufferedAmount ?? 0);
+    return this.transport === "post" ? (this.posting ? Infinity : 0) : (this.socket?.bufferedAmount ?? 0);
   }
 
   /** Say how the phone is turned; returns whether it could be said. */
   say(turn: Turn): boolean {
     if (this.state !== "open") return false;
-    if (this.way === "post") {
+    if (this.transport === "post") {
       this.turn = turn;
       void this.post();
     } else {
@@ -75,7 +75,7 @@ export class Link {
   ask(wish: Wish): number | null {
     if (this.state !== "open") return null;
     const ask: Ask = { kind: "ask", id: ++this.number, ...wish };
-    if (this.way === "post") {
+    if (this.transport === "post") {
       this.asks.push(ask);
       void this.post();
     } else {
@@ -86,9 +86,9 @@ export class Link {
 
   private attempt(): void {
     this.become("connecting");
-    this.way = this.ladder.next();
+    this.transport = this.retries.nextTransport();
     this.heardAt = performance.now();
-    if (this.way === "post") void this.post(true);
+    if (this.transport === "post") void this.post(true);
     else this.open();
   }
 
@@ -142,10 +142,10 @@ export class Link {
   }
 
   private opened(): void {
-    this.ladder.works();
+    this.retries.noteSuccess();
     this.heardAt = performance.now();
     this.become("open");
-    if (this.way === "socket") this.measure();
+    if (this.transport === "socket") this.measure();
   }
 
   private hear(text: string): void {
@@ -170,7 +170,7 @@ export class Link {
   }
 
   private look(): void {
-    if (this.state !== "open" || this.way !== "socket") return;
+    if (this.state !== "open" || this.transport !== "socket") return;
     const now = performance.now();
     if (now - this.heardAt > SILENT_MS) {
       this.drop();
@@ -182,7 +182,7 @@ export class Link {
 
   private lost(wasOpen: boolean): void {
     this.roundTrip = null;
-    const wait = this.ladder.fails(wasOpen);
+    const wait = this.retries.noteFailure(wasOpen);
     this.become("connecting");
     clearTimeout(this.again);
     this.again = setTimeout(() => this.attempt(), wait);

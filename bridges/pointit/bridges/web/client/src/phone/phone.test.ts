@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { fromAngles, normalized } from "./orientation";
 import { LEAST_MS, MOST_BUFFERED, Pace, Rate, STILL_MS } from "./pace";
-import { Ladder } from "./ladder";
+import { RetryPolicy } from "./retry_policy";
 import { DOUBLE_MS, HOLD_MS, Taps } from "./taps";
 import { sentence } from "../format";
 import { figures } from "./words";
@@ -91,34 +91,34 @@ test("a rate counts the last second", () => {
 });
 
 test("posts are tried when the socket was refused twice, and kept while they work", () => {
-  const ladder = new Ladder();
+  const retries = new RetryPolicy();
   const tries = [];
   for (let i = 0; i < 2; i++) {
-    tries.push(ladder.next());
-    ladder.fails(false);
+    tries.push(retries.nextTransport());
+    retries.noteFailure(false);
   }
-  tries.push(ladder.next());
-  ladder.works();
+  tries.push(retries.nextTransport());
+  retries.noteSuccess();
   assert.deepEqual(tries, ["socket", "socket", "post"]);
-  ladder.fails(true);
-  assert.equal(ladder.next(), "post");
+  retries.noteFailure(true);
+  assert.equal(retries.nextTransport(), "post");
 });
 
 test("a socket that was open and broke is tried again as such", () => {
-  const ladder = new Ladder();
+  const retries = new RetryPolicy();
   for (let i = 0; i < 5; i++) {
-    assert.equal(ladder.next(), "socket");
-    ladder.works();
-    assert.equal(ladder.fails(true), 400);
+    assert.equal(retries.nextTransport(), "socket");
+    retries.noteSuccess();
+    assert.equal(retries.noteFailure(true), 400);
   }
 });
 
 test("as long as nothing works both ways are tried in turn, ever more rarely", () => {
-  const ladder = new Ladder();
+  const retries = new RetryPolicy();
   const tried: string[] = [], waits: number[] = [];
   for (let i = 0; i < 9; i++) {
-    tried.push(ladder.next());
-    waits.push(ladder.fails(false));
+    tried.push(retries.nextTransport());
+    waits.push(retries.noteFailure(false));
   }
   assert.deepEqual(tried, ["socket", "socket", "post", "socket", "post", "socket", "post", "socket", "post"]);
   assert.deepEqual(waits, [400, 800, 1600, 3200, 6400, 8000, 8000, 8000, 8000]);

@@ -71,12 +71,12 @@ def test_dots_would_end_a_topic_in_a_path() -> None:
     assert channel_name("health/pointing.anna") == "/health/pointing/anna"
 
 
-LOOKS = (Path(web.__path__[0]) / "client/src/geometry/looks.ts").read_text(encoding="utf-8")
+APPEARANCE = (Path(web.__path__[0]) / "client/src/geometry/appearance.ts").read_text(encoding="utf-8")
 
 
 def told(name: str) -> list[float]:
     found = re.search(
-        rf"^export const {name}(?:: \w+)? = (\[[^\]]*\]|[\d.]+)(?: as const)?;$", LOOKS, re.MULTILINE
+        rf"^export const {name}(?:: \w+)? = (\[[^\]]*\]|[\d.]+)(?: as const)?;$", APPEARANCE, re.MULTILINE
     )
     assert found, name
     return [float(part) for part in found[1].strip("[]").split(",")]
@@ -93,12 +93,12 @@ def test_sizes_and_lengths_are_the_pages() -> None:
 
 def test_fences_have_the_colours_of_the_dark_page() -> None:
     for kind, rgb in room.FENCES.items():
-        assert f'{kind}: {{ dark: "#{bytes(rgb).hex()}"' in LOOKS
+        assert f'{kind}: {{ dark: "#{bytes(rgb).hex()}"' in APPEARANCE
 
 
 def test_kinds_have_one_colour_on_strips_in_the_page_and_in_viewers() -> None:
-    start = LOOKS.index("export const KIND_COLORS")
-    table = LOOKS[start : LOOKS.index("};", start)]
+    start = APPEARANCE.index("export const KIND_COLORS")
+    table = APPEARANCE[start : APPEARANCE.index("};", start)]
     page = {
         kind: tuple(int(part) for part in parts.split(","))
         for kind, parts in re.findall(r"(\w+): \[([\d, ]+)\]", table)

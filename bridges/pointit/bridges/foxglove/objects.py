@@ -19,7 +19,7 @@ from pointit.schemas.environment import OTHER_COLOR
 LIFETIME_S = 2.0
 """Lifetime of an entity, s, for viewers that missed its deletion."""
 
-# As in `web/client/src/geometry/looks.ts`: messages have lengths only.
+# As in `web/client/src/geometry/appearance.ts`: messages have lengths only.
 PACKAGE_WIDE = (0.75, 0.1, 0.34)
 """Width of a package: share of its length, minimum and maximum, m."""
 PACKAGE_HIGH = (0.6, 0.1, 0.26)

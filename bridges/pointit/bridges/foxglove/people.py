@@ -23,7 +23,7 @@ SIGMAS = 2.0
 SMALLEST_M = 5e-3
 """An ellipse with a shorter major half-axis is not drawn: the position is known."""
 FREE_RAY_M = 4.0
-"""Drawn length of a ray that meets nothing, as in the page (`looks.ts`)."""
+"""Drawn length of a ray that meets nothing, as in the page (`appearance.ts`)."""
 CURSOR_M = 0.08
 GOAL_M = 0.5
 """Length of the arrow at a goal."""

@@ -26,7 +26,7 @@ SOLID: Rgb = (140, 150, 170)
 GLASS = 0.35
 """Opacity of solids, so that objects behind them are visible."""
 FENCES: dict[str, Rgb] = {"keep_in": (71, 209, 168), "keep_out": (255, 144, 136)}
-"""Colours of fences by kind, as in the page (`looks.ts`)."""
+"""Colours of fences by kind, as in the page (`appearance.ts`)."""
 FENCE_M = 2.0
 """Drawn height of a fence without an upper end."""
 

@@ -1,7 +1,7 @@
 /** What the page calls things. */
 
 import { capital } from "./format";
-import { isBox } from "./geometry/looks";
+import { isBox } from "./geometry/appearance";
 import type { Interaction, SelectionEvent, TrackedObject } from "./messages";
 import type { LogLine, Site } from "./site/site";
 

@@ -6,7 +6,7 @@ import { DEFAULT_BODY, eyesOf, hangingArm, onRay, pointingArm } from "./body";
 import { aimsOf, boundsOf, pointsOf } from "./bounds";
 import { ellipseOf } from "./ellipse";
 import { framed, NO_EDGES } from "./framing";
-import { contrast, cssColor, FREE_RAY_M, inkOn, kindColor, kindLetter, rayEnd, sizeOf } from "./looks";
+import { contrast, cssColor, FREE_RAY_M, inkOn, kindColor, kindLetter, rayEnd, sizeOf } from "./appearance";
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "./motion";
 import { layOut } from "./pixels";
 import { placed } from "./placing";

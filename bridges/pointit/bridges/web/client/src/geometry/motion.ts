@@ -1,7 +1,7 @@
 /** Where tracked objects are now: extrapolated along their surface, as the server does it. */
 
 import type { TrackedObject } from "../messages";
-import { isBox } from "./looks";
+import { isBox } from "./appearance";
 import type { Polyline } from "./polyline";
 import type { Vec3 } from "./vec";
 

@@ -4,7 +4,7 @@ import { choice } from "../choice";
 import type { Controls } from "../controls";
 import { el, icon, key, mark, renew, section, show, write } from "../dom";
 import { byName, capital } from "../format";
-import { cssColor, KIND_COLORS, kindColor } from "../geometry/looks";
+import { cssColor, KIND_COLORS, kindColor } from "../geometry/appearance";
 import type { BayCount } from "../messages";
 import { initialOf } from "../site/figures";
 import { slider } from "../slider";

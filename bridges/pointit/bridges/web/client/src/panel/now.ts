@@ -4,7 +4,7 @@ import { choice } from "../choice";
 import type { Controls } from "../controls";
 import { el, icon, key, mark, show, write } from "../dom";
 import { byName, capital } from "../format";
-import { cssColor } from "../geometry/looks";
+import { cssColor } from "../geometry/appearance";
 import { standingOf } from "../site/site";
 import { friendly, pressTitle, stateTitle, thing } from "../words";
 import type { Part } from "./part";

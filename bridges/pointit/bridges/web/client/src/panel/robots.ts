@@ -3,7 +3,7 @@
 import type { Controls } from "../controls";
 import { el, icon, key, mark, show, write } from "../dom";
 import { capital } from "../format";
-import { cssColor } from "../geometry/looks";
+import { cssColor } from "../geometry/appearance";
 import { robotLine, seenRobots } from "../site/robots";
 import type { Part } from "./part";
 

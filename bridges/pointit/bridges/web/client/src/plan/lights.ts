@@ -3,7 +3,7 @@
 import { mark } from "../dom";
 import type { Environment, StripsFrame } from "../messages";
 import { isOfThing, type Site } from "../site/site";
-import { cssColor } from "../geometry/looks";
+import { cssColor } from "../geometry/appearance";
 import { edges, paths } from "./runs";
 import { placeName } from "../words";
 import { draw, show, xy } from "./svg";

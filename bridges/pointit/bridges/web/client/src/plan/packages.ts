@@ -3,8 +3,8 @@
 import { mark, write } from "../dom";
 import type { TrackedObject } from "../messages";
 import { siteNow, thingsOf, type Site } from "../site/site";
-import { boxLook } from "../site/looks";
-import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf } from "../geometry/looks";
+import { currentBoxColor } from "../site/box_color";
+import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf } from "../geometry/appearance";
 import type { Lanes } from "./lanes";
 import { signOf } from "./signs";
 import { cm, draw, show, turned, xy } from "./svg";
@@ -129,7 +129,7 @@ export class Packages {
       mark(element, "stroke-dasharray", sign.dashes);
     }
     if (isBox(object)) {
-      const look = boxLook(site, object);
+      const look = currentBoxColor(site, object);
       mark(figure.box, "fill", cssColor(look));
       figure.letter.style.fill = inkOn(look);
     }

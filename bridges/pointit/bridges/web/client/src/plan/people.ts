@@ -4,7 +4,7 @@ import { mark, write } from "../dom";
 import { goalOf, isHeard, proposalOf, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
-import { rayEnd } from "../geometry/looks";
+import { rayEnd } from "../geometry/appearance";
 import type { Packages } from "./packages";
 import { signOf } from "./signs";
 import { cm, draw, path, show, turned, xy } from "./svg";

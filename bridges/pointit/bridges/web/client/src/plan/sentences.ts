@@ -4,7 +4,7 @@ import { robotLine, seenRobots } from "../site/robots";
 import { standingOf, thingsOf, type Person, type Site } from "../site/site";
 import type { TrackedObject } from "../messages";
 import { byName } from "../format";
-import { isBox } from "../geometry/looks";
+import { isBox } from "../geometry/appearance";
 import { isTooLate, placeName, stateTitle, thing } from "../words";
 
 export interface Row {

@@ -1,7 +1,7 @@
 /** How a person's things look in the plan: their colour, and the dashes that stand for their pattern. */
 
 import type { UserProfile } from "../messages";
-import { cssColor } from "../geometry/looks";
+import { cssColor } from "../geometry/appearance";
 
 /** Dashes of each pattern, px; lines are drawn with `vector-effect: non-scaling-stroke`. */
 const DASHES: Readonly<Record<UserProfile["pattern"], string>> = {

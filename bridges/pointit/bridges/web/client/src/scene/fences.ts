@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import type { Environment } from "../messages";
-import { FENCE_COLORS } from "../geometry/looks";
+import { FENCE_COLORS } from "../geometry/appearance";
 import type { Kit } from "./kit";
 
 type Fence = Environment["fences"][number];

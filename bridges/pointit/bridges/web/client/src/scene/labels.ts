@@ -1,7 +1,7 @@
 /** Names and counts beside what they belong to: elements over the picture, crisp at every resolution. */
 
 import * as THREE from "three";
-import { cssColor, inkOn, type Rgb } from "../geometry/looks";
+import { cssColor, inkOn, type Rgb } from "../geometry/appearance";
 import { placed, type Rect, type Wish } from "../geometry/placing";
 import type { Read3 } from "../geometry/vec";
 import type { Theme } from "./kit";

@@ -1,7 +1,7 @@
 /** Rings, discs, gauges and glows, flat or facing the camera: all in one draw. And beams between two places. */
 
 import * as THREE from "three";
-import type { Pattern } from "../geometry/looks";
+import type { Pattern } from "../geometry/appearance";
 import type { Read3 } from "../geometry/vec";
 import type { Kit } from "./kit";
 

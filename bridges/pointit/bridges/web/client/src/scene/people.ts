@@ -3,7 +3,7 @@
 import { goalOf, isHeard, proposalOf, standingOf, type Person, type Site } from "../site/site";
 import { DEFAULT_BODY, eyesOf, hangingArm, pointingArm, type Arm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
-import { casing, cssColor, rayEnd, visibleColor, type Pattern } from "../geometry/looks";
+import { casing, cssColor, rayEnd, visibleColor, type Pattern } from "../geometry/appearance";
 import { add, subtract, unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Beams } from "./beams";
 import { Figure } from "./figure";

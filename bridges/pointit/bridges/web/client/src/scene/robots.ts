@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import type { RobotState } from "../messages";
-import { casing, cssColor, visibleColor, type Rgb } from "../geometry/looks";
+import { casing, cssColor, visibleColor, type Rgb } from "../geometry/appearance";
 import { LONGEST_S } from "../geometry/motion";
 import type { Read3, Vec3 } from "../geometry/vec";
 import { meantBy, phaseOf, robotAt, seenRobots, wayOf, type SeenRobot } from "../site/robots";

@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import { confusion, type Separability } from "../geometry/separability";
-import { INSEPARABLE_COLORS } from "../geometry/looks";
+import { INSEPARABLE_COLORS } from "../geometry/appearance";
 import type { Kit } from "./kit";
 import type { Picture } from "./picture";
 

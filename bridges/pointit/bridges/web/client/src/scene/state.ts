@@ -1,8 +1,8 @@
 /** What is selected, about to be, or under a cursor: outlines, rings in the owner's pattern, gauges. */
 
-import { cssColor, kindColor, kindLetter, visibleColor, type Pattern, type Rgb } from "../geometry/looks";
+import { cssColor, kindColor, kindLetter, visibleColor, type Pattern, type Rgb } from "../geometry/appearance";
 import type { Vec3 } from "../geometry/vec";
-import { boxLook, WHITE } from "../site/looks";
+import { currentBoxColor, WHITE } from "../site/box_color";
 import type { Site } from "../site/site";
 import { NAME, type Labels } from "./labels";
 import type { Marks } from "./marks";
@@ -25,7 +25,7 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
     if (thing) ring(thing, marks, visibleColor(site.people.get(user)?.profile?.cursor_color ?? WHITE, dark), "dotted", 0.7);
   }
   things.endOutlines();
-  things.paintBoxes(({ object }) => boxLook(site, object));
+  things.paintBoxes(({ object }) => currentBoxColor(site, object));
   let rank = 0;
   for (const { hover, profile, user } of site.people.values()) {
     const thing = hover?.object_id ? things.byId.get(hover.object_id) : undefined;

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import type * as THREE from "three";
 import type { TrackedObject } from "../messages";
-import { boxColor, type Rgb } from "../geometry/looks";
+import { boxColor, type Rgb } from "../geometry/appearance";
 import { Polyline } from "../geometry/polyline";
 import { emptyPerson, emptySite } from "../site/site";
 import { DARK, Kit } from "./kit";

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import type { TrackedObject, TrackedObjects } from "../messages";
-import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf, type Rgb } from "../geometry/looks";
+import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf, type Rgb } from "../geometry/appearance";
 import { carriedOn, elapsed, LONGEST_S, type Placed } from "../geometry/motion";
 import type { Polyline } from "../geometry/polyline";
 import type { Vec3 } from "../geometry/vec";

@@ -1,5 +1,5 @@
 /**
- * How things look, in the scene and in the plan alike: kinds and people each by a colour and, as colour is never
+ * Appearance of objects, in the scene and in the plan alike: kinds and people each by a colour and, as colour is never
  * alone, a second sign; objects by a size, of which messages have the length only.
  */
 

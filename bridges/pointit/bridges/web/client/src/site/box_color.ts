@@ -1,13 +1,13 @@
-/** Looks of objects that depend on what people do, in the scene and in the plan alike. */
+/** Colours of boxes that depend on people, in the scene and in the plan alike. */
 
-import { boxColor, type Rgb } from "../geometry/looks";
+import { boxColor, type Rgb } from "../geometry/appearance";
 import type { TrackedObject } from "../messages";
 import type { Site } from "./site";
 
 export const WHITE: Rgb = [255, 255, 255];
 
 /** Colour of a box: of who owns it, or mixed with that of who is nearest to selecting it. */
-export function boxLook(site: Site, { id, kind }: Pick<TrackedObject, "id" | "kind">): Rgb {
+export function currentBoxColor(site: Site, { id, kind }: Pick<TrackedObject, "id" | "kind">): Rgb {
   const owner = site.selection?.objects.find((each) => each.id === id);
   const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
   const [first] = pointing.sort((one, other) => other.hover!.progress - one.hover!.progress);

@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import type { Read3 } from "../geometry/vec";
-import type { Kit } from "./kit";
+import type { MeshFactory } from "./mesh_factory";
 
 const VERTEX = `
 attribute vec3 start; attribute vec3 finish; attribute vec4 tint; attribute vec3 look;
@@ -39,7 +39,7 @@ export class Beams {
   private readonly screen = { value: new THREE.Vector2(1, 1) };
   private count = 0;
 
-  constructor(kit: Kit) {
+  constructor(factory: MeshFactory) {
     this.geometry.setAttribute("position", new THREE.Float32BufferAttribute([0, -1, 0, 1, -1, 0, 1, 1, 0, 0, 1, 0], 3));
     this.geometry.setIndex([0, 1, 2, 0, 2, 3]);
     this.arrays = ([["start", 3], ["finish", 3], ["tint", 4], ["look", 3]] as const).map(([name, size]) => {
@@ -48,7 +48,7 @@ export class Beams {
       this.geometry.setAttribute(name, made);
       return made;
     });
-    const mesh = kit.mesh(this.geometry, kit.own(new THREE.ShaderMaterial({
+    const mesh = factory.mesh(this.geometry, factory.own(new THREE.ShaderMaterial({
       vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthWrite: false, side: THREE.DoubleSide,
       blending: THREE.CustomBlending, blendSrc: THREE.OneFactor, blendDst: THREE.OneMinusSrcAlphaFactor,
       uniforms: { screen: this.screen },

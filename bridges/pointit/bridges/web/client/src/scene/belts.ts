@@ -4,7 +4,7 @@ import * as THREE from "three";
 import type { Belt, ConveyorState, Environment } from "../messages";
 import { Polyline } from "../geometry/polyline";
 import { ribbon } from "../geometry/ribbon";
-import { setMatrix, type Kit } from "./kit";
+import { setMatrix, type MeshFactory } from "./mesh_factory";
 import { Mesher } from "./mesher";
 
 /** One repetition of the rubber's pattern, m. */
@@ -31,9 +31,9 @@ export class Belts {
   private readonly running: Running[] = [];
   private state: ConveyorState | null = null;
 
-  constructor(kit: Kit, map: Environment) {
+  constructor(factory: MeshFactory, map: Environment) {
     const frames = new Mesher(), shade = new Mesher(), legs: number[][] = [], rollers: number[][] = [];
-    const rubber = this.rubber(kit);
+    const rubber = this.rubber(factory);
     map.belts.forEach((belt, number) => {
       let line;
       try {
@@ -47,8 +47,8 @@ export class Belts {
       const surface = new Mesher();
       surface.between(edge("left"), edge("right"), cuts.map((cut) => cut.at / PATTERN_M));
       const own = rubber.clone();
-      kit.own(own);
-      const top = kit.mesh(surface.geometry(), kit.matt(0xffffff, { map: own, roughness: 0.9 }), "shows");
+      factory.own(own);
+      const top = factory.mesh(surface.geometry(), factory.matt(0xffffff, { map: own, roughness: 0.9 }), "shows");
       this.targets.push(top);
       this.running.push({ id: belt.id, map: own, speed: 0 });
       frames.beam(cuts, belt.width_m, RAIL_M, -RAIL_BELOW_M + lift / 2, -DEEP_M);
@@ -58,24 +58,24 @@ export class Belts {
       this.support(belt, line, legs, rollers);
     });
     if (!this.lines.size) return;
-    this.targets.push(kit.mesh(frames.geometry(), kit.matt(kit.theme.frame, { roughness: 0.4, metalness: 0.35 })));
-    if (kit.light) {
+    this.targets.push(factory.mesh(frames.geometry(), factory.matt(factory.theme.frame, { roughness: 0.4, metalness: 0.35 })));
+    if (factory.light) {
       // what a shadow would be, laid on the floor once
-      kit.mesh(shade.geometry(), kit.plain(0x000000, { transparent: true, opacity: kit.theme.dark ? 0.3 : 0.1, depthWrite: false }), "");
+      factory.mesh(shade.geometry(), factory.plain(0x000000, { transparent: true, opacity: factory.theme.dark ? 0.3 : 0.1, depthWrite: false }), "");
     }
-    const posts = kit.many(new THREE.BoxGeometry(1, 1, 1), kit.matt(kit.theme.leg), legs.length);
+    const posts = factory.many(new THREE.BoxGeometry(1, 1, 1), factory.matt(factory.theme.leg), legs.length);
     legs.forEach(([x, y, z, yaw, sx, sy, sz], i) => setMatrix(posts.instanceMatrix.array, i, x!, y!, z!, yaw!, sx!, sy!, sz!));
-    const ends = kit.many(new THREE.CylinderGeometry(1, 1, 1, kit.light ? 10 : 20), kit.matt(kit.theme.leg, { roughness: 0.35, metalness: 0.5 }), rollers.length);
+    const ends = factory.many(new THREE.CylinderGeometry(1, 1, 1, factory.light ? 10 : 20), factory.matt(factory.theme.leg, { roughness: 0.35, metalness: 0.5 }), rollers.length);
     rollers.forEach(([x, y, z, yaw, radius, length], i) => setMatrix(ends.instanceMatrix.array, i, x!, y!, z!, yaw!, radius!, length!, radius!));
   }
 
-  private rubber(kit: Kit): THREE.CanvasTexture {
-    return kit.texture(128, 128, (c) => {
-      c.fillStyle = kit.theme.rubber;
+  private rubber(factory: MeshFactory): THREE.CanvasTexture {
+    return factory.texture(128, 128, (c) => {
+      c.fillStyle = factory.theme.rubber;
       c.fillRect(0, 0, 128, 128);
       c.fillStyle = "rgba(0,0,0,.16)";
       for (let y = 0; y < 128; y += 16) c.fillRect(0, y, 128, 3);
-      c.strokeStyle = kit.theme.chevron;
+      c.strokeStyle = factory.theme.chevron;
       c.lineWidth = 9;
       c.lineJoin = "miter";
       c.beginPath();

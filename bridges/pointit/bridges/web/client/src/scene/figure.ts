@@ -5,7 +5,7 @@ import { mergeGeometries } from "three/addons/utils/BufferGeometryUtils.js";
 import type { BodyMeasures } from "../messages";
 import type { Arm } from "../geometry/body";
 import type { Read3 } from "../geometry/vec";
-import type { Kit } from "./kit";
+import type { MeshFactory } from "./mesh_factory";
 
 const SKIN = 0xd7a586, HAIR = 0x3b2c24, TROUSERS = 0x39424f, SHOES = 0x20252c;
 /** Radii, m: upper arm, forearm, hand, finger. */
@@ -21,17 +21,17 @@ export class Figure {
   private readonly materials: THREE.Material[] = [];
   private opacity = 1;
 
-  constructor(kit: Kit, body: BodyMeasures, color: Read3) {
+  constructor(factory: MeshFactory, body: BodyMeasures, color: Read3) {
     const shirt = new THREE.Color().setRGB(color[0] / 255, color[1] / 255, color[2] / 255, THREE.SRGBColorSpace);
     shirt.lerp(new THREE.Color(0x6d7682), 0.22);
-    const painted = kit.matt(0xffffff, { vertexColors: true, roughness: 0.8 }), bare = kit.matt(0xffffff, { roughness: 0.8 });
+    const painted = factory.matt(0xffffff, { vertexColors: true, roughness: 0.8 }), bare = factory.matt(0xffffff, { roughness: 0.8 });
     this.materials.push(painted, bare);
-    const mesh = kit.mesh(trunk(body, shirt, kit.light), painted);
+    const mesh = factory.mesh(trunk(body, shirt, factory.light), painted);
     this.root.add(mesh);
-    kit.group.add(this.root);
-    const around = kit.light ? 10 : 16;
-    this.limbs = kit.many(new THREE.CylinderGeometry(0.86, 1, 1, around, 1, true).rotateX(Math.PI / 2), bare, 8);
-    this.joints = kit.many(new THREE.SphereGeometry(1, around, around / 2), bare, 8);
+    factory.group.add(this.root);
+    const around = factory.light ? 10 : 16;
+    this.limbs = factory.many(new THREE.CylinderGeometry(0.86, 1, 1, around, 1, true).rotateX(Math.PI / 2), bare, 8);
+    this.joints = factory.many(new THREE.SphereGeometry(1, around, around / 2), bare, 8);
     const skin = new THREE.Color(SKIN);
     for (let side = 0; side < 2; side++) {
       [shirt, skin, skin, skin].forEach((paint, i) => this.limbs.setColorAt(4 * side + i, paint));

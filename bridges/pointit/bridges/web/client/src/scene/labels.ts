@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { cssColor, inkOn, type Rgb } from "../geometry/appearance";
 import { placed, type Rect, type Wish } from "../geometry/placing";
 import type { Read3 } from "../geometry/vec";
-import type { Theme } from "./kit";
+import type { Theme } from "./mesh_factory";
 
 /** A piece of a label's text; a colour makes it a small badge. */
 export interface Piece {

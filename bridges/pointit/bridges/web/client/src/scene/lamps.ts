@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import type { Environment, LampColor } from "../messages";
 import type { Vec3 } from "../geometry/vec";
-import { setMatrix, type Kit } from "./kit";
+import { setMatrix, type MeshFactory } from "./mesh_factory";
 import type { Marks } from "./marks";
 
 const BULB_M = 0.055;
@@ -24,18 +24,18 @@ export class Lamps {
   private readonly bulbs: THREE.InstancedMesh | null = null;
   private readonly paint = new THREE.Color();
 
-  constructor(kit: Kit, map: Environment) {
+  constructor(factory: MeshFactory, map: Environment) {
     this.lamps = map.lamps.map(({ id, position_m }) => ({ id, at: position_m, color: [-1, 0, 0] }));
     const { length } = this.lamps;
     if (!length) return;
-    const around = kit.light ? 10 : 24;
-    const metal = kit.matt(kit.theme.leg, { roughness: 0.4, metalness: 0.4 });
+    const around = factory.light ? 10 : 24;
+    const metal = factory.matt(factory.theme.leg, { roughness: 0.4, metalness: 0.4 });
     const turned = (geometry: THREE.BufferGeometry) => geometry.rotateX(Math.PI / 2);
-    const poles = kit.many(turned(new THREE.CylinderGeometry(0.016, 0.02, 1, around)), metal, length);
-    const feet = kit.many(turned(new THREE.CylinderGeometry(0.13, 0.15, 0.025, around)), metal, length);
-    const collars = kit.many(turned(new THREE.CylinderGeometry(0.036, 0.03, 0.05, around)), metal, length);
-    this.bulbs = kit.many(new THREE.SphereGeometry(BULB_M, around, around / 2), kit.plain(0xffffff), length, "casts");
-    const reach = kit.many(new THREE.SphereGeometry(REACH_M, 8, 6), kit.plain(0), length, "");
+    const poles = factory.many(turned(new THREE.CylinderGeometry(0.016, 0.02, 1, around)), metal, length);
+    const feet = factory.many(turned(new THREE.CylinderGeometry(0.13, 0.15, 0.025, around)), metal, length);
+    const collars = factory.many(turned(new THREE.CylinderGeometry(0.036, 0.03, 0.05, around)), metal, length);
+    this.bulbs = factory.many(new THREE.SphereGeometry(BULB_M, around, around / 2), factory.plain(0xffffff), length, "casts");
+    const reach = factory.many(new THREE.SphereGeometry(REACH_M, 8, 6), factory.plain(0), length, "");
     reach.visible = false;
     this.targets.push(reach);
     this.lamps.forEach(({ id, at: [x, y, z] }, i) => {
@@ -47,7 +47,7 @@ export class Lamps {
       setMatrix(this.bulbs!.instanceMatrix.array, i, x, y, z, 0, 1, 1, 1);
       setMatrix(reach.instanceMatrix.array, i, x, y, z, 0, 1, 1, 1);
     });
-    this.set(new Map(), kit.theme.dark);
+    this.set(new Map(), factory.theme.dark);
   }
 
   /** Show the commanded colours. */

@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import type { Pattern } from "../geometry/appearance";
 import type { Read3 } from "../geometry/vec";
-import type { Kit } from "./kit";
+import type { MeshFactory } from "./mesh_factory";
 
 const STYLES: Readonly<Record<Pattern | "glow", number>> = {
   solid: 0, dashed: 1, dotted: 2, striped: 3, hollow: 4, tailed: 5, glow: 6,
@@ -78,7 +78,7 @@ export class Marks {
   private readonly pixel = { value: 0.001 };
   private count = 0;
 
-  constructor(kit: Kit) {
+  constructor(factory: MeshFactory) {
     this.geometry.setAttribute("position", new THREE.Float32BufferAttribute([-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0], 3));
     this.geometry.setIndex([0, 1, 2, 0, 2, 3]);
     const array = (name: string, size: number) => {
@@ -87,10 +87,10 @@ export class Marks {
       return made as THREE.InstancedBufferAttribute;
     };
     this.arrays = { place: array("place", 3), shape: array("shape", 4), tint: array("tint", 4), style: array("style", 4) };
-    const mesh = kit.mesh(this.geometry, kit.own(new THREE.ShaderMaterial({
+    const mesh = factory.mesh(this.geometry, factory.own(new THREE.ShaderMaterial({
       vertexShader: VERTEX, fragmentShader: FRAGMENT, transparent: true, depthWrite: false, side: THREE.DoubleSide,
       blending: THREE.CustomBlending, blendSrc: THREE.OneFactor, blendDst: THREE.OneMinusSrcAlphaFactor,
-      uniforms: { pixel: this.pixel, over: { value: kit.theme.dark ? 0 : 1 } },
+      uniforms: { pixel: this.pixel, over: { value: factory.theme.dark ? 0 : 1 } },
     })), "");
     mesh.frustumCulled = false;
     mesh.renderOrder = 8;

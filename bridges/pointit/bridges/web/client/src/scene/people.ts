@@ -7,7 +7,7 @@ import { casing, cssColor, rayEnd, visibleColor, type Pattern } from "../geometr
 import { add, subtract, unit, wrapped, type Read3, type Vec3 } from "../geometry/vec";
 import type { Beams } from "./beams";
 import { Figure } from "./figure";
-import { Kit } from "./kit";
+import { MeshFactory } from "./mesh_factory";
 import type { Labels } from "./labels";
 import type { Marks } from "./marks";
 
@@ -28,7 +28,7 @@ const WHITE: Read3 = [255, 255, 255];
 const RAY = 0.95, RAY_END = 0.9;
 
 interface Body {
-  readonly kit: Kit;
+  readonly factory: MeshFactory;
   readonly figure: Figure;
   readonly looks: string;
   facing: number;
@@ -39,7 +39,7 @@ interface Body {
 
 /** Shared geometry of people, and the map's targets. */
 export interface Surroundings {
-  readonly kit: Kit;
+  readonly factory: MeshFactory;
   readonly marks: Marks;
   readonly beams: Beams;
   readonly labels: Labels;
@@ -77,7 +77,7 @@ export class People {
     let moves = false;
     for (const [user, body] of this.bodies) {
       if (site.people.has(user)) continue;
-      body.kit.dispose();
+      body.factory.dispose();
       this.bodies.delete(user);
     }
     for (const person of site.people.values()) moves = this.one(site, person, now, seconds, own) || moves;
@@ -86,7 +86,7 @@ export class People {
 
   private one(site: Site, person: Person, now: number, seconds: number, own: string): boolean {
     const feet = feetOf(person);
-    const { dark } = this.around.kit.theme, worn = person.profile?.cursor_color ?? WHITE;
+    const { dark } = this.around.factory.theme, worn = person.profile?.cursor_color ?? WHITE;
     const color = visibleColor(worn, dark), pattern = person.profile?.pattern ?? "solid";
     const asked = this.beacon(person, color, now);
     this.goal(site, person, color);
@@ -126,9 +126,9 @@ export class People {
   }
 
   private pointing(person: Person, arm: Arm, origin: Read3, color: Read3, pattern: Pattern, isStale: boolean, isOwn: boolean): void {
-    const { beams, marks, kit } = this.around, { cursor } = person, alpha = isStale ? 0.3 : 1;
+    const { beams, marks, factory } = this.around, { cursor } = person, alpha = isStale ? 0.3 : 1;
     const at = cursor?.point_m ?? rayEnd(origin as Vec3, cursor!.direction!);
-    const edge = casing(kit.theme.dark), end = cursor?.point_m ? RAY_END : 0;
+    const edge = casing(factory.theme.dark), end = cursor?.point_m ? RAY_END : 0;
     beams.add(arm.finger, at, edge, 0.8 * alpha, 4.4, 0, end);
     beams.add(arm.finger, at, color, RAY * alpha, 2.6, 0, end);
     if (!isOwn) beams.add(origin, arm.finger, color, 0.5 * alpha, 1.6, 0.05);
@@ -151,7 +151,7 @@ export class People {
   private uncertainty(person: Person, feet: Read3, color: Read3, isStale: boolean, isAssumed: boolean): void {
     const { marks } = this.around, alpha = isStale ? 0.3 : 0.85;
     const { major, minor, angle } = person.pose ? ellipseOf(person.pose.covariance) : { major: 0, minor: 0, angle: 0 };
-    marks.add(feet, 0.27, [0, 0, 0], { thick: 0.02, alpha: this.around.kit.theme.dark ? 0.3 : 0.13, fill: 1 }, 0.006);
+    marks.add(feet, 0.27, [0, 0, 0], { thick: 0.02, alpha: this.around.factory.theme.dark ? 0.3 : 0.13, fill: 1 }, 0.006);
     if (major > 0.02) {
       marks.add(feet, major, color, { thick: 0.08, alpha, fill: 0.22 }, 0.01, Math.max(minor, 0.01), angle);
     } else marks.add(feet, 0.3, color, { thick: 0.12, alpha, pattern: isAssumed ? "dashed" : "solid" }, 0.01);
@@ -183,11 +183,11 @@ export class People {
     const measures = person.profile?.body ?? DEFAULT_BODY, looks = JSON.stringify([measures, color]);
     const before = this.bodies.get(person.user);
     if (before?.looks === looks) return before;
-    before?.kit.dispose();
-    const kit = new Kit(this.around.kit.light, this.around.kit.theme);
-    this.around.kit.group.add(kit.group);
+    before?.factory.dispose();
+    const factory = new MeshFactory(this.around.factory.light, this.around.factory.theme);
+    this.around.factory.group.add(factory.group);
     const body: Body = {
-      kit, looks, figure: new Figure(kit, measures, color), facing: before?.facing ?? standingOf(person)?.yaw_rad ?? 0,
+      factory, looks, figure: new Figure(factory, measures, color), facing: before?.facing ?? standingOf(person)?.yaw_rad ?? 0,
       raised: before?.raised ?? 0, arm: null,
     };
     this.bodies.set(person.user, body);
@@ -195,7 +195,7 @@ export class People {
   }
 
   dispose(): void {
-    for (const body of this.bodies.values()) body.kit.dispose();
+    for (const body of this.bodies.values()) body.factory.dispose();
     this.bodies.clear();
   }
 }

@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import type { Bounds } from "../geometry/bounds";
-import type { Theme } from "./kit";
+import type { Theme } from "./mesh_factory";
 
 THREE.Object3D.DEFAULT_UP.set(0, 0, 1);
 

@@ -8,7 +8,7 @@ import type { Read3, Vec3 } from "../geometry/vec";
 import { meantBy, phaseOf, robotAt, seenRobots, wayOf, type SeenRobot } from "../site/robots";
 import { siteNow, type Person, type Site } from "../site/site";
 import type { Beams } from "./beams";
-import type { Kit } from "./kit";
+import type { MeshFactory } from "./mesh_factory";
 import type { Labels, Piece } from "./labels";
 import type { Marks } from "./marks";
 import { groundRobot, quadrotor } from "./robot_shapes";
@@ -20,7 +20,7 @@ const LABEL_M = 0.24;
 
 /** Shared parts of the scene. */
 export interface Surroundings {
-  readonly kit: Kit;
+  readonly factory: MeshFactory;
   readonly marks: Marks;
   readonly beams: Beams;
   readonly labels: Labels;
@@ -35,9 +35,9 @@ export class Robots {
   private readonly skin: THREE.Material;
 
   constructor(private readonly around: Surroundings) {
-    const { kit } = around;
-    this.shapes = { quadrotor: kit.own(quadrotor()), ground: kit.own(groundRobot()) };
-    this.skin = kit.matt(0xffffff, { vertexColors: true, roughness: 0.45 });
+    const { factory } = around;
+    this.shapes = { quadrotor: factory.own(quadrotor()), ground: factory.own(groundRobot()) };
+    this.skin = factory.matt(0xffffff, { vertexColors: true, roughness: 0.45 });
   }
 
   /** What can be pointed at now. */
@@ -67,7 +67,7 @@ export class Robots {
   }
 
   private one(site: Site, robot: SeenRobot, at: Vec3): void {
-    const { marks, beams, labels, kit } = this.around, { name, state } = robot, { dark } = kit.theme;
+    const { marks, beams, labels, factory } = this.around, { name, state } = robot, { dark } = factory.theme;
     const owner = site.people.get(state.user)?.profile, radius = state.radius_m;
     const color = state.user ? visibleColor(owner?.cursor_color ?? [255, 255, 255], dark) : FREE;
     const body = this.body(name, state.kind), isFlying = state.kind === "quadrotor" && at[2] > 0.05;
@@ -93,9 +93,9 @@ export class Robots {
   }
 
   private way(robot: SeenRobot, at: Vec3, color: Rgb, alpha: number): void {
-    const { marks, beams, kit } = this.around, way = wayOf(robot, at), target = robot.state.target_m;
+    const { marks, beams, factory } = this.around, way = wayOf(robot, at), target = robot.state.target_m;
     for (let i = 1; i < way.length; i++) {
-      beams.add(way[i - 1]!, way[i]!, casing(kit.theme.dark), 0.5 * alpha, 3.6);
+      beams.add(way[i - 1]!, way[i]!, casing(factory.theme.dark), 0.5 * alpha, 3.6);
       beams.add(way[i - 1]!, way[i]!, color, 0.9 * alpha, 2.2, 0.16);
     }
     if (target) marks.add(target, robot.state.radius_m, color, { pattern: "dashed", thick: 0.14, fill: 0.12, alpha }, 0.012);
@@ -103,8 +103,8 @@ export class Robots {
 
   /** Way-points that are set and not yet sent, numbered. */
   private waypoints({ user, steering, profile }: Person): void {
-    const { marks, beams, labels, kit } = this.around, points = steering?.waypoints_m ?? [];
-    const color = visibleColor(profile?.cursor_color ?? [255, 255, 255], kit.theme.dark);
+    const { marks, beams, labels, factory } = this.around, points = steering?.waypoints_m ?? [];
+    const color = visibleColor(profile?.cursor_color ?? [255, 255, 255], factory.theme.dark);
     points.forEach((point: Read3, i) => {
       marks.add(point, 0.11, color, { pattern: profile?.pattern ?? "solid", thick: 0.26, fill: 0.4 }, 0.012);
       labels.add(`way-point ${user} ${i}`, point, 0.16, [{ text: String(i + 1), color }], "", 2);
@@ -116,7 +116,7 @@ export class Robots {
     let body = this.bodies.get(name);
     if (body?.geometry !== this.shapes[kind]) {
       body?.removeFromParent();
-      body = this.around.kit.mesh(this.shapes[kind], this.skin);
+      body = this.around.factory.mesh(this.shapes[kind], this.skin);
       this.bodies.set(name, body);
     }
     return body;

@@ -4,7 +4,7 @@ import * as THREE from "three";
 import type { Environment } from "../messages";
 import { ENDLESS_M, type Bounds } from "../geometry/bounds";
 import { cross, unit, type Read3, type Vec3 } from "../geometry/vec";
-import type { Kit, Theme } from "./kit";
+import type { MeshFactory, Theme } from "./mesh_factory";
 
 /** The grid goes on so far beyond the map, m. */
 const FADE_M = 9;
@@ -14,23 +14,23 @@ export class Room {
   /** What can be pointed at. */
   readonly targets: THREE.Object3D[] = [];
 
-  constructor(kit: Kit, map: Environment, bounds: Bounds) {
-    this.floor(kit, bounds);
-    const solid = kit.matt(kit.theme.solid, { roughness: 0.85 });
+  constructor(factory: MeshFactory, map: Environment, bounds: Bounds) {
+    this.floor(factory, bounds);
+    const solid = factory.matt(factory.theme.solid, { roughness: 0.85 });
     for (const box of map.boxes) {
-      const mesh = kit.mesh(new THREE.BoxGeometry(...box.size_m), solid);
+      const mesh = factory.mesh(new THREE.BoxGeometry(...box.size_m), solid);
       mesh.position.set(...box.center_m);
       mesh.rotation.z = box.yaw_rad;
-      this.outlined(kit, mesh);
+      this.outlined(factory, mesh);
     }
     for (const tank of map.cylinders) {
-      const mesh = kit.mesh(new THREE.CylinderGeometry(tank.radius_m, tank.radius_m, tank.height_m, kit.light ? 20 : 48), solid);
+      const mesh = factory.mesh(new THREE.CylinderGeometry(tank.radius_m, tank.radius_m, tank.height_m, factory.light ? 20 : 48), solid);
       mesh.rotation.x = Math.PI / 2;
       mesh.position.set(tank.center_m[0], tank.center_m[1], tank.center_m[2] + tank.height_m / 2);
-      this.outlined(kit, mesh);
+      this.outlined(factory, mesh);
     }
     for (const ball of map.spheres) {
-      const mesh = kit.mesh(new THREE.SphereGeometry(ball.radius_m, kit.light ? 20 : 40, kit.light ? 12 : 28), solid);
+      const mesh = factory.mesh(new THREE.SphereGeometry(ball.radius_m, factory.light ? 20 : 40, factory.light ? 12 : 28), solid);
       mesh.position.set(...ball.center_m);
       mesh.userData.isSolid = true;
       this.targets.push(mesh);
@@ -40,53 +40,53 @@ export class Room {
       if (!plane.size_m && level && Math.abs(plane.center_m[2]) < 0.05) continue;
       const [wide, tall] = plane.size_m ?? [ENDLESS_M, ENDLESS_M];
       const see = plane.size_m ? 0.5 : 0.14;
-      const mesh = kit.mesh(new THREE.PlaneGeometry(wide, tall), kit.matt(kit.theme.solid, {
+      const mesh = factory.mesh(new THREE.PlaneGeometry(wide, tall), factory.matt(factory.theme.solid, {
         transparent: true, opacity: see, side: THREE.DoubleSide, depthWrite: false,
       }), "shows");
       mesh.position.set(...plane.center_m);
       mesh.quaternion.setFromRotationMatrix(axesOf(plane.normal));
-      this.outlined(kit, mesh);
+      this.outlined(factory, mesh);
     }
     for (const cloud of map.clouds) {
       const size = cloud.high_m.map((high, axis) => Math.max(high - cloud.low_m[axis]!, 0.01)) as Vec3;
-      const mesh = kit.mesh(new THREE.BoxGeometry(...size), kit.plain(kit.theme.solid, {
+      const mesh = factory.mesh(new THREE.BoxGeometry(...size), factory.plain(factory.theme.solid, {
         transparent: true, opacity: 0.08, depthWrite: false,
       }), "");
       mesh.position.set(...(cloud.low_m.map((low, axis) => low + size[axis]! / 2) as Vec3));
-      this.outlined(kit, mesh);
+      this.outlined(factory, mesh);
     }
   }
 
-  private outlined(kit: Kit, mesh: THREE.Mesh): void {
+  private outlined(factory: MeshFactory, mesh: THREE.Mesh): void {
     const lines = new THREE.LineSegments(
-      kit.own(new THREE.EdgesGeometry(mesh.geometry, 30)),
-      kit.own(new THREE.LineBasicMaterial({ color: kit.theme.leg, transparent: true, opacity: 0.7 })),
+      factory.own(new THREE.EdgesGeometry(mesh.geometry, 30)),
+      factory.own(new THREE.LineBasicMaterial({ color: factory.theme.leg, transparent: true, opacity: 0.7 })),
     );
     mesh.add(lines);
     mesh.userData.isSolid = true;
     this.targets.push(mesh);
   }
 
-  private floor(kit: Kit, bounds: Bounds): void {
+  private floor(factory: MeshFactory, bounds: Bounds): void {
     const wide = Math.max(bounds.high[0] - bounds.low[0], bounds.high[1] - bounds.low[1]);
-    const size = 2 * Math.ceil(kit.light ? wide / 2 + FADE_M + 2 : wide + 20);
+    const size = 2 * Math.ceil(factory.light ? wide / 2 + FADE_M + 2 : wide + 20);
     // whole metres lie on the grid's lines
     const x = Math.round((bounds.low[0] + bounds.high[0]) / 2), y = Math.round((bounds.low[1] + bounds.high[1]) / 2);
-    if (kit.light) {
+    if (factory.light) {
       // the background is the floor: only its lines are drawn, filling the picture once more is what costs
-      const plain = kit.mesh(new THREE.PlaneGeometry(4 * size, 4 * size), kit.plain(0), "");
+      const plain = factory.mesh(new THREE.PlaneGeometry(4 * size, 4 * size), factory.plain(0), "");
       plain.visible = false;
-      const grid = new THREE.LineSegments(kit.own(lines(size, bounds, kit.theme)), kit.own(new THREE.LineBasicMaterial({ vertexColors: true, fog: false })));
+      const grid = new THREE.LineSegments(factory.own(lines(size, bounds, factory.theme)), factory.own(new THREE.LineBasicMaterial({ vertexColors: true, fog: false })));
       plain.position.set(x, y, 0);
       grid.position.set(x, y, 0);
-      kit.group.add(grid);
+      factory.group.add(grid);
       this.targets.push(plain);
       return;
     }
-    const tile = kit.texture(256, 256, (c) => {
-      c.fillStyle = kit.theme.floor;
+    const tile = factory.texture(256, 256, (c) => {
+      c.fillStyle = factory.theme.floor;
       c.fillRect(0, 0, 256, 256);
-      c.strokeStyle = kit.theme.line;
+      c.strokeStyle = factory.theme.line;
       c.lineWidth = 5;
       c.strokeRect(0, 0, 256, 256);
       c.globalAlpha = 0.22;
@@ -95,7 +95,7 @@ export class Room {
       c.strokeRect(-2, 128, 300, 200);
     }, true);
     tile.repeat.set(size, size);
-    const floor = kit.mesh(new THREE.PlaneGeometry(size, size), kit.matt(0xffffff, { map: tile, roughness: 0.92 }), "shows");
+    const floor = factory.mesh(new THREE.PlaneGeometry(size, size), factory.matt(0xffffff, { map: tile, roughness: 0.92 }), "shows");
     floor.position.set(x, y, 0);
     this.targets.push(floor);
   }

@@ -13,7 +13,7 @@ import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { Aim } from "./aim";
 import { drawSeparability, floorAt } from "./separability";
 import { Cameras } from "./cameras";
-import { DARK, Kit, LIGHT, type Theme } from "./kit";
+import { DARK, MeshFactory, LIGHT, type Theme } from "./mesh_factory";
 import { Labels, NAME } from "./labels";
 import { Names } from "./names";
 import { People } from "./people";
@@ -180,7 +180,7 @@ class Scene implements View {
 
   private tearDown(): void {
     this.world?.people.dispose();
-    this.world?.kit.dispose();
+    this.world?.factory.dispose();
     this.world = null;
   }
 
@@ -188,12 +188,12 @@ class Scene implements View {
     this.tearDown();
     this.bounds = boundsOf(map);
     if (this.picture.isLost) return;
-    const kit = new Kit(this.picture.stats.software, this.theme);
-    this.world = makeWorld(kit, map, this.bounds, this.labels, this.isStill);
+    const factory = new MeshFactory(this.picture.stats.software, this.theme);
+    this.world = makeWorld(factory, map, this.bounds, this.labels, this.isStill);
     this.names = new Names(map);
-    if (this.separability) drawSeparability(kit, this.separability);
+    if (this.separability) drawSeparability(factory, this.separability);
     this.picture.light(this.theme, this.bounds);
-    this.picture.scene.add(kit.group);
+    this.picture.scene.add(factory.group);
     this.dirty = true;
   }
 
@@ -259,7 +259,7 @@ class Scene implements View {
     const at = site.speed ? now : this.toldAt; // nobody grows old in a past that is paused
     moves = world.people.draw(site, at, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
     moves = world.robots.draw(site) || moves;
-    state(site, world.things, world.marks, this.labels, world.kit.theme.dark);
+    state(site, world.things, world.marks, this.labels, world.factory.theme.dark);
     counts(site, world.bays, this.labels);
     return moves;
   }

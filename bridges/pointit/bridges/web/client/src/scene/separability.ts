@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { confusion, type Separability } from "../geometry/separability";
 import { INSEPARABLE_COLORS } from "../geometry/appearance";
-import type { Kit } from "./kit";
+import type { MeshFactory } from "./mesh_factory";
 import type { Picture } from "./picture";
 
 /** Just above the floor and below fences, m. */
@@ -13,10 +13,10 @@ const OVER_LINES = { polygonOffset: true, polygonOffsetFactor: -2, polygonOffset
 const UP = new THREE.Plane(new THREE.Vector3(0, 0, 1));
 
 /** Put the squares into the scene, and a line around them. */
-export function drawSeparability(kit: Kit, separability: Separability): void {
+export function drawSeparability(factory: MeshFactory, separability: Separability): void {
   const { x_m, y_m, told_apart: rows } = separability, columns = x_m.length - 1;
-  const color = INSEPARABLE_COLORS[kit.theme.dark ? "dark" : "light"];
-  const squares = kit.texture(columns, rows.length, (c) => {
+  const color = INSEPARABLE_COLORS[factory.theme.dark ? "dark" : "light"];
+  const squares = factory.texture(columns, rows.length, (c) => {
     c.fillStyle = color;
     rows.forEach((row, j) => row.forEach((told, i) => {
       c.globalAlpha = confusion(separability, told);
@@ -27,9 +27,9 @@ export function drawSeparability(kit: Kit, separability: Separability): void {
   squares.generateMipmaps = false;
   const [left, right, low, high] = [x_m[0]!, x_m[columns]!, y_m[0]!, y_m[rows.length]!];
   const floor = new THREE.PlaneGeometry(right - left, high - low);
-  const mesh = kit.mesh(floor, kit.plain(0xffffff, { map: squares, transparent: true, depthWrite: false, ...OVER_LINES }), "");
+  const mesh = factory.mesh(floor, factory.plain(0xffffff, { map: squares, transparent: true, depthWrite: false, ...OVER_LINES }), "");
   mesh.position.set((left + right) / 2, (low + high) / 2, ABOVE_M);
-  mesh.add(new THREE.LineSegments(kit.own(new THREE.EdgesGeometry(floor)), kit.own(new THREE.LineBasicMaterial({ color }))));
+  mesh.add(new THREE.LineSegments(factory.own(new THREE.EdgesGeometry(floor)), factory.own(new THREE.LineBasicMaterial({ color }))));
 }
 
 /** Place on the floor below the page's (x, y), {W}, or null above the horizon. */

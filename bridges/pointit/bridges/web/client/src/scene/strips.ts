@@ -5,7 +5,7 @@ import type { Environment, StripsFrame } from "../messages";
 import { layOut, type Pixels } from "../geometry/pixels";
 import { Polyline } from "../geometry/polyline";
 import { ribbon } from "../geometry/ribbon";
-import { setMatrix, type Kit } from "./kit";
+import { setMatrix, type MeshFactory } from "./mesh_factory";
 import { Mesher } from "./mesher";
 
 const PIXEL_M = 0.02;
@@ -66,11 +66,11 @@ export class Strips {
   private readonly copies: number;
   private frame: StripsFrame | null = null;
 
-  constructor(kit: Kit, map: Environment) {
+  constructor(factory: MeshFactory, map: Environment) {
     this.pixels = layOut(map.strips);
-    this.copies = kit.light ? 4 : 1;
+    this.copies = factory.light ? 4 : 1;
     const { count } = this.pixels, { copies } = this;
-    const attribute = (array: Float32Array | Uint8Array, size: number, isByte = false) => kit.light
+    const attribute = (array: Float32Array | Uint8Array, size: number, isByte = false) => factory.light
       ? new THREE.BufferAttribute(array, size, isByte) : new THREE.InstancedBufferAttribute(array, size, isByte);
     this.shine = attribute(new Uint8Array(3 * copies * count), 3, true).setUsage(THREE.DynamicDrawUsage);
     if (!count) return;
@@ -82,26 +82,26 @@ export class Strips {
         place.set(this.pixels.places.subarray(3 * pixel, 3 * pixel + 3), 3 * i);
       }
     }
-    const body = kit.light ? faces(count, 0.5) : lenses(count), glow = kit.light ? faces(count, 1) : halos(count);
+    const body = factory.light ? faces(count, 0.5) : lenses(count), glow = factory.light ? faces(count, 1) : halos(count);
     const where = attribute(place, 3);
     for (const geometry of [body, glow]) geometry.setAttribute("place", where).setAttribute("shine", this.shine);
     body.setAttribute("lie", attribute(lie, 2));
-    const lit = kit.mesh(body, kit.own(new THREE.ShaderMaterial({
-      vertexShader: PIXEL_VERTEX, fragmentShader: PIXEL_FRAGMENT, uniforms: { off: { value: kit.theme.off } },
-      ...(kit.light ? { defines: { FLAT: 1 }, side: THREE.DoubleSide } : {}),
+    const lit = factory.mesh(body, factory.own(new THREE.ShaderMaterial({
+      vertexShader: PIXEL_VERTEX, fragmentShader: PIXEL_FRAGMENT, uniforms: { off: { value: factory.theme.off } },
+      ...(factory.light ? { defines: { FLAT: 1 }, side: THREE.DoubleSide } : {}),
     })), "");
-    const halo = kit.mesh(glow, kit.own(new THREE.ShaderMaterial({
+    const halo = factory.mesh(glow, factory.own(new THREE.ShaderMaterial({
       vertexShader: GLOW_VERTEX, fragmentShader: GLOW_FRAGMENT, transparent: true, depthWrite: false,
       blending: THREE.CustomBlending, blendSrc: THREE.OneFactor, blendDst: THREE.OneMinusSrcAlphaFactor,
-      uniforms: { size: { value: GLOW_M }, over: { value: kit.theme.dark ? 0 : 1 } },
+      uniforms: { size: { value: GLOW_M }, over: { value: factory.theme.dark ? 0 : 1 } },
     })), "");
     lit.frustumCulled = halo.frustumCulled = false;
     halo.renderOrder = 5;
-    this.fix(kit, map);
+    this.fix(factory, map);
   }
 
   /** Rails under the pixels, posts where no belt carries them, and what a mouse meets. */
-  private fix(kit: Kit, map: Environment): void {
+  private fix(factory: MeshFactory, map: Environment): void {
     const belts = map.belts.map((belt) => ({ belt, line: new Polyline(belt.line_m) }));
     const rails = new Mesher(), reach = new Mesher(), posts: number[][] = [];
     for (const strip of map.strips) {
@@ -119,12 +119,12 @@ export class Strips {
         if (z > 0.1) posts.push([x, y, (z - 0.03) / 2, line.headingAt(at), 0.03, 0.03, z - 0.03]);
       }
     }
-    kit.mesh(rails.geometry(), kit.matt(kit.theme.leg, { roughness: 0.5, metalness: 0.3 }));
-    const proxy = kit.mesh(reach.geometry(), kit.plain(0), "");
+    factory.mesh(rails.geometry(), factory.matt(factory.theme.leg, { roughness: 0.5, metalness: 0.3 }));
+    const proxy = factory.mesh(reach.geometry(), factory.plain(0), "");
     proxy.visible = false;
     this.targets.push(proxy);
     if (!posts.length) return;
-    const stands = kit.many(new THREE.BoxGeometry(1, 1, 1), kit.matt(kit.theme.leg), posts.length);
+    const stands = factory.many(new THREE.BoxGeometry(1, 1, 1), factory.matt(factory.theme.leg), posts.length);
     posts.forEach(([x, y, z, yaw, sx, sy, sz], i) => setMatrix(stands.instanceMatrix.array, i, x!, y!, z!, yaw!, sx!, sy!, sz!));
   }
 

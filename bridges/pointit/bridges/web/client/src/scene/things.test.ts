@@ -6,12 +6,12 @@ import type { TrackedObject } from "../messages";
 import { boxColor, type Rgb } from "../geometry/appearance";
 import { Polyline } from "../geometry/polyline";
 import { emptyPerson, emptySite } from "../site/site";
-import { DARK, Kit } from "./kit";
+import { DARK, MeshFactory } from "./mesh_factory";
 import { state } from "./state";
 import { Things } from "./things";
 
 test("an object with a size is a box of that size and yaw: dim, in the colour of who points at it, bright once selected", () => {
-  const kit = new Kit(true, DARK), things = new Things(kit, () => new Polyline([[0, 0, 0], [1, 0, 0]]));
+  const factory = new MeshFactory(true, DARK), things = new Things(factory, () => new Polyline([[0, 0, 0], [1, 0, 0]]));
   const site = emptySite(), ada = emptyPerson("ada"), texts: string[] = [], color: Rgb = [255, 255, 200];
   const object = { id: "t", kind: "screws", position_m: [1, 2, 1.4], velocity_mps: [0, 0, 0], length_m: 0.6, size_m: [0.4, 0.2, 0.3],
     yaw_rad: Math.PI / 2, surface: "strip", surface_id: "shelf", surface_position_m: 0.5, surface_speed_mps: 0 } as unknown as TrackedObject;
@@ -27,7 +27,7 @@ test("an object with a size is a box of that size and yaw: dim, in the colour of
   site.objects.set("things", { objects: [object], stamp_ns: 0, seq: 0, latency_sigma_s: null });
   things.set(site);
   things.place(0);
-  const box = kit.group.children.find(({ name }) => name === "box screws") as THREE.InstancedMesh;
+  const box = factory.group.children.find(({ name }) => name === "box screws") as THREE.InstancedMesh;
   near(box.instanceMatrix.array.slice(0, 16), [0, 0.4, 0, 0, -0.2, 0, 0, 0, 0, 0, 0.3, 0, 1, 2, 1.4, 1]);
   near(drawn(), linear([90, 90, 90]));
   assert.deepEqual(texts, ["screws"]);

@@ -8,7 +8,7 @@ import { carriedOn, elapsed, LONGEST_S, type Placed } from "../geometry/motion";
 import type { Polyline } from "../geometry/polyline";
 import type { Vec3 } from "../geometry/vec";
 import type { Site } from "../site/site";
-import { setMatrix, type Kit } from "./kit";
+import { setMatrix, type MeshFactory } from "./mesh_factory";
 import { quadrotor } from "./robot_shapes";
 
 type Form = "package" | "segment" | "box" | "robot";
@@ -41,8 +41,8 @@ export class Things {
   private readonly hull: THREE.InstancedMesh;
   private readonly paint = new THREE.Color();
 
-  constructor(private readonly kit: Kit, private readonly lines: (surface: string, id: string) => Polyline | null) {
-    this.hull = this.grown("outline", new THREE.BoxGeometry(1, 1, 1), kit.plain(0xffffff, { side: THREE.BackSide }), 128, "");
+  constructor(private readonly factory: MeshFactory, private readonly lines: (surface: string, id: string) => Polyline | null) {
+    this.hull = this.grown("outline", new THREE.BoxGeometry(1, 1, 1), factory.plain(0xffffff, { side: THREE.BackSide }), 128, "");
     this.hull.count = 0;
   }
 
@@ -148,7 +148,7 @@ export class Things {
   }
 
   private grown(name: string, geometry: THREE.BufferGeometry, material: THREE.Material, room: number, shadows: "" | "both"): THREE.InstancedMesh {
-    const mesh = this.kit.many(geometry, material, room, shadows);
+    const mesh = this.factory.many(geometry, material, room, shadows);
     mesh.name = name;
     mesh.instanceMatrix.setUsage(THREE.DynamicDrawUsage);
     return mesh;
@@ -156,10 +156,10 @@ export class Things {
 
   private skin(form: Form, kind: string): THREE.Material {
     const paint = kindColor(kind), color = cssColor(paint);
-    if (form === "robot") return this.kit.matt(0xffffff, { vertexColors: true, roughness: 0.45 });
-    if (form === "box") return this.kit.matt(0xffffff);
-    if (form === "segment") return this.kit.plain(color, { transparent: true, opacity: 0.34, depthWrite: false });
-    const map = this.kit.texture(128, 128, (c) => {
+    if (form === "robot") return this.factory.matt(0xffffff, { vertexColors: true, roughness: 0.45 });
+    if (form === "box") return this.factory.matt(0xffffff);
+    if (form === "segment") return this.factory.plain(color, { transparent: true, opacity: 0.34, depthWrite: false });
+    const map = this.factory.texture(128, 128, (c) => {
       c.fillStyle = color;
       c.fillRect(0, 0, 128, 128);
       c.fillStyle = "rgba(255,255,255,.13)";
@@ -173,7 +173,7 @@ export class Things {
       c.textBaseline = "middle";
       c.fillText(kindLetter(kind), 64, 69);
     });
-    return this.kit.matt(0xffffff, { map, roughness: 0.75 });
+    return this.factory.matt(0xffffff, { map, roughness: 0.75 });
   }
 }
 

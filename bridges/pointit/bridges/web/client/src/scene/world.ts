@@ -6,7 +6,7 @@ import type { Environment } from "../messages";
 import { Beams } from "./beams";
 import { Belts } from "./belts";
 import { drawFences } from "./fences";
-import type { Kit } from "./kit";
+import type { MeshFactory } from "./mesh_factory";
 import type { Labels } from "./labels";
 import { Lamps } from "./lamps";
 import { Marks } from "./marks";
@@ -16,9 +16,9 @@ import { Room } from "./room";
 import { Strips } from "./strips";
 import { Things } from "./things";
 
-/** The parts of the scene; all are within `kit`. */
+/** The parts of the scene; all are within `factory`. */
 export interface World {
-  readonly kit: Kit;
+  readonly factory: MeshFactory;
   readonly belts: Belts;
   readonly strips: Strips;
   readonly lamps: Lamps;
@@ -38,17 +38,17 @@ export const NOTHING: Environment = {
 };
 
 /** Build the parts of `map`. `isStill`: without needless motion. */
-export function makeWorld(kit: Kit, map: Environment, bounds: Bounds, labels: Labels, isStill: boolean): World {
-  const belts = new Belts(kit, map), strips = new Strips(kit, map), lamps = new Lamps(kit, map);
+export function makeWorld(factory: MeshFactory, map: Environment, bounds: Bounds, labels: Labels, isStill: boolean): World {
+  const belts = new Belts(factory, map), strips = new Strips(factory, map), lamps = new Lamps(factory, map);
   const lines = (surface: string, id: string) => (surface === "belt" ? belts : strips).lines.get(id) ?? null;
-  const things = new Things(kit, lines), marks = new Marks(kit), beams = new Beams(kit);
-  const robots = new Robots({ kit, marks, beams, labels });
-  drawFences(kit, map);
+  const things = new Things(factory, lines), marks = new Marks(factory), beams = new Beams(factory);
+  const robots = new Robots({ factory, marks, beams, labels });
+  drawFences(factory, map);
   const placeOf = (id: string): Read3 | null => lamps.places.get(id) ?? robots.places.get(id) ?? things.byId.get(id)?.placed.at ?? null;
-  const people = new People({ kit, marks, beams, labels, placeOf }, isStill);
+  const people = new People({ factory, marks, beams, labels, placeOf }, isStill);
   const bays = map.bays.flatMap(({ id, belt }) => {
     const line = belts.lines.get(belt);
     return line ? [{ id, at: line.pointAt(line.length) }] : [];
   });
-  return { kit, belts, strips, lamps, room: new Room(kit, map, bounds), things, robots, people, marks, beams, bays };
+  return { factory, belts, strips, lamps, room: new Room(factory, map, bounds), things, robots, people, marks, beams, bays };
 }

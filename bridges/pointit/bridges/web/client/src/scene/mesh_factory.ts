@@ -1,4 +1,4 @@
-/** What parts of the scene are made of, how it looks by day and by night, and how it is taken down. */
+/** The factory of meshes and materials of the scene in its mode and theme, which also disposes of them. */
 
 import * as THREE from "three";
 
@@ -33,7 +33,7 @@ interface Disposable {
 }
 
 /** Makes meshes in the current mode and theme; `dispose` frees them all. */
-export class Kit {
+export class MeshFactory {
   readonly group = new THREE.Group();
   private readonly made = new Set<Disposable>();
 

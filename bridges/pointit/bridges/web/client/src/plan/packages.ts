@@ -6,9 +6,9 @@ import { siteNow, thingsOf, type Site } from "../site/site";
 import { currentBoxColor } from "../site/box_color";
 import { cssColor, inkOn, isBox, kindColor, kindLetter, sizeOf } from "../geometry/appearance";
 import type { Lanes } from "./lanes";
-import { signOf } from "./signs";
+import { styleOf } from "./person_style";
 import { cm, draw, show, turned, xy } from "./svg";
-import type { Thing } from "./under";
+import type { Thing } from "./pointed_position";
 
 /** An object as it is drawn now. */
 export interface Drawn extends Thing {
@@ -124,9 +124,9 @@ export class Packages {
     show(figure.hold, holder !== "" && holder !== owner);
     for (const [element, user] of [[figure.ring, owner], [figure.hold, holder]] as const) {
       if (!user) continue;
-      const sign = signOf(site.people.get(user)?.profile);
-      mark(element, "stroke", sign.color);
-      mark(element, "stroke-dasharray", sign.dashes);
+      const style = styleOf(site.people.get(user)?.profile);
+      mark(element, "stroke", style.color);
+      mark(element, "stroke-dasharray", style.dashes);
     }
     if (isBox(object)) {
       const look = currentBoxColor(site, object);

@@ -6,7 +6,7 @@ import { DEFAULT_BODY, hangingArm, pointingArm } from "../geometry/body";
 import { ellipseOf } from "../geometry/ellipse";
 import { rayEnd } from "../geometry/appearance";
 import type { Packages } from "./packages";
-import { signOf } from "./signs";
+import { styleOf } from "./person_style";
 import { cm, draw, path, show, turned, xy } from "./svg";
 
 const ACTIONS = { select: "+", deselect: "−", refuse: "×", "": "" } as const;
@@ -98,13 +98,13 @@ export class People {
     if (!stands) return;
     const feet = stands.position_m;
     for (const element of [figure.body, figure.arm]) mark(element, "opacity", stands.isAssumed ? 0.5 : 1);
-    const sign = signOf(person.profile), yaw = facing(person, isFresh);
+    const style = styleOf(person.profile), yaw = facing(person, isFresh);
     mark(figure.body, "transform", `translate(${xy(feet)}) rotate(${turned(yaw)})`);
     mark(figure.nameAt, "transform", `translate(${xy([feet[0], feet[1] - 0.36])})`);
     mark(figure.name, "y", 10);
     write(figure.name, `${person.user}${person.user === chosen ? " (you)" : ""}${stands.isAssumed ? ": place to be found" : ""}`);
-    mark(figure.torso, "fill", sign.isHollow ? "none" : sign.color);
-    mark(figure.torso, "stroke", sign.isHollow ? sign.color : "");
+    mark(figure.torso, "fill", style.isHollow ? "none" : style.color);
+    mark(figure.torso, "stroke", style.isHollow ? style.color : "");
     const body = person.profile?.body ?? DEFAULT_BODY, hand = person.profile?.hand ?? "right";
     const { origin_m: origin, direction } = (isFresh && person.cursor) || { origin_m: null, direction: null };
     const arm = origin && direction
@@ -115,8 +115,8 @@ export class People {
     show(figure.unsure, major > 0.005);
     mark(figure.unsure, "rx", cm(major));
     mark(figure.unsure, "ry", cm(minor));
-    mark(figure.unsure, "stroke", sign.color);
-    mark(figure.unsure, "fill", sign.color);
+    mark(figure.unsure, "stroke", style.color);
+    mark(figure.unsure, "fill", style.color);
     mark(figure.unsure, "transform", `translate(${xy(feet)}) rotate(${turned(angle)})`);
   }
 
@@ -125,28 +125,28 @@ export class People {
     const origin = cursor?.origin_m, direction = cursor?.direction;
     const point = cursor?.point_m ?? null;
     const end = point ?? (origin && direction ? rayEnd(origin, direction) : null);
-    const sign = signOf(person.profile);
+    const style = styleOf(person.profile);
     for (const element of [figure.ray, figure.rayEdge]) {
       show(element, !!(origin && end));
       if (origin && end) mark(element, "d", path([origin, end]));
     }
-    mark(figure.ray, "stroke", sign.color);
-    mark(figure.ray, "stroke-dasharray", sign.dashes);
+    mark(figure.ray, "stroke", style.color);
+    mark(figure.ray, "stroke-dasharray", style.dashes);
     mark(figure.ray, "opacity", point ? 1 : 0.45);
     const snapped = (isFresh && person.hover?.snapped_m) || point;
     show(figure.cursor, !!snapped);
     show(figure.dot, !!point);
     if (!snapped || !point) return;
     mark(figure.cursor, "transform", `translate(${xy(snapped)})`);
-    mark(figure.ring, "stroke", sign.color);
-    mark(figure.ring, "stroke-dasharray", sign.dashes);
-    mark(figure.dot, "fill", sign.color);
+    mark(figure.ring, "stroke", style.color);
+    mark(figure.ring, "stroke-dasharray", style.dashes);
+    mark(figure.dot, "fill", style.color);
     mark(figure.dot.parentElement!, "transform", `translate(${xy(point)})`);
     if (!figure.dot.classList.contains("plan-upright")) figure.dot.classList.add("plan-upright");
   }
 
   private drawGoal({ flag, proposal }: Figure, site: Site, person: Person): void {
-    const { color } = signOf(person.profile);
+    const { color } = styleOf(person.profile);
     for (const [element, at] of [[flag, goalOf(site, person)?.position_m], [proposal, proposalOf(person)]] as const) {
       show(element, !!at);
       if (at) mark(element, "transform", `translate(${xy(at)})`);
@@ -165,7 +165,7 @@ export class People {
     mark(figure.gauge, "transform", `translate(${xy(on.at)})`);
     mark(figure.gauge.querySelector(".plan-gauge-back")!, "r", radius);
     mark(figure.arc, "r", radius);
-    mark(figure.arc, "stroke", signOf(person.profile).color);
+    mark(figure.arc, "stroke", styleOf(person.profile).color);
     mark(figure.arc, "stroke-dasharray", `${(100 * hover.progress).toFixed(1)} 100`);
     mark(figure.action, "x", 22 * order);
     write(figure.action, hover.taken_by ? `× ${hover.taken_by}` : ACTIONS[hover.action]);

@@ -8,7 +8,7 @@ import { Lanes } from "./lanes";
 import { facing } from "./people";
 import { edges, paths } from "./runs";
 import { lampRows, objectRows, peopleRows, robotRows, shortNames } from "./sentences";
-import { under } from "./under";
+import { pointedPosition } from "./pointed_position";
 
 const STRIP: Strip = { id: "0", line_m: [[0, 0, 1], [2, 0, 1]], direction: 1, pixels: 4 };
 
@@ -69,7 +69,7 @@ test("pointing means the place with the height of what is there", () => {
     cylinders: [{ id: "c", center_m: [12, 0, 0], radius_m: 0.5, height_m: 1.5 }], spheres: [{ id: "s", center_m: [15, 0, 1], radius_m: 1 }],
   });
   const lanes = new Lanes(map);
-  const at = (x: number, y: number) => under(map, lanes, [], x, y, 0.1);
+  const at = (x: number, y: number) => pointedPosition(map, lanes, [], x, y, 0.1);
   assert.deepEqual(at(5.05, 5.05), [5, 5, 2]);
   assert.deepEqual(at(1, 0.08), [1, 0, 1]);
   assert.deepEqual(at(1, 3.2), [1, 3.2, 1.5]);
@@ -79,11 +79,11 @@ test("pointing means the place with the height of what is there", () => {
   assert.deepEqual(at(12.4, 0), [12.4, 0, 1.5]);
   assert.deepEqual(at(15, 0), [15, 0, 2]);
   const package_ = { at: [1, 3, 1.7] as [number, number, number], heading: Math.PI / 2, halfLength: 0.3, halfBreadth: 0.1 };
-  assert.deepEqual(under(map, lanes, [package_], 1.05, 3.25, 0.1), [1.05, 3.25, 1.7]);
+  assert.deepEqual(pointedPosition(map, lanes, [package_], 1.05, 3.25, 0.1), [1.05, 3.25, 1.7]);
   const edge = room({ strips: [STRIP], belts: [{ id: "a", line_m: [[0, 0.25, 2], [2, 0.25, 2]], width_m: 0.5 }] });
-  assert.deepEqual(under(edge, new Lanes(edge), [], 1, 0.04, 0.1), [1, 0, 1]);
-  assert.deepEqual(under(edge, new Lanes(edge), [], 1, 0.06, 0.1), [1, 0.06, 2]);
-  assert.deepEqual(under(null, new Lanes(null), [], 1, 2, 0.1), [1, 2, 0]);
+  assert.deepEqual(pointedPosition(edge, new Lanes(edge), [], 1, 0.04, 0.1), [1, 0, 1]);
+  assert.deepEqual(pointedPosition(edge, new Lanes(edge), [], 1, 0.06, 0.1), [1, 0.06, 2]);
+  assert.deepEqual(pointedPosition(null, new Lanes(null), [], 1, 2, 0.1), [1, 2, 0]);
 });
 
 test("objects are drawn where they are now, not where they were told to be", () => {

@@ -18,7 +18,7 @@ import { Packages } from "./packages";
 import { People } from "./people";
 import { Robots } from "./robots";
 import { draw, show, xy } from "./svg";
-import { under } from "./under";
+import { pointedPosition } from "./pointed_position";
 
 /** Texts that grow or move are kept inside the plan so often, ms. */
 const CHECK_MS = 1000;
@@ -132,7 +132,7 @@ class Plan implements View {
     if (!this.isPointing) return;
     const cursor = this.site?.people.get(this.user)?.cursor?.point_m;
     const from = this.aim ?? cursor ?? [this.frame.x, this.frame.y, 0];
-    this.aimAt(under(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), from[0] + right, from[1] + away, 0.02));
+    this.aimAt(pointedPosition(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), from[0] + right, from[1] + away, 0.02));
   }
 
   pointAt(at: Vec3): void {
@@ -182,7 +182,7 @@ class Plan implements View {
 
   private pointAtPixel(px: number, py: number): void {
     const [x, y] = this.frame.toWorld(px, py);
-    this.aimAt(under(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), x, y, NEAR_PX / this.frame.scale));
+    this.aimAt(pointedPosition(this.site?.map ?? null, this.lanes, this.packages.drawn.values(), x, y, NEAR_PX / this.frame.scale));
   }
 
   private aimAt(at: Vec3): void {

@@ -5,7 +5,7 @@ import type { RobotState } from "../messages";
 import { heightOf, meantBy, phaseOf, robotAt, seenRobots, wayOf, type SeenRobot } from "../site/robots";
 import { siteNow, type Person, type Site } from "../site/site";
 import type { Vec3 } from "../geometry/vec";
-import { signOf } from "./signs";
+import { styleOf } from "./person_style";
 import { cm, draw, path, show, turned, xy } from "./svg";
 
 /** The shadow lies so far to the lower right of a robot, as a share of its height. */
@@ -60,8 +60,8 @@ export class Robots {
   }
 
   private one(site: Site, robot: SeenRobot, at: Vec3): void {
-    const { name, state } = robot, figure = this.figure(name, state.kind), sign = signOf(site.people.get(state.user)?.profile);
-    const color = state.user ? sign.color : "var(--quiet)", height = Math.max(at[2], 0), isFlying = state.kind === "quadrotor" && height >= 0.05;
+    const { name, state } = robot, figure = this.figure(name, state.kind), style = styleOf(site.people.get(state.user)?.profile);
+    const color = state.user ? style.color : "var(--quiet)", height = Math.max(at[2], 0), isFlying = state.kind === "quadrotor" && height >= 0.05;
     const below: Vec3 = [at[0] + SHADOW * height, at[1] - SHADOW * height, 0];
     for (const element of [figure.shadow, figure.drop]) show(element, isFlying);
     mark(figure.shadow, "transform", `translate(${xy(below)})`);
@@ -82,7 +82,7 @@ export class Robots {
     figure.glyph.style.setProperty("--half", String(cm(state.radius_m)));
     figure.glyph.style.setProperty("--least", String(LEAST_PX));
     mark(figure.ring, "stroke", color);
-    mark(figure.ring, "stroke-dasharray", state.user ? sign.dashes : "none");
+    mark(figure.ring, "stroke-dasharray", state.user ? style.dashes : "none");
     mark(figure.nameAt, "transform", `translate(${xy([at[0], at[1] + state.radius_m])})`);
     write(figure.name, state.user ? `${name} · ${state.user}` : name);
     const meant = meantBy(site, name).map(({ user, probability }) => `${user} ${Math.round(100 * probability)} %`);
@@ -91,16 +91,16 @@ export class Robots {
 
   /** Way-points that are set and not yet sent, numbered. */
   private waypoints({ user, steering, profile }: Person): void {
-    const points = steering?.waypoints_m ?? [], sign = signOf(profile), drawn = JSON.stringify([points, sign.color]);
+    const points = steering?.waypoints_m ?? [], style = styleOf(profile), drawn = JSON.stringify([points, style.color]);
     let route = this.routes.get(user);
     if (!route) this.routes.set(user, route = { group: draw(this.top, "g"), drawn: "[]" });
     if (route.drawn === drawn) return;
     route.drawn = drawn;
     route.group.replaceChildren();
-    if (points.length > 1) draw(route.group, "path", { class: "plan-way", d: path(points), stroke: sign.color });
+    if (points.length > 1) draw(route.group, "path", { class: "plan-way", d: path(points), stroke: style.color });
     points.forEach((point, i) => {
       const upright = draw(draw(route.group, "g", { transform: `translate(${xy(point)})` }), "g", { class: "plan-upright" });
-      draw(upright, "circle", { class: "plan-way-point", r: 9, stroke: sign.color });
+      draw(upright, "circle", { class: "plan-way-point", r: 9, stroke: style.color });
       draw(upright, "text", { class: "plan-owner", "text-anchor": "middle", y: 4.5 }, String(i + 1));
     });
   }

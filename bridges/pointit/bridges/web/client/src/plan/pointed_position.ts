@@ -18,7 +18,7 @@ export interface Thing {
  *
  * @param near how far from small things the pointer may be, m (lamps and strips are drawn to it)
  */
-export function under(map: Environment | null, lanes: Lanes, things: Iterable<Thing>, x: number, y: number, near: number): Vec3 {
+export function pointedPosition(map: Environment | null, lanes: Lanes, things: Iterable<Thing>, x: number, y: number, near: number): Vec3 {
   const lamp = nearestOf(map?.lamps ?? [], (each) => Math.hypot(each.position_m[0] - x, each.position_m[1] - y));
   if (lamp && lamp.apart <= near) return [...lamp.of.position_m];
   for (const thing of things) if (isOn(thing, x, y)) return [x, y, thing.at[2]];

@@ -8,7 +8,7 @@ const DASHES: Readonly<Record<UserProfile["pattern"], string>> = {
   solid: "none", dashed: "9 5", dotted: "2 4", striped: "9 3 2 3", hollow: "none", tailed: "16 3 3 3",
 };
 
-export interface Sign {
+export interface PersonStyle {
   color: string;
   dashes: string;
   /** Drawn as an outline with nothing within. */
@@ -17,8 +17,8 @@ export interface Sign {
   pattern: UserProfile["pattern"];
 }
 
-/** The sign of a person; white and solid without a profile. */
-export function signOf(profile: UserProfile | null | undefined): Sign {
+/** The style of a person; white and solid without a profile. */
+export function styleOf(profile: UserProfile | null | undefined): PersonStyle {
   const pattern = profile?.pattern ?? "solid";
   return { color: cssColor(profile?.cursor_color ?? [255, 255, 255]), dashes: DASHES[pattern], isHollow: pattern === "hollow", pattern };
 }

@@ -7,7 +7,7 @@
 import "./app.css";
 import { Connection, toServer } from "./site/connection";
 import { Controls } from "./controls";
-import { devicesPart } from "./devices/part";
+import { devicesPart } from "./devices/devices_part";
 import { mark, show, write } from "./dom";
 import { capital, milliseconds } from "./format";
 import { makeGuide } from "./guide";
@@ -15,7 +15,7 @@ import { makeHelp } from "./help";
 import { listen, type Shortcut } from "./keys";
 import { Mouse } from "./mouse";
 import { beltsPart } from "./panel/belts";
-import { mapPart } from "./edit/part";
+import { mapPart } from "./edit/map_part";
 import { healthPart } from "./panel/health";
 import { makeLook } from "./panel/look";
 import { messagesPart } from "./panel/messages";

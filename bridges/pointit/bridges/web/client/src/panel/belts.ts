@@ -9,7 +9,7 @@ import type { BayCount } from "../messages";
 import { initialOf } from "../site/figures";
 import { slider } from "../slider";
 import { called, movingOf, nounOf } from "../words";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 /** Kinds offered while the real ones are unknown. */
 const USUAL_KINDS = ["red", "green", "blue"];
@@ -17,7 +17,7 @@ const MOST_KINDS = 6;
 const ORDER = Object.keys(KIND_COLORS);
 const USUAL_SPEED = 0.3;
 
-export interface Belts extends Part {
+export interface Belts extends PanelPart {
   add(): void;
   /** Stop, or go on as before. */
   halt(): void;

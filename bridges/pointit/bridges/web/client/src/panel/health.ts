@@ -6,7 +6,7 @@ import { figureOf, losses, rates } from "../site/figures";
 import { byName, bytes, duration, figure, milliseconds, rendererName } from "../format";
 import type { ViewStats } from "../view";
 import { LatencyGraph } from "./graph";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 interface Tile {
   element: HTMLElement;
@@ -25,7 +25,7 @@ function tiles(...all: Tile[]): HTMLElement {
 const RENEW_MS = 1000;
 const SEVERITIES = { error: "error", warning: "warning", note: "info" } as const;
 
-export function healthPart(controls: Controls, stats: () => ViewStats | null): Part {
+export function healthPart(controls: Controls, stats: () => ViewStats | null): PanelPart {
   const { site } = controls;
   const p50 = tile("median"), p95 = tile("95 %"), p99 = tile("99 %");
   const graph = new LatencyGraph();

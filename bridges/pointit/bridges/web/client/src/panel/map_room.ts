@@ -3,9 +3,9 @@
 import type { Controls } from "../controls";
 import { el, icon, section, show } from "../dom";
 import { pairingDialog } from "./pairing";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
-export function mapRoomPart(controls: Controls): Part {
+export function mapRoomPart(controls: Controls): PanelPart {
   const phone = pairingDialog(controls, "map_room");
   const element = section("Map this room",
     el("p", { className: "muted", text: "The strips blink, a camera sees where they are, and a new map is written." }),

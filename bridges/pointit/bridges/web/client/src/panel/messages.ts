@@ -4,17 +4,17 @@ import type { Controls } from "../controls";
 import { el, icon, renew, section } from "../dom";
 import { time } from "../format";
 import { matching } from "../site/log";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 const MOST_SHOWN = 100;
 const SIGNS = { info: "info", warning: "warning", error: "warning" } as const;
 
-export function messagesPart(controls: Controls): Part {
+export function messagesPart(controls: Controls): PanelPart {
   const { site } = controls;
   const filter = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter the messages", oninput: () => self.update() });
   const list = el("ol", { className: "log", tabindex: 0, "aria-label": "Messages, newest first" });
   const element = section("Messages", filter, list);
-  const self: Part = {
+  const self: PanelPart = {
     element,
     update() {
       if (!element.offsetParent) return;

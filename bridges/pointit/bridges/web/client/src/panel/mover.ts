@@ -6,9 +6,9 @@ import { el, icon, section, show, write } from "../dom";
 import type { Mouse } from "../mouse";
 import { slider } from "../slider";
 import type { Pairing } from "./pairing";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
-export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): Part {
+export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): PanelPart {
   const who = choice("Who points", (value) => {
     if (value === "mouse") void mouse.take();
     else if (value === "phone") pairing.open();

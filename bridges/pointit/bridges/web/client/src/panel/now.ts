@@ -7,14 +7,14 @@ import { byName, capital } from "../format";
 import { cssColor } from "../geometry/appearance";
 import { standingOf } from "../site/site";
 import { friendly, pressTitle, stateTitle, thing } from "../words";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 const ICONS = { idle: "pause", localizing: "place", pointing: "point" } as const;
 
 /** Time without people after which it is said, ms: they come a little later than the rest of a scenario. */
 const NOBODY_MS = 3000;
 
-export function nowPart(controls: Controls): Part {
+export function nowPart(controls: Controls): PanelPart {
   const { site } = controls;
   const who = choice("Person", (user) => controls.choose(user));
   who.element.classList.add("people");

@@ -2,12 +2,12 @@
 
 import type { Controls } from "../controls";
 import { el, icon, mark, show, write } from "../dom";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 export interface Tab {
   name: string;
   icon: string;
-  parts: readonly Part[];
+  parts: readonly PanelPart[];
 }
 
 export interface Panel {

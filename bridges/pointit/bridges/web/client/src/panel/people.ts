@@ -4,11 +4,11 @@ import { choice } from "../choice";
 import type { Controls } from "../controls";
 import { el, section, show, write } from "../dom";
 import type { Scenario } from "../scenario";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 const MOST = 4;
 
-export function peoplePart(controls: Controls, scenario: Scenario): Part {
+export function peoplePart(controls: Controls, scenario: Scenario): PanelPart {
   const { site } = controls;
   /** Chosen and not yet running; null: as it runs. */
   let wanted: number | null = null, localizes: boolean | null = null;

@@ -5,7 +5,7 @@ import { el, icon, key, mark, show, write } from "../dom";
 import { capital } from "../format";
 import { cssColor } from "../geometry/appearance";
 import { robotLine, seenRobots } from "../site/robots";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 interface Line {
   readonly item: HTMLLIElement;
@@ -16,7 +16,7 @@ interface Line {
 }
 
 /** The list of robots in the panel. */
-export function robotsPart(controls: Controls): Part {
+export function robotsPart(controls: Controls): PanelPart {
   const { site } = controls;
   const lines = new Map<string, Line>();
   const list = el("ul", { className: "cards robots" });

@@ -4,13 +4,13 @@ import type { Controls } from "../controls";
 import { el, icon, mark, show, write } from "../dom";
 import { capital } from "../format";
 import { Voice, type SaidWord } from "../voice";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 /** Without a sentence that was understood, it is said after so long, ms, that there was none. */
 const PATIENCE_MS = 4000;
 const NOBODY = "No command in that, or nobody follows: pointit listen";
 
-export function speechPart(controls: Controls): Part {
+export function speechPart(controls: Controls): PanelPart {
   const { site } = controls;
   let waiting = "", waitsUntil = 0, before: unknown = null;
   const heard = el("p", { className: "muted", role: "status" });

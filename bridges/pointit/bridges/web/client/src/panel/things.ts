@@ -4,13 +4,13 @@ import type { Controls } from "../controls";
 import { el, icon, mark, renew, section, show, write } from "../dom";
 import { thingTiles, type ThingTile } from "../site/things";
 import { OUTCOMES } from "../words";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 /** User in the events of a trial, as of `pointit things try`: nobody pointed. */
 const OPERATOR = "operator";
 const ICONS: Record<ThingTile["mode"], string> = { button: "button", switch: "power", claim: "check" };
 
-export function thingsPart(controls: Controls): Part {
+export function thingsPart(controls: Controls): PanelPart {
   const { site } = controls;
   const list = el("ul", { className: "cards things" }), element = section("Things", list);
   let updates: ((tile: ThingTile) => void)[] = [];

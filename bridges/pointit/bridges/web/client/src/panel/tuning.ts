@@ -6,7 +6,7 @@ import { section, show } from "../dom";
 import { figureOf, initialOf } from "../site/figures";
 import { slider } from "../slider";
 import type { RequestKey } from "../topics";
-import type { Part } from "./part";
+import type { PanelPart } from "./panel_part";
 
 const DEG = Math.PI / 180;
 const METHODS = ["gauge", "hold", "fraction"];
@@ -17,7 +17,7 @@ function methodOptions(installed: readonly string[]): Option[] {
   return [...METHODS, ...others].map((value) => ({ value, label: value[0]!.toUpperCase() + value.slice(1) }));
 }
 
-export interface Tuning extends Part {
+export interface Tuning extends PanelPart {
   /** Query the values in use again: a service was started. */
   forget(): void;
 }

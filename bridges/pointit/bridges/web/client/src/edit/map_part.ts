@@ -3,9 +3,9 @@
 import "./edit.css";
 import type { Controls } from "../controls";
 import { el, icon, section, show } from "../dom";
-import type { Part } from "../panel/part";
+import type { PanelPart } from "../panel/panel_part";
 
-export function mapPart(controls: Controls): Part {
+export function mapPart(controls: Controls): PanelPart {
   const button = el("button", { type: "button", onclick: () => void open() }, icon("map"), el("span", { text: "Edit the map" }));
   const element = section("Map", button);
 

@@ -3,7 +3,7 @@
 import type { Controls } from "../controls";
 import { el, icon, renew, section, show, write } from "../dom";
 import { capital } from "../format";
-import type { Part } from "../panel/part";
+import type { PanelPart } from "../panel/panel_part";
 import type { DeviceLine } from "../wire";
 import { command, type FoundDevice, foundDevices, freeName, freeStrips, isConnected, wristFigures } from "./found";
 import { wearingDialog } from "./wearing";
@@ -14,7 +14,7 @@ const SEARCH_MS = 3_500, PATIENCE_MS = 15_000;
 const CONNECT_MS = 20_000;
 const NEW_STRIP = "";
 
-export function devicesPart(controls: Controls): Part {
+export function devicesPart(controls: Controls): PanelPart {
   const { site } = controls;
   const wearing = wearingDialog(controls);
   const connected = el("ul", { className: "devices" });

@@ -36,7 +36,7 @@ import { makeRunEnd } from "./run";
 import { keepSettings, loadSettings, type Settings } from "./settings";
 import { makeShortcuts } from "./shortcuts";
 import { phaseOf, steeredBy } from "./site/robots";
-import { emptySite, type Happened, type Site } from "./site/site";
+import { emptySite, type SiteEvent, type Site } from "./site/site";
 import { chime } from "./sound";
 import { Stage } from "./stage";
 import { applyTheme, watchSystem } from "./theme";
@@ -75,7 +75,7 @@ function cannotPlay(error: unknown): never {
   throw error;
 }
 const connection = new Connection(site, recording ? await import("./past/recorded").then(({ play }) => play(recording)).catch(cannotPlay) : toServer, {
-  onNews: () => wake(),
+  onUpdate: () => wake(),
   onHello: () => tuning.forget(),
   onStatus: () => {
     controls.follow();
@@ -146,7 +146,7 @@ function refresh(): void {
 function frame(): void {
   isAwake = false;
   connection.takeOver();
-  for (const happened of site.fresh) tell(happened);
+  for (const change of site.fresh) tell(change);
   stage.draw();
   connection.shown();
   timeline.frame();
@@ -163,17 +163,17 @@ function frame(): void {
 }
 
 /** Give visual and audible feedback to the person who points with this page. */
-function tell(happened: Happened): void {
+function tell(change: SiteEvent): void {
   const mine = controls.mine?.user ?? "";
-  if ("feedback" in happened) {
-    const { feedback } = happened;
-    if (!controls.isOwn({ user: happened.user, stampNs: feedback.stamp_ns })) return;
+  if ("feedback" in change) {
+    const { feedback } = change;
+    if (!controls.isOwn({ user: change.user, stampNs: feedback.stamp_ns })) return;
     // whether a selection deserves praise depends on the object, which its event has
     if (settings.sound && (feedback.cue !== "selected" || feedback.point_m)) chime(feedback.chime);
     if (feedback.point_m && feedback.text) controls.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(feedback.text));
     return;
   }
-  const { event } = happened, id = event.object_id;
+  const { event } = change, id = event.object_id;
   isStale = true;
   if (controls.tellTakenBack(event) || event.user !== (mine || controls.user)) return;
   const isLeaving = event.event === "dispatched" || event.event === "left";

@@ -5,7 +5,7 @@ import type { Item } from "./batch";
 import { Episodes, note } from "./log";
 import type { Robot } from "./robots";
 import { noteChange } from "./things";
-import { emptyPerson, siteNow, type Happened, type LogLine, type Person, type Site } from "./site";
+import { emptyPerson, siteNow, type SiteEvent, type LogLine, type Person, type Site } from "./site";
 import type { Topics } from "../topics";
 import type { Status } from "../wire";
 import { eventLine } from "../words";
@@ -42,7 +42,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     const { site } = keeper;
     if (message.point_m) keeper.person(name).proposed = message.cue === "selected" ? message.point_m : null;
     keeper.tell("users/{user}/feedback", message, name);
-    happen(site, { feedback: message, user: name });
+    addSiteEvent(site, { feedback: message, user: name });
   },
   "users/{user}/understood": (keeper, message, name) => {
     keeper.person(name).understood = message;
@@ -73,7 +73,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "selection/events": (keeper, message) => {
     noteChange(keeper.site, message);
     keeper.tell("selection/events", message, "");
-    happen(keeper.site, { event: message });
+    addSiteEvent(keeper.site, { event: message });
   },
   "leds/{led}/color": ({ site }, message, name) => void site.lamps.set(name, message),
   "strips/frame": ({ site }, message) => void (site.strips = message),
@@ -251,7 +251,7 @@ export class Keeper {
 /** More are dropped between two frames: a page in the background is shown none. */
 const MOST_FRESH = 200;
 
-function happen(site: Site, what: Happened): void {
+function addSiteEvent(site: Site, what: SiteEvent): void {
   site.fresh.push(what);
   if (site.fresh.length > MOST_FRESH) site.fresh.shift();
 }

@@ -26,7 +26,7 @@ export function toServer(path: string): Socket {
 
 export interface ConnectionEvents {
   /** Something came that a frame should show. */
-  onNews(): void;
+  onUpdate(): void;
   onHello(hello: Hello): void;
   /** The status has come, or what is known of the past that is played. */
   onStatus(): void;
@@ -269,7 +269,7 @@ export class Connection {
       if (n) this.send({ kind: "ack", n, latency_ms: null } satisfies Ack);
       this.fault(error);
     }
-    this.events.onNews();
+    this.events.onUpdate();
   }
 
   private send(part: Ack | Ask | AimAt | (Partial<Play> & { kind: "play" })): boolean {

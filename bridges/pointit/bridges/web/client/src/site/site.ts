@@ -70,8 +70,8 @@ export interface Site {
   readonly health: Map<string, Health>;
   /** Deployments by name. */
   readonly deployments: Map<string, Deployment>;
-  /** What happened since the frame before, in order; for views that show it. Emptied after each frame. */
-  readonly fresh: Happened[];
+  /** Events since the frame before, in order; for views that show them. Emptied after each frame. */
+  readonly fresh: SiteEvent[];
   /** Newest last, at most `LOG_LINES`. */
   readonly log: LogLine[];
   /** Counts lines of the log, those that fell out too. */
@@ -170,4 +170,4 @@ export function position(site: Site): number {
   return timeline ? Math.min(Math.max((siteNow(site) - timeline.began_ns) / 1e9, 0), timeline.length_s) : 0;
 }
 
-export type Happened = { event: SelectionEvent } | { feedback: Feedback; user: string };
+export type SiteEvent = { event: SelectionEvent } | { feedback: Feedback; user: string };

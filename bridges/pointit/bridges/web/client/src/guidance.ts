@@ -7,6 +7,7 @@ import { robotStep, type RobotSituation } from "./robot_guidance";
 export type Step = "aim" | "hold" | "press" | "following" | "stopped";
 
 export interface Situation {
+  user: string;
   /** This page may take the person's wrist; may pair a phone. */
   mayTake: boolean;
   mayPair: boolean;
@@ -33,6 +34,8 @@ export interface Situation {
   isProposed: boolean;
   /** Sentence that all packages have passed, with the result. Empty if they have not. */
   passed: string;
+  /** Reason why there is nothing to select, and the remedy. Empty if there is something. */
+  empty: string;
   scenario: string;
   /** Objects can be selected here. */
   canSelect: boolean;
@@ -45,7 +48,7 @@ export interface Situation {
 }
 
 export interface Guidance {
-  mode: "none" | "invite" | "idle" | "point" | "success" | "wrong" | "phone" | "passed";
+  mode: "none" | "invite" | "other" | "idle" | "point" | "success" | "wrong" | "phone" | "passed";
   step: Step;
   title: string;
   text: string;
@@ -75,7 +78,7 @@ function onObject({ hovered, mode, wantsPress, isTheirs, isOwn }: Situation, hov
   const { taken_by: other, progress, action } = hover;
   if (action === "refuse") {
     const why = !other ? "it is too late for it" : mode === "claim" ? `${other} has it` : `${other} is about to use it`;
-    return { step: "stopped", text: `${hovered} cannot be had: ${why}.` };
+    return { step: "stopped", text: `${hovered} cannot be had: ${why}. Point at another${other ? ", or wait" : ""}.` };
   }
   if (action !== "deselect" && (isTheirs || action === "")) {
     const isOn = isTheirs || hover.is_selected;
@@ -96,7 +99,8 @@ export function guidance(now: Situation): Guidance {
   if (now.passed) return { ...none, mode: "passed", title: now.passed };
   if (!now.isMine) {
     if (now.movedBy === "phone") return { ...none, mode: "phone", title: "A phone points.", text: now.interaction?.next_step ?? "" };
-    if (now.movedBy === "mouse" || !now.isSimulated || !(now.mayTake || now.mayPair)) return none;
+    if (now.movedBy === "mouse") return now.mayTake ? { ...none, mode: "other", title: `Another page points as ${now.user}. Take over:` } : none;
+    if (!now.isSimulated || !(now.mayTake || now.mayPair)) return none;
     return { ...none, mode: "invite", title: "This is a simulation. Take over:" };
   }
   const state = now.interaction?.state ?? "pointing";
@@ -113,6 +117,7 @@ export function guidance(now: Situation): Guidance {
   const here: Guidance = { ...none, mode: "point", title: "You are the arm now." };
   if (now.hover?.object_id && now.canSelect) return { ...here, ...onObject(now, now.hover) };
   if (now.robots) return { ...here, ...robotStep(now.robots) };
+  if (now.empty) return { ...here, step: "stopped", text: now.empty };
   if (now.isProposed) return { ...here, step: "hold", text: "This place is proposed. Point elsewhere, then here again: that sends it." };
   return { ...here, text: goal(now.scenario, now.canSelect, now.areAllPressed) };
 }

@@ -8,7 +8,7 @@ import type { SelectionEvent } from "./messages";
 import type { Mouse } from "./mouse";
 import type { Pairing } from "./panel/pairing";
 import { robotSituation } from "./robot_guidance";
-import { passedSentence } from "./run";
+import { emptySentence, passedSentence } from "./run";
 import { steeredBy } from "./site/robots";
 import { proposalOf, thingsOf, type Person } from "./site/site";
 import { friendly, isNamed, modeOf, objectOf, outcome, ownCount, pressTitle, thing } from "./words";
@@ -17,7 +17,7 @@ const SUCCESS_MS = 2500;
 /** The card is a chip after so long, ms: it lies over the scene. */
 const LONG_MS = 10_000;
 const SIGNS: Record<Guidance["mode"], string> = {
-  none: "point", invite: "point", point: "point", idle: "pause", success: "check", wrong: "close", phone: "phone", passed: "check",
+  none: "point", invite: "point", other: "mouse", point: "point", idle: "pause", success: "check", wrong: "close", phone: "phone", passed: "check",
 };
 const STEP_SIGNS: Partial<Record<Guidance["step"], string>> = { press: "button", following: "play", stopped: "warning" };
 /** An object that wants no press stays full for less, ms. */
@@ -81,7 +81,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
       const user = person?.user ?? "", hovered = person?.hover?.object_id ?? "", objects = thingsOf(site);
       steered = steeredBy(site, user)?.name ?? steered;
       const now = guidance({
-        mayTake: controls.mayDo("take"), mayPair: controls.mayDo("pair"), isSimulated: controls.isSimulated(user),
+        user, mayTake: controls.mayDo("take"), mayPair: controls.mayDo("pair"), isSimulated: controls.isSimulated(user),
         movedBy: person?.line?.moved_by ?? "own", isMine: person !== null && person === controls.mine,
         interaction: person?.interaction ? { ...person.interaction, next_step: friendly(site, person.interaction.next_step) } : null, hover: person?.hover ?? null,
         hovered: capital(thing(site, hovered)), mode: modeOf(site, hovered), scenario: controls.scenario,
@@ -89,7 +89,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
         isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === hovered && owner === user) ?? false,
         isOwn: controls.hasSelected(hovered), wantsPress: person !== null && wantsPress(person),
         robots: person && robotSituation(site, person, steered), isProposed: person !== null && proposalOf(person) !== null,
-        passed: passedSentence(site, controls),
+        passed: passedSentence(site, controls), empty: emptySentence(site),
         canSelect: controls.isPresent("selector"),
         success: success.user === user && performance.now() - success.at < SUCCESS_MS ? success.what : "",
         isWrong: success.isWrong,
@@ -108,12 +108,12 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
       show(text, now.text !== "");
       mark(gauge, "data-shown", now.progress === null ? null : "");
       gauge.value = now.progress ?? 0;
-      show(take, now.mode === "invite" && controls.mayDo("take"));
+      show(take, (now.mode === "invite" || now.mode === "other") && controls.mayDo("take"));
       show(phone, now.mode === "invite" && controls.mayDo("pair") && !isTouch());
       show(press, now.press !== "" && controls.mayDo("press"));
       write(press.querySelector("span")!, now.press || "Press");
       show(again, now.mode === "passed" && controls.may("conveyor/reset"));
-      show(give, now.mode !== "invite" && (person.line?.moved_by ?? "own") !== "own" && controls.mayDo("give"));
+      show(give, now.mode !== "invite" && now.mode !== "other" && (person.line?.moved_by ?? "own") !== "own" && controls.mayDo("give"));
       show(shrink, now.mode === "invite" && !isShort);
     },
     selected(event) {

@@ -4,15 +4,15 @@ import { test } from "node:test";
 import { guidance, type Situation } from "./guidance";
 import type { ConveyorState, RobotState, Steering } from "./messages";
 import { robotSituation, robotStep } from "./robot_guidance";
-import { haveAllPassed, passedSentence, scoreOf } from "./run";
+import { emptySentence, haveAllPassed, passedSentence, scoreOf } from "./run";
 import { emptyPerson, emptySite } from "./site/site";
 import { friendly, placeName } from "./words";
 
 const hover = { action: "select", is_selected: false, miss_rad: 0, object_id: "kettle", progress: 0.4, seq: 0, snapped_m: null, snapped_position_m: null, stamp_ns: 0, taken_by: "" } as const;
 const mine: Situation = {
-  mayTake: true, mayPair: true, isSimulated: true, movedBy: "mouse", isMine: true, hover: null, hovered: "", mode: "button", isTheirs: false, isOwn: false,
+  user: "ada", mayTake: true, mayPair: true, isSimulated: true, movedBy: "mouse", isMine: true, hover: null, hovered: "", mode: "button", isTheirs: false, isOwn: false,
   areAllPressed: false, interaction: { ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state: "pointing" },
-  wantsPress: false, robots: null, isProposed: false, passed: "", scenario: "shelf", canSelect: true, success: "", isWrong: false, count: 0,
+  wantsPress: false, robots: null, isProposed: false, passed: "", empty: "", scenario: "shelf", canSelect: true, success: "", isWrong: false, count: 0,
 };
 
 test("a button is aimed at, stayed on and pressed, each with its own words, and the press has a button", () => {
@@ -95,6 +95,32 @@ test("when the last package has passed, the card says how many of those to selec
   assert.ok(!haveAllPassed({ conveyor: null }));
   assert.equal(guidance({ ...mine, passed: "All packages have passed." }).mode, "passed");
   assert.equal(guidance({ ...mine, isMine: false, passed: "All packages have passed." }).mode, "passed", "for who looks on, too");
+});
+
+test("an empty conveyor has its reason and a remedy instead of the scenario's goal", () => {
+  const site = emptySite();
+  const text = (part: Partial<ConveyorState>) => emptySentence(Object.assign(site, { conveyor: conveyor(part) }));
+  assert.equal(text({}), "", "the first is on its way");
+  assert.match(text({ feeding: false }), /^No package is here: feeding is stopped\. Press Start feeding/);
+  assert.match(text({ speed_mps: 0 }), /the belts stand still\. Press Start the belts\.$/);
+  site.objects.set("conveyor", { stamp_ns: 0, seq: 0, objects: [{ id: "a" }] } as never);
+  assert.equal(text({ feeding: false, speed_mps: 0 }), "", "one can still be selected");
+  assert.equal(emptySentence(emptySite()), "", "no conveyor at all");
+  const { step, text: said } = guidance({ ...mine, scenario: "scenario_3", empty: "No segment is here." });
+  assert.deepEqual([step, said], ["stopped", "No segment is here."]);
+});
+
+test("who looks at a person whom another page points as is offered to take over", () => {
+  const other = { ...mine, isMine: false };
+  assert.deepEqual([guidance(other).mode, guidance(other).title], ["other", "Another page points as ada. Take over:"]);
+  assert.equal(guidance({ ...other, mayTake: false }).mode, "none", "a viewer");
+});
+
+test("what cannot be had says what to do instead", () => {
+  const refused = (taken_by: string, mode: "claim" | "button") => guidance({ ...mine, hovered: "It", mode, hover: { ...hover, action: "refuse", taken_by } }).text;
+  assert.equal(refused("ben", "claim"), "It cannot be had: ben has it. Point at another, or wait.");
+  assert.equal(refused("ben", "button"), "It cannot be had: ben is about to use it. Point at another, or wait.");
+  assert.equal(refused("", "claim"), "It cannot be had: it is too late for it. Point at another.");
 });
 
 test("names of the map are shown without internal ids, in sentences of services, too", () => {

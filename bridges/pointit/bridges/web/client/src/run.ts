@@ -2,8 +2,8 @@
 
 import type { Controls } from "./controls";
 import { show, write } from "./dom";
-import type { Site } from "./site/site";
-import { isShipped, nounOf } from "./words";
+import { thingsOf, type Site } from "./site/site";
+import { isShipped, movingOf, nounOf } from "./words";
 
 /** Time without a run after which it has ended, ms; a change of the scenario is shorter. */
 const OVER_MS = 4_000;
@@ -31,6 +31,14 @@ export function passedSentence(site: Site, controls: Pick<Controls, "isWanted" |
   if (site.timeline || !haveAllPassed(site)) return "";
   const score = scoreOf(site, (kind) => controls.isWanted(kind));
   return `All ${nounOf(site)}s have passed${score ? `: ${scoreWords(score, controls.targetKinds)} selected` : ""}.`;
+}
+
+/** Reason why nothing is on the conveyor, with the remedy; "" while something is, or comes. */
+export function emptySentence(site: Site): string {
+  const { conveyor } = site, noun = nounOf(site), moving = movingOf(site);
+  if (!conveyor || thingsOf(site).length) return "";
+  if (!conveyor.feeding) return `No ${noun} is here: feeding is stopped. Press Start feeding, or add a ${noun}.`;
+  return conveyor.speed_mps ? "" : `No ${noun} is here: the ${moving} stand still. Press Start the ${moving}.`;
 }
 
 function scoreWords({ selected, passed }: Score, kinds: readonly string[]): string {

@@ -76,8 +76,8 @@ test("the glossary is plain text, of the first table only", () => {
 });
 
 const situation: Situation = {
-  mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", mode: "claim", isTheirs: false, isOwn: false,
-  wantsPress: false, areAllPressed: false, robots: null, isProposed: false, passed: "", scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
+  user: "ada", mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", mode: "claim", isTheirs: false, isOwn: false,
+  wantsPress: false, areAllPressed: false, robots: null, isProposed: false, passed: "", empty: "", scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
 };
 const interaction = (state: "idle" | "localizing" | "pointing"): Situation["interaction"] => ({ ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state });
 const hover: NonNullable<Situation["hover"]> = {
@@ -88,7 +88,7 @@ test("a newcomer is told one thing at a time", () => {
   assert.equal(guidance(situation).mode, "invite");
   assert.equal(guidance({ ...situation, isSimulated: false }).mode, "none");
   assert.equal(guidance({ ...situation, mayTake: false, mayPair: false }).mode, "none");
-  assert.equal(guidance({ ...situation, movedBy: "mouse" }).mode, "none");
+  assert.equal(guidance({ ...situation, movedBy: "mouse" }).mode, "other");
   const mine: Situation = { ...situation, movedBy: "mouse", isMine: true, interaction: interaction("pointing") };
   assert.match(guidance(mine).text, /red package/);
   assert.equal(guidance({ ...mine, interaction: interaction("idle") }).mode, "idle");
@@ -129,8 +129,8 @@ test("buttons and switches are nobody's own", () => {
   assert.equal(text("switch", { action: "", progress: 0 }), "The kettle is off. Go on with the next.");
   assert.equal(text("claim", { action: "deselect", is_selected: true }), "The kettle is yours; staying takes it back.");
   assert.equal(text("claim", { action: "", progress: 0 }), "The kettle is free again. Go on with the next.");
-  assert.equal(text("button", { action: "refuse", taken_by: "ben" }), "The kettle cannot be had: ben is about to use it.");
-  assert.equal(text("claim", { action: "refuse" }), "The kettle cannot be had: it is too late for it.");
+  assert.equal(text("button", { action: "refuse", taken_by: "ben" }), "The kettle cannot be had: ben is about to use it. Point at another, or wait.");
+  assert.equal(text("claim", { action: "refuse" }), "The kettle cannot be had: it is too late for it. Point at another.");
   const fired = guidance({ ...pointing, success: "fired the kettle", count: 0 });
   assert.deepEqual([fired.title, fired.text], ["You fired the kettle!", "Go on with the next."]);
 });

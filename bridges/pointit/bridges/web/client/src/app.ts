@@ -170,7 +170,9 @@ function tell(change: SiteEvent): void {
     if (!controls.isOwn({ user: change.user, stampNs: feedback.stamp_ns })) return;
     // whether a selection deserves praise depends on the object, which its event has
     if (settings.sound && (feedback.cue !== "selected" || feedback.point_m)) chime(feedback.chime);
-    if (feedback.point_m && feedback.text) controls.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(feedback.text));
+    // of a place, or of a robot, whose press may have to be repeated; cues of objects are told by their events
+    const isTold = feedback.point_m !== null || (controls.mine?.steering != null && ["refused", "deselected"].includes(feedback.cue));
+    if (isTold && feedback.text) controls.toasts.show(feedback.cue === "selected" ? "done" : "info", capital(friendly(site, feedback.text)));
     return;
   }
   const { event } = change, id = event.object_id;

@@ -59,8 +59,8 @@ export interface Guidance {
 }
 
 const GOALS: Record<string, string> = {
-  scenario_1: "Move the mouse over a lamp: its colour shows how close you point.",
-  scenario_2: "Move the mouse along a strip: the light follows you.",
+  scenario_1: "Point at a lamp: its colour shows how close you point.",
+  scenario_2: "Point along a strip: the light follows you.",
   scenario_3: "Move onto a red segment and stay on it until it is full.",
   scenario_4: "Move onto a red package and stay on it until it is full.",
   send_a_robot: "Stay on a place of the floor: it is proposed as a goal. No robot is here to see.",
@@ -70,7 +70,7 @@ const GOALS: Record<string, string> = {
 /** What there is to do in a scenario for who points with the mouse. */
 export function goal(scenario: string, canSelect: boolean, areAllPressed: boolean): string {
   const select = areAllPressed ? "Move onto an object and press the button." : "Move onto an object and stay on it until it is full.";
-  return GOALS[scenario] ?? (canSelect ? select : "Move the mouse: the arm follows it.");
+  return GOALS[scenario] ?? (canSelect ? select : "Point anywhere: the arm follows you.");
 }
 
 /** The object under the cursor: its state, and what staying or pressing does. */

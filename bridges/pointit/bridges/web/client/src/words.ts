@@ -86,16 +86,18 @@ export function placeName(id: string, noun: string): string {
   return number === undefined ? id.replace(/[_-]+/g, " ").trim() || id : `${noun} ${number}`;
 }
 
-/** A sentence of a service with the names of lamps as they are shown. */
+/** A sentence of a service with the names of lamps and strips as they are shown. */
 export function friendly({ map }: Pick<Site, "map">, sentence: string): string {
-  return withNames(sentence, (map?.lamps ?? []).map(({ id }) => id));
+  const ids = (all: readonly { id: string }[] = []): string[] => all.map(({ id }) => id);
+  return withNames(withNames(sentence, ids(map?.lamps)), ids(map?.strips), "strip");
 }
 
-/** A sentence with the names of `lamps` instead of their ids: `lamp led_2` is `lamp 2`, too. */
-export function withNames(sentence: string, lamps: readonly string[]): string {
-  return lamps.reduce((text, id) => {
-    const shown = placeName(id, "lamp"), noun = shown.startsWith("lamp ") ? "(?:[Ll]amp )?" : "";
-    return shown === id || !text.includes(id) ? text : text.replace(new RegExp(`(?<![\\w-])${noun}${id.replace(/[^\w]/g, "\\$&")}(?![\\w-])`, "g"), shown);
+/** A sentence with the names of `places` instead of their ids: `lamp led_2` is `lamp 2`, too. Numbers stay: they may mean anything. */
+export function withNames(sentence: string, places: readonly string[], noun: "lamp" | "strip" = "lamp"): string {
+  return places.reduce((text, id) => {
+    const shown = placeName(id, noun), before = shown.startsWith(`${noun} `) ? `(?:${noun} )?` : "";
+    if (shown === id || /^\d+$/.test(id) || !text.includes(id)) return text;
+    return text.replace(new RegExp(`(?<![\\w-])${before}${id.replace(/[^\w]/g, "\\$&")}(?![\\w-])`, "gi"), shown);
   }, sentence);
 }
 

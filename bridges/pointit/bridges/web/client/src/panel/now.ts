@@ -76,7 +76,7 @@ export function nowPart(controls: Controls): PanelPart {
       write(place, stands ? `The position of ${controls.user} is not yet measured; the assumed one is shown.` : `The position of ${controls.user} is not known, so they are not shown.`);
       const name = users.length > 1 ? `${controls.user}: ${stateTitle(now).toLowerCase()}` : stateTitle(now);
       write(state, interaction ? name : "");
-      write(next, capital(controls.person?.cursor?.passed?.text ?? "") || (site.timeline ? "" : friendly(site, interaction?.next_step ?? "")));
+      write(next, capital(friendly(site, controls.person?.cursor?.passed?.text ?? "")) || (site.timeline ? "" : friendly(site, interaction?.next_step ?? "")));
       write(pressText, pressTitle(interaction));
       show(press, controls.mayDo("press") && controls.user !== "");
       const progress = controls.person?.localization;

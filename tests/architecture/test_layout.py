@@ -41,7 +41,7 @@ DEVICES = {
         "selector": "selection_methods.py shard_role.py site_role.py store/history.py",
         "web": """
             devices/devices.py devices/process.py
-            pages/request_dispatcher.py metrics/door.py server/app.py server/certificate.py
+            pages/page_requests.py metrics/door.py server/app.py server/certificate.py
             server/download.py server/lan.py server/link_file.py pages/open_pages.py
             model/history.py model/people.py wrists/phone.py wrists/phone_connection.py
             server/listener.py pages/page_session.py playback/file_past.py playback/past_page.py

@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 import pointit.schemas as models
-from pointit.bridges.web.pages import request_dispatcher as answers
+from pointit.bridges.web.pages import page_requests as answers
 from pointit.bridges.web.playback.recent import RecentPast
 from pointit.bridges.web.server import download
 from pointit.bridges.web.wrists import pairing

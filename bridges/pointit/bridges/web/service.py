@@ -22,8 +22,8 @@ from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.model.told_apart import ToldApart
 from pointit.bridges.web.pages.latest_values import MAX_KEYS
 from pointit.bridges.web.pages.open_pages import Pages
+from pointit.bridges.web.pages.page_requests import RequestDispatcher, greeting
 from pointit.bridges.web.pages.page_session import PageSession
-from pointit.bridges.web.pages.request_dispatcher import RequestDispatcher
 from pointit.bridges.web.pages.slow_link import SlowLink
 from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
@@ -128,8 +128,7 @@ class Web(Service[WebConfig]):
             answer=lambda page, ask: self._answers.answer(page, "wrist", ask),
             changed=self._changed,
             warnings=self.bus,
-            version=version,
-            site=self.bus.site,
+            greeting=greeting("wrist", version=version, site=self.bus.site),
         )
         self._phones = Phones(host, self._pairing, bundle)
         self._solver = SolverProcess()

@@ -22,8 +22,9 @@ Page to server, JSON text, `{"kind": ...}`:
 
 - `Ack` for every batch, from the animation frame that shows it. At most `IN_FLIGHT` batches are on their way;
   a page that does not acknowledge gets nothing more until it does, and then the newest.
-- `Ask`, answered with the same `id`: a request of the table, or a `Deed`. `Hello.requests` has what the role
-  may ask at all; whether its server is there tells `Status.services`, and an answer that nobody gave.
+- `Ask`, answered with the same `id`: a request of the table, or an action of this server (`Deed`).
+  `Hello.requests` and `Hello.deeds` have those that the role may ask for; `Status.services` tells whether
+  the server of a request is present.
 - `AimAt`, many a second, not answered: where the mouse points to, of the person whose wrist this page has.
 
 A page with a playback, at `/ws` of `pointit page` or at `/ws/past` of a running site, gets the
@@ -62,32 +63,9 @@ Role = Literal["operator", "viewer", "wrist"]
 Mover = Literal["own", "mouse", "phone"]
 """Mover of a person's wrist: their own device or the simulation, a page's mouse, a phone."""
 
-Deed = Literal[
-    "press",
-    "take",
-    "give",
-    "tremor",
-    "pair",
-    "open_lan",
-    "find_devices",
-    "connect_device",
-    "forget_device",
-    "show_device",
-    "check_mounting",
-    "told_apart",
-    "centre",
-    "speak",
-    "map_room",
-    "read_map",
-    "check_map",
-    "save_map",
-]
-"""Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
-give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
-network; find devices within reach of this machine, connect or forget one, show a test pattern on a light,
-check how a wrist is worn; tell from where which things are told apart; a phone, as
-it is held now, points ahead; words of a person; let a phone map the room; read the map of the site, check it
-with edits, save it."""
+Deed = Annotated[str, Field(max_length=64)]
+"""Name of an action of this server that a page can request: a row of `ACTIONS` in `pages/page_requests.py`,
+which the schema for the client lists."""
 
 LATEST_MS = 9e12
 """Maximum of a device's clock: as many ns fit 64 bits."""

@@ -1,7 +1,7 @@
-"""Requests that pages may make, by role, and their validation.
+"""Requests of pages and phones: permission, validation, and the answer.
 
 Requests of the table go to their servers unchanged: `name` is the user where the key has one, `query` has
-the query's fields. Deeds are handled by this server; `name` is the person:
+the query's fields. Actions of this server are the rows of `ACTIONS`, at the end; `name` is the person:
 
 - `press`, `{"gesture": "press" | "double" | "hold"}`: press the person's button.
 - `take`: move the person's arm by this page's mouse; an idle person begins to point. `give`: give it back,
@@ -21,20 +21,37 @@ the query's fields. Deeds are handled by this server; `name` is the person:
 - `read_map`, `check_map`, `save_map`: the map of the site in the plan editor, see `model/map_editor.py`.
 """
 
+import asyncio
 import json
-from dataclasses import dataclass
-from typing import Any, Literal
+import time
+from collections.abc import Awaitable, Callable, Collection
+from dataclasses import dataclass, field
+from typing import Any, Generic, Literal, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pointit.bridges.web.devices.devices import Devices
 from pointit.bridges.web.devices.wire import ConnectDevice, OneDevice
-from pointit.bridges.web.wire import Ask, Deed, Hello, Role
-from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG
+from pointit.bridges.web.model.map_editor import MapEditor
+from pointit.bridges.web.model.people import People
+from pointit.bridges.web.model.told_apart import ToldApart
+from pointit.bridges.web.scan.door import ScanDoor
+from pointit.bridges.web.server.access import Access
+from pointit.bridges.web.server.lan import Lan
+from pointit.bridges.web.wire import Answer, Ask, Hello, Role
+from pointit.bridges.web.wrists.pairing import Pairing, offer
+from pointit.bridges.web.wrists.phone import Phones
+from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG, WristControl
 from pointit.maps.edit.edits import Edit
+from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Bus
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import Query, summarize_validation_error, topics
+from pointit.schemas import Query, SetYawOrigin, summarize_validation_error, topics
 from pointit.schemas.base import Fraction
 from pointit.schemas.person import MAX_WORDS
+from pointit.schemas.system import instance_of
+
+IMU_BRIDGE = "imu-bridge"
+"""Service that turns messages of a mouse or phone into wrist samples."""
 
 OPERATORS: tuple[topics.Request[Any, Any], ...] = (
     topics.ADD_PACKAGE,
@@ -65,30 +82,6 @@ REQUESTS: dict[Role, tuple[topics.Request[Any, Any], ...]] = {
 }
 """Requests by role. Everybody who sees a robot may stop it."""
 
-LOOKS: tuple[Deed, ...] = ("told_apart",)
-"""Deeds that change nothing."""
-
-MAPS: tuple[Deed, ...] = ("read_map", "check_map", "save_map")
-
-DEVICES: tuple[Deed, ...] = (
-    "find_devices",
-    "connect_device",
-    "forget_device",
-    "show_device",
-    "check_mounting",
-)
-
-WRIST: tuple[Deed, ...] = ("press", "take", "give", "centre", "speak")
-
-DEEDS: dict[Role, tuple[Deed, ...]] = {
-    "operator": (*WRIST, "tremor", "pair", "open_lan", "map_room", *DEVICES, *MAPS, *LOOKS),
-    "viewer": LOOKS,
-    "wrist": WRIST,
-}
-
-SITE_DEEDS: tuple[Deed, ...] = ("open_lan", "map_room", *DEVICES, *MAPS, *LOOKS)
-"""Deeds that are about no person."""
-
 MAX_EDITS = 1000
 
 OLDEST_S = 60.0
@@ -98,6 +91,8 @@ TIMEOUTS_S = {topics.RUN_SCENARIO.key: 15.0}
 """Timeouts (s) of replies that take longer than usual."""
 
 ONLY_LOOKS_ON = "this page only looks on; open it by the operator's link to control"
+
+JsonObject = dict[str, Any]
 
 
 class _Extras(BaseModel):
@@ -152,22 +147,11 @@ class SaveMap(MapEdits):
     )
 
 
-class Plain(_Extras):
+class NoParameters(_Extras):
     """No parameters."""
 
 
-EXTRAS: dict[Deed, type[BaseModel]] = {
-    "connect_device": ConnectDevice,
-    "forget_device": OneDevice,
-    "show_device": OneDevice,
-    "check_mounting": OneDevice,
-    "press": Press,
-    "tremor": Tremor,
-    "pair": Pair,
-    "speak": Speak,
-    "check_map": MapEdits,
-    "save_map": SaveMap,
-}
+E = TypeVar("E", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,31 +164,243 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PageAction:
-    """A deed of this server."""
+class Sender:
+    """The page that requests an action, and the person whom the action is for."""
 
-    deed: Deed
+    page: str
+    role: Role
+    user: str
+
+
+@dataclass(frozen=True, slots=True)
+class Action(Generic[E]):
+    """An action of this server that pages can request."""
+
+    name: str
+    scope: Literal["person", "site"]
+    """`person`: it is for the person whom the request names."""
+    extras: type[E]
+    """Model of its parameters."""
+    roles: tuple[Role, ...]
+    """Pages that may request it."""
+    handle: Callable[["RequestDispatcher", Sender, E], Awaitable[JsonObject]]
+    """Does it and returns the fields of the reply. Raises `RefusedError`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageAction:
+    """An action that a page requests, with its parameters."""
+
+    action: Action[Any]
     user: str
     extras: BaseModel
 
 
-def is_allowed(ask: Ask, role: Role) -> bool:
-    """Return True if pages of this role may make this request, whatever its parameters."""
-    if ask.deed is not None:
-        return ask.deed in DEEDS[role]
-    return any(ask.key == request.key for request in REQUESTS[role])
+@dataclass(kw_only=True)
+class RequestDispatcher:
+    """Answers requests of pages and phones: forwards them to services, or does actions here."""
+
+    bus: Bus
+    people: People
+    wrists: WristControl
+    pairing: Pairing
+    phones: Phones
+    lan: Lan
+    doors: Access
+    told_apart: ToldApart
+    maps: MapEditor
+    scan: ScanDoor
+    devices: Devices
+    present: Callable[[], Collection[str]]
+    """Returns the instances that are present."""
+    changed: Callable[[], None]
+    """Called when the status of pages has changed."""
+    drawing: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+    async def answer(self, page: str, role: Role, ask: Ask) -> Answer:
+        """Handle a request.
+
+        Raises:
+            PointItError, SchemaError: If it fails or is not allowed.
+        """
+        match parse_request(ask, role):
+            case Call() as call:
+                reply = await self._call(call)
+            case PageAction(action=action, user=user, extras=extras):
+                if action.scope == "person":
+                    self.people.check(user)
+                reply = await action.handle(self, Sender(page=page, role=role, user=user), extras)
+        return Answer(id=ask.id, reply=reply)
+
+    async def open_lan(self) -> JsonObject:
+        """Open the page to the local network, and return its address.
+
+        Raises:
+            RefusedError: If it fails.
+        """
+        url = await self.lan.open()
+        self.doors.know_hosts([self.lan.address])
+        self.changed()
+        return {
+            "url": url,
+            "fingerprint": self.lan.fingerprint,
+            "message": f"the local network finds the page at {url} {self.lan.note}".rstrip(),
+        }
+
+    async def offer(self, path: str, pair: Callable[[], str]) -> JsonObject:
+        """Return the QR code that opens the page at `path` with the token of `pair`.
+
+        Raises:
+            RefusedError: If the local network cannot find the page.
+        """
+        if not self.lan.url:
+            raise RefusedError("phones cannot find this page yet: open it to the local network first")
+        url = f"{self.lan.url}/{path}?token={pair()}"
+        async with self.drawing:  # takes 20 ms, which repeated requests must not take from other pages
+            return await asyncio.to_thread(offer, url, self.lan.fingerprint)
+
+    def notify_loser(self, user: str, loser: str, page: str, *, is_own: bool = False) -> None:
+        """Notify a phone from which `page` has taken the wrist of `user`. Pages see it in their status."""
+        if loser and loser != page and loser == self.pairing.paired(user, time.monotonic()):
+            self.phones.lost(user, is_own=is_own)
+
+    async def _call(self, call: Call) -> JsonObject:
+        timeout_s = TIMEOUTS_S.get(call.request.key, REQUEST_TIMEOUT_S)
+        reply = await self.bus.call(call.request, call.query, call.name, timeout_s=timeout_s)
+        return cast("JsonObject", reply.model_dump(mode="json"))
 
 
-def greeting(role: Role, *, version: str, site: str, user: str = "", lamps: tuple[str, ...] = ()) -> Hello:
-    """Return the greeting of a page of this role; `user`: of a phone, the owner of the wrist."""
+async def _press(dispatcher: RequestDispatcher, sender: Sender, press: Press) -> JsonObject:
+    dispatcher.people.press(sender.user, press.gesture)
+    return {"message": f"{sender.user}'s button was pressed"}
+
+
+async def _take(dispatcher: RequestDispatcher, sender: Sender, _: NoParameters) -> JsonObject:
+    user = sender.user
+    if instance_of(IMU_BRIDGE, user) not in dispatcher.present():
+        raise RefusedError(
+            f"no service turns the page's messages into wrist samples: start it with "
+            f"`pointit service run {IMU_BRIDGE} --user {user} --source page`"
+        )
+    mover: Literal["phone", "mouse"] = "phone" if sender.role == "wrist" else "mouse"
+    loser = dispatcher.wrists.acquire(user, sender.page, mover)
+    dispatcher.notify_loser(user, loser, sender.page)
+    if dispatcher.people.states.get(user) == "idle":
+        dispatcher.people.press(user)
+    dispatcher.changed()
+    return {"message": f"{user}'s arm follows this {mover}"}
+
+
+async def _give(dispatcher: RequestDispatcher, sender: Sender, _: NoParameters) -> JsonObject:
+    user = sender.user
+    if sender.role == "wrist":
+        dispatcher.wrists.release_from(user, sender.page)
+    else:
+        dispatcher.notify_loser(user, dispatcher.wrists.release(user), sender.page, is_own=True)
+    dispatcher.changed()
+    return {"message": f"{user}'s arm is their own again"}
+
+
+async def _set_tremor(dispatcher: RequestDispatcher, sender: Sender, tremor: Tremor) -> JsonObject:
+    if not dispatcher.wrists.set_tremor(sender.user, sender.page, tremor.rms_deg):
+        raise RefusedError(f"this page does not move {sender.user}'s arm: take it first")
+    return {"message": f"{sender.user}'s arm trembles by {tremor.rms_deg:g}° rms"}
+
+
+async def _pair(dispatcher: RequestDispatcher, sender: Sender, wanted: Pair) -> JsonObject:
+    user = sender.user
+    if wanted.off:
+        page = dispatcher.pairing.unpair(user)
+        if not page:
+            raise RefusedError(f"no phone is paired with {user}")
+        reply: JsonObject = {"message": f"{user}'s phone is unpaired"}
+    else:
+        page = ""
+
+        def pair() -> str:
+            nonlocal page
+            token, page = dispatcher.pairing.pair(user, time.monotonic())
+            return token
+
+        reply = await dispatcher.offer("phone", pair)
+    await dispatcher.phones.cut(page)
+    dispatcher.changed()
+    return reply
+
+
+async def _centre(dispatcher: RequestDispatcher, sender: Sender, _: NoParameters) -> JsonObject:
+    query = SetYawOrigin(yaw_rad=dispatcher.wrists.ahead(sender.user))
+    reply = await dispatcher.bus.call(topics.SET_YAW_ORIGIN, query, sender.user)
+    dispatcher.phones.centred(sender.user)
+    return reply.model_dump(mode="json")
+
+
+async def _speak(dispatcher: RequestDispatcher, sender: Sender, speak: Speak) -> JsonObject:
+    dispatcher.people.speak(sender.user, [word.model_dump() for word in speak.words])
+    return {"message": ""}
+
+
+async def _read_floor(dispatcher: RequestDispatcher, _: Sender, __: NoParameters) -> JsonObject:
+    return {**await dispatcher.told_apart.answer()}
+
+
+async def _check_map(dispatcher: RequestDispatcher, _: Sender, changed: MapEdits) -> JsonObject:
+    return await dispatcher.maps.check(changed.edits, changed.digest)
+
+
+async def _save_map(dispatcher: RequestDispatcher, _: Sender, changed: SaveMap) -> JsonObject:
+    return await dispatcher.maps.save(changed.edits, changed.digest, changed.name)
+
+
+_WRIST: tuple[Role, ...] = ("operator", "wrist")
+_CONTROL: tuple[Role, ...] = ("operator",)
+_LOOK: tuple[Role, ...] = ("operator", "viewer")
+
+ACTIONS: tuple[Action[Any], ...] = (
+    Action("press", "person", Press, _WRIST, _press),
+    Action("take", "person", NoParameters, _WRIST, _take),
+    Action("give", "person", NoParameters, _WRIST, _give),
+    Action("tremor", "person", Tremor, _CONTROL, _set_tremor),
+    Action("pair", "person", Pair, _CONTROL, _pair),
+    Action("open_lan", "site", NoParameters, _CONTROL, lambda self, *_: self.open_lan()),
+    Action("find_devices", "site", NoParameters, _CONTROL, lambda self, *_: self.devices.find()),
+    Action(
+        "connect_device",
+        "site",
+        ConnectDevice,
+        _CONTROL,
+        lambda self, _, device: self.devices.connect(device),
+    ),
+    Action(
+        "forget_device", "site", OneDevice, _CONTROL, lambda self, _, device: self.devices.forget(device.id)
+    ),
+    Action("show_device", "site", OneDevice, _CONTROL, lambda self, _, device: self.devices.show(device.id)),
+    Action(
+        "check_mounting",
+        "site",
+        OneDevice,
+        _CONTROL,
+        lambda self, _, device: self.devices.check_mounting(device.id),
+    ),
+    Action("told_apart", "site", NoParameters, _LOOK, _read_floor),
+    Action("centre", "person", NoParameters, _WRIST, _centre),
+    Action("speak", "person", Speak, _WRIST, _speak),
+    Action("map_room", "site", NoParameters, _CONTROL, lambda self, *_: self.offer("scan", self.scan.pair)),
+    Action("read_map", "site", NoParameters, _CONTROL, lambda self, *_: self.maps.read()),
+    Action("check_map", "site", MapEdits, _CONTROL, _check_map),
+    Action("save_map", "site", SaveMap, _CONTROL, _save_map),
+)
+"""All actions. One more is a row here, with the model of its parameters and its handler above."""
+
+
+def greeting(role: Role, *, version: str, site: str) -> Hello:
+    """Return the greeting of a page of this role."""
     return Hello(
         version=version,
         site=site,
         role=role,
         requests=tuple(request.key for request in REQUESTS[role]),
-        deeds=DEEDS[role],
-        user=user,
-        lamps=lamps,
+        deeds=tuple(action.name for action in ACTIONS if role in action.roles),
     )
 
 
@@ -215,40 +411,37 @@ def parse_request(ask: Ask, role: Role) -> Call | PageAction:
         RefusedError: If it is invalid or not allowed for this page.
     """
     if ask.deed is not None:
-        return _parse_deed(ask, ask.deed, role)
+        return _parse_action(ask, ask.deed, role)
     request = next((row for row in OPERATORS if row.key == ask.key), None)
     if request is None:
-        raise RefusedError(f"pages cannot ask for {ask.key!r}; they can ask for {_listed(OPERATORS)}")
+        known = ", ".join(row.key for row in OPERATORS)
+        raise RefusedError(f"pages cannot ask for {ask.key!r}; they can ask for {known}")
     if request not in REQUESTS[role]:
         raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {ask.key!r}")
     if request.placeholder:
         topics.check_name(ask.name, request.placeholder)
     elif ask.name:
         raise RefusedError(f"{request.key} takes no name, got {ask.name!r}")
-    try:
-        query = request.query.model_validate_json(json.dumps(ask.query))
-    except (ValidationError, ValueError, RecursionError) as error:
-        raise RefusedError(f"{request.key}: {_reason(error)}") from error
-    return Call(request=request, query=query, name=ask.name)
+    return Call(request=request, query=_validated(request.query, ask.query, request.key), name=ask.name)
 
 
-def _parse_deed(ask: Ask, deed: Deed, role: Role) -> PageAction:
-    if deed not in DEEDS[role]:
-        raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {deed!r}")
+def _parse_action(ask: Ask, name: str, role: Role) -> PageAction:
+    action = next((row for row in ACTIONS if row.name == name), None)
+    if action is None:
+        known = ", ".join(row.name for row in ACTIONS)
+        raise RefusedError(f"pages cannot request the action {name!r}; they can request {known}")
+    if role not in action.roles:
+        raise RefusedError(ONLY_LOOKS_ON if role == "viewer" else f"a phone cannot ask for {name!r}")
     if ask.key:
-        raise RefusedError(f"one thing at a time: {ask.key!r} or {deed!r}")
-    if deed not in SITE_DEEDS:
+        raise RefusedError(f"one thing at a time: {ask.key!r} or {name!r}")
+    if action.scope == "person":
         topics.check_name(ask.name, "user")
+    return PageAction(action=action, user=ask.name, extras=_validated(action.extras, ask.query, name))
+
+
+def _validated(model: type[E], query: JsonObject, name: str) -> E:
     try:
-        extras = EXTRAS.get(deed, Plain).model_validate_json(json.dumps(ask.query))
+        return model.model_validate_json(json.dumps(query))
     except (ValidationError, ValueError, RecursionError) as error:
-        raise RefusedError(f"{deed}: {_reason(error)}") from error
-    return PageAction(deed=deed, user=ask.name, extras=extras)
-
-
-def _reason(error: Exception) -> str:
-    return summarize_validation_error(error) if isinstance(error, ValidationError) else str(error)
-
-
-def _listed(rows: tuple[topics.Request[Any, Any], ...]) -> str:
-    return ", ".join(row.key for row in rows)
+        reason = summarize_validation_error(error) if isinstance(error, ValidationError) else str(error)
+        raise RefusedError(f"{name}: {reason}") from error

@@ -20,7 +20,6 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from pointit.bridges.web.pages.page_requests import greeting
 from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
 from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue, Hello
 from pointit.bridges.web.wrists.pairing import Pairing, Phone
@@ -208,8 +207,7 @@ class Phones:
         line.put(self._cues_of(line.phone.user).current)
 
     def _hello(self, phone: Phone) -> Hello:
-        host = self._host
-        return greeting("wrist", version=host.version, site=host.site, user=phone.user, lamps=self._lamps)
+        return self._host.greeting.model_copy(update={"user": phone.user, "lamps": self._lamps})
 
     def _tell(self, user: str, cue: Cue | None) -> None:
         line = self._lines.get(self._pairing.paired(user, time.monotonic()))

@@ -10,9 +10,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from pointit.bridges.web.pages.page_requests import is_allowed
 from pointit.bridges.web.pages.rate_limit import TokenBucket
-from pointit.bridges.web.wire import MAX_TOLD, OWN_FAULT, Answer, Ask, Turn, WireModel
+from pointit.bridges.web.wire import MAX_TOLD, OWN_FAULT, Answer, Ask, Hello, Turn, WireModel
 from pointit.bridges.web.wrists.pairing import Phone
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.errors import PointItError
@@ -53,9 +52,8 @@ class PhoneHost:
     """Called when the holder of a wrist may have changed."""
     warnings: WarningSink
     """Warnings about malformed input."""
-    version: str
-    """Version of PointIt."""
-    site: str
+    greeting: Hello
+    """Greeting of all phones: site and rights, without the person."""
 
 
 class PhoneConnection:
@@ -148,7 +146,8 @@ class PhoneConnection:
         return sample
 
     async def _ask(self, ask: Ask) -> None:
-        if not is_allowed(ask, "wrist"):
+        hello = self._host.greeting
+        if (ask.key not in hello.requests) if ask.deed is None else (ask.deed not in hello.deeds):
             self.put(Answer(id=ask.id, error=f"a phone cannot ask for {ask.deed or ask.key!r}"))
             return
         if ask.deed == "centre" and self._host.wrists.holder(self.phone.user)[0] != self.phone.page:

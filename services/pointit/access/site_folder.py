@@ -11,7 +11,6 @@ Every change is written atomically, `site.json` last but for the router's config
 import contextlib
 import datetime as dt
 import functools
-import json
 import secrets
 import shutil
 import sqlite3
@@ -252,8 +251,7 @@ class SiteFolder:
                 if member.role != "router"
             ]
             _save(self.path / ROUTER / USERS, "".join(lines).encode())
-        kept = json.dumps(state.model_dump(mode="json"), indent=1) + "\n"
-        _save(self.path / STATE, kept.encode(), mode=0o644)
+        _save(self.path / STATE, (state.model_dump_json(indent=1) + "\n").encode(), mode=0o644)
         configuration = router_configuration.to_json5([state.router_site("")])
         _save(self.path / ROUTER / CONFIGURATION, configuration.encode())
 

@@ -18,6 +18,8 @@ from pointit.bridges.web.pages.page_requests import (
     Call,
     PageAction,
     Press,
+    Said,
+    Speak,
     Tremor,
     greeting,
     parse_request,
@@ -25,7 +27,7 @@ from pointit.bridges.web.pages.page_requests import (
 from pointit.bridges.web.wire import Ask, Role
 from pointit.bridges.web.wire_schema import json_schema
 from pointit.runtime.errors import PointItError, RefusedError
-from pointit.schemas import SchemaError, StopRobot, topics
+from pointit.schemas import SchemaError, SetSpeed, StopRobot, topics
 from pointit.services.shown_topics import SHOWN
 
 BY_NAME = {action.name: action for action in ACTIONS}
@@ -105,6 +107,15 @@ def test_deeds_have_parameters() -> None:
     assert press == PageAction(action=BY_NAME["press"], user="anna", extras=Press(gesture="hold"))
     tremor = parse_request(ask(deed="tremor", name="anna", rms_deg=1), "operator")
     assert tremor == PageAction(action=BY_NAME["tremor"], user="anna", extras=Tremor(rms_deg=1.0))
+
+
+def test_lists_of_a_query_are_those_of_its_strict_model() -> None:
+    call = parse_request(ask(topics.SET_SPEED.key, speed_mps=1, belts=["a", "b"]), "operator")
+    assert isinstance(call, Call)
+    assert call.query == SetSpeed(speed_mps=1.0, belts=("a", "b"))
+    spoken = parse_request(ask(deed="speak", name="anna", words=[SAID]), "operator")
+    assert isinstance(spoken, PageAction)
+    assert spoken.extras == Speak(words=(Said(text="stop", start_s=1.0, end_s=0.5),))
 
 
 JSON = st.recursive(

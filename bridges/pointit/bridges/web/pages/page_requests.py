@@ -22,7 +22,6 @@ the query's fields. Actions of this server are the rows of `ACTIONS`, at the end
 """
 
 import asyncio
-import json
 import time
 from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass, field
@@ -362,8 +361,8 @@ ACTIONS: tuple[Action[Any], ...] = (
     Action("give", "person", NoParameters, _WRIST, _give),
     Action("tremor", "person", Tremor, _CONTROL, _set_tremor),
     Action("pair", "person", Pair, _CONTROL, _pair),
-    Action("open_lan", "site", NoParameters, _CONTROL, lambda self, *_: self.open_lan()),
-    Action("find_devices", "site", NoParameters, _CONTROL, lambda self, *_: self.devices.find()),
+    Action("open_lan", "site", NoParameters, _CONTROL, lambda self, _, __: self.open_lan()),
+    Action("find_devices", "site", NoParameters, _CONTROL, lambda self, _, __: self.devices.find()),
     Action(
         "connect_device",
         "site",
@@ -385,8 +384,10 @@ ACTIONS: tuple[Action[Any], ...] = (
     Action("told_apart", "site", NoParameters, _LOOK, _read_floor),
     Action("centre", "person", NoParameters, _WRIST, _centre),
     Action("speak", "person", Speak, _WRIST, _speak),
-    Action("map_room", "site", NoParameters, _CONTROL, lambda self, *_: self.offer("scan", self.scan.pair)),
-    Action("read_map", "site", NoParameters, _CONTROL, lambda self, *_: self.maps.read()),
+    Action(
+        "map_room", "site", NoParameters, _CONTROL, lambda self, _, __: self.offer("scan", self.scan.pair)
+    ),
+    Action("read_map", "site", NoParameters, _CONTROL, lambda self, _, __: self.maps.read()),
     Action("check_map", "site", MapEdits, _CONTROL, _check_map),
     Action("save_map", "site", SaveMap, _CONTROL, _save_map),
 )
@@ -441,7 +442,13 @@ def _parse_action(ask: Ask, name: str, role: Role) -> PageAction:
 
 def _validated(model: type[E], query: JsonObject, name: str) -> E:
     try:
-        return model.model_validate_json(json.dumps(query))
-    except (ValidationError, ValueError, RecursionError) as error:
-        reason = summarize_validation_error(error) if isinstance(error, ValidationError) else str(error)
-        raise RefusedError(f"{name}: {reason}") from error
+        return model.model_validate(_with_tuples(query))
+    except ValidationError as error:
+        raise RefusedError(f"{name}: {summarize_validation_error(error)}") from error
+
+
+def _with_tuples(value: Any) -> Any:
+    """Return a value of JSON with tuples for its lists, as strict models have them."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(each) for key, each in cast("JsonObject", value).items()}
+    return tuple(map(_with_tuples, cast("list[Any]", value))) if isinstance(value, list) else value

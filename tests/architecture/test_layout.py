@@ -212,9 +212,7 @@ def test_services_do_not_import_the_registry_or_each_other() -> None:
 
 def test_keys_stand_in_the_topic_table_only() -> None:
     find = finder(patterns())
-    tables = {
-        ROOT / "schemas/pointit/schemas" / name for name in ("topics.py", "request_table.py", "robots.py")
-    }
+    tables = {ROOT / "schemas/pointit/schemas" / name for name in ("topics.py", "robots.py")}
     found = [
         f"{shown(path, literal)} {literal.value!r}"
         for path in sources.shipped()

@@ -17,8 +17,7 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.publishers import EVENT_CACHE
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.runtime.zenoh.zenoh_bus import EVENT_CACHE, ZenohBus
 from pointit.schemas import ButtonEvent, Done, ImuSample, SelectionEvent, SetBrightness, UserProfile, topics
 from tests.support.bench import START_NS, until
 from tests.support.buses import RouterProcess, router_process, settled

@@ -21,8 +21,11 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.procedures.moving_target import MovingTarget
-from pointit.services.localizer.procedures.target_disambiguation import TargetDisambiguator, rank_by_posterior
+from pointit.services.localizer.procedures.moving_target import (
+    MovingTarget,
+    TargetDisambiguator,
+    rank_by_posterior,
+)
 from pointit.services.localizer.verification.following import followed
 from pointit.services.localizer.verification.holds import without_spikes
 from pointit.sim.recordings import OPERATOR, read_imu_csv

@@ -13,7 +13,7 @@ from pointit.geometry import vector
 from pointit.geometry.closest import Measure
 from pointit.geometry.cylinder import CylinderSolid
 from pointit.geometry.plane import PlaneSolid, plane_axes
-from pointit.geometry.solid_cast import SolidCaster
+from pointit.geometry.ray_cast import SolidCaster
 from pointit.geometry.solids import MOST_EYES, BoxSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
 from tests.support.known import known

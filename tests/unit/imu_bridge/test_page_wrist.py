@@ -13,7 +13,7 @@ from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, ImuSample, WristSample
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.page_wrist import PageOrientation, PageWrist
-from pointit.services.localizer.tracking.yaw_origin import YawOrigin
+from pointit.services.localizer.pose_manager import YawOrigin
 
 START_NS = 1_700_000_000 * NS_PER_S
 Device = Literal["arm", "phone"]

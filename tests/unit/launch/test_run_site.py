@@ -10,8 +10,8 @@ from pointit.launch.plan.launches import CURSOR_COLORS
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import USUAL
 from pointit.launch.recorder import recorded, recorder_launch
-from pointit.launch.run.deployment_publisher import DeploymentPublisher
 from pointit.launch.run.run_site import LISTEN_S, Onlookers, check_names, surroundings
+from pointit.launch.run.running_scenario import DeploymentPublisher
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import ConfigError

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Lamp, Localization, PointingRay, UserPose
-from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.config import LocalizerConfig, TrustConfig
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -19,7 +19,6 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.estimation_config import TrustConfig
 from pointit.services.localizer.outputs import Output
 
 START_NS = 1_700_000_000 * NS_PER_S

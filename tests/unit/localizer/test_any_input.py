@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, Environment, Lamp, PointingRay, SetPose, TrackedObject, TrackedObjects
-from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation_config import TrustConfig
+from pointit.services.localizer.config import LocalizerConfig, TrustConfig
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.localizer.procedures.static_targets import StaticTargets

@@ -29,8 +29,8 @@ from pointit.schemas import (
 )
 from pointit.schemas import topics as at
 from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.pose_manager import YawOrigin
 from pointit.services.localizer.service import Localizer
-from pointit.services.localizer.tracking.yaw_origin import YawOrigin
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
 from tests.unit.localizer.person import PLACES, ROOM, USER, Person, yaw_difference
 

@@ -24,11 +24,10 @@ from pointit.schemas import (
 )
 from pointit.schemas import topics as at
 from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
-from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.config import DriftConfig, LocalizerConfig, TrustConfig
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.estimation.solution import MAX_MISS_RATIO
-from pointit.services.localizer.estimation_config import DriftConfig, TrustConfig
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until

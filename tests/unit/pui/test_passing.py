@@ -24,8 +24,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.topics import FEEDBACK
-from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.passing import AGAIN_NS, PATIENCE_NS, Passing
+from pointit.services.pui.cursor import AGAIN_NS, PATIENCE_NS, Passing, PersonCursor
 from pointit.services.pui.shapes import Surface
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked_objects import Tracked

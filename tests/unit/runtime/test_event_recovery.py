@@ -11,8 +11,8 @@ import zenoh
 from pointit.runtime.bus.contract import EVENT_CAPACITY
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.zenoh import event_recovery
-from pointit.runtime.zenoh.event_recovery import MAX_GAPS, MAX_WRITERS, EventRecovery
+from pointit.runtime.zenoh import subscribers
+from pointit.runtime.zenoh.subscribers import MAX_GAPS, MAX_WRITERS, EventRecovery
 from tests.support.bench import until
 
 
@@ -86,7 +86,7 @@ class Reader:
 
 @pytest.fixture
 async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
-    monkeypatch.setattr(event_recovery, "WAITS_S", (0.0, *[0.001] * 5))
+    monkeypatch.setattr(subscribers, "WAITS_S", (0.0, *[0.001] * 5))
     bus, writer, got, lost = MemoryBus(LocalBroker()), Writer(), list[int](), list[int]()
 
     def hand_on(sample: Any) -> None:
@@ -176,7 +176,7 @@ async def test_a_session_that_cannot_ask_is_asked_again(reader: Reader) -> None:
 
 
 async def test_only_so_many_are_held(reader: Reader, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event_recovery, "WAITS_S", (60.0,))
+    monkeypatch.setattr(subscribers, "WAITS_S", (60.0,))
     reader.hear(1, *range(3, 3 + EVENT_CAPACITY))
     assert reader.got == [1, *range(3, 3 + EVENT_CAPACITY)]
     assert reader.lost == [1]

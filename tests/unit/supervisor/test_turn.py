@@ -7,8 +7,7 @@ import pytest
 from pointit.schemas import Feedback
 from pointit.schemas.cues import SIGNS
 from pointit.services.supervisor import user_messages
-from pointit.services.supervisor.interaction_publisher import InteractionPublisher
-from pointit.services.supervisor.life_cycle import LifeCycle, Output
+from pointit.services.supervisor.life_cycle import InteractionPublisher, LifeCycle, Output
 from tests.unit.supervisor.played import Gesture, S, life_cycle, news, pose, press, sample, shown, told
 
 

@@ -12,7 +12,7 @@ from pointit.schemas import NS_PER_S, Anchor, Localization, PointingRay, UserPos
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import Pointings
-from pointit.services.localizer.procedures.hold import Hold
+from pointit.services.localizer.procedures.lamp_procedure import Hold
 from pointit.services.localizer.procedures.static_targets import MIN_LAMPS
 from pointit_lab.evaluation.localization.trial import FollowRecording, Trial
 

@@ -1,14 +1,16 @@
 """Service launches from a scenario and the command line's changes to it."""
 
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import numpy as np
+
 from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
 from pointit.launch.plan.extras import load
 from pointit.launch.plan.scenario import REALISTIC, Place, Pose, Scenario, body_of
-from pointit.launch.plan.seeds import seed_of
 from pointit.launch.plan.settings import Settings, layers_of
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError
@@ -20,6 +22,16 @@ from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.led_driver.outputs import OUTPUTS
 from pointit.services.registry import Process
 from pointit.services.selector.selection_methods import METHODS
+
+
+def seed_of(seed: int, part: str) -> int:
+    """Return the seed of `part`, an instance such as `conveyor-sim` or `imu-bridge.user1`.
+
+    The streams of different parts are independent (numpy's `SeedSequence`) and do not change when other
+    parts are added or removed.
+    """
+    return int(np.random.SeedSequence([seed, zlib.crc32(part.encode())]).generate_state(1)[0])
+
 
 ROS2 = "ros2"
 """The process of the ROS 2 bridge: starts if the run requests it or the scenario names it."""

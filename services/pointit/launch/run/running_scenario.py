@@ -1,4 +1,10 @@
-"""The running scenario: its services, its monitor, and switching to another scenario."""
+"""The running scenario: its services, its monitor, and switching to another scenario.
+
+Publishes the deployment of a run: scenario, services and the commands that restart them.
+
+A run that ends on purpose publishes that nothing is expected to run any more. The deployment of a run that
+dies is retained, and `doctor` reports what is missing.
+"""
 
 import asyncio
 import contextlib
@@ -9,20 +15,77 @@ from typing import cast
 
 from pointit.launch.parts import WATCHERS
 from pointit.launch.plan.plan import Beside, Plan
-from pointit.launch.run.deployment_publisher import DeploymentPublisher
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.launch.run.service_group import ServiceGroup
-from pointit.runtime.bus.contract import UNDECLARE_S, Bus
+from pointit.runtime.bus.contract import UNDECLARE_S, Bus, Closable, Publisher
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.optional_rooms import present
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.service import Launch
-from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas import Deployment, ExpectedService
+from pointit.schemas.system import RUN
+from pointit.schemas.topics import DEPLOYMENT, SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
+
+Line = tuple[Launch, tuple[str, ...]]
+"""A service, and the command that restarts it."""
+
+
+class DeploymentPublisher:
+    """Publishes the deployment of the current run; there is one at a time."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._name = ""
+        self._publisher: Publisher[Deployment] | None = None
+        self._hearing: Closable | None = None
+        self._stamp_ns = 0
+        """Stamp of the last published deployment."""
+        self._is_anothers = False
+        """Another process has published under the same name since then."""
+
+    def post(self, plan: Plan, lines: Sequence[Line]) -> None:
+        """Publish the services of `plan`, which replaces the last deployment."""
+        name = plan.name if plan.person else f"{RUN}{plan.name}"
+        if self._publisher is None or self._name != name:
+            self.retract()
+            self._publisher, self._name = self._bus.publisher(DEPLOYMENT, name), name
+            self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
+        self._stamp_ns, self._is_anothers = time.time_ns(), False
+        services = tuple(
+            ExpectedService(service=launch.service.NAME, user=launch.user, name=launch.name, command=command)
+            for launch, command in lines
+        )
+        self._publisher.put(
+            Deployment(
+                stamp_ns=self._stamp_ns,
+                name=plan.name,
+                services=services,
+                scenario=plan.scenario,
+                scenarios=tuple(plan.scenarios),
+                localizes=plan.localizes,
+                target_kinds=tuple(plan.target_kinds),
+            )
+        )
+
+    def retract(self) -> None:
+        """Publish that nothing should run any more, unless another process has taken over the name."""
+        publisher, self._publisher = self._publisher, None
+        if publisher is not None:
+            if not self._is_anothers:
+                publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))
+            publisher.close_nowait()
+        if self._hearing is not None:
+            self._hearing.close()
+            self._hearing = None
+
+    def _on_deployment(self, deployment: Deployment, _name: str) -> None:
+        self._is_anothers |= deployment.stamp_ns > self._stamp_ns
+
 
 PRESENCE_PATIENCE_S = 0.3
 """Time to listen for services that are already present."""

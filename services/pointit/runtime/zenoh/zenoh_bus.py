@@ -7,15 +7,20 @@ Messages are encoded once a put (*latest*: only while somebody elsewhere reads) 
 itself.
 """
 
+import asyncio
 import contextlib
+import functools
 import time
-from collections.abc import AsyncGenerator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
 from typing import TypeVar
 
 import zenoh
+from zenoh import ext
+from zenoh.handlers import RingChannel
 
 from pointit.runtime.bus.contract import (
     REQUEST_TIMEOUT_S,
+    UNDECLARE_S,
     AnyTopic,
     Closable,
     Declaration,
@@ -25,28 +30,182 @@ from pointit.runtime.bus.contract import (
     Subscription,
     Tap,
 )
-from pointit.runtime.bus.endpoints import MemoryPublisher
+from pointit.runtime.bus.endpoints import MemoryPublisher, RequestHandler, no_answer, shutting_down
+from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.errors import AccessDeniedError, NoAnswerError
+from pointit.runtime.errors import AccessDeniedError, NoAnswerError, RefusedError, RequestError
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.connections import LinkWatch
-from pointit.runtime.zenoh.declarations import Declared
+from pointit.runtime.zenoh.declarations import Declared, declare_publisher
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
 from pointit.runtime.zenoh.permission_probe import PermissionProbe
-from pointit.runtime.zenoh.publishers import ZenohPublisher
-from pointit.runtime.zenoh.queries import OverflowCounter, query_replies
-from pointit.runtime.zenoh.requests import answer_others, send_query
+from pointit.runtime.zenoh.queries import MAX_WAITING, OverflowCounter, QueuedQueryable, query_replies, refuse
 from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, recall_for_others
 from pointit.runtime.zenoh.session import close_session, open_session
 from pointit.runtime.zenoh.subscribers import EncodedMessage, Places, SharedSubscriber, ZenohSubscription
-from pointit.schemas import Environment, Message, Query, Reply
+from pointit.runtime.zenoh.wire_format import PRIORITY, check_size, decoded, encoding_of, name_from_key
+from pointit.schemas import DecodeError, Environment, Message, Query, Reply, SchemaError, encode
 from pointit.schemas.table_types import NAME
+from pointit.schemas.text import one_line
 from pointit.schemas.topics import ACCOUNTS, ANY, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
+
+EVENT_CACHE = 500
+"""Events a writer keeps for readers that were cut off."""
+HEARTBEAT_S = 0.2
+"""Period of sequence numbers published by a writer of states and events. Bounds the time to recover."""
+
+
+class _LatestWriter:
+    """Sends the newest, and nothing at all while nobody elsewhere reads it."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
+        self._publisher = declare_publisher(
+            session, key, encoding=encoding_of(topic.message), priority=zenoh.Priority.INTERACTIVE_HIGH
+        )
+        self._wanted = False  # the listener tells at once if there is somebody
+        # No callback of ours here: it would wait for Python's lock on the thread that ends the heartbeats of
+        # _KeptWriter, whose `undeclare` waits for that thread with the lock held, 10 s (Zenoh 1.10).
+        self._listener = self._publisher.declare_matching_listener(RingChannel(1))
+
+    def put(self, message: Message) -> None:
+        news = self._listener.try_recv()
+        if news is not None:
+            self._wanted = news.matching
+        if self._wanted:
+            self._publisher.put(encode(message))
+
+    def undeclare(self) -> None:
+        self._listener.undeclare()
+        self._publisher.undeclare()
+
+
+class _KeptWriter:
+    """Sends states and events, and keeps the last of them for readers that come late or were cut off."""
+
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
+        # What cannot be fetched from this cache is counted by the reader.
+        self._publisher = declare_publisher(
+            session,
+            key,
+            cache=1 if topic.delivery is Delivery.STATE else EVENT_CACHE,
+            missed=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
+            encoding=encoding_of(topic.message),
+            priority=PRIORITY,
+        )
+
+    def put(self, message: Message) -> None:
+        self._publisher.put(encode(message))
+
+    def undeclare(self) -> None:
+        self._publisher.undeclare()
+
+
+class ZenohPublisher(MemoryPublisher[M]):
+    """Hands messages to this process's readers, and their bytes to Zenoh for the others."""
+
+    def __init__(self, bus: Participant, session: zenoh.Session, topic: Topic[M], name: str) -> None:
+        key = topic.at(name)
+        self._writer = (
+            _LatestWriter(session, topic, key)
+            if topic.delivery is Delivery.LATEST
+            else _KeptWriter(session, topic, key)
+        )
+        self._retires = False
+        super().__init__(bus, topic, name, self._writer.put)
+
+    def close_nowait(self) -> None:
+        """Write no more; elsewhere the writer is gone with the bus, or a moment later."""
+        self._retires = True
+        self.close()
+
+    def _undeclare(self) -> None:
+        super()._undeclare()
+        # Undeclaring a writer of states or events waits for Zenoh's heartbeat and holds Python's lock
+        # meanwhile; a callback of ours that waits for that lock on the heartbeat's thread holds both up for
+        # 10 s. Where everything ends, closing the session ends the writers without the lock.
+        if self._retires:
+            asyncio.get_running_loop().call_later(UNDECLARE_S, self._undeclare_writer)
+        else:
+            self._undeclare_writer()
+
+    def _undeclare_writer(self) -> None:
+        if not self._bus.is_closed:
+            self._writer.undeclare()
+
+
+EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
+"""Waits between tries when nobody answered: a server that was just declared may not be known yet."""
+
+
+def answer_others(
+    session: zenoh.Session, handler: RequestHandler[Q, R], key: str, overflows: OverflowCounter
+) -> QueuedQueryable:
+    """Have `handler` answer the callers of other processes that ask for `key`."""
+    request = handler.request
+
+    def work(query: zenoh.Query) -> Iterable[None]:
+        try:
+            name = name_from_key(request, str(query.key_expr))
+            asked = decoded(request.query, query.payload, query.encoding)
+        except SchemaError as error:
+            refuse(query, str(error))
+        else:
+            handler.handle(asked, name).add_done_callback(functools.partial(_reply, request, query))
+        return ()
+
+    return QueuedQueryable(
+        session,
+        key,
+        work,
+        overflows,
+        about=request.key,
+        busy=f"{request.server} is busy with {MAX_WAITING} other requests for {request.key}; ask later",
+        check=lambda query: check_size(request.query, query.payload),
+    )
+
+
+def _reply(request: Request[Q, R], query: zenoh.Query, answer: asyncio.Task[R]) -> None:
+    if answer.cancelled():
+        refuse(query, shutting_down(request))
+    elif error := answer.exception():
+        refuse(query, str(error))
+    else:
+        with query:
+            payload = encode(answer.result())
+            query.reply(str(query.key_expr), payload, encoding=encoding_of(request.reply))
+
+
+async def send_query(
+    session: zenoh.Session, request: Request[Q, R], key: str, query: Q, timeout_s: float
+) -> R:
+    """Return the reply; an empty answer is tried again: the server may just be arriving.
+
+    Raises:
+        RequestError: as `Bus.call`.
+    """
+    for wait_s in (*EMPTY_RETRY_S, None):
+        asked = {"payload": encode(query), "encoding": encoding_of(type(query)), "timeout": timeout_s}
+        for reply in await query_replies(session, key, **asked):
+            if reply.ok is not None:
+                try:
+                    result: R = decoded(request.reply, reply.ok.payload, reply.ok.encoding)
+                except DecodeError as error:
+                    raise RequestError(f"{request.server} sent a broken reply to {key}: {error}") from error
+                return result
+            if reply.err is not None:
+                reason = reply.err.payload.to_bytes().decode(errors="replace")
+                if reason != "Timeout":  # Zenoh's own word for it
+                    raise RefusedError(one_line(reason))
+        if wait_s is not None:
+            await asyncio.sleep(wait_s)
+    raise no_answer(request, key)
+
+
 LIST_S = 1.0
 """Time limit of listing who is present. It takes ms."""
 

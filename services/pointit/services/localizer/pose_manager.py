@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import (
+    NS_PER_S,
     Environment,
     ImuSample,
     Interaction,
@@ -25,10 +26,75 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
-from pointit.services.localizer.procedures.external_pose import ExternalPose
 from pointit.services.localizer.procedures.heading_window import HeadingWindow
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
-from pointit.services.localizer.tracking.yaw_origin import YawOrigin
+
+FRESH_S = 2.0
+"""Age up to which the tracker's last pose is valid."""
+
+
+class ExternalPose:
+    """Last pose of an external tracker and the time of its arrival."""
+
+    def __init__(self) -> None:
+        self.pose: UserPose | None = None
+        """The last one. None before the first, or after the localizer was asked to take over."""
+        self._received_ns = 0
+
+    def hear(self, pose: UserPose, now_ns: int) -> bool:
+        """Store a tracker's pose. Return True if it is the first, also after `take_over`."""
+        is_first = self.pose is None
+        self.pose, self._received_ns = pose, now_ns
+        return is_first
+
+    def take_over(self) -> None:
+        """Discard the tracker's pose so that the localizer publishes again."""
+        self.pose = None
+
+    def age_s(self, now_ns: int) -> float:
+        """Return the age of the tracker's pose, s, by its arrival on this machine's clock."""
+        return (now_ns - self._received_ns) / NS_PER_S
+
+    def is_fresh(self, now_ns: int) -> bool:
+        """Return True if the tracker currently provides the pose."""
+        return self.pose is not None and self.age_s(now_ns) <= FRESH_S
+
+    def busy_reason(self, user: str, now_ns: int) -> str:
+        """Return the reason why the localizer is inactive, or `""` if it may act."""
+        if not self.is_fresh(now_ns):
+            return ""
+        return (
+            f"a tracker provides the pose of {user}, last {self.age_s(now_ns):.1f} s ago; stop the "
+            "tracker before asking the localizer"
+        )
+
+
+BACK_NS = NS_PER_S
+"""Device time that falls by more is a restart; by less, samples came out of order."""
+
+Change = Literal["", "set", "restarted"]
+"""No change, a new yaw origin, or a restarted device."""
+
+
+class YawOrigin:
+    """Compares each sample with the ones before."""
+
+    def __init__(self) -> None:
+        self._epoch: int | None = None
+        self._device_ns: int | None = None
+
+    def add(self, sample: ImuSample) -> Change:
+        """Return the change since the sample before."""
+        epoch = self._epoch
+        self._epoch = now = sample.yaw_epoch
+        before_ns, device_ns = self._device_ns, sample.device_time_ns
+        fallen_ns = 0 if before_ns is None or device_ns is None else before_ns - device_ns
+        if device_ns is not None and not 0 < fallen_ns <= BACK_NS:
+            self._device_ns = device_ns
+        if fallen_ns > BACK_NS:
+            return "restarted"
+        return "set" if epoch is not None and epoch != now else ""
+
 
 IDLE_S = 2.0
 """Longest wait between checks while no pose is tracked, s."""

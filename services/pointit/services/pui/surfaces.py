@@ -13,8 +13,7 @@ from pointit.geometry.cloud_tree import CloudTree
 from pointit.geometry.plane import GRAZING_RAD
 from pointit.geometry.point_tree import REACH_M, STEP_M, PointTree
 from pointit.geometry.polyline import Polyline
-from pointit.geometry.ray_cast import RayCaster
-from pointit.geometry.solid_cast import SAME, SolidCaster
+from pointit.geometry.ray_cast import SAME, RayCaster, SolidCaster
 from pointit.geometry.solids import Solid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Environment

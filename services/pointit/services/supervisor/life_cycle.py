@@ -1,17 +1,162 @@
-"""Runs the table of transitions for one person: processes events, and returns messages and requests."""
+"""Runs the table of transitions for one person: processes events, and returns messages and requests.
+
+One localization or anchor in progress, as the person sees it: queue, target and next step.
+
+Pure: it classifies the localizer's messages for this attempt.
+"""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
-from pointit.schemas.cues import Cue
+from pointit.schemas.cues import MOST_FLASHES, SIGNS, Cue
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.config import SupervisorConfig
-from pointit.services.supervisor.interaction_publisher import InteractionPublisher, State
-from pointit.services.supervisor.localization_attempt import LocalizationAttempt
 from pointit.services.supervisor.readiness import InteractionResume, Readiness
 from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage
+
+
+@dataclass(kw_only=True)
+class LocalizationAttempt:
+    """An attempt requested by the person, or by another client."""
+
+    stage: Stage
+    """`localizing`, `anchoring` or `joined`."""
+    before: Literal["idle", "pointing"]
+    """Stage that preceded it."""
+    since_ns: int
+    """Earlier messages do not belong to it, ns."""
+    counted_ns: int
+    """Start of the timeout, ns: the last change of target, or the start."""
+    run: int = 0
+    """Number of the person's last request. 0: none."""
+    is_answered: bool = True
+    """True if the localizer has accepted the request. What ends before that is an earlier attempt."""
+    next_step: str = user_messages.WAIT
+    ahead: tuple[str, ...] = ()
+    target_id: str = ""
+    """Current target, or `""`."""
+    _reached: int = 0
+    """Highest index of a target so far."""
+    _aimed: tuple[int, int] | None = None
+    """`(since_ns, target_index)` of the last target announced to the person, or None."""
+
+    def on_request(self, run: int) -> None:
+        """Wait for the localizer, which is asked for the first time or was restarted. Times are kept."""
+        self.run = run
+        self.is_answered = False
+        self.next_step = user_messages.WAIT
+        self.ahead, self.target_id, self._aimed = (), "", None
+
+    def classify(self, localization: Localization, pose_ns: int | None) -> Event | None:
+        """Return the event that `localization` is for this attempt, or None.
+
+        `pose_ns`: stamp of the newest pose. None: no pose is known.
+        """
+        if localization.stamp_ns < self.since_ns:
+            return None
+        is_anchor = self.stage == "anchoring"
+        if (localization.purpose == "anchor") != is_anchor:
+            return "lost" if is_anchor and self.is_answered else None
+        match localization.phase:
+            case "sampling":
+                return "target"
+            case "solved":
+                return "found"
+            case "refused":
+                return "refused"
+            case "cancelled" | "idle" if not self.is_answered:  # before it heard of this one
+                return None
+            case "cancelled":
+                return "cancelled"
+            case "idle" if self.stage == "localizing":
+                is_unseen = pose_ns is not None and pose_ns >= self.since_ns
+                return "found" if is_unseen else "restarted"  # idle, as if it had never heard of us
+            case "idle":
+                return "lost"
+
+    def follow(self, localization: Localization, now_ns: int) -> bool:
+        """Update target and queue. Return True if a cue is due, once per target.
+
+        A change of the robot's candidate while the person follows theirs is no new target.
+        """
+        self.ahead = localization.ahead
+        if localization.ahead:
+            self.counted_ns = now_ns
+            self.next_step = user_messages.queue(localization.ahead)
+            was_aimed, self._aimed, self.target_id = self._aimed is not None, None, ""
+            return was_aimed
+        if not localization.target_id:
+            if not self.target_id:
+                self.next_step = user_messages.WAIT
+            return False
+        if localization.target_index > self._reached:  # the timeout is per lamp
+            self._reached, self.counted_ns = localization.target_index, now_ns
+        aimed, self._aimed = self._aimed, (localization.since_ns, localization.target_index)
+        self.next_step = user_messages.aim(localization)
+        self.target_id = localization.target_id
+        return aimed != self._aimed
+
+
+State = Literal["idle", "localizing", "pointing"]
+
+
+class InteractionPublisher:
+    """Numbers states and cues, and skips unchanged states."""
+
+    def __init__(self) -> None:
+        self._shown: tuple[State, str, str, tuple[str, ...], bool] | None = None
+        self._seq = 0
+        self._cues = 0
+        self._flashes_ns = deque[int](maxlen=MOST_FLASHES)
+        """Times of the last cues with a colour, ns."""
+
+    def show(
+        self,
+        now_ns: int,
+        state: State,
+        reason: str,
+        next_step: str,
+        ahead: tuple[str, ...] = (),
+        *,
+        is_unsure: bool = False,
+    ) -> list[Interaction]:
+        """Return the state of the interaction, unless it equals the last one."""
+        update = (state, reason, next_step, ahead, is_unsure)
+        if update == self._shown:
+            return []
+        self._seq += 1
+        self._shown = update
+        return [
+            Interaction(
+                stamp_ns=now_ns,
+                seq=self._seq,
+                state=state,
+                next_step=next_step,
+                reason=reason,
+                ahead=ahead,
+                is_unsure=is_unsure,
+            )
+        ]
+
+    def cue(self, now_ns: int, cue: Cue, text: str, target_id: str = "", *, waits: bool = False) -> Feedback:
+        """Return a cue. It comes without its colour if lamps would flash too often."""
+        self._cues += 1
+        sign = SIGNS[cue]._asdict()
+        sign["color"] = sign["color"] if self._may_flash(now_ns) else None
+        return Feedback(
+            stamp_ns=now_ns, seq=self._cues, cue=cue, text=text, target_id=target_id, waits=waits, **sign
+        )
+
+    def _may_flash(self, now_ns: int) -> bool:
+        flashes_ns = self._flashes_ns
+        if len(flashes_ns) == MOST_FLASHES and 0 <= now_ns - flashes_ns[0] < NS_PER_S:
+            return False
+        flashes_ns.append(now_ns)
+        return True
+
 
 SETTLE_NS = NS_PER_S
 """Time after the start for a known pose to arrive before autostart localizes the person, ns."""

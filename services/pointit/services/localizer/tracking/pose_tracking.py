@@ -5,23 +5,165 @@ publish, anchors and metrics come out.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
+from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.geometry.rotation import Quaternion
-from pointit.schemas import Lamp, PointingRay, UserPose
-from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftSettings
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
+from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
+from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftPose, DriftSettings, Fix
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
 from pointit.services.localizer.drift.state import bounded as bounded_covariance
 from pointit.services.localizer.drift.state import nearest_psd
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, anchor_message, covariance_of, followed
-from pointit.services.localizer.tracking.bias import Bias
-from pointit.services.localizer.tracking.fixes import FIX_COVARIANCE, is_exact, to_fix
-from pointit.services.localizer.tracking.pose_publication import PosePublishTimer, figures
+
+SHORTEST_S = 0.2
+"""Shortest time between poses."""
+
+LONGEST_S = 2.0
+"""Longest time between poses."""
+
+NOTICEABLE_RAD = math.radians(0.1)
+
+NOTICEABLE_SHARE = 0.05
+"""Smallest changes of the yaw, and of a sigma as a share of it, that are published."""
+
+FIGURES = (
+    ("drift", "°/min"),
+    ("anchor age", "s"),
+    ("position σ", "m"),  # noqa: RUF001 - sigma is meant
+    ("yaw σ", "°"),  # noqa: RUF001 - sigma is meant
+)
+
+
+class PosePublishTimer:
+    """Stores the last published pose."""
+
+    def __init__(self) -> None:
+        self._last: UserPose | None = None
+        self._newest_ns = 0
+        """Stamp of the newest pose from any source."""
+
+    def heard(self, stamp_ns: int) -> None:
+        """Store the stamp of a pose from another source."""
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+
+    def stamped(self, pose: UserPose, now_ns: int) -> UserPose:
+        """Return `pose` stamped newer than all before, because subscribers use the newest."""
+        if self._newest_ns > now_ns + MAX_AHEAD_NS:
+            self._newest_ns = 0
+        self._newest_ns = max(pose.stamp_ns, self._newest_ns + 1)
+        if pose.stamp_ns != self._newest_ns:
+            pose = pose.model_copy(update={"stamp_ns": self._newest_ns})
+        self._last = pose
+        return pose
+
+    def is_due(self, now: DriftPose) -> bool:
+        """Return True if the current pose is to be published."""
+        last = self._last
+        if last is None:
+            return True
+        passed_s = (now.stamp_ns - last.stamp_ns) / NS_PER_S
+        if passed_s >= LONGEST_S:
+            return True
+        return passed_s >= SHORTEST_S and _has_changed(last, now)
+
+    def wait_s(self, now_ns: int, at: Callable[[int], DriftPose]) -> float:
+        """Return the time until the pose may be due, s; `at` returns the pose at a time."""
+        last = self._last
+        if last is not None:
+            for wait_s in (SHORTEST_S, 0.5, 1.0):
+                if _has_changed(last, at(now_ns + round(wait_s * NS_PER_S))):
+                    return wait_s
+        return LONGEST_S
+
+
+def _has_changed(last: UserPose, now: DriftPose) -> bool:
+    yaw_sigma = math.sqrt(max(0.0, last.covariance[8]))
+    position_sigma = position_sigma_m(last.covariance)
+    return (
+        abs(math.remainder(now.yaw_rad - last.yaw_rad, math.tau)) >= NOTICEABLE_RAD
+        or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma
+        or abs(now.position_sigma_m - position_sigma) > NOTICEABLE_SHARE * position_sigma
+    )
+
+
+def figures(pose: DriftPose | None, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
+    """Yield name, value and unit of each metric; without a pose all values are None."""
+    values: tuple[float | None, ...] = (None,) * len(FIGURES)
+    if pose is not None:
+        values = (
+            math.degrees(pose.yaw_rate_radps) * 60.0,
+            max(0, now_ns - pose.anchored_ns) / NS_PER_S if pose.anchored_ns else None,
+            pose.position_sigma_m,
+            math.degrees(pose.yaw_sigma_rad),
+        )
+    for (name, unit), value in zip(FIGURES, values, strict=True):
+        yield name, value, unit
+
+
+GIVEN_SIGMA_M = 0.05
+GIVEN_SIGMA_RAD = math.radians(15.0)
+"""Standard deviations of a pose that was set, once pointing corrects it."""
+
+FIX_COVARIANCE: Array = np.diag([GIVEN_SIGMA_M**2, GIVEN_SIGMA_M**2, GIVEN_SIGMA_RAD**2])
+"""The same as a covariance of x, y, yaw."""
+
+
+def is_exact(pose: UserPose) -> bool:
+    """Return True if `pose` was set as exact, rather than found."""
+    return pose.method == "fixed" and not any(pose.covariance)
+
+
+def to_fix(pose: UserPose, covariance: Array, stamp_ns: int) -> Fix:
+    """Return `pose` as it was at `stamp_ns`, with `covariance` (3 x 3)."""
+    return Fix(
+        x_m=pose.position_m[0],
+        y_m=pose.position_m[1],
+        yaw_rad=pose.yaw_rad,
+        covariance=covariance,
+        stamp_ns=stamp_ns,
+        floor_m=pose.position_m[2],
+        is_anchored=pose.method in ("static_targets", "moving_target"),
+    )
+
+
+class Bias:
+    """Bias of a pose, and the part that the person's offset already removes from the rays.
+
+    Rays of a calibrated person have no bias. Without the offset the bias is again what it was.
+    """
+
+    def __init__(self) -> None:
+        self._calibration_rad: float | None = None
+        """Remaining elevation uncertainty of the person's calibration, by the newest ray."""
+        self._correction_rad = 0.0
+        """Elevation correction of the offset, by the newest ray."""
+        self._raw_rad = 0.0
+        """Elevation of rays above the targets without the offset."""
+
+    def found(self, bias_rad: float) -> None:
+        """Set the bias of rays as they are now."""
+        self._raw_rad = bias_rad - self._correction_rad
+
+    def given(self) -> None:
+        """Reset the bias to 0, since it is unknown."""
+        self._raw_rad = 0.0
+
+    def on_ray(self, ray: PointingRay) -> float | None:
+        """Update the offset from `ray`. Return the bias if it changed, else None."""
+        self._correction_rad = ray.elevation_correction_rad
+        sigma_rad = ray.elevation_sigma_rad
+        if sigma_rad == self._calibration_rad:
+            return None
+        self._calibration_rad = sigma_rad
+        return self._raw_rad if sigma_rad is None else 0.0
+
 
 NO_POSE = "no pose is known yet; localize first, or set one"
 

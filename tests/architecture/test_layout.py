@@ -28,10 +28,10 @@ DEVICES = {
             ble/discovery.py ble/ble_source.py ble/metamotion.py ble/radio.py ble/timed_button.py
             ble/wrist_search.py ble/witmotion_ble.py ble/xsens_dot.py network/datagram_source.py
             network/port_source.py network/slimevr.py network/udp_server.py network/ximu3.py
-            replay_source.py serial/ports.py serial/source.py simulated.py sources.py""",
-        "foxglove": "server.py subprotocol_relay.py",
+            replay_source.py serial/source.py simulated.py sources.py""",
+        "foxglove": "server.py",
         "keeper": "record.py",
-        "recorder": "file_series.py sink.py",
+        "recorder": "sink.py",
         "led-driver": """
             guarded_output.py outputs.py output/serial_port/adalight.py output/datagram_sender.py
             output/ddp.py output/dmx/artnet.py output/dmx/e131.py output/serial_port/expander.py
@@ -45,15 +45,15 @@ DEVICES = {
             server/download.py server/lan.py server/link_file.py pages/open_pages.py
             model/history.py model/people.py wrists/phone.py wrists/phone_connection.py
             server/listener.py pages/page_session.py playback/file_past.py playback/past_page.py
-             playback/server.py model/told_apart.py model/map_editor.py scan/door.py scan/session.py
-             scan/solver_process.py scan/lights.py""",
+            playback/server.py model/told_apart.py model/map_editor.py scan/door.py scan/session.py
+            scan/solver_process.py scan/lights.py""",
         "ros2": """
-            graph/backends.py graph/calls.py graph/backend_warnings.py graph/node_backend.py
-            routing/input_subscription.py routing/guests.py routing/inbox.py routing/outbox.py
-            graph/graph_monitor.py parameters/map_of_node.py parameters/node_parameters.py
+            graph/backends.py graph/node_backend.py graph/backend_warnings.py
+            routing/inbox.py routing/guests.py routing/outbox.py
+            parameters/map_of_node.py parameters/node_parameters.py
             robot/driver.py robot/navigator.py routing/site.py over_rclpy/backend.py
-            over_rclpy/dds_context.py over_rclpy/services.py over_rclpy/topics.py over_zenoh/backend.py
-            over_zenoh/endpoint_context.py over_zenoh/services.py over_zenoh/topics.py""",
+            over_rclpy/dds_context.py over_rclpy/services.py over_zenoh/backend.py
+            over_zenoh/endpoint_context.py""",
     }.items()
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""

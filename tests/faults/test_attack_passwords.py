@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.access.recent_denials import RECENT_S
+from pointit.access.denied_operations import RECENT_S
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.link.credentials import connection_refusal
 from pointit.runtime.link.link import Link

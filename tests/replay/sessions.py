@@ -6,8 +6,8 @@ from pointit.recording.entries import Entry
 from pointit.recording.head import make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.replay.collector import Collector
 from pointit.replay.levels import SERVICES, Split
+from pointit.replay.playing import Collector
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import NS_PER_S

@@ -23,8 +23,8 @@ from pointit.recording.entries import Entry
 from pointit.recording.head import make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.replay.collector import Collector
 from pointit.replay.levels import ReplayError
+from pointit.replay.playing import Collector
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.virtual_time import START_NS, VirtualClock

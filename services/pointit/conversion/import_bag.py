@@ -1,21 +1,273 @@
 """A ROS 2 bag (SQLite or MCAP) of the ROS toolkit as entries of a recording."""
 
+import contextlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from pointit.bridges.ros2.inbound import checks
+from pointit.bridges.ros2.outbound.person import STATES
+from pointit.bridges.ros2.routing.conversion_state import KINDS, lane_name
+from pointit.bridges.ros2.routing.frames import frame_name
 from pointit.conversion.bag_file import OpenBag, is_bag, open_bag, unpack_message
-from pointit.conversion.bag_messages import ROUTES, BagMessages, Route, UnusableError
+from pointit.geometry import rotation, vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
 from pointit.recording.entries import Entry, entry
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
-from pointit.schemas import Environment, summarize_validation_error
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    Cursor,
+    Environment,
+    Hover,
+    ImuSample,
+    Interaction,
+    Message,
+    PointingRay,
+    SelectionEvent,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+    summarize_validation_error,
+    topics,
+)
 from pointit.schemas.errors import KeyNameError
+from pointit.schemas.pointing import SurfaceKind
 from pointit.schemas.topics import MAP, check_name
+
+TRACKER = "conveyor"
+WORLD = "world"
+PERSON = "/human_footprint"
+"""End of the name of a person's frame."""
+AHEAD: Vec3 = (1.0, 0.0, 0.0)
+FASTEST_MPS = 20.0
+"""A package that would be faster was put elsewhere."""
+ROUNDED = 1e-3
+"""Tolerance of a place's share of its line."""
+STATE_OF = {theirs: ours for ours, theirs in STATES.items()}
+
+Taken = Iterator[Entry]
+
+
+class UnusableError(Exception):
+    """A message cannot be taken; in a sentence, why."""
+
+
+@dataclass(frozen=True)
+class Route:
+    """A topic of the ROS toolkit."""
+
+    name: str
+    """With `{user}` for the person's name."""
+    type: str
+    take: Callable[["BagMessages", Any, str, int], Taken]
+    needs_map: bool = False
+
+
+class BagMessages:
+    """Converts message after message; knows those before."""
+
+    def __init__(self, room: Environment | None) -> None:
+        self._lines: dict[str, tuple[SurfaceKind, str, Polyline]] = {}
+        self._counts: dict[tuple[str, str], int] = {}
+        self._down: set[str] = set()
+        self._selected: set[int] = set()
+        self._before: dict[int, tuple[int, str, float]] = {}
+        """Time, line and arc length of packages in the last list."""
+        belts, strips = ((), ()) if room is None else (room.belts, room.strips)
+        places: list[tuple[SurfaceKind, str, tuple[Vec3, ...]]] = [
+            *(("belt", belt.id, belt.line_m) for belt in belts),
+            *(("strip", strip.id, strip.line_m) for strip in strips),
+        ]
+        for kind, name, line_m in places:
+            with contextlib.suppress(ValueError):  # without a length: the map's author is told elsewhere
+                self._lines[lane_name(kind, name)] = (kind, name, Polyline(line_m))
+
+    def rotation(self, value: Any, user: str, time_ns: int) -> Taken:
+        """Convert a geometry_msgs/QuaternionStamped of an arm."""
+        turned = _sound(checks.quaternion(value.quaternion, f"the arm of {user}"))
+        stamp_ns = _stamp_ns(value.header, time_ns)
+        yield self._say(time_ns, topics.IMU, user, ImuSample(stamp_ns=stamp_ns, orientation_xyzw=turned))
+
+    def button(self, value: Any, user: str, time_ns: int) -> Taken:
+        """Convert a std_msgs/Bool: pressed when it becomes true."""
+        if value.data and user not in self._down:
+            yield self._say(time_ns, topics.BUTTON, user, ButtonEvent(stamp_ns=time_ns, source="ros2"))
+        (self._down.add if value.data else self._down.discard)(user)
+
+    def ray(self, value: Any, user: str, time_ns: int) -> Taken:
+        """Convert a geometry_msgs/PoseStamped of a ray, from the eyes along x."""
+        what = f"the ray of {user}"
+        _check_frame(value.header.frame_id, f"{user}{PERSON}", what)
+        origin_m = _sound(checks.place(value.pose.position, what))
+        turned = _sound(checks.quaternion(value.pose.orientation, what))
+        way = vector.normalized(rotation.rotate(turned, AHEAD))
+        stamp_ns = _stamp_ns(value.header, time_ns)
+        message = PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way)
+        yield self._say(time_ns, topics.RAY, user, message)
+
+    def mocap(self, value: Any, user: str, time_ns: int) -> Taken:
+        """Convert a geometry_msgs/PoseStamped of motion capture: the truth."""
+        _check_frame(value.header.frame_id, WORLD, f"the pose of {user}")
+        at, turned = value.pose.position, value.pose.orientation
+        yield self._pose(at, turned, value.header, user, time_ns, method="external")
+
+    def tf(self, value: Any, _: str, time_ns: int) -> Taken:
+        """Convert a tf2_msgs/TFMessage: the frames of people, by whatever they were found."""
+        problems: list[UnusableError] = []
+        for each in value.transforms:
+            frame, moved = frame_name(each.child_frame_id), each.transform
+            if not frame.endswith(PERSON):
+                continue
+            user = frame.removesuffix(PERSON)
+            try:
+                _check_frame(each.header.frame_id, WORLD, f"the pose of {user}")
+                yield self._pose(
+                    moved.translation, moved.rotation, each.header, user, time_ns, method="fixed"
+                )
+            except UnusableError as error:
+                problems.append(error)  # the others count
+        if problems:
+            raise problems[0]
+
+    def state(self, value: Any, user: str, time_ns: int) -> Taken:
+        """Convert a conveyor_msgs/State of the supervisor."""
+        state = STATE_OF.get(value.state)
+        if state is None:
+            raise UnusableError(f"the state {checks.named(value.state)} is unknown")
+        message = Interaction.model_validate({"stamp_ns": time_ns, "state": state})
+        yield self._say(time_ns, topics.INTERACTION, user, message)
+
+    def packages(self, value: Any, _: str, time_ns: int) -> Taken:
+        """Convert a conveyor_msgs/PackageList."""
+        stamp_ns = _stamp_ns(value.header, time_ns)
+        made: list[TrackedObject] = []
+        before, self._before = self._before, {}
+        for each in value.packages:
+            surface, surface_id, line, along_m = self._along(each.position)
+            name, uid = each.position.name, int(each.uid)
+            was_ns, was_on, was_m = before.get(uid, (stamp_ns, name, along_m))
+            apart_s = (stamp_ns - was_ns) / NS_PER_S
+            speed_mps = (along_m - was_m) / apart_s if was_on == name and apart_s > 0.0 else 0.0
+            if abs(speed_mps) > FASTEST_MPS:
+                speed_mps = 0.0
+            self._before[uid] = (stamp_ns, name, along_m)
+            kind = int(each.type)
+            made.append(
+                TrackedObject(
+                    id=str(uid),
+                    kind=KINDS[kind] if kind < len(KINDS) else str(kind),
+                    position_m=line.point_at(along_m),
+                    velocity_mps=vector.scale(line.tangent_at(along_m), speed_mps),
+                    length_m=max(0.0, float(each.length)),
+                    surface=surface,
+                    surface_id=surface_id,
+                    surface_position_m=along_m,
+                    surface_speed_mps=speed_mps,
+                )
+            )
+        message = TrackedObjects(stamp_ns=stamp_ns, objects=tuple(made))
+        yield self._say(time_ns, topics.OBJECTS, TRACKER, message)
+
+    def selected(self, value: Any, _: str, time_ns: int) -> Taken:
+        """Convert a conveyor_msgs/PackageUIDList: what changed. It does not say who selected."""
+        now = {int(uid) for uid in value.uids}
+        for uid in sorted(now ^ self._selected):
+            event = "selected" if uid in now else "deselected"
+            said = {"stamp_ns": time_ns, "event": event, "object_id": str(uid)}
+            yield self._say(time_ns, topics.SELECTION_EVENTS, "", SelectionEvent.model_validate(said))
+        self._selected = now
+
+    def pointers(self, value: Any, _: str, time_ns: int) -> Taken:
+        """Convert a conveyor_msgs/PointerList: cursors, and what they are on."""
+        for each in value.pointers:
+            user, over = each.user_name, [str(int(uid)) for uid in each.overlay.uids]
+            if each.position.name:
+                surface, surface_id, line, along_m = self._along(each.position)
+                cursor = Cursor(
+                    stamp_ns=time_ns,
+                    surface=surface,
+                    surface_id=surface_id,
+                    point_m=line.point_at(along_m),
+                    position_m=along_m,
+                    miss_m=max(0.0, float(each.distance)),
+                )
+            else:
+                cursor = Cursor(stamp_ns=time_ns)
+            yield self._say(time_ns, topics.CURSOR, user, cursor)
+            hover = Hover(stamp_ns=time_ns, object_id=over[0] if over else "")
+            yield self._say(time_ns, topics.HOVER, user, hover)
+
+    def _pose(self, at: Any, turned: Any, header: Any, user: str, time_ns: int, *, method: str) -> Entry:
+        what = f"the pose of {user}"
+        position_m = _sound(checks.place(at, what))
+        yaw_rad = _sound(checks.heading(_sound(checks.quaternion(turned, what)), what))
+        said = {"stamp_ns": _stamp_ns(header, time_ns), "position_m": position_m, "yaw_rad": yaw_rad}
+        return self._say(time_ns, topics.POSE, user, UserPose.model_validate({**said, "method": method}))
+
+    def _along(self, place: Any) -> tuple[SurfaceKind, str, Polyline, float]:
+        found = self._lines.get(place.name)
+        if found is None:
+            raise UnusableError(f"the map has no line {checks.named(place.name)}; give the room's by --map")
+        kind, name, line = found
+        share = float(place.position)
+        if not abs(share - 0.5) <= 0.5 + ROUNDED:
+            raise UnusableError(f"the place {share:g} on {place.name} is not between 0 and 1")
+        return kind, name, line, min(max(share, 0.0), 1.0) * line.length_m
+
+    def _say(self, time_ns: int, row: topics.Topic[Any], name: str, message: Message) -> Entry:
+        key = (row.key, name)
+        count = self._counts[key] = self._counts.get(key, 0) + 1
+        return entry(time_ns, row, name, message.model_copy(update={"seq": count}))
+
+
+ROUTES = (
+    Route("/{user}/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped", BagMessages.rotation),
+    Route("/{user}/metawear_ros/button", "std_msgs/msg/Bool", BagMessages.button),
+    Route("/{user}/pointing_ray", "geometry_msgs/msg/PoseStamped", BagMessages.ray),
+    Route("/{user}/mocap_pose", "geometry_msgs/msg/PoseStamped", BagMessages.mocap),
+    Route("/{user}/state_transition", "conveyor_msgs/msg/State", BagMessages.state),
+    Route("/tf", "tf2_msgs/msg/TFMessage", BagMessages.tf),
+    Route("/tf_static", "tf2_msgs/msg/TFMessage", BagMessages.tf),
+    Route("/packages", "conveyor_msgs/msg/PackageList", BagMessages.packages, needs_map=True),
+    Route("/pointers", "conveyor_msgs/msg/PointerList", BagMessages.pointers, needs_map=True),
+    Route("/selected_packages", "conveyor_msgs/msg/PackageUIDList", BagMessages.selected),
+)
+"""Topics of the ROS toolkit that a recording has a place for."""
+
+
+def _check_frame(name: str, wanted: str, what: str) -> None:
+    """Check that a message is in the frame `wanted`, or names none.
+
+    Raises:
+        UnusableError: If it names another one.
+    """
+    if frame_name(name) not in ("", wanted):
+        raise UnusableError(f"{what} is in the frame {checks.named(name)}: transform it to {wanted!r} first")
+
+
+def _sound(value: Any) -> Any:
+    """Return a checked value.
+
+    Raises:
+        UnusableError: If it is the reason of a rejection.
+    """
+    if isinstance(value, str):
+        raise UnusableError(value)
+    return value
+
+
+def _stamp_ns(header: Any, time_ns: int) -> int:
+    """Return the time of capture: that of the header, unless it is of another clock than the bag's."""
+    stamp_ns = int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
+    return stamp_ns if abs(stamp_ns - time_ns) <= checks.LATE_NS else time_ns
+
 
 try:
     from pointit.bridges.ros2.types.types import Types

@@ -1,15 +1,122 @@
 """Problems of a running site: symptoms, of which each deepest cause is a finding. Pure."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 from pointit.diagnosis.causes import SEVERITIES, explain
 from pointit.diagnosis.observation import Finding, Observation, Severity
 from pointit.diagnosis.presence import find_empty_site, find_missing, find_people_without_cursor
-from pointit.diagnosis.staleness import stale_inputs
 from pointit.diagnosis.symptoms import find_in_reports
+from pointit.diagnosis.writers import is_bridge, present_writers, row_of
+from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
 from pointit.runtime.config.similar_names import did_you_mean
-from pointit.schemas.system import split_instance
+from pointit.schemas import Health, KeyHealth
+from pointit.schemas.system import instance_of, split_instance
+from pointit.schemas.text import one_line
+from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
+from pointit.services.registry import person_of
+
+GRACE_S = 3.0
+"""Uptime within which a service need not have received its inputs, nor written its outputs, s."""
+
+STALE_S = 1.0
+"""Minimum age of an input that has ended, s. A busy machine makes pauses, which end."""
+
+PAUSES = (CURSOR, HOVER)
+"""Topics with a rate that pause while no person points."""
+
+
+def stale_inputs(seen: Observation) -> Iterator[Finding]:
+    """Find old inputs with a present writer, reporting the first cause only."""
+    stale: dict[str, list[tuple[AnyTopic, KeyHealth, list[str]]]] = {}
+    for instance, health in ((instance, seen.newest(instance)) for instance in seen.present):
+        for topic, key in _rated(health, "in"):
+            if health is None or not _is_old(key, topic, seen, health.uptime_s):
+                continue
+            if key.age_s is not None and key.age_s < _span_s(seen, instance):
+                continue  # messages came between its last two reports
+            able = present_writers(topic, health.user or ANY, seen.present)
+            new_s = min(GRACE_S, math.inf if key.age_s is None else key.age_s)  # the message is another's
+            old = [each for each in able if not is_bridge(each) and not seen.has_just_begun(each, new_s)]
+            writers = [each for each in old if _is_read(seen, instance, topic, each)]
+            if writers and (topic not in PAUSES or _written(seen, topic, writers)):
+                stale.setdefault(instance, []).append((topic, key, writers))
+    for instance, inputs in stale.items():
+        for topic, key, writers in inputs:
+            if _written(seen, topic, writers):
+                remedy = f"{writers[0]} does write it: what is between the two? A link, an access rule?"
+            elif any(writer in stale or seen.newest(writer) is None for writer in writers):
+                continue  # the writer's own problem is the cause
+            else:
+                remedy = _look_at(seen, writers[0])
+            age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
+            sentence = f"its input {topic.key} {age}, though {' and '.join(writers)} should write it"
+            yield Finding(
+                "error", "stale", instance, sentence, remedy, topic=topic.key, services=(instance, *writers)
+            )
+
+
+def _is_read(seen: Observation, instance: str, topic: AnyTopic, writer: str) -> bool:
+    """Return True if `instance` certainly reads what `writer` writes.
+
+    A shard must hear the person after whom it is called: presence does not tell whom others it serves. The
+    default instance must hear the people whom no shard of its service serves.
+    """
+    service, which = split_instance(instance)
+    row = row_of(service)
+    is_shared = row is not None and row.shard_serves is not None and topic.placeholder == "user"
+    if not is_shared or not any(each.startswith(f"{service}.") for each in seen.present):
+        return True
+    person = person_of(writer)
+    if which or seen.shards is None:
+        return bool(which) and person == which
+    if person:
+        return instance_of(service, person) not in seen.shards
+    source, of = split_instance(writer)  # a shared service writes of whom its own shards do not serve
+    return not of and _served(seen.shards, service) <= _served(seen.shards, source)
+
+
+def _served(shards: frozenset[str], service: str) -> set[str]:
+    return {person for name, person in map(split_instance, shards) if name == service}
+
+
+def _look_at(seen: Observation, writer: str) -> str:
+    health = seen.newest(writer)
+    if health is not None and health.warnings:
+        return f"look at {writer}, which says: “{one_line(health.warnings[0])}”"
+    return f"look at {writer}: has its device, recording or input ended?"
+
+
+def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s: float) -> bool:
+    if key is None or topic.stale_after_s is None:
+        return False
+    if key.age_s is None:
+        return uptime_s > GRACE_S
+    return key.age_s > max(topic.stale_after_s / min(seen.speed, 1.0), STALE_S)
+
+
+def _span_s(seen: Observation, instance: str) -> float:
+    """Return the time between the last two reports of `instance`, s, or 0 if there is one only."""
+    reports = seen.reports.get(instance, ())
+    return reports[-1].received_s - reports[-2].received_s if len(reports) > 1 else 0.0
+
+
+def _written(seen: Observation, topic: AnyTopic, writers: Sequence[str]) -> bool:
+    for writer in writers:
+        health = seen.newest(writer)
+        for other, key in _rated(health, "out"):
+            if other is topic and key.age_s is not None and not _is_old(key, topic, seen, 0.0):
+                return True
+    return False
+
+
+def _rated(health: Health | None, direction: str) -> Iterator[tuple[AnyTopic, KeyHealth]]:
+    """Yield the topics with a nominal rate that a service reads or writes."""
+    for key in health.keys if health is not None else ():
+        topic = next((row for row in TOPICS if row.key == key.key), None)
+        if topic is not None and topic.rate_hz is not None and key.direction == direction:
+            yield topic, key
 
 
 def diagnose(seen: Observation, is_sure: Callable[[Finding], bool] = lambda _: True) -> list[Finding]:

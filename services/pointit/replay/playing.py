@@ -2,38 +2,190 @@
 
 import asyncio
 import contextlib
+import functools
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
-from pointit.recording.entries import AnyRow, Entry
+from pointit.recording.entries import AnyRow, Entry, Exchange, entry_of
 from pointit.replay.beginning import GATHERING_NS, Beginning, read_beginning
 from pointit.replay.clock import RecordingClock
-from pointit.replay.collector import Collector, Skipped
-from pointit.replay.edge import Edge, RecordedRequests
-from pointit.replay.levels import Level, ReplayError, Split, is_about_site
+from pointit.replay.levels import CALLED_BY_SERVICES, Level, ReplayError, Split, is_about_site
 from pointit.replay.replayed_services import ReplayedServices, scratch_folder
-from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RequestError
 from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.service.plugin_guard import first_leaf
 from pointit.runtime.virtual_time import run_virtually
-from pointit.schemas import NS_PER_S, Configuration, Health
+from pointit.schemas import NS_PER_S, Configuration, Health, Message, Query, ServedRequest
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import (
+    CLOCK,
     CONFIGURATION,
     HEALTH,
+    PRESENCES,
+    SERVED,
     SERVICE_ALIVE,
     SET_POSE,
+    TOPICS,
     Delivery,
     Presence,
     Request,
     Topic,
     topic_of,
 )
+
+log = logging.getLogger(__name__)
+
+GRACE_NS = NS_PER_S // 20
+"""Time after a recorded request in which a replayed service may send it itself, ns."""
+
+NEAR_NS = NS_PER_S
+"""Largest difference of the times at which a service sent a request then and now, ns."""
+
+
+class Edge:
+    """Writes messages and announces presences on a bus."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._publisher = functools.cache(bus.publisher)
+        self._tokens: dict[str, Closable] = {}
+        """By key: who is present."""
+
+    def put(self, topic: AnyTopic, name: str, message: Message) -> None:
+        """Write `message`."""
+        self._publisher(topic, name).put(message)
+
+    def repeat(self, entry: Entry) -> None:
+        """Write the message of `entry`, or announce or end the presence that it says.
+
+        Nothing is done for a request, and for the clock: the replay has a time of its own.
+        """
+        row, body = entry.row, entry.body
+        if isinstance(row, Topic) and isinstance(body, Message) and row is not CLOCK:
+            self.put(row, entry.name, body)
+        elif isinstance(row, Presence):
+            token = self._tokens.pop(entry.key, None)
+            if body is True:
+                self._tokens[entry.key] = token or self._bus.announce(row, entry.name)
+            elif token is not None:
+                token.close()
+
+
+class RecordedRequests:
+    """Asks what was asked by pages, commands and other systems.
+
+    A recording does not tell who asked. What the supervisor asks by itself it asks now, too: such a request
+    is asked again only if the replayed supervisor has not sent the same one about that time.
+    """
+
+    def __init__(self, bus: Bus, clock: RecordingClock, group: asyncio.TaskGroup) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._group = group
+        self._mine: list[tuple[str, Query]] = []
+        """Keys and queries of this object's requests that are not answered yet."""
+        self._seen: list[tuple[int, str, Query]] = []
+        """Times, keys and queries of requests of services that stand for no recorded one yet."""
+
+    def on_answered(self, entry: Entry) -> None:
+        """Note a request that a replayed service has answered."""
+        if entry.row not in CALLED_BY_SERVICES or not isinstance(entry.body, Exchange):
+            return
+        mine = (entry.key, entry.body.query)
+        if mine in self._mine:
+            self._mine.remove(mine)
+        else:
+            self._seen.append((entry.time_ns, *mine))
+
+    def repeat(self, entry: Entry) -> None:
+        """Ask the recorded request of `entry`, unless a service does."""
+        row, body = entry.row, entry.body
+        if isinstance(row, Request) and isinstance(body, Exchange):
+            self._group.create_task(self._repeat(entry, row, body.query), name=f"replayed {entry.key}")
+
+    async def _repeat(self, entry: Entry, row: Request[Any, Any], query: Query) -> None:
+        if row in CALLED_BY_SERVICES:
+            await self._clock.wait_until(entry.time_ns + GRACE_NS)
+            for seen in self._seen:
+                if seen[1:] == (entry.key, query) and abs(seen[0] - entry.time_ns) <= NEAR_NS:
+                    self._seen.remove(seen)
+                    return
+            self._mine.append((entry.key, query))
+        with contextlib.suppress(RequestError):  # a refusal is published like a reply
+            await self._bus.call(row, query, entry.name)
+
+
+class Collector:
+    """Hands all messages, answered requests and changes of presence on a bus to a function, each of them."""
+
+    def __init__(self, bus: Bus, clock: Clock, take: Callable[[Entry], None]) -> None:
+        self._clock = clock
+        self._take = take
+        self._declared = [
+            bus.subscribe(topic, self._reader(topic), every=True) for topic in TOPICS if topic is not SERVED
+        ]
+        self._declared.append(bus.subscribe(SERVED, self._on_served))
+        self._watched = [bus.watch(presence, self._watcher(presence)) for presence in PRESENCES]
+
+    @property
+    def dropped(self) -> int:
+        """Number of messages that came faster than they were taken, and are missing."""
+        return sum(declared.traffic.dropped for declared in self._declared)
+
+    def close(self) -> None:
+        """Collect no more."""
+        for declared in (*self._declared, *self._watched):
+            declared.close()
+
+    def _reader(self, topic: AnyTopic) -> Callable[[Any, str], None]:
+        def on_message(message: Message, name: str) -> None:
+            self._take(Entry(self._clock.now_ns(), topic.at(name), topic, name, message))
+
+        return on_message
+
+    def _on_served(self, served: ServedRequest, instance: str) -> None:
+        found = entry_of(served, instance, self._clock.now_ns())
+        if found is not None:
+            self._take(found)
+
+    def _watcher(self, presence: Presence) -> Callable[[str, bool], None]:
+        def on_change(name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+            self._take(Entry(self._clock.now_ns(), presence.at(name), presence, name, present))
+
+        return on_change
+
+
+class Skipped:
+    """Numbers of messages that services have not got, or skipped for newer ones, as their health tells."""
+
+    def __init__(self) -> None:
+        self._counts: dict[tuple[str, str], int] = {}
+        """By instance and key."""
+
+    def add(self, instance: str, health: Health) -> None:
+        """Take a report, whose numbers count from the start of the service."""
+        for key in health.keys:
+            if key.direction == "in":
+                self._counts[instance, key.key] = key.dropped + key.lost
+
+    def log(self) -> None:
+        """Log a warning if there are any."""
+        if total := sum(self._counts.values()):
+            keys = ", ".join(sorted({key for (_, key), count in self._counts.items() if count}))
+            log.warning(
+                "services skipped %d messages (%s), as this machine is too slow: replay at a lower --speed, "
+                "or without --live",
+                total,
+                keys,
+            )
+
 
 SETTLE_NS = NS_PER_S // 1000
 """Time after the last entry in which the services answer it, ns."""

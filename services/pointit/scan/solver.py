@@ -1,18 +1,252 @@
 """From sightings to a room: lines in each view, poses of the views, then all in one adjustment."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from pointit.runtime.errors import ConfigError
+from pointit.scan.alignment import levelled, upright
+from pointit.scan.bundle import GRAVITY_SIGMA, Array, vec3
 from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
-from pointit.scan.poses import FirstPoses, Piece
-from pointit.scan.refinement import refined
-from pointit.scan.result import Scan, ScanError
-from pointit.scan.results import scan_of
+from pointit.scan.poses import PITCH_SIGMA, FirstPoses, Piece
+from pointit.scan.refinement import Refined, refined
+from pointit.scan.result import Camera, Scan, ScanError, ScannedLamp, ScannedStrip
 from pointit.scan.sightings import Seen
 from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_known_length, check_survey
+
+LEAST_PARALLAX_RAD = math.radians(4.0)
+LEAST_SIGHTINGS = 3
+"""Minimum number of pixels for a view to count for a strip."""
+MAX_SIGMA_M = 0.03
+"""Largest sigma with which a strip counts as identified."""
+MAX_STRETCH = 0.04
+"""Relative difference of a measured pitch from the one that a strip is said to have."""
+LEAST_SIGMA_M = 0.001
+MAX_UNSEEN = 0.1
+"""Share of a strip's pixels, at an end, that may be unseen."""
+WIDEST_GAP = 0.12
+"""Distance of the marked pixels of a strip, as a share of its pixels."""
+UNSEEN_SIGMA = 0.1
+"""Standard deviation of an end that was never seen, as a share of the unseen length: it may bend."""
+STRIPS_LEVEL_SIGMA = math.radians(1.5)
+"""Standard deviation of a level that is taken from the strips."""
+MAX_RATIO = 10.0
+"""Ratio of a known length and the pitches, either way, from which one of them is wrong."""
+
+
+def scan_of(
+    refined: Refined, strips: Sequence[StripSpec], lamps: Sequence[LampSpec], known_length: KnownLength | None
+) -> Scan:
+    """Return the scan of an adjustment; `known_length` scales it."""
+    specs: list[StripSpec | LampSpec] = [*strips, *lamps]
+    state, seen = refined.state, refined.seen
+    turn, level_sigma, level_from = _level(refined)
+    factor, scale_sigma, scale_from = _scale(refined, specs, known_length)
+    vertices, covariance, chain_of = refined.vertices([strip.count for strip in strips])
+    vertices = factor * vertices @ turn.T
+    block = np.kron(np.eye(len(vertices)), turn)
+    covariance = factor**2 * _beside_each_other(block @ covariance @ block.T, vertices)
+    shift = np.array([0.0, 0.0, -vertices[:, 2].min()])
+    vertices += shift
+    found_strips: dict[str, ScannedStrip] = {}
+    found_lamps: dict[str, ScannedLamp] = {}
+    chains: list[int] = np.unique(chain_of).tolist()
+    for chain in chains:
+        own, views = np.flatnonzero(chain_of == chain), len(_views_of(refined, chain))
+        rows = (3 * own[:, None] + np.arange(3)).ravel()
+        line, spread = vertices[own], covariance[np.ix_(rows, rows)]
+        name = specs[chain].name
+        if chain >= len(strips):
+            sigma = _sigma(spread, views)
+            reason = _doubt(refined, chain, sigma)
+            found_lamps[name] = ScannedLamp(name, vec3(line[0]), sigma, views, not reason, reason, spread)
+        else:
+            found_strips[name] = _strip(refined, chain, strips, line, spread)
+    missing = tuple(spec.name for spec in specs if spec.name not in found_strips | found_lamps)
+    problems = [
+        f"view {view + 1} agrees with no other: move less between photographs, and hold still"
+        for view in range(len(seen.downs))
+        if view not in refined.views
+    ]
+    problems += [f"{name!r} is not seen from two places: photograph it once more" for name in missing]
+    if abs(math.log(factor)) > MAX_STRETCH:
+        problems.append(
+            f"the known length makes all pitches {abs(factor - 1.0):.0%} "
+            f"{'larger' if factor > 1 else 'smaller'} than given: measure it again, or correct the pitches"
+        )
+    cameras: list[Camera | None] = [None] * len(seen.downs)
+    for index, view in enumerate(refined.views):
+        rotation = state.rotations[index] @ turn.T
+        cameras[view] = Camera(rotation, factor * state.translations[index] - rotation @ shift)
+    return Scan(
+        cameras=tuple(cameras),
+        focal_px=math.exp(state.log_focal),
+        distortion=state.distortion,
+        strips=found_strips,
+        lamps=found_lamps,
+        level_sigma_rad=level_sigma,
+        level_from=level_from,
+        scale_sigma=scale_sigma,
+        scale_from=scale_from,
+        missing=missing,
+        problems=tuple(problems),
+    )
+
+
+def _level(refined: Refined) -> tuple[Array, float, str]:
+    """Return the rotation into a level frame, its standard deviation per axis, rad, and its source."""
+    state, down = refined.state, refined.bundle.down
+    known = np.isfinite(down[:, 0])
+    if known.any():
+        sunk: Array = np.einsum("vij,vi->vj", state.rotations[known], down[known])[:, :2]
+        rms = max(float(np.sqrt(np.mean(sunk**2))), GRAVITY_SIGMA / 2.0)
+        return np.eye(3), rms / math.sqrt(known.sum()), "gravity"
+    ends = state.ends[refined.model.chain < refined.seen.strips]
+    edges = ends[:, 1] - ends[:, 0]
+    lengths = np.linalg.norm(edges, axis=1)
+    up = -state.rotations[:, 1].mean(axis=0)  # cameras are held upright, or nearly
+    up /= np.linalg.norm(up)
+    if len(edges) < 2:
+        return upright(up), math.radians(15.0), "strips"
+    return levelled(edges / lengths[:, None], lengths, up), STRIPS_LEVEL_SIGMA, "strips"
+
+
+def _scale(
+    refined: Refined, specs: Sequence[StripSpec | LampSpec], known: KnownLength | None
+) -> tuple[float, float, str]:
+    """Return the factor for all lengths, its relative standard deviation, and its source."""
+    if known is None:
+        return 1.0, PITCH_SIGMA, "pitch"
+    names = [spec.name for spec in specs]
+    points: list[Array] = []
+    for mark in (known.start, known.end):
+        chain = names.index(mark.name)
+        if chain not in refined.model.chain:
+            raise ConfigError(f"the known length is at {mark.name!r}, which the views do not determine")
+        points.append(refined.places(chain, np.array([float(mark.pixel)]))[0])
+    measured_m = float(np.linalg.norm(points[1] - points[0]))
+    if not 1.0 / MAX_RATIO < known.metres / measured_m < MAX_RATIO:
+        raise ConfigError(
+            f"the known length of {known.metres:g} m is {measured_m:.3g} m by the pitches: measure it again, "
+            "or correct the pitches"
+        )
+    return known.metres / measured_m, math.hypot(known.sigma_m / known.metres, 0.001), "length"
+
+
+def _beside_each_other(covariance: Array, vertices: Array) -> Array:
+    """Return the covariance of the vertices beside each other: of no position, heading, level and scale.
+
+    Badly determined vertices count less for that reference (an S-transformation, weighted).
+    """
+    centred = vertices - vertices.mean(axis=0)
+    gauge = np.zeros((len(vertices), 3, 7))
+    gauge[:, :, :3] = np.eye(3)
+    x, y, z = centred.T
+    zero = np.zeros_like(x)
+    gauge[:, :, 3:6] = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
+    gauge[:, :, 6] = centred
+    flat = gauge.reshape(-1, 7)
+    weights = np.ones(len(vertices))
+    result = covariance
+    for _ in range(3):
+        weighted = np.repeat(weights, 3)[:, None] * flat
+        shape = np.eye(len(flat)) - flat @ np.linalg.pinv(weighted.T @ flat) @ weighted.T
+        result = shape @ covariance @ shape.T
+        spread = result.reshape(len(vertices), 3, len(vertices), 3)
+        variance = np.einsum("viwi->vw", spread).diagonal()
+        weights = 1.0 / (variance + 0.005**2)
+    return np.asarray(result)
+
+
+def _sigma(covariance: Array, views: int) -> float:
+    """Return the largest standard deviation of a vertex; few views hardly notice their outliers."""
+    blocks = [covariance[row : row + 3, row : row + 3] for row in range(0, len(covariance), 3)]
+    largest = max(float(np.linalg.eigvalsh(block)[-1]) for block in blocks)
+    return math.hypot(math.sqrt(max(largest, 0.0) * (1.0 + 2.0 / max(views - 1, 1))), LEAST_SIGMA_M)
+
+
+def _views_of(found: Refined, chain: int) -> list[int]:
+    """Return the views, as numbers in the state, that count for a chain."""
+    least = LEAST_SIGHTINGS if chain < found.seen.strips else 1
+    counts = np.bincount(found.seen.view[found.used & (found.seen.chain == chain)], minlength=64)
+    return [index for index, view in enumerate(found.views) if counts[view] >= least]
+
+
+def _doubt(found: Refined, chain: int, sigma_m: float) -> str:
+    """Return the reason why a strip or lamp is not identified, or `""`."""
+    views = _views_of(found, chain)
+    if len(views) < 2:
+        return "seen from one place only: photograph it from another one"
+    ends = found.state.ends[found.model.chain == chain]
+    middle = ends.mean(axis=(0, 1)) if chain < found.seen.strips else ends[0, 0]
+    sights = middle - found.cameras[views]
+    sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+    if np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)) < LEAST_PARALLAX_RAD:
+        return "seen from one direction only: photograph it from a step further aside"
+    if sigma_m > MAX_SIGMA_M:
+        return f"its place is uncertain by {sigma_m:.2f} m: photograph it once more, from nearer"
+    return ""
+
+
+def _unseen(found: Refined, chain: int, count: int) -> tuple[float, float]:
+    """Return the first and last pixel of the longest part of a strip of `count` that no two views show.
+
+    It is an end of the strip, or a straight piece.
+    """
+    own = found.used & (found.seen.chain == chain)
+    shown = [found.seen.pixel[own & (found.seen.view == view)] for view in found.views]
+    firsts, lasts = sorted(p.min() for p in shown if len(p)), sorted(p.max() for p in shown if len(p))
+    parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)] if len(firsts) > 1 else []
+    inner: list[float] = found.model.bounds[found.model.chain == chain][:-1, 1].tolist()
+    for low, high in pairwise([-0.5, *inner, count - 0.5]):
+        if sum(((p > low) & (p < high)).sum() >= LEAST_SIGHTINGS for p in shown) < 2:
+            parts.append((low + 0.5, high - 0.5))
+    return max(parts, key=lambda part: part[1] - part[0])
+
+
+def _strip(
+    refined: Refined, chain: int, strips: Sequence[StripSpec], line: Array, covariance: Array
+) -> ScannedStrip:
+    spec, views = strips[chain], len(_views_of(refined, chain))
+    pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
+    sigma_m = _sigma(covariance, views)
+    reason = _doubt(refined, chain, sigma_m)
+    alike = [
+        other
+        for other in strips
+        if other is not spec and other.pitch_m and abs(math.log(other.pitch_m / pitch_m)) < MAX_STRETCH
+    ]
+    low, high = _unseen(refined, chain, spec.count)
+    gap = WIDEST_GAP * spec.count
+    if high - low + 1.0 > max(2.0, MAX_UNSEEN * spec.count):
+        sigma_m = math.hypot(sigma_m, UNSEEN_SIGMA * (high - low) * pitch_m)
+        ends_there = [
+            other for other in alike if high == spec.count - 1.0 and 0.0 <= other.count - low <= gap
+        ]
+        reason = reason or (
+            f"no two views show pixels {low:.0f} to {high:.0f}: photograph that part, or correct its count"
+            f"{_swapped(ends_there)}"
+        )
+    stretch = np.abs(refined.bundle.stretch(refined.state)[refined.model.chain == chain]).max()
+    if spec.pitch_m is not None and stretch > MAX_STRETCH:
+        reason = reason or (
+            f"it measures {1.0 / pitch_m:.0f} pixels a metre and is said to have {1.0 / spec.pitch_m:.0f}: "
+            f"correct its pitch{_swapped(alike)}"
+        )
+    points = tuple(vec3(vertex) for vertex in line)
+    return ScannedStrip(
+        spec.name, spec.count, points, sigma_m, pitch_m, views, not reason, reason, covariance
+    )
+
+
+def _swapped(others: Sequence[StripSpec]) -> str:
+    """Return the end of a sentence about a strip that may be another one, or `""`."""
+    names = " or ".join(f"{other.name!r} ({other.count} pixels)" for other in others[:2])
+    return f", or is it {names}, swapped at the controller?" if names else ""
+
 
 TURNED = (
     "gravity points up in the pictures, so it was taken the other way round: if the camera really was upside "

@@ -6,7 +6,7 @@ import math
 import sys
 from pathlib import Path
 
-from pointit.cli.people.mounting import angle_between
+from pointit.cli.people.calibrate_mounting import angle_between
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock

@@ -11,8 +11,8 @@ import websockets
 from websockets.typing import Subprotocol
 
 from pointit.bridges.foxglove.config import FoxgloveConfig
+from pointit.bridges.foxglove.server import names_of, rename
 from pointit.bridges.foxglove.service import SERVICE
-from pointit.bridges.foxglove.subprotocol_relay import names_of, rename
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock

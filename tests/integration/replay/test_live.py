@@ -17,7 +17,7 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import topics
-from pointit.schemas.catalogue.example import example
+from pointit.schemas.catalogue.catalogue import example
 from tests.support.buses import site_of
 
 RECORDING = Path(__file__).parents[2] / "replay" / "recordings" / "lamps.mcap"

@@ -12,7 +12,7 @@ from pointit.recording.entries import Entry, body_kind, entry
 from pointit.recording.head import make_head
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S
-from pointit.schemas.catalogue.example import example
+from pointit.schemas.catalogue.catalogue import example
 from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS
 from tests.support.environments import FETCH_S, fetched
 

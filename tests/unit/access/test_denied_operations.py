@@ -7,9 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.access.denied_operations import FLOOD_HZ, KINDS, MAX_KEY, SLOWED, DeniedOperations
+from pointit.access.denied_operations import (
+    FLOOD_HZ,
+    KINDS,
+    MAX_KEY,
+    MAX_MESSAGES,
+    RECENT_S,
+    SLOWED,
+    DeniedOperations,
+    RecentDenials,
+)
 from pointit.access.limits import KEPT_HZ, LATEST_HZ
-from pointit.access.recent_denials import MAX_MESSAGES, RECENT_S, RecentDenials
 from pointit.access.rejected_connections import (
     CLAIMS,
     MAX_CLAIMED,

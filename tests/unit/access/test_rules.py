@@ -9,8 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.access.rights import ALL, ROLES, Rights, Role, rights_of
-from pointit.access.router_configuration import Member, RouterSite, common_name, configuration, to_json5
-from pointit.access.rules import MESSAGES, all_key_expressions, rules_of
+from pointit.access.router_configuration import (
+    MESSAGES,
+    Member,
+    RouterSite,
+    all_key_expressions,
+    common_name,
+    configuration,
+    rules_of,
+    to_json5,
+)
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import topics
 from pointit.schemas.topics import DEPLOYMENT, READ_HISTORY, SELECTION_EVENTS

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pointit.cli.people import mounting, offset_report, pose_text
+from pointit.cli.people import calibrate_mounting, offset_report, pose_text
 from pointit.cli.people.anchor import sentence
 from pointit.cli.people.calibrate_mounting import format_result
 from pointit.geometry import rotation, vector
@@ -188,7 +188,7 @@ def test_an_anchor_in_one_sentence() -> None:
 
 
 def test_a_seat_in_words() -> None:
-    found = mounting.Mounting(
+    found = calibrate_mounting.Mounting(
         arm_from_true=(0.0, 0.0, 0.0, 1.0), about_arm_rad=math.radians(-92.0),
         off_axis_rad=math.radians(5.0), forward_before_rad=math.radians(-3.0),
         up_before_rad=math.radians(-4.0), forward_after_rad=-1e-9, up_after_rad=0.0, heading_change_rad=0.0,
@@ -208,17 +208,17 @@ slight = st.floats(-0.1, 0.1)
 
 def held(
     azimuth: float, elevation: float, worn: Quaternion, *, noise_deg: float = 0.0, roll: float = 0.0
-) -> mounting.Hold:
+) -> calibrate_mounting.Hold:
     """Return the readings of an arm in that pose, with the sensor worn so that arm_from_true is `worn`."""
     arm = rotation.from_azimuth_elevation(azimuth, elevation, roll)
     read = Rotation.from_quat(rotation.multiply(arm, rotation.inverse(worn)))
     random = np.random.default_rng(1)
     errors = Rotation.from_rotvec(random.normal(0.0, math.radians(noise_deg), (100, 3)))
-    return mounting.mean_pose((read * errors).as_quat())
+    return calibrate_mounting.mean_pose((read * errors).as_quat())
 
 
 def assert_same(a: Quaternion, b: Quaternion, tolerance_deg: float = 1e-3) -> None:
-    assert math.degrees(mounting.angle_between(a, b)) < tolerance_deg
+    assert math.degrees(calibrate_mounting.angle_between(a, b)) < tolerance_deg
 
 
 @given(roll=angles, pitch=st.floats(-1.5, 1.5), yaw=angles, azimuth=angles, drift=angles, twist=angles)
@@ -227,7 +227,7 @@ def test_any_way_of_wearing_is_recovered_whatever_the_heading_and_twist_of_the_a
 ) -> None:
     worn = from_roll_pitch_yaw(roll, pitch, yaw)
     raised = held(azimuth + drift, math.pi / 2, worn, roll=twist)
-    found = mounting.solve_mounting(held(azimuth, 0.0, worn), raised)
+    found = calibrate_mounting.solve_mounting(held(azimuth, 0.0, worn), raised)
     assert_same(found.arm_from_true, worn)
     assert abs(found.forward_after_rad) < 1e-6
     assert abs(found.up_after_rad) < 1e-3  # near the zenith an elevation is known to the root of a rounding
@@ -236,21 +236,21 @@ def test_any_way_of_wearing_is_recovered_whatever_the_heading_and_twist_of_the_a
 @given(low=slight, high=slight)
 def test_poses_held_badly_cost_no_more_than_what_they_are_off(low: float, high: float) -> None:
     worn = from_roll_pitch_yaw(1.0, 0.4, 2.0)
-    found = mounting.solve_mounting(held(0.5, low, worn), held(0.5, math.pi / 2 + high, worn))
+    found = calibrate_mounting.solve_mounting(held(0.5, low, worn), held(0.5, math.pi / 2 + high, worn))
     arm = rotation.rotate(found.arm_from_true, (1.0, 0.0, 0.0))
     wanted = rotation.rotate(worn, (1.0, 0.0, 0.0))
     assert vector.angle_between(arm, wanted) <= (abs(low) + abs(high)) / 2 + 1e-7
 
 
 def test_the_mean_does_not_mind_the_quaternions_signs() -> None:
-    found = mounting.mean_pose(
+    found = calibrate_mounting.mean_pose(
         np.array([[0.0, 0.0, 0.1, 1.0], [0.0, 0.0, 0.1, -1.0], [0.0, 0.0, -0.1, -1.0]])
     )
     assert_same(found.mean_xyzw, (0.0, 0.0, math.sin(0.0332), math.cos(0.0332)), 0.1)
 
 
-def solved(worn: Quaternion) -> mounting.Mounting:
-    return mounting.solve_mounting(held(0.2, 0.0, worn), held(0.2, math.pi / 2, worn))
+def solved(worn: Quaternion) -> calibrate_mounting.Mounting:
+    return calibrate_mounting.solve_mounting(held(0.2, 0.0, worn), held(0.2, math.pi / 2, worn))
 
 
 def test_mounting_reports_errors_before_and_after() -> None:
@@ -285,14 +285,14 @@ UP = math.pi / 2
 )
 def test_no_mounting_is_refused(forward: tuple[float, float], up: tuple[float, float], words: str) -> None:
     worn = from_roll_pitch_yaw(0.4, 0.1, 0.2)
-    with pytest.raises(mounting.MountingError, match=words):
-        mounting.solve_mounting(
+    with pytest.raises(calibrate_mounting.MountingError, match=words):
+        calibrate_mounting.solve_mounting(
             held(0.0, forward[0], worn, noise_deg=forward[1]), held(0.0, up[0], worn, noise_deg=up[1])
         )
 
 
 def test_a_rest_counts_from_the_last_movement() -> None:
-    stillness = mounting.RestPoseCollector(1.0)
+    stillness = calibrate_mounting.RestPoseCollector(1.0)
     at = rotation.from_yaw
     for step in range(9):
         assert stillness.add(at(0.001 * step), 0.1 * step) is None

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.parameters import map_of_node
-from pointit.bridges.ros2.parameters.map_parameters import parameters_of
+from pointit.bridges.ros2.parameters.map_of_node import parameters_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.cli.main import command
 from pointit.cli.maps import fetch as map_fetch

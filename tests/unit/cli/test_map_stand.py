@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.cli.maps import stand
+from pointit.cli.maps import point
 from pointit.cli.maps.point import PointingSession, stand_at
 from pointit.geometry.vector import Vec3, direction, rotate_z, subtract
 from pointit.maps.file import load_map
@@ -58,8 +58,8 @@ def file(tmp_path: Path) -> Path:
 async def test_two_ends_from_one_place_give_a_map_its_origin_and_heading(
     file: Path, floor_m: float | None
 ) -> None:
-    content, room = stand.read(file)
-    ends = stand.ends_in(room, ["door", "desk:first"] if floor_m else ["door", "desk:first", "shelf:last"])
+    content, room = point.read(file)
+    ends = point.ends_in(room, ["door", "desk:first"] if floor_m else ["door", "desk:first", "shelf:last"])
     told: list[str] = []
     rng = np.random.default_rng(3)
     async with memory_bench() as bench:
@@ -93,24 +93,24 @@ async def test_two_ends_from_one_place_give_a_map_its_origin_and_heading(
 
 
 def test_ends_are_those_of_the_first_and_last_pixel(file: Path) -> None:
-    _, room = stand.read(file)
-    ends = stand.ends_in(room, ["shelf:first", "shelf:last"])
+    _, room = point.read(file)
+    ends = point.ends_in(room, ["shelf:first", "shelf:last"])
     assert ends["shelf:first"] == pytest.approx((-0.9 + 1.5 / 180, 2.0, 0.75))
     assert ends["shelf:last"] == pytest.approx((0.6 - 1.5 / 180, 2.0, 0.75))
     with pytest.raises(RefusedError, match="there is no 'shelf' in the map; there are door, shelf:first"):
-        stand.ends_in(room, ["shelf"])
+        point.ends_in(room, ["shelf"])
 
 
 def test_ends_that_do_not_tell_where_the_person_stands_are_refused(file: Path) -> None:
-    _, room = stand.read(file)
-    ends = stand.ends_in(room, ["shelf:first", "shelf:last"])
+    _, room = point.read(file)
+    ends = point.ends_in(room, ["shelf:first", "shelf:last"])
     rng = np.random.default_rng(1)
     rays = {name: rays_at(end, rng, n * 1_000_000_000) for n, (name, end) in enumerate(ends.items())}
     with pytest.raises(RefusedError, match="one more target, below the waist or far to the side"):
-        stand.stood(rays, ends, STOOD[2])
+        point.stood(rays, ends, STOOD[2])
 
 
 def test_a_map_with_more_than_a_scan_finds_is_refused(file: Path) -> None:
     file.write_text("cylinders: {post: {center: [0, 0, 0], radius: 0.1, height: 2}}")
     with pytest.raises(RefusedError, match="only lamps, strips, boxes and planes"):
-        stand.read(file)
+        point.read(file)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.inspect import sample_path
+from pointit.cli.inspect import trace as trace_command
 from pointit.cli.inspect.trace import Trace, Tracer
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap
 from pointit.schemas import ClockTick, Cursor, DecodeError, Health, ImuSample, KeyHealth, Message
@@ -74,14 +74,14 @@ def imu(stamp_ns: int = NOW_NS) -> ImuSample:
 async def begun() -> tuple[Wire, Tracer]:
     wire = Wire()
     tracer = Tracer(cast("Bus", wire), "anna")
-    await asyncio.sleep(sample_path.SETTLE_S)
+    await asyncio.sleep(trace_command.SETTLE_S)
     return wire, tracer
 
 
 async def traced(tracer: Tracer) -> Trace:
     """Return the trace of what is on the wire."""
     assert tracer.take() == []
-    await asyncio.sleep(sample_path.SETTLE_S)
+    await asyncio.sleep(trace_command.SETTLE_S)
     return tracer.trace(tracer.take())
 
 
@@ -142,17 +142,17 @@ async def test_bytes_that_are_no_message_are_counted() -> None:
 
 
 STAMP = 1_700_000_000_000_000_000
-READY_S = sample_path.SETTLE_S + 0.1
-LATER_S = READY_S + sample_path.SETTLE_S
+READY_S = trace_command.SETTLE_S + 0.1
+LATER_S = READY_S + trace_command.SETTLE_S
 TIMES_MS = {"imu": 1, "ray": 3, "cursor": 6, "hover": 7, "frame": 10, "light": 30}
 
 
-def joiner() -> sample_path.PathJoiner:
-    return sample_path.PathJoiner(lambda stamp_ns: stamp_ns, began_s=0.0)
+def joiner() -> trace_command.PathJoiner:
+    return trace_command.PathJoiner(lambda stamp_ns: stamp_ns, began_s=0.0)
 
 
 def add(
-    joined: sample_path.PathJoiner, hop: str, at_ms: float, *, stamp_ns: int = STAMP, now_s: float = READY_S
+    joined: trace_command.PathJoiner, hop: str, at_ms: float, *, stamp_ns: int = STAMP, now_s: float = READY_S
 ) -> None:
     joined.add(hop, stamp_ns, stamp_ns + round(at_ms * MS), f"process of {hop}", now_s)
 
@@ -211,7 +211,7 @@ def test_frames_of_other_people_are_no_samples() -> None:
 
 def test_samples_first_heard_at_the_start_are_left_out() -> None:
     joined = joiner()
-    add(joined, "ray", 3, now_s=sample_path.SETTLE_S - 0.01)
+    add(joined, "ray", 3, now_s=trace_command.SETTLE_S - 0.01)
     add(joined, "hover", 7, now_s=READY_S)
     add(joined, "imu", 1, stamp_ns=STAMP + MS)
     assert [path.stamp_ns for path in joined.settled(LATER_S)] == [STAMP + MS]
@@ -219,20 +219,20 @@ def test_samples_first_heard_at_the_start_are_left_out() -> None:
 
 def test_memory_is_bounded() -> None:
     joined = joiner()
-    for k in range(sample_path.MAX_OPEN + 10):
+    for k in range(trace_command.MAX_OPEN + 10):
         add(joined, "imu", 1, stamp_ns=STAMP + k)
     stamps = [path.stamp_ns for path in joined.settled(LATER_S)]
-    assert stamps == [STAMP + k for k in range(10, sample_path.MAX_OPEN + 10)]
+    assert stamps == [STAMP + k for k in range(10, trace_command.MAX_OPEN + 10)]
 
 
 def test_figures_count_what_reached_each_hop() -> None:
     paths = [
-        sample_path.SamplePath(STAMP, {sample_path.CAPTURE: 0, "imu": 1 * MS, "ray": 2 * MS}),
-        sample_path.SamplePath(STAMP + 1, {sample_path.CAPTURE: 0, "imu": 3 * MS}),
-        sample_path.SamplePath(STAMP + 2, {sample_path.CAPTURE: 0, "ray": 9 * MS, "hover": 9 * MS}),
+        trace_command.SamplePath(STAMP, {trace_command.CAPTURE: 0, "imu": 1 * MS, "ray": 2 * MS}),
+        trace_command.SamplePath(STAMP + 1, {trace_command.CAPTURE: 0, "imu": 3 * MS}),
+        trace_command.SamplePath(STAMP + 2, {trace_command.CAPTURE: 0, "ray": 9 * MS, "hover": 9 * MS}),
     ]
-    imu, ray, hover = sample_path.hop_figures(paths)
-    assert (imu.hop, imu.after, imu.samples) == ("imu", sample_path.CAPTURE, 2)
+    imu, ray, hover = trace_command.hop_figures(paths)
+    assert (imu.hop, imu.after, imu.samples) == ("imu", trace_command.CAPTURE, 2)
     assert (imu.total_p50_s, imu.total_p99_s) == pytest.approx((0.001, 0.003))
     assert (ray.hop, ray.after, ray.samples) == ("ray", "imu", 2)
     assert (ray.delta_p50_s, ray.delta_p99_s) == pytest.approx((0.001, 0.001))
@@ -242,8 +242,8 @@ def test_figures_count_what_reached_each_hop() -> None:
 
 @given(st.lists(st.integers(0, 10**9), min_size=1, max_size=300))
 def test_percentiles_are_nearest_ranks(values_ns: list[int]) -> None:
-    (imu,) = sample_path.hop_figures(
-        [sample_path.SamplePath(k, {sample_path.CAPTURE: 0, "imu": ns}) for k, ns in enumerate(values_ns)]
+    (imu,) = trace_command.hop_figures(
+        [trace_command.SamplePath(k, {trace_command.CAPTURE: 0, "imu": ns}) for k, ns in enumerate(values_ns)]
     )
     ranked = sorted(values_ns)
     count = len(ranked)
@@ -252,7 +252,7 @@ def test_percentiles_are_nearest_ranks(values_ns: list[int]) -> None:
 
 
 def test_the_sample_shown_is_the_newest_that_came_farthest() -> None:
-    short = sample_path.SamplePath(STAMP + 9, {sample_path.CAPTURE: 0, "imu": 1})
-    far = sample_path.SamplePath(STAMP + 1, {sample_path.CAPTURE: 0, "imu": 1, "ray": 2})
-    newer = sample_path.SamplePath(STAMP + 2, {sample_path.CAPTURE: 0, "imu": 1, "ray": 2})
-    assert sample_path.farthest([far, newer, short]) is newer
+    short = trace_command.SamplePath(STAMP + 9, {trace_command.CAPTURE: 0, "imu": 1})
+    far = trace_command.SamplePath(STAMP + 1, {trace_command.CAPTURE: 0, "imu": 1, "ray": 2})
+    newer = trace_command.SamplePath(STAMP + 2, {trace_command.CAPTURE: 0, "imu": 1, "ray": 2})
+    assert trace_command.farthest([far, newer, short]) is newer

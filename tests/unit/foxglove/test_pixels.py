@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 import pointit.schemas as models
-from pointit.bridges.foxglove.pixels import FLOOR, Pixels
-from pointit.bridges.foxglove.robots import FREE
 from pointit.bridges.foxglove.room import Lines
-from pointit.bridges.foxglove.scene import Part, Scene
+from pointit.bridges.foxglove.scene import FLOOR, FREE, Part, Pixels, Scene
 from pointit.schemas import Environment, Strip, StripsFrame
 from pointit.schemas.environment import StripFrame
 from tests.integration.foxglove.protobuf import read

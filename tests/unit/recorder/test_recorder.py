@@ -26,7 +26,7 @@ from pointit.runtime.config.config import published_parameters
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import topics
-from pointit.schemas.catalogue.example import example
+from pointit.schemas.catalogue.catalogue import example
 from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.service import Recorder
 from tests.support.bench import until

@@ -13,7 +13,7 @@ from pointit.recording.head import make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S, Cursor, Message, Query, encode, topics
-from pointit.schemas.catalogue.example import example
+from pointit.schemas.catalogue.catalogue import example
 
 START = 1_700_000_000 * NS_PER_S
 

@@ -12,11 +12,16 @@ from hypothesis import strategies as st
 from pointit.geometry.vector import Vec3
 from pointit.schemas import Localization, Steering, UserPose
 from pointit.schemas.topics import LOCALIZATION, SERVICE_ALIVE
-from pointit.services.robot import followed_figure
+from pointit.services.robot import figure_flight
 from pointit.services.robot.config import FigureConfig, RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
-from pointit.services.robot.figure_flight import NO_FIGURE, FigureFlight
-from pointit.services.robot.followed_figure import AssumedPerson, figures, position_sigmas_m
+from pointit.services.robot.figure_flight import (
+    NO_FIGURE,
+    AssumedPerson,
+    FigureFlight,
+    figures,
+    position_sigmas_m,
+)
 from pointit.services.robot.robot_driver import RobotReport
 from tests.unit.robot.flight import ROBOT, Pilotage, flown
 from tests.unit.robot.permits import Permits
@@ -210,7 +215,7 @@ def test_an_unknown_latency_costs_little_on_the_best_figure_and_much_on_a_circle
     )
     sigmas_m: list[tuple[float, float]] = []
     for late_s in (0.001, 0.5):
-        monkeypatch.setattr(followed_figure, "PRIOR", np.append(followed_figure.PRIOR[:4], late_s**-2))
+        monkeypatch.setattr(figure_flight, "PRIOR", np.append(figure_flight.PRIOR[:4], late_s**-2))
         sigmas_m.append((sigma_m(best), sigma_m(circle)))
     (best_m, circle_m), (best_late_m, circle_late_m) = sigmas_m
     assert best_late_m < 2.0 * best_m

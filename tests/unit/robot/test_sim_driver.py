@@ -12,8 +12,7 @@ import pytest
 from pointit.runtime.service.surroundings import NullHealth, Surroundings
 from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import RobotKind
-from pointit.services.robot.drivers.sim.ordered_robot import SimConfig
-from pointit.services.robot.drivers.sim.sim_driver import SIM
+from pointit.services.robot.drivers.sim.sim_driver import SIM, SimConfig
 from pointit.services.robot.robot_driver import (
     Command,
     Follow,

@@ -11,20 +11,20 @@ from hypothesis.strategies import SearchStrategy
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.services.robot.drivers.sim.ground_robot import (
-    FACING_RAD,
-    THERE_M,
-    TURN_RADPS,
-    TURN_RADPS2,
-    SimulatedGroundRobot,
-)
 from pointit.services.robot.drivers.sim.motion_limits import STEP_S, MotionLimits
-from pointit.services.robot.drivers.sim.ordered_robot import SimulatedRobot
 from pointit.services.robot.drivers.sim.quadrotor import (
     WANDER_LIMIT,
     WANDER_SD_M,
     SimulatedQuadrotor,
     SmoothMotion,
+)
+from pointit.services.robot.drivers.sim.sim_driver import (
+    FACING_RAD,
+    THERE_M,
+    TURN_RADPS,
+    TURN_RADPS2,
+    SimulatedGroundRobot,
+    SimulatedRobot,
 )
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, Stop, TakeOff
 

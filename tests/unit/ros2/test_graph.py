@@ -19,7 +19,7 @@ from pointit.bridges.ros2.graph.backend import (
 )
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, Matching, findings
-from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
+from pointit.bridges.ros2.graph.node_backend import GraphMonitor
 from pointit.bridges.ros2.over_zenoh.graph import MAX_TOKENS, LivelinessDirectory, Seen
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus

@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.parameters.map_parameters import (
+from pointit.bridges.ros2.parameters.map_of_node import (
     LINES,
     SECTIONS,
     of_maps,

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, SERVICE, EndpointKind, Qos, RosType
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.over_zenoh.keys import data_key, dds_type, resolved
-from pointit.bridges.ros2.over_zenoh.qos import qos_of, qos_text
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.token import (
     BRIDGE,
@@ -19,6 +18,8 @@ from pointit.bridges.ros2.over_zenoh.token import (
     gid,
     mangled,
     parsed,
+    qos_of,
+    qos_text,
     unmangled,
 )
 from tests.unit.ros2.values import golden

@@ -12,7 +12,7 @@ import pytest
 
 from pointit.runtime.host.tcp_timeouts import LINGER, disable_linger, set_user_timeout, tcp_sockets
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.router.peer_sockets import cut, peer, release_udp_ports, unread
+from pointit.runtime.router.router import cut, peer, release_udp_ports, unread
 from pointit.runtime.zenoh.session import close_session, open_session
 from tests.support.buses import free_port
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pointit.bridges.web.scan.marks import marked_pixels
+from pointit.bridges.web.scan.session import marked_pixels
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.advice import next_view

@@ -15,8 +15,7 @@ import pointit.schemas as models
 from pointit.schemas import Cursor, DecodeError, ImuSample, Message, Query, TrackedObjects, decode, encode
 from pointit.schemas.base import MAX_ID
 from pointit.schemas.catalogue.asyncapi import Kind
-from pointit.schemas.catalogue.catalogue import all_kinds
-from pointit.schemas.catalogue.example import example
+from pointit.schemas.catalogue.catalogue import all_kinds, example
 from tests.unit.schemas.strategies import messages
 
 KINDS = [pytest.param(kind, id=kind.__name__) for kind in all_kinds()]

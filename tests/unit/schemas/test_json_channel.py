@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.schemas import Cursor, Environment, Message, StripsFrame
-from pointit.schemas.catalogue.example import example
+from pointit.schemas.catalogue.catalogue import example
 from pointit.schemas.catalogue.json_channel import JsonChannel
 from pointit.schemas.environment import StripFrame
 from pointit.schemas.topics import TOPICS, Topic

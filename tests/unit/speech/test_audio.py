@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.speech.audio import WavFile
-from pointit.speech.wav_file import read_wav
+from pointit.speech.audio import WavFile, read_wav
 from tests.support.bench import ManualClock
 
 

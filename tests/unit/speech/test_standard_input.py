@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from pointit.speech.standard_input import lines_of
+from pointit.speech.audio import lines_of
 
 
 async def test_a_silent_pipe_is_left_at_once_and_lines_are_whole() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from pointit.cli.study.terminal import TerminalView
+from pointit.cli.study.run import TerminalView
 from pointit.study.questionnaires import Scale
 from pointit.study.step import Step
 from pointit.study.view import Command, Status

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.devices.pattern import BLUE, GREEN, RED, pattern
+from pointit.bridges.web.devices.devices import BLUE, GREEN, RED, pattern
 
 
 @given(st.integers(1, 4096))

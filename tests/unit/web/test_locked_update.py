@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from pointit.bridges.web.devices import locked_update
-from pointit.bridges.web.devices.locked_update import update_stored
+from pointit.bridges.web.devices import devices
+from pointit.bridges.web.devices.devices import update_stored
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.host.store import acquire_lock
@@ -39,7 +39,7 @@ def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
 
 
 def test_an_update_waits_for_no_lock_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(locked_update, "LOCK_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(devices, "LOCK_TIMEOUT_S", 0.0)
     path = tmp_path / "count.json"
     lock = acquire_lock(path.with_suffix(".lock"))
     assert lock is not None

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from pointit.bridges.web.scan.marks import marked_pixels, picture
+from pointit.bridges.web.scan.session import marked_pixels, picture
 
 
 @pytest.mark.parametrize(("count", "marked"), [(1, (0,)), (2, (0, 1)), (5, (0, 1, 2, 3, 4))])

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pointit.bridges.web.scan.marks import marked_pixels
-from pointit.bridges.web.scan.session import Solution
+from pointit.bridges.web.scan.session import Solution, marked_pixels
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess
 from pointit.bridges.web.scan.solving import solution_of, solve_survey

@@ -6,16 +6,16 @@ from typing import Any
 import pytest
 
 from pointit.bridges.web.model import site_model as module
-from pointit.bridges.web.model.site_model import SiteModel
-from pointit.bridges.web.model.stale_keys import (
+from pointit.bridges.web.model.site_model import (
     MISSED_S,
     WITH_WRITER,
     Deployments,
+    SiteModel,
     Trackers,
     keys_of_person,
     keys_of_service,
 )
-from pointit.bridges.web.model.stale_keys import SILENT_S as TRACKER_SILENT_S
+from pointit.bridges.web.model.site_model import SILENT_S as TRACKER_SILENT_S
 from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, SiteObservation
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent

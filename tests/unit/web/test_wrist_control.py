@@ -8,9 +8,8 @@ import pytest
 
 import pointit.schemas as models
 from pointit.bridges.web.config import Place, WebConfig
-from pointit.bridges.web.model.assumed_pose import AssumedPose, choose_pose, middle, places
 from pointit.bridges.web.wire import AimAt, Turn
-from pointit.bridges.web.wrists.wrist_control import WristControl
+from pointit.bridges.web.wrists.wrist_control import AssumedPose, WristControl, choose_pose, middle, places
 from pointit.geometry import rotation, vector
 from pointit.services.pointing.arm_ray import ArmRay
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.wrists.mouse_arm import FASTEST_RADPS, MouseArm
 from pointit.bridges.web.wrists.pairing import UNUSED_S, Pairing, offer
 from pointit.bridges.web.wrists.phone_cues import STEPS, Cues
+from pointit.bridges.web.wrists.wrist_control import FASTEST_RADPS, MouseArm
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3

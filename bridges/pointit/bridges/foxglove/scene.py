@@ -4,20 +4,27 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
+import numpy as np
 from foxglove.messages import (
+    CylinderPrimitive,
     FrameTransforms,
+    LinePrimitive,
+    PackedElementField,
+    PackedElementFieldNumericType,
     PointCloud,
     SceneEntityDeletion,
     SceneEntityDeletionType,
     SceneUpdate,
 )
 
-from pointit.bridges.foxglove import people, robots, shapes
+from pointit.bridges.foxglove import people, shapes
 from pointit.bridges.foxglove.objects import ObjectOwnership, ObjectRenderer
 from pointit.bridges.foxglove.people import Person
-from pointit.bridges.foxglove.pixels import Pixels
 from pointit.bridges.foxglove.room import Lines, bays, lamps, room
-from pointit.bridges.foxglove.shapes import NamedEntity
+from pointit.bridges.foxglove.shapes import NamedEntity, Places
+from pointit.geometry import vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     ConveyorState,
     Cursor,
@@ -30,12 +37,149 @@ from pointit.schemas import (
     RobotState,
     Selection,
     Steering,
+    Strip,
     StripsFrame,
     TrackedObjects,
     UserPose,
     UserProfile,
 )
 from pointit.schemas.base import Rgb
+
+LIFETIME_S = 2.0
+"""Lifetime of an entity, s, for viewers that missed its deletion."""
+
+FREE: Rgb = (150, 160, 172)
+"""Colour of a robot that nobody steers, as in the page (`scene/robots.ts`)."""
+BODY: Rgb = (215, 220, 228)
+FLYING_M = 0.05
+"""Height from which a quadrotor has a line down to the floor."""
+ABOVE_M = 0.3
+"""Height of a label above its robot."""
+WAYPOINT_M = 0.1
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+
+
+def robot(
+    name: str, state: RobotState, plan: RobotPlan | None, colors: Mapping[str, Rgb], now_ns: int
+) -> NamedEntity:
+    """Return the entity of a robot, in the colour of the person in `colors` who steers it."""
+    rgb = colors.get(state.user, shapes.WHITE) if state.user else FREE
+    at, radius_m = state.position_m, state.radius_m
+    floor: Vec3 = (at[0], at[1], 0.01)
+    is_flying = state.kind == "quadrotor" and at[2] >= FLYING_M
+    lines = [shapes.line(_circle(at if is_flying else floor, 1.35 * radius_m), rgb, kind="loop", pixels=3.0)]
+    if is_flying:
+        lines += [shapes.line((at, floor), rgb, pixels=1.0), _ring(floor, radius_m, rgb)]
+    if plan is not None and plan.line_m:
+        lines.append(shapes.line((at, *plan.line_m), rgb, pixels=3.0))
+    if state.target_m is not None:
+        lines.append(_ring(state.target_m, radius_m, rgb))
+    front = vector.scale(vector.direction(state.yaw_rad, 0.0), 1.5 * radius_m)
+    words = [name, " ".join(filter(None, (state.user, state.phase.replace("_", " "))))]
+    facts = {"robot": name, "steered by": state.user or "nobody", "phase": state.phase}
+    facts["reason"] = state.reason
+    if state.battery is not None:
+        facts["battery"] = f"{state.battery:.0%}"
+    return shapes.entity(
+        f"robot {name}",
+        now_ns,
+        lifetime_s=LIFETIME_S,
+        facts=facts,
+        cylinders=_body(state),
+        arrows=[shapes.arrow(at, front, rgb, width_m=0.1 * radius_m)],
+        lines=lines,
+        texts=[shapes.label("\n".join(words), vector.add(at, (0.0, 0.0, ABOVE_M)), rgb)],
+    )
+
+
+def waypoints(user: str, steering: Steering, rgb: Rgb, now_ns: int) -> NamedEntity:
+    """Return the way-points that `user` has set and not yet sent, numbered."""
+    points = steering.waypoints_m
+    return shapes.entity(
+        f"way-points {user}",
+        now_ns,
+        facts={"user": user},
+        spheres=[shapes.sphere(point, WAYPOINT_M, rgb) for point in points],
+        lines=[shapes.line(points, rgb)] if len(points) > 1 else [],
+        texts=[
+            shapes.label(str(number), vector.add(point, (0.0, 0.0, 2.0 * WAYPOINT_M)), rgb)
+            for number, point in enumerate(points, 1)
+        ],
+    )
+
+
+def _body(state: RobotState) -> list[CylinderPrimitive]:
+    at, radius_m = state.position_m, state.radius_m
+    if state.kind == "ground":
+        return [shapes.cylinder(at, radius_m, 2.0 * radius_m, BODY)]
+    rotors = [
+        vector.add(at, vector.scale(vector.direction(state.yaw_rad + corner, 0.0), 0.7 * radius_m))
+        for corner in np.radians([45.0, 135.0, 225.0, 315.0]).tolist()
+    ]
+    arms = [shapes.cylinder_between(rotors[i], rotors[i + 2], 0.12 * radius_m, BODY) for i in (0, 1)]
+    disc_m = (0.1 * radius_m, 0.7 * radius_m)
+    return arms + [shapes.cylinder(rotor, *disc_m, BODY, alpha=0.8) for rotor in rotors]
+
+
+def _circle(center_m: Vec3, radius_m: float) -> list[list[float]]:
+    around = np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE), np.zeros(len(_CIRCLE))])
+    places: list[list[float]] = (around * radius_m + np.array(center_m)).tolist()
+    return places
+
+
+def _ring(center_m: Vec3, radius_m: float, rgb: Rgb) -> LinePrimitive:
+    return shapes.line(_circle(center_m, radius_m), rgb, kind="loop", alpha=0.6)
+
+
+FLOOR = 32
+"""Minimum grey of pixels that are off, so that they are visible."""
+
+_LAYOUT = np.dtype([("place_m", "<f4", 3), ("rgba", "u1", 4)])
+_FIELDS = [
+    PackedElementField(name=name, offset=4 * index, type=PackedElementFieldNumericType.Float32)
+    for index, name in enumerate("xyz")
+] + [
+    PackedElementField(name=name, offset=12 + index, type=PackedElementFieldNumericType.Uint8)
+    for index, name in enumerate(("red", "green", "blue", "alpha"))
+]
+
+
+class Pixels:
+    """Positions of all pixels: pixel i of n is in the middle of the i-th of n equal parts of its strip."""
+
+    def __init__(self, strips: Mapping[str, tuple[Polyline, Strip]]) -> None:
+        self.count = sum(strip.pixels for _, strip in strips.values())
+        self._slices: dict[str, slice] = {}
+        self._points = np.zeros(self.count, dtype=_LAYOUT)
+        self._points["rgba"] = (FLOOR, FLOOR, FLOOR, 255)
+        first = 0
+        for name, (line, strip) in strips.items():
+            numbers: Places = np.arange(strip.pixels, dtype=np.float64)
+            at_m: Places = (numbers + 0.5) / (strip.pixels / line.length_m)
+            part = slice(first, first + strip.pixels)
+            self._points["place_m"][part] = line.points_at(at_m)[:: strip.direction]
+            self._slices[name] = part
+            first = part.stop
+
+    def light(self, frame: StripsFrame) -> None:
+        """Set the colours of `frame`. Ignores strips that are not on the map or are longer there."""
+        for strip in frame.strips:
+            part = self._slices.get(strip.id)
+            if part is not None and len(strip.rgb) == 3 * (part.stop - part.start):
+                colors = np.frombuffer(strip.rgb, dtype=np.uint8).reshape(-1, 3)
+                np.maximum(colors, FLOOR, out=self._points["rgba"][part, :3])
+
+    def cloud(self, now_ns: int) -> PointCloud:
+        """Return the points with fields x, y, z (m, {W}) and red, green, blue, alpha (0 to 255)."""
+        return PointCloud(
+            timestamp=shapes.timestamp(now_ns),
+            frame_id=shapes.WORLD,
+            pose=shapes.pose((0.0, 0.0, 0.0)),
+            point_stride=_LAYOUT.itemsize,
+            fields=_FIELDS,
+            data=self._points.tobytes(),
+        )
+
 
 Part = Literal["room", "pixels", "lamps", "bays", "objects", "robots", "people", "frames"]
 Picture = SceneUpdate | PointCloud | FrameTransforms
@@ -172,12 +316,12 @@ class Scene:
 
     def _drawn_robots(self, colors: dict[str, Rgb], now_ns: int) -> list[NamedEntity]:
         drawn = [
-            robots.robot(name, heard.message, self._plans.get(name), colors, now_ns)
+            robot(name, heard.message, self._plans.get(name), colors, now_ns)
             for name, heard in self._robots.items()
         ]
         routes = [(user, each) for user, each in self._steering.items() if each.waypoints_m]
         return drawn + [
-            robots.waypoints(user, each, colors.get(user, shapes.WHITE), now_ns) for user, each in routes
+            waypoints(user, each, colors.get(user, shapes.WHITE), now_ns) for user, each in routes
         ]
 
     def _update(self, part: Part, drawn: list[NamedEntity], now_ns: int) -> SceneUpdate:

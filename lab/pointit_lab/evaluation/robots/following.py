@@ -13,7 +13,7 @@ import numpy as np
 
 from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.estimator import Pointings
-from pointit.services.robot.followed_figure import EYES_M, AssumedPerson, figures
+from pointit.services.robot.figure_flight import EYES_M, AssumedPerson, figures
 from pointit_lab.evaluation.localization.localization import OURS, Task, solved
 from pointit_lab.evaluation.localization.over_people import OverPeople, over_people
 from pointit_lab.evaluation.localization.scoring import Outcome, rows_of

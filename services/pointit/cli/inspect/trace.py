@@ -4,18 +4,18 @@ import asyncio
 import datetime as dt
 import socket
 import time
-from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Unpack
 
 import click
+import numpy as np
 
 from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.progress import progress
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
-from pointit.cli.inspect import sample_path
 from pointit.diagnosis.writers import present_writers, silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap, Undecoded
 from pointit.runtime.bus.timeliness import ClockSkewMonitor
@@ -24,6 +24,155 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame, topics
 from pointit.schemas.system import split_instance
+
+CAPTURE = "capture"
+LIGHT = "light"
+
+CAUSES: Mapping[str, str] = {
+    "imu": CAPTURE,
+    "ray": "imu",
+    "cursor": "ray",
+    "hover": "cursor",
+    "frame": "cursor",
+    LIGHT: "frame",
+}
+"""All hops in order, with the hop that causes each."""
+
+SHARED = frozenset(("frame", LIGHT))
+"""Hops that messages about other people reach, too. They begin no sample."""
+
+SETTLE_S = 0.5
+"""Time from the first message of a sample until it is judged, s. Later messages of it count as lost."""
+
+MAX_OPEN = 4096
+"""Maximum number of samples that wait, and of those that are remembered as judged."""
+
+
+@dataclass(slots=True)
+class SamplePath:
+    """One sample: when and by which process it was published at each hop."""
+
+    stamp_ns: int
+    """Time of capture, by which its messages are found."""
+    at_ns: dict[str, int]
+    """Time of publication by hop, and of `CAPTURE`; wall time, Unix ns."""
+    first_s: float = 0.0
+    """Arrival of its first message, s (monotonic)."""
+    processes: dict[str, str] = field(default_factory=dict[str, str])
+
+    def delta_s(self, hop: str) -> float | None:
+        """Return the time since the hop before, s, or None if either was not seen."""
+        return self._span_s(CAUSES[hop], hop)
+
+    def total_s(self, hop: str) -> float | None:
+        """Return the time since capture, s, or None if the hop was not seen."""
+        return self._span_s(CAPTURE, hop)
+
+    def _span_s(self, begin: str, end: str) -> float | None:
+        if begin not in self.at_ns or end not in self.at_ns:
+            return None
+        return (self.at_ns[end] - self.at_ns[begin]) / NS_PER_S
+
+
+class PathJoiner:
+    """Joins messages of one person, whatever their order, into samples."""
+
+    def __init__(self, wall_ns: Callable[[int], int], began_s: float) -> None:
+        """Begin without samples.
+
+        Args:
+            wall_ns: converts a capture time (of the site's clock) to wall time, both Unix ns.
+            began_s: start of listening, s (monotonic). Samples that are first heard within `SETTLE_S` are
+                left out: their first messages may have been missed.
+        """
+        self._wall_ns = wall_ns
+        self._ready_s = began_s + SETTLE_S
+        self._open: OrderedDict[int, SamplePath] = OrderedDict()
+        self._judged: OrderedDict[int, None] = OrderedDict()
+
+    def add(self, hop: str, stamp_ns: int, sent_ns: int, process: str, now_s: float) -> None:
+        """Add a message. Of several for the same hop, the first one published counts.
+
+        Args:
+            hop: a key of `CAUSES`.
+            stamp_ns: its time of capture.
+            sent_ns: its publication, wall time, Unix ns.
+            process: id of the publishing process, or `""` if unknown.
+            now_s: the present time, s (monotonic).
+        """
+        if stamp_ns in self._judged:
+            return
+        path = self._open.get(stamp_ns)
+        if path is None:
+            path = self._open[stamp_ns] = SamplePath(stamp_ns, {CAPTURE: self._wall_ns(stamp_ns)}, now_s)
+            if len(self._open) > MAX_OPEN:
+                self._open.popitem(last=False)
+        if hop not in path.at_ns or sent_ns < path.at_ns[hop]:
+            path.at_ns[hop] = sent_ns
+            path.processes[hop] = process
+
+    def settled(self, now_s: float) -> list[SamplePath]:
+        """Return the samples that are `SETTLE_S` old, in order of arrival, and forget them."""
+        found: list[SamplePath] = []
+        while self._open:
+            stamp_ns, path = next(iter(self._open.items()))
+            if now_s - path.first_s < SETTLE_S:
+                break
+            del self._open[stamp_ns]
+            self._judged[stamp_ns] = None
+            if len(self._judged) > MAX_OPEN:
+                self._judged.popitem(last=False)
+            if path.first_s >= self._ready_s and path.at_ns.keys() - SHARED > {CAPTURE}:
+                found.append(path)
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class HopFigures:
+    """Times of one hop over several samples, s."""
+
+    hop: str
+    after: str
+    """The hop before."""
+    samples: int
+    """Number of samples that reached it."""
+    delta_p50_s: float | None
+    """Median of the time since the hop before, or None if no sample was seen at both."""
+    delta_p99_s: float | None
+    total_p50_s: float | None
+    """Median of the time since capture."""
+    total_p99_s: float | None
+
+
+def hop_figures(paths: Sequence[SamplePath]) -> list[HopFigures]:
+    """Return the figures of each hop that any of `paths` reached, in order."""
+    return [
+        HopFigures(
+            hop=hop,
+            after=after,
+            samples=sum(hop in path.at_ns for path in paths),
+            delta_p50_s=_quantile(paths, SamplePath.delta_s, hop, 0.5),
+            delta_p99_s=_quantile(paths, SamplePath.delta_s, hop, 0.99),
+            total_p50_s=_quantile(paths, SamplePath.total_s, hop, 0.5),
+            total_p99_s=_quantile(paths, SamplePath.total_s, hop, 0.99),
+        )
+        for hop, after in CAUSES.items()
+        if any(hop in path.at_ns for path in paths)
+    ]
+
+
+def farthest(paths: Sequence[SamplePath]) -> SamplePath:
+    """Return the newest of the `paths` that were seen at most hops. There must be one."""
+    return max(paths, key=lambda path: (len(path.at_ns), path.stamp_ns))
+
+
+def _quantile(
+    paths: Sequence[SamplePath], span_s: Callable[[SamplePath, str], float | None], hop: str, share: float
+) -> float | None:
+    values = [value for path in paths if (value := span_s(path, hop)) is not None]
+    # nearest rank: one of the values
+    return float(np.quantile(values, share, method="inverted_cdf")) if values else None
+
 
 TOPICS: Mapping[str, AnyTopic] = {
     "imu": topics.IMU,
@@ -93,10 +242,10 @@ async def _check_rights(bus: ZenohBus, user: str) -> None:
         raise AccessDeniedError(f"{denied} (only {user} and the supervisor may trace samples of {user})")
 
 
-async def _measure(tracer: "Tracer", count: int) -> list[sample_path.SamplePath]:
+async def _measure(tracer: "Tracer", count: int) -> list[SamplePath]:
     """Return `count` samples, or as many as come until none follows for `SILENCE_S`; raises if none comes."""
     loop = asyncio.get_running_loop()
-    paths: list[sample_path.SamplePath] = []
+    paths: list[SamplePath] = []
     newest_s = loop.time()
     with progress(count) as tell:
         while len(paths) < count and loop.time() - newest_s < SILENCE_S:
@@ -137,7 +286,7 @@ class Trace:
     captured_ns: int
     """The same as wall time, Unix ns."""
     path: tuple[TracedHop, ...]
-    hops: tuple[sample_path.HopFigures, ...]
+    hops: tuple[HopFigures, ...]
     clocks: tuple[str, ...]
     """Machines of the path with other clocks than ours, a sentence each."""
     invalid: int
@@ -151,7 +300,7 @@ class Tracer:
         self.user = user
         self._loop = asyncio.get_running_loop()
         self._arrived = deque[tuple[str, Message | Undecoded, int]](maxlen=MAX_WAITING)
-        self._joiner = sample_path.PathJoiner(self._wall_ns, self._loop.time())
+        self._joiner = PathJoiner(self._wall_ns, self._loop.time())
         self._tick: ClockTick | None = None
         self._present: set[str] = set()
         self._reports: dict[str, tuple[str, Health]] = {}
@@ -164,7 +313,7 @@ class Tracer:
         for hop, topic in TOPICS.items():
             bus.tap(topic, self._tap(hop), user if topic.placeholder == "user" else topics.ANY)
 
-    def take(self) -> list[sample_path.SamplePath]:
+    def take(self) -> list[SamplePath]:
         """Return the samples that are complete, or will not be, since the last call."""
         now_s = self._loop.time()
         while self._arrived:
@@ -182,20 +331,20 @@ class Tracer:
             self._joiner.add(hop, message.stamp_ns, at_ns, process, now_s)
             if isinstance(message, StripsFrame) and message.light_s > 0:
                 light_ns = at_ns + round(message.light_s * NS_PER_S)
-                self._joiner.add(sample_path.LIGHT, message.stamp_ns, light_ns, process, now_s)
+                self._joiner.add(LIGHT, message.stamp_ns, light_ns, process, now_s)
         return self._joiner.settled(now_s)
 
-    def trace(self, paths: Sequence[sample_path.SamplePath]) -> Trace:
+    def trace(self, paths: Sequence[SamplePath]) -> Trace:
         """Return the result over `paths`, at least one."""
-        path = sample_path.farthest(paths)
-        figures = tuple(sample_path.hop_figures(paths))
-        way = tuple(self._traced(path, hop) for hop in sample_path.CAUSES if hop in path.at_ns)
+        path = farthest(paths)
+        figures = tuple(hop_figures(paths))
+        way = tuple(self._traced(path, hop) for hop in CAUSES if hop in path.at_ns)
         hosts = {host for each in paths for hop in each.processes if (host := self._writer(each, hop)[1])}
         return Trace(
             user=self.user,
             samples=len(paths),
             stamp_ns=path.stamp_ns,
-            captured_ns=path.at_ns[sample_path.CAPTURE],
+            captured_ns=path.at_ns[CAPTURE],
             path=way,
             hops=figures,
             clocks=tuple(
@@ -211,7 +360,7 @@ class Tracer:
         reason = silence_reason(topics.IMU, self.user, self._present)
         return f"no sample of {self.user} came within {SILENCE_S:g} s: {reason}"
 
-    def _traced(self, path: sample_path.SamplePath, hop: str) -> TracedHop:
+    def _traced(self, path: SamplePath, hop: str) -> TracedHop:
         service, host = self._writer(path, hop)
         return TracedHop(
             hop=hop,
@@ -222,9 +371,9 @@ class Tracer:
             total_s=path.total_s(hop),
         )
 
-    def _writer(self, path: sample_path.SamplePath, hop: str) -> tuple[str, str]:
+    def _writer(self, path: SamplePath, hop: str) -> tuple[str, str]:
         """Return instance and host of who published `path` at `hop`, `""` where unknown."""
-        topic = TOPICS["frame" if hop == sample_path.LIGHT else hop]
+        topic = TOPICS["frame" if hop == LIGHT else hop]
         here = [
             report
             for process, report in self._reports.values()

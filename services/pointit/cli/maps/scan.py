@@ -1,18 +1,24 @@
 """`pointit map scan`: a map from photographs of blinking strips and lamps, taken now or in a file."""
 
+import json
+import re
+import secrets
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
+from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import print_file
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.maps.check import print_findings
-from pointit.cli.maps.scan_live import live_options, scan_live
+from pointit.geometry.polyline import Polyline
 from pointit.maps.checks.examine import examined
 from pointit.maps.edit.new_file import write_new
-from pointit.maps.file import parse_map_file
+from pointit.maps.file import load_map, parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.shutdown import EXIT_FAILED
 from pointit.scan.advice import next_view
@@ -20,6 +26,150 @@ from pointit.scan.as_map import map_text
 from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
 from pointit.scan.solver import solve
 from pointit.scan.views import KnownLength, Mark, read_survey
+from pointit.schemas.topics import check_name
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+ROW_M = 0.1
+"""Distance of the strips in the map to begin with, of which only names and numbers are right."""
+SCENARIO = """\
+about: a room that is being mapped
+places: [{position_m: [0, 0, 0]}]
+site:
+  pui: {map: begin.yaml, surfaces: [strip]}
+  led-driver: {}
+  keeper: {}
+user: {}
+"""
+
+
+def scan_live(
+    context: click.Context,
+    file: Path,
+    *,
+    map_name: str,
+    strips: Sequence[str],
+    lamps: Sequence[str],
+    per_m: float,
+    leds: str,
+    simulated: bool,
+    run_options: Sequence[str] = (),
+) -> int:
+    """Run a site with these strips until Ctrl-C, and print where the page is.
+
+    Args:
+        context: of the command.
+        file: map to write.
+        map_name: a map whose strips' names and numbers of pixels are right, and whose lamps blink, too, or
+            `""`. For a simulated camera it is the room.
+        strips: `NAME=PIXELS` of further strips.
+        lamps: names of further lamps.
+        per_m: LEDs per metre of `strips`; the page asks for each.
+        leds: output, as for `pointit run`, or `""`.
+        simulated: True for a simulated camera in a simulated room.
+        run_options: further options of `pointit run`.
+
+    Raises:
+        ConfigError: If there are no strips, something is wrong with them, or the file exists.
+    """
+    if file.exists():
+        raise ConfigError(f"{file}: exists already; choose another name or move it away")
+    if not file.absolute().parent.is_dir():
+        raise ConfigError(f"{file}: there is no folder {file.parent}")
+    for name in lamps:
+        check_name(name, "--lamp")
+    counts = dict(map(_strip, strips))
+    lengths_m = {name: count / per_m for name, count in counts.items()}
+    if simulated:
+        from pointit.bridges.web.scan.simulated_room import ROOM  # noqa: PLC0415 - of the page's extra
+
+        map_name = map_name or str(ROOM)
+    if map_name:
+        known = load_map(map_name, 0)
+        counts = {strip.id: strip.pixels for strip in known.strips} | counts
+        lengths_m = {strip.id: Polyline(strip.line_m).length_m for strip in known.strips} | lengths_m
+        lamps = [*(lamp.id for lamp in known.lamps), *lamps]
+    if not counts:
+        raise ConfigError("no strips are given: add --strip NAME=PIXELS for each, or --simulated to try it")
+    command = context.find_root().command
+    assert isinstance(command, click.Group)  # noqa: S101 - the root of all commands
+    run = command.get_command(context, "run")
+    assert run is not None  # noqa: S101 - of the core
+    with tempfile.TemporaryDirectory(prefix="pointit-scan-") as folder:
+        scenario = Path(folder) / "scan.yaml"
+        scenario.write_text(SCENARIO, encoding="utf-8")
+        begin = Path(folder) / "begin.yaml"
+        begin.write_text(first_map(counts, lengths_m, lamps), encoding="utf-8")
+        settings = {
+            "pui.map": str(begin),
+            "web.scan_file": str(file.absolute()),
+            "web.scan_token": secrets.token_urlsafe(18),
+            "web.scan_room": map_name if simulated else "",
+        }
+        arguments = [str(scenario), "--site-only", "--no-view", *run_options]
+        arguments += [f"--set={name}={json.dumps(value)}" for name, value in settings.items()]
+        arguments += [] if simulated else ["--lan"]
+        arguments += [f"--output={leds}"] if leds else []
+        result: int = run.main(arguments, prog_name="pointit map scan", standalone_mode=False)
+    return result
+
+
+def first_map(counts: Mapping[str, int], lengths_m: Mapping[str, float], lamps: Sequence[str]) -> str:
+    """Return a map of lamps and strips side by side, whose places are wrong, as YAML."""
+    rows = ["lamps:"] if lamps else []
+    for row, name in enumerate(dict.fromkeys(lamps), 1):
+        rows.append(f"  {json.dumps(name)}: {{position: [0, {-ROW_M * row:.1f}, 1]}}")
+    rows.append("strips:")
+    for row, (name, count) in enumerate(counts.items()):
+        line = f"[[0, {ROW_M * row:.1f}, 1], [{lengths_m[name]:.3f}, {ROW_M * row:.1f}, 1]]"
+        rows.append(f"  {json.dumps(name)}: {{line: {line}, pixels: {count}}}")
+    return "\n".join([*rows, ""])
+
+
+def _strip(text: str) -> tuple[str, int]:
+    found = re.fullmatch(r"([A-Za-z0-9_][A-Za-z0-9_.-]{0,63})=([0-9]{1,4})", text)
+    if found is None or not 2 <= int(found[2]) <= 4096:
+        raise ConfigError(f"--strip {text}: write NAME=PIXELS, such as shelf=90, with 2 to 4096 pixels")
+    return found[1], int(found[2])
+
+
+def live_options(function: F) -> F:
+    """Add the options and the argument that `scan_live` takes."""
+    for add in (
+        click.argument("run_options", nargs=-1, type=click.UNPROCESSED),
+        click.option("--simulated", is_flag=True, help="a simulated camera in a simulated room"),
+        click.option(
+            "--leds", default="", show_default=False, metavar="OUTPUT", help="output, as for `pointit run`"
+        ),
+        click.option(
+            "--leds-per-m",
+            "per_m",
+            type=Finite(2, 1000),
+            default=60.0,
+            help="of the strips; the page asks for each",
+        ),
+        click.option(
+            "--map",
+            "map_name",
+            default="",
+            show_default=False,
+            metavar="MAP",
+            help="map with the strips, anywhere; with --simulated, the room",
+        ),
+        click.option(
+            "--strip",
+            "strips",
+            multiple=True,
+            metavar="NAME=PIXELS",
+            help="a strip, in the order of the controller's pixels. Repeatable",
+        ),
+        click.option(
+            "--lamp", "lamps", multiple=True, metavar="NAME", help="a lamp of the output. Repeatable"
+        ),
+    ):
+        function = add(function)
+    return function
+
 
 FORM = """\b
 FILE is JSON:

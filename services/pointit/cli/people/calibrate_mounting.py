@@ -1,4 +1,10 @@
-"""`pointit person calibrate mounting USER`: the sensor's mounting on the arm from two poses."""
+"""`pointit person calibrate mounting USER`: the sensor's mounting on the arm from two poses.
+
+Measurement of the sensor's mounting by two poses: the arm level ahead, and straight up.
+
+Orientations are world_from_arm with the mounting before the measurement. The result is arm_from_true, which
+rotates vectors of the true arm frame (x to the finger, z up in the first pose) into the previous one.
+"""
 
 import asyncio
 import math
@@ -7,6 +13,9 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 import click
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import wait_for_enter
@@ -14,20 +23,172 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.people import mounting
 from pointit.cli.people.anchoring import LISTEN_S
 from pointit.cli.people.changing_line import changing_line
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
 from pointit.diagnosis.writers import silence_reason
+from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import IDENTITY, Quaternion
+from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.system import instance_of
+from pointit.schemas.text import round_beyond
 from pointit.schemas.topics import IMU, SERVICE_ALIVE, SET_MOUNTING, check_name
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings
+
+Orientations = NDArray[np.float64]
+"""n x 4, x, y, z, w."""
+
+MOVEMENT_RAD = math.radians(5.0)
+"""Distance from the start of a rest beyond which a sample is a movement; holds wander by 1° (pointing.md
+§7)."""
+STILL_RAD = math.radians(3.0)
+"""Largest spread (rms) of a valid pose."""
+APART_RAD = math.radians(45.0)
+"""Smallest turn between the two poses, which should be 90°."""
+SQUARE_RAD = math.radians(25.0)
+"""Largest deviation of the two poses from a right angle; beyond it at least one was held wrongly."""
+
+_UP: Vec3 = (0.0, 0.0, 1.0)
+
+
+class MountingError(ValueError):
+    """The poses do not determine a mounting; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Hold:
+    """An arm that rested in a pose."""
+
+    mean_xyzw: Quaternion
+    spread_rad: float
+    """Rms of the angles between the samples and their mean."""
+    samples: int
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """A solved mounting; errors are elevations of the arm minus those of the poses."""
+
+    arm_from_true: Quaternion
+    about_arm_rad: float
+    """Roll of the sensor about the arm; positive: clockwise, seen from elbow to finger."""
+    off_axis_rad: float
+    """Angle between the true arm and the previously assumed one."""
+    forward_before_rad: float
+    up_before_rad: float
+    forward_after_rad: float
+    up_after_rad: float
+    heading_change_rad: float
+    """Change of the azimuth of the arm, level ahead, by the new mounting."""
+
+
+class RestPoseCollector:
+    """Collects samples while the arm rests; a movement restarts it."""
+
+    def __init__(self, duration_s: float) -> None:
+        self._duration_s = duration_s
+        self._samples: list[Quaternion] = []
+        self._began_s = 0.0
+        self.rested_s = 0.0
+        """Duration of the present rest, s."""
+        self.moved_rad = 0.0
+        """Angle of the newest sample from the start of the rest."""
+
+    def add(self, orientation_xyzw: Quaternion, time_s: float) -> Hold | None:
+        """Add a sample. Return the pose once the arm has rested long enough, else None."""
+        self.moved_rad = angle_between(self._samples[0], orientation_xyzw) if self._samples else 0.0
+        if not self._samples or self.moved_rad > MOVEMENT_RAD or time_s < self._began_s:
+            self._samples.clear()
+            self._began_s = time_s
+        self._samples.append(orientation_xyzw)
+        self.rested_s = time_s - self._began_s
+        if self.rested_s < self._duration_s:
+            return None
+        return mean_pose(np.array(self._samples))
+
+
+def angle_between(a: Quaternion, b: Quaternion) -> float:
+    """Return the angle between `a` and `b`, 0 to pi."""
+    x, y, z, w = rotation.multiply(rotation.inverse(a), b)
+    return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
+
+
+def mean_pose(orientations: Orientations) -> Hold:
+    """Return the mean orientation (Markley 2007, as SciPy has it) and the spread about it."""
+    turns = Rotation.from_quat(orientations)
+    mean = turns.mean()
+    angles = (mean.inv() * turns).magnitude()
+    x, y, z, w = (float(value) for value in mean.as_quat())
+    return Hold((x, y, z, w), float(np.sqrt(np.mean(np.square(angles)))), len(orientations))
+
+
+def solve_mounting(forward: Hold, up: Hold) -> Mounting:
+    """Return the mounting that explains the arm level ahead (palm down) and the arm straight up.
+
+    The arm's axis pointed up in the second pose and was level in the first; a contradiction is shared between
+    both. The roll about it makes the arm's z point up in the first pose.
+
+    Raises:
+        MountingError: If the arm did not rest, did not move in between, or one of the poses was another one.
+    """
+    for pose, name in ((forward, "ahead"), (up, "up")):
+        if pose.spread_rad > STILL_RAD:
+            limit_deg = math.degrees(STILL_RAD)
+            spread_deg = round_beyond(math.degrees(pose.spread_rad), limit_deg)
+            raise MountingError(
+                f"the arm did not rest while it was {name}: it wandered by {spread_deg}° rms, at most "
+                f"{limit_deg:.0f}° is allowed; hold it still and do it again"
+            )
+    turned_rad = angle_between(forward.mean_xyzw, up.mean_xyzw)
+    if turned_rad < APART_RAD:
+        raise MountingError(
+            f"the two poses are the same: between them the arm turned by {math.degrees(turned_rad):.0f}° "
+            "only; hold it level ahead first, then straight up"
+        )
+    level = rotation.rotate(rotation.inverse(forward.mean_xyzw), _UP)  # up in the first pose, arm's frame
+    axis = rotation.rotate(rotation.inverse(up.mean_xyzw), _UP)
+    slope_rad = math.asin(max(-1.0, min(1.0, vector.dot(axis, level))))
+    if abs(slope_rad) > SQUARE_RAD:
+        limit_deg = math.degrees(SQUARE_RAD)
+        slope_deg = round_beyond(abs(math.degrees(slope_rad)), limit_deg, 0)
+        raise MountingError(
+            f"up in the second pose is {slope_deg}° from level in the first, at most {limit_deg:.0f}° is "
+            "allowed: point level ahead, then straight up, with the arm stretched and the wrist straight, "
+            "and without the band slipping"
+        )
+    levelled = vector.normalized(vector.subtract(axis, vector.scale(level, vector.dot(axis, level))))
+    x = vector.normalized(vector.add(axis, levelled))
+    z = vector.normalized(vector.subtract(level, vector.scale(x, vector.dot(level, x))))
+    matrix = np.array([x, vector.cross(z, x), z]).T
+    qx, qy, qz, qw = (float(value) for value in Rotation.from_matrix(matrix).as_quat(canonical=True))
+    return _report(forward.mean_xyzw, up.mean_xyzw, (qx, qy, qz, qw))
+
+
+def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> Mounting:
+    ahead: Vec3 = (1.0, 0.0, 0.0)
+    axis = rotation.rotate(arm_from_true, ahead)
+
+    def seen(pose: Quaternion, direction: Vec3) -> Vec3:
+        return rotation.rotate(pose, direction)
+
+    before, after = seen(forward, ahead), seen(forward, axis)
+    half_turn = math.pi / 2.0
+    return Mounting(
+        arm_from_true=arm_from_true,
+        about_arm_rad=vector.wrap(-2.0 * math.atan2(arm_from_true[0], arm_from_true[3])),
+        off_axis_rad=vector.angle_between(axis, ahead),
+        forward_before_rad=vector.elevation(before),
+        up_before_rad=vector.elevation(seen(up, ahead)) - half_turn,
+        forward_after_rad=vector.elevation(after),
+        up_after_rad=vector.elevation(seen(up, axis)) - half_turn,
+        heading_change_rad=vector.wrap(vector.azimuth(after) - vector.azimuth(before)),
+    )
+
 
 POSES = (
     ("ahead", "point level straight ahead, with the arm stretched and the palm down"),
@@ -132,7 +293,7 @@ async def _measure(user: str, way: GuidanceOptions, *, as_json: bool, **at: Unpa
     return 0
 
 
-async def measure(bus: Bus, user: str, way: GuidanceOptions) -> mounting.Mounting:
+async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
     """Guide the person through the two poses and return the mounting.
 
     Raises:
@@ -141,7 +302,7 @@ async def measure(bus: Bus, user: str, way: GuidanceOptions) -> mounting.Mountin
     """
     wrist = _Wrist(bus, user)
     await wrist.check()
-    holds: list[mounting.Hold] = []
+    holds: list[Hold] = []
     for name, what in POSES:
         text = f"{user}: {what}"
         if way.waits:
@@ -156,8 +317,8 @@ async def measure(bus: Bus, user: str, way: GuidanceOptions) -> mounting.Mountin
             holds.append(await wrist.rest(name, way, show, last))
         click.echo(f"{user}: good, the arm rested {name}", err=True)
     try:
-        return mounting.solve_mounting(*holds)
-    except mounting.MountingError as error:
+        return solve_mounting(*holds)
+    except MountingError as error:
         raise PointItError(f"{user}: {error}") from error
 
 
@@ -188,17 +349,17 @@ class _Wrist:
 
     async def rest(
         self, name: str, way: GuidanceOptions, show: Callable[[str], None], apart_from: Quaternion | None
-    ) -> mounting.Hold:
+    ) -> Hold:
         """Return the next pose in which the arm rests and that is far from `apart_from`."""
-        stillness = mounting.RestPoseCollector(way.rest_s)
+        stillness = RestPoseCollector(way.rest_s)
         try:
             async with asyncio.timeout(way.timeout_s):
                 while True:
                     sample = await self._next()
                     turned_rad = math.pi
                     if apart_from is not None:
-                        turned_rad = mounting.angle_between(apart_from, sample.orientation_xyzw)
-                    if turned_rad < mounting.APART_RAD:
+                        turned_rad = angle_between(apart_from, sample.orientation_xyzw)
+                    if turned_rad < APART_RAD:
                         show(f"{self._user}: the arm has turned by {math.degrees(turned_rad):.0f}° so far")
                         continue
                     hold = stillness.add(sample.orientation_xyzw, sample.stamp_ns / NS_PER_S)
@@ -226,7 +387,7 @@ class _Wrist:
         self._fresh.set()
 
 
-def format_result(found: mounting.Mounting) -> list[str]:
+def format_result(found: Mounting) -> list[str]:
     """Return the result as lines of text."""
     about_deg, off_deg = math.degrees(found.about_arm_rad), math.degrees(found.off_axis_rad)
     way = "clockwise" if about_deg > 0 else "counter-clockwise"
@@ -246,7 +407,7 @@ def _deg(angle_rad: float) -> str:
     return f"{round(math.degrees(angle_rad), 1) + 0.0:+.1f}°"
 
 
-def fields(found: mounting.Mounting) -> dict[str, Any]:
+def fields(found: Mounting) -> dict[str, Any]:
     """Return the result, for programs."""
     return {
         "about_arm_deg": math.degrees(found.about_arm_rad),

@@ -11,9 +11,8 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from pointit.access.denied_operations import FILTER, MARKS, DeniedOperations
+from pointit.access.denied_operations import FILTER, MARKS, DeniedOperations, RecentDenials
 from pointit.access.limits import MAX_CONNECTIONS, Connection, Limits
-from pointit.access.recent_denials import RecentDenials
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.cli.common.panels import PanelCommand

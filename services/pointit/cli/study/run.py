@@ -2,6 +2,7 @@
 
 import asyncio
 import importlib.util
+from collections import deque
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +11,6 @@ import click
 from pointit.cli.common.keyboard import check_keyboard, key_bytes
 from pointit.cli.common.output import say
 from pointit.cli.common.progress import ProgressCallback, interruptible, progress
-from pointit.cli.study.terminal import TerminalView
 from pointit.launch.plan.extras import has_extra
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
@@ -19,12 +19,116 @@ from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.page.view import PageView
 from pointit.study.plan import plan_of
+from pointit.study.questionnaires import Scale
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import simulate
 from pointit.study.site.lsl import check_lsl
 from pointit.study.site.scenario import check_ready
 from pointit.study.site.study_site import SiteOptions
-from pointit.study.view import Status
+from pointit.study.step import Step
+from pointit.study.view import Command, Status
+
+KEYS = {"r": Command("repeat"), "p": Command("pause"), "q": Command("stop")}
+HELP = "r repeat  s skip  p pause  q stop"
+
+
+class TerminalView:
+    """Shows one line that changes, and reads keys. Pass `on_bytes` to the keyboard."""
+
+    def __init__(self) -> None:
+        """Create without commands."""
+        self._commands = deque[Command]()
+        self._typed: str | None = None
+        """Text that is being typed, or None while keys are commands."""
+        self._entered = asyncio.Event()
+        self._asks_reason = False
+        self._shown = ""
+        self._is_paused = False
+
+    def on_bytes(self, data: bytes) -> None:
+        """Process pressed keys."""
+        for key in data.decode(errors="ignore"):
+            self._on_key(key)
+
+    async def tell(self, *steps: Step, go: str) -> bool:
+        """Show `steps` until Enter, of pictures their names; `agree` wants an answer."""
+        lines = [line for step in steps for line in (step.text, step.image and f"[picture {step.image}]")]
+        text = "\n".join(filter(None, lines))
+        asks = "agree? y or n, then Enter: " if go == "agree" else f"Enter to {go} "
+        while True:
+            answer = (await self._read(f"{text}\n{asks}")).strip().lower()
+            if go != "agree" or answer in ("y", "yes"):
+                return True
+            if answer in ("n", "no"):
+                return False
+
+    async def ask(self, scale: Scale, block: str = "") -> list[int]:
+        """Ask all items of `scale`, each until the answer is one of its values."""
+        if block:
+            click.echo(f"Questions on {block}:")
+        low, high = scale.points
+        answers: list[int] = []
+        for item in scale.items:
+            asks = f"{item}\n{low} = {scale.ends[0]}, {high} = {scale.ends[1]}: "
+            values = {str(value): value for value in range(low, high + 1, scale.step)}
+            while (answer := (await self._read(asks)).strip()) not in values:
+                steps = f" in steps of {scale.step}" if scale.step != 1 else ""
+                click.echo(f"write a whole number from {low} to {high}{steps}")
+            answers.append(values[answer])
+        return answers
+
+    def status(self, status: Status) -> None:
+        """Show where the study stands, in one line."""
+        self._is_paused = status.state == "paused"
+        if self._typed is not None:
+            return
+        target = f" at {status.target}" if status.target else ""
+        line = (
+            f"{status.participant}  trial {status.trial}, {status.left} left  {status.condition}  "
+            f"{status.state}{target}  [{HELP}]"
+        )
+        if line != self._shown:
+            self._shown = line
+            self._write(f"\r\x1b[K{line}")
+
+    def command(self) -> Command | None:
+        """Return the next command of the experimenter."""
+        return self._commands.popleft() if self._commands else None
+
+    def _on_key(self, key: str) -> None:
+        if self._typed is None:
+            if key == "s":
+                if not self._is_paused:  # the trial does not go on while the reason is typed
+                    self._commands.append(Command("pause"))
+                self._typed, self._asks_reason = "", True
+                self._write("\r\x1b[Kskip this trial; why? ")
+            elif key in KEYS:
+                self._commands.append(KEYS[key])
+        elif key in "\r\n":
+            self._write("\n")
+            if self._asks_reason:
+                self._commands.append(Command("skip", self._typed.strip()))
+                self._typed, self._asks_reason = None, False
+            else:
+                self._entered.set()
+        elif key in "\x7f\b":
+            self._typed = self._typed[:-1]
+            self._write("\b \b")
+        elif key.isprintable():
+            self._typed += key
+            self._write(key)
+
+    async def _read(self, text: str) -> str:
+        self._write(f"\r\x1b[K{text}")
+        self._typed, self._asks_reason = "", False
+        self._entered.clear()
+        await self._entered.wait()
+        typed, self._typed = self._typed or "", None
+        return typed
+
+    def _write(self, text: str) -> None:
+        click.echo(text, nl=False)
+
 
 PATH = click.Path(path_type=Path)
 

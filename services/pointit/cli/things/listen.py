@@ -174,7 +174,7 @@ async def _heard(
 
 async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
     """Yield utterances when they would have been said: each ends with its line, an empty one or a pause."""
-    from pointit.speech.standard_input import lines_of  # noqa: PLC0415 - as above
+    from pointit.speech.audio import lines_of  # noqa: PLC0415 - as above
     from pointit.speech.typed_words import PAUSE_S, TimedWord, speech, words_in  # noqa: PLC0415 - as above
 
     try:

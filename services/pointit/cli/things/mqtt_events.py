@@ -1,29 +1,176 @@
-"""`pointit run --mqtt`: things on an MQTT broker, for Home Assistant and others."""
+"""`pointit run --mqtt`: things on an MQTT broker, for Home Assistant and others.
+
+Topics and messages of things on an MQTT broker, with the discovery of Home Assistant. Pure.
+
+https://www.home-assistant.io/integrations/mqtt, "MQTT discovery", "Event" and "Switch".
+"""
 
 import asyncio
 import contextlib
+import json
 import logging
 import math
-from collections.abc import Mapping, Sequence
+import re
+import zlib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pointit.cli.things.home_assistant import BIRTH_TOPIC, OFFLINE, ONLINE, Announcements, Publication
 from pointit.launch.plan.watcher import News
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.runtime.mqtt.broker_config import FORM, BrokerConfig
-from pointit.runtime.mqtt.payload_words import is_online
-from pointit.schemas import Environment, ReadHistory, Selection, SelectionEvent, SetThing
+from pointit.runtime.mqtt.payload_words import is_on, is_online
+from pointit.schemas import Environment, ReadHistory, SelectedObject, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
 from pointit.schemas.topics import READ_HISTORY, SELECTION, SELECTION_EVENTS, SET_THING
 from pointit.services.selector.outputs import TOLD_AGAIN
 
+log = logging.getLogger(__name__)
+
+PREFIX = "homeassistant"
+"""Usual prefix of topics of the discovery."""
+BIRTH_TOPIC = f"{PREFIX}/status"
+"""Usual topic of Home Assistant's birth message, `online`."""
+SET = "/set"
+"""End of the topic of a switch's commands, `ON` and `OFF`."""
+ONLINE, OFFLINE = "online", "offline"
+NOT_OF_IDS = re.compile(r"[^A-Za-z0-9_-]")
+EVENTS = {"selected": "pointed", "deselected": "released"}
+"""Types of events of things by the event of the selection."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Publication:
+    """A message to the broker."""
+
+    topic: str
+    payload: str
+    retain: bool = False
+
+
+@dataclass(frozen=True)
+class Announcements:
+    """Topics and messages of one site."""
+
+    site: str
+
+    @property
+    def status_topic(self) -> str:
+        """Return the topic that is `online` while things are published."""
+        return f"pointit/{_id_of(self.site)}/status"
+
+    @property
+    def found(self) -> str:
+        """Return the filter of what was announced for this site before."""
+        return f"{PREFIX}/+/{self._node}/+/config"
+
+    @property
+    def all_states(self) -> str:
+        """Return the filter of states of switches."""
+        return f"pointit/{_id_of(self.site)}/things/+"
+
+    @property
+    def commands(self) -> str:
+        """Return the filter of commands to switches."""
+        return self.all_states + SET
+
+    def command(self, things: Sequence[Thing], topic: str, payload: object) -> tuple[str, bool] | None:
+        """Return a switch among `things` and the state that a message commands, or None if it does not."""
+        on = is_on(payload)
+        names = (each.id for each in things if each.mode == "switch" and self._topic(each.id) + SET == topic)
+        name = next(names, None)
+        return None if name is None or on is None else (name, on)
+
+    @property
+    def _node(self) -> str:
+        return f"pointit_{_id_of(self.site)}"
+
+    def discovery(self, thing: Thing) -> Publication:
+        """Return the announcement of a thing: a switch, or events."""
+        name, topic = _id_of(thing.id), self._topic(thing.id)
+        config: dict[str, Any] = {
+            "name": thing.label or thing.id,
+            "unique_id": f"{self._node}_{name}",
+            "state_topic": topic,
+            "device": {
+                "identifiers": [self._node],
+                "name": f"PointIt {self.site}",
+                "manufacturer": "PointIt",
+            },
+            "origin": {"name": "PointIt", "sw_version": pointit_version()},
+        }
+        if thing.mode == "switch":
+            config |= {
+                "availability_topic": self.status_topic,
+                "value_template": "{{ value_json.state }}",
+                "json_attributes_topic": topic,
+                "command_topic": topic + SET,
+            }
+        else:  # without availability: an event that is available again looks like one that happens
+            config["event_types"] = ["pointed"] if thing.mode == "button" else list(EVENTS.values())
+        return Publication(topic=self._config_topic(thing), payload=json.dumps(config), retain=True)
+
+    def outdated(self, topics: Sequence[str], things: Sequence[Thing]) -> list[Publication]:
+        """Return empty messages for those of `topics` that are of none of `things`."""
+        known = {
+            self.status_topic,
+            *(self._config_topic(thing) for thing in things),
+            *(self._topic(thing.id) for thing in things if thing.mode == "switch"),
+        }
+        return [Publication(topic=each, payload="", retain=True) for each in topics if each not in known]
+
+    def switched_on(self, things: Sequence[Thing], retained: Mapping[str, object]) -> set[str]:
+        """Return the switches among `things` that were on by what the broker retains, payloads by topic."""
+        switches = (thing.id for thing in things if thing.mode == "switch")
+        return {each for each in switches if is_on(retained.get(self._topic(each)))}
+
+    def states(
+        self, things: Sequence[Thing], selected: Sequence[SelectedObject], without: Collection[str]
+    ) -> list[Publication]:
+        """Return the states of all switches but `without`; `selected`: all objects that are selected."""
+        owners = {each.id: each for each in selected}
+        return [
+            Publication(
+                topic=self._topic(thing.id), payload=json.dumps(_state(owners.get(thing.id))), retain=True
+            )
+            for thing in things
+            if thing.mode == "switch" and thing.id not in without
+        ]
+
+    def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
+        """Return the message of an event, or None for those of switches and the end of buttons."""
+        told = EVENTS.get(event.event)
+        if told is None or thing.mode == "switch" or (thing.mode == "button" and not event.is_on):
+            return None
+        payload = {"event_type": told, "user": event.user, "confidence": event.confidence}
+        return Publication(topic=self._topic(thing.id), payload=json.dumps(payload))
+
+    def _topic(self, thing_id: str) -> str:
+        return f"pointit/{_id_of(self.site)}/things/{_id_of(thing_id)}"
+
+    def _config_topic(self, thing: Thing) -> str:
+        kind = "switch" if thing.mode == "switch" else "event"
+        return f"{PREFIX}/{kind}/{self._node}/{_id_of(thing.id)}/config"
+
+
+def _state(switched_on: SelectedObject | None) -> dict[str, Any]:
+    if switched_on is None:
+        return {"state": "OFF", "user": "", "confidence": None}
+    return {"state": "ON", "user": switched_on.user, "confidence": switched_on.confidence}
+
+
+def _id_of(name: str) -> str:
+    """Return `name` as a part of topics and ids, different for each name."""
+    clean = NOT_OF_IDS.sub("_", name)
+    return clean if clean == name else f"{clean}_{zlib.crc32(name.encode()):08x}"
+
+
 if TYPE_CHECKING:
     import aiomqtt
-
-log = logging.getLogger(__name__)
 
 USER = "mqtt"
 """Name by which it switches things."""

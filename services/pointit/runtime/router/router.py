@@ -1,18 +1,29 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
+# pyright: reportUnknownMemberType=false
 """A Zenoh router in this process, which joins several machines where no zenohd is installed.
 
 Zenoh reads access rules, passwords and certificates only when a session opens, so a router whose files have
 changed is reopened. Its clients are back after 0.1 s, and repeat their declarations automatically.
+
+Sockets of a router's clients: closed, and what waits in them; and ports of closed listeners.
+
+A QUIC listener that Zenoh has closed keeps its UDP port until its last connection has ended: those of clients
+that came back while it closed were never accepted, and end after 30 s.
 """
 
 import asyncio
 import contextlib
+import ipaddress
 import json
 import logging
+import os
 import re
+import socket
+import struct
 import sys
-from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import AsyncGenerator, Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -20,15 +31,128 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.host.tcp_timeouts import disable_linger, set_user_timeout
+from pointit.runtime.host.tcp_timeouts import disable_linger, own_sockets, set_user_timeout, tcp_sockets
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.router.peer_sockets import Peer, cut, peer, release_udp_ports, unread
-from pointit.runtime.router.router_health import RouterHealthPublisher
 from pointit.runtime.zenoh.connections import Connections
 from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_cancellable, open_session
+from pointit.runtime.zenoh.wire_format import encoding_of
+from pointit.schemas import Figure, Health, encode
 from pointit.schemas.table_types import NAME
+from pointit.schemas.text import hide_secrets
+from pointit.schemas.topics import HEALTH, SERVICE_ALIVE
 
 log = logging.getLogger(__name__)
+
+COUNT = struct.Struct("i")
+
+Peer = tuple[str, int]
+"""Address and port, as `peer` returns them."""
+
+
+def peer(host: str, port: int) -> Peer:
+    """Return one spelling of an address: without zone, and IPv4 as such.
+
+    Raises:
+        ValueError: If `host` is no address.
+    """
+    address = ipaddress.ip_address(host.partition("%")[0])
+    return str(getattr(address, "ipv4_mapped", None) or address), port
+
+
+def unread() -> dict[Peer, int]:
+    """Return the unacknowledged bytes (`TIOCOUTQ`) of each connection, by peer address and port."""
+    found: dict[Peer, int] = {}
+    if sys.platform != "linux":
+        return found
+    import fcntl  # noqa: PLC0415 - other systems have none
+    import termios  # noqa: PLC0415 - as above
+
+    for each in tcp_sockets():
+        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
+            (count,) = COUNT.unpack(fcntl.ioctl(each, termios.TIOCOUTQ, bytes(COUNT.size)))
+            found[peer(*each.getpeername()[:2])] = count
+    return found
+
+
+def cut(peers: Collection[Peer]) -> int:
+    """End the connections of this process from `peers`, each address and port; return how many were.
+
+    Nothing more is read of them, so Zenoh closes them. If they could not be written either, Zenoh might wait
+    5 s for one of them, and with it all others: measured in one of three floods.
+    """
+    count = 0
+    for found in tcp_sockets():
+        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
+            if peer(*found.getpeername()[:2]) in peers:
+                found.shutdown(socket.SHUT_RD)
+                count += 1
+    return count
+
+
+def release_udp_ports(ports: Collection[int]) -> int:
+    """Take away the UDP ports of closed listeners: sockets without a port get their descriptors.
+
+    Nothing else of this process may open or close files meanwhile, on whose descriptor one could fall.
+
+    Returns:
+        Number of sockets that had one of `ports`, 0 where they cannot be found.
+    """
+    count = 0
+    for found in own_sockets(socket.SOCK_DGRAM):
+        with contextlib.suppress(OSError), socket.socket(found.family, socket.SOCK_DGRAM) as empty:
+            empty.setblocking(False)
+            if found.getsockname()[1] in ports:  # looked at last: its owner may close it meanwhile
+                os.dup2(empty.fileno(), found.fileno(), inheritable=False)
+                count += 1
+    return count
+
+
+SERVICE = "router"
+NO_NAME = re.compile(r"[^A-Za-z0-9_-]")
+LONGEST_HOST = 48
+
+
+class RouterHealthPublisher:
+    """Health of a router for `pointit doctor` and the page. Access rules let only routers write it."""
+
+    def __init__(self, session: zenoh.Session, site: str, *, joins_another: bool) -> None:
+        """Be present at `site`, as long as `session` is open.
+
+        `joins_another`: it is one of several routers of the site, which are told apart by their machines.
+        """
+        host = NO_NAME.sub("-", socket.gethostname())[:LONGEST_HOST]
+        self._instance = f"{SERVICE}-{host}" if joins_another else SERVICE
+        self._session = session
+        self._root = f"pointit/{site}"
+        self._began_s = time.monotonic()
+        self._seq = 0
+        self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
+
+    def report(self, warnings: Sequence[str], refused: int, sessions: int) -> None:
+        """Say what is wrong, how many attempts were refused so far, and how many connections there are."""
+        self._seq += 1
+        health = Health(
+            stamp_ns=time.time_ns(),
+            seq=self._seq,
+            service=SERVICE,
+            instance=self._instance,
+            pid=os.getpid(),
+            host=socket.gethostname(),
+            uptime_s=time.monotonic() - self._began_s,
+            status="degraded" if warnings else "ok",
+            warnings=tuple(map(hide_secrets, warnings)),
+            figures=(
+                Figure(name="refused", value=float(refused)),
+                Figure(name="sessions", value=float(sessions)),
+            ),
+        )
+        self._session.put(
+            f"{self._root}/{HEALTH.at(self._instance)}",
+            encode(health),
+            encoding=encoding_of(Health),
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
+
 
 LOOK_S = 0.25
 """Period of polling the files, since not every system and file system reports changes."""

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
+from pointit.services.imu_bridge.network.slimevr import MOST_CALLERS, Admission, Trackers
 from pointit.services.imu_bridge.network.slimevr_protocol import (
     BatteryLevel,
     Button,
@@ -22,7 +23,6 @@ from pointit.services.imu_bridge.network.slimevr_protocol import (
     SignalStrength,
     decode,
 )
-from pointit.services.imu_bridge.network.slimevr_trackers import MOST_CALLERS, Admission, Trackers
 
 IDENTITY = bytes.fromhex("00000011 0000000000000001 00 01 00000000 00000000 00000000 3f800000 00")
 HALF = math.sqrt(0.5)

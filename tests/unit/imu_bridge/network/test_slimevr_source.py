@@ -9,7 +9,7 @@ import pytest
 
 from pointit.plugins import Battery, Disconnected, Press, Reading, Reconnected
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.network import slimevr, slimevr_trackers
+from pointit.services.imu_bridge.network import slimevr
 from pointit.services.imu_bridge.network.slimevr import SLIMEVR
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST
 from tests.support.bench import until
@@ -105,7 +105,7 @@ async def test_of_two_phones_without_a_mac_the_first_is_used_and_the_other_named
     host: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A router that translates addresses leaves them the port alone."""
-    monkeypatch.setattr(slimevr_trackers, "SILENT_S", 0.0)
+    monkeypatch.setattr(slimevr, "SILENT_S", 0.0)
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as first, phone_at(wrist.port, host) as second:
         place = f"{host}:{second.port}" if host == "127.0.0.1" else host
         await connect(wrist, first, board=OWOTRACK, last=0)
@@ -150,7 +150,7 @@ async def test_people_share_a_port_and_each_gets_all_of_their_own_phone() -> Non
 
 
 async def test_tracker_that_freezes_is_lost_and_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slimevr_trackers, "LOST_S", 0.1)
+    monkeypatch.setattr(slimevr, "LOST_S", 0.1)
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
         await until(lambda: "set slimevr.host=0.0.0.0" in wrist.warnings.get("tracker", ""))
         await connect(wrist, phone)

@@ -18,10 +18,8 @@ from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.host.serial_port import PortSettings, is_open_elsewhere, open_port
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Disconnected, Reading, Reconnected
-from pointit.services.imu_bridge.serial import ports as serial_ports
 from pointit.services.imu_bridge.serial import source as serial_source
-from pointit.services.imu_bridge.serial.ports import discover, set_speed
-from pointit.services.imu_bridge.serial.source import SERIAL
+from pointit.services.imu_bridge.serial.source import SERIAL, discover, set_speed
 from pointit_lab.devices.serial_formats import (
     bno085_orientation,
     witmotion_packet,
@@ -171,7 +169,7 @@ async def test_port_that_was_silent_is_left_to_others_while_a_new_one_is_tried(
     with pty_device(tmp_path / "one") as silent, pty_device(tmp_path / "two") as wrist:
         present(monkeypatch, silent)
         monkeypatch.setattr(serial_source, "SEARCH_PAUSE_S", (600.0, 600.0))
-        monkeypatch.setattr(serial_ports, "open_port", opening)
+        monkeypatch.setattr(serial_source, "open_port", opening)
         async with repeated(PERIOD_S, lambda: wrist.send(LINE)), running(SERIAL, port="") as run:
             await until(lambda: "no serial port answers" in run.warnings.get("port", ""))
             with open_port(PortSettings(port=terminal(silent), baud=9600)):

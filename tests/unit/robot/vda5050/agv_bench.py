@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pointit.runtime.service.surroundings import Surroundings
-from pointit.services.robot.drivers.vda5050.agv import Agv
-from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
+from pointit.services.robot.drivers.vda5050.agv import Agv, Vda5050Config
 from pointit.services.robot.robot_driver import LinkLost, OrderStatus, ReportItem, RobotReport, RobotSpec
 from pointit.testing.trial import TrialHealth
 from pointit_lab.devices.agv_broker import VirtualAgv

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.robot.set_points import LEASH_M, SetPoint, SetPoints
+from pointit.bridges.ros2.robot.set_point_sender import LEASH_M, SetPoint, SetPoints
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.plugins import Command, Follow, FollowPath, Land, Stop, TakeOff

@@ -3,22 +3,118 @@
 import abc
 import asyncio
 import collections
+import functools
 import logging
 import threading
-from collections.abc import Callable, Coroutine, Hashable
+from collections.abc import Callable, Coroutine, Hashable, Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import Closable, Qos, RosType, Server, check_cdr
+from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, check_cdr
 from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
-from pointit.bridges.ros2.graph.calls import Calls
-from pointit.bridges.ros2.graph.findings import Matching
-from pointit.bridges.ros2.graph.graph_monitor import GraphMonitor
+from pointit.bridges.ros2.graph.findings import Finding, Matching, findings
 from pointit.runtime.bus.dispatcher import Dispatcher
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.runtime.service.surroundings import WarningSink
 
 log = logging.getLogger(__name__)
+
+Handler = Callable[[Graph], None]
+
+
+class GraphMonitor:
+    """Begins with an empty graph. In the loop."""
+
+    def __init__(
+        self, warnings: BackendWarnings, *, domain: int, distro: str, needs: str, matching: Matching
+    ) -> None:
+        """Report problems to `warnings`; other parameters as for `findings`."""
+        self._warnings = warnings
+        self._judged = functools.partial(
+            findings, domain=domain, distro=distro, needs=needs, matching=matching
+        )
+        self._graph = Graph(nodes=frozenset(), endpoints=frozenset())
+        self._findings: tuple[Finding, ...] = ()
+        self._watches: list[_Watch] = []
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return explanations why nothing happens where nothing is wrong: no nodes, no subscribers."""
+        return tuple(each.sentence for each in self._findings if each.is_note)
+
+    def watch(self, handler: Handler) -> Closable:
+        """Call `handler` with the graph now, and whenever it has changed."""
+        handler(self._graph)
+        return _Watch(handler, self._watches)
+
+    def show(self, graph: Graph, wrong: Mapping[str, str]) -> None:
+        """Set the graph; report its problems, and those in `wrong`."""
+        self._findings = self._judged(graph)
+        found = {each.about: each.sentence for each in self._findings if not each.is_note}
+        self._warnings.replace_all({**found, **wrong})
+        if graph == self._graph:
+            return
+        self._graph = graph
+        for watch in tuple(self._watches):
+            if watch not in self._watches:  # closed by a previous handler
+                continue
+            try:
+                watch.handler(graph)
+            except Exception:
+                log.exception("a handler of the ROS graph failed")
+
+    def close(self) -> None:
+        """Remove all watchers."""
+        self._watches.clear()
+
+
+class _Watch:
+    """A watcher of the graph."""
+
+    def __init__(self, handler: Handler, among: "list[_Watch]") -> None:
+        self.handler = handler
+        self._among = among
+        among.append(self)
+
+    def close(self) -> None:
+        """Remove the watcher."""
+        if self in self._among:
+            self._among.remove(self)
+
+
+class Calls:
+    """The open requests of one backend, which close with it."""
+
+    def __init__(self) -> None:
+        self._open: set[asyncio.Task[bytes]] = set()
+
+    async def answered(self, call: Coroutine[Any, Any, bytes], name: str) -> bytes:
+        """Await `call` as a task called `name`, and return its result.
+
+        Raises:
+            BusClosedError: If `close` was called meanwhile.
+        """
+        task = asyncio.get_running_loop().create_task(call, name=name)
+        self._open.add(task)
+        task.add_done_callback(self._forget)
+        try:
+            await asyncio.wait([task])
+        finally:
+            task.cancel()
+        if task.cancelled():
+            raise BusClosedError("the backend was closed while it waited for an answer")
+        return task.result()
+
+    def close(self) -> None:
+        """Cancel all requests."""
+        for task in self._open:
+            task.cancel()
+
+    def _forget(self, task: asyncio.Task[bytes]) -> None:
+        self._open.discard(task)
+        if not task.cancelled():
+            task.exception()  # retrieved: the caller may have gone
+
 
 MIN_CAPACITY = 64
 """Minimum number of messages queued for the loop, even if a topic's QoS keeps fewer."""

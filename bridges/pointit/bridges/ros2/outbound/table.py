@@ -1,13 +1,141 @@
 """Routes to ROS: standard types first, then the ROS toolkit's messages under its names."""
 
+from typing import Any
+
+import numpy as np
+
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, Qos
-from pointit.bridges.ros2.outbound import conveyor, person, room, things
+from pointit.bridges.ros2.outbound import conveyor, person, values
 from pointit.bridges.ros2.outbound.map_markers import map_markers
 from pointit.bridges.ros2.outbound.markers import Markers
+from pointit.bridges.ros2.outbound.person import transforms
 from pointit.bridges.ros2.outbound.rosout import Rosout
 from pointit.bridges.ros2.routing.frames import PERSON
-from pointit.bridges.ros2.routing.route_types import OutboundRoute
-from pointit.schemas import topics
+from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted, OutboundRoute
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import ClockTick, Environment, Health, LampColor, SelectionEvent, StripsFrame, topics
+
+MAX_FRAMES = 1000
+"""Maximum number of static frames of a map; a larger tf tree is useless."""
+MAX_VALUES = 64
+"""Maximum number of values in one service's diagnostics."""
+
+OK, WARN = 0, 1
+"""Levels of diagnostic_msgs/DiagnosticStatus."""
+
+
+def led_strips(frame: StripsFrame, context: ConversionContext) -> Converted:
+    """Return all pixels, red green blue; a strip's id is the number at the end of ours."""
+    types = context.state.types
+    strips = [
+        types.make(
+            "led_strip_msgs/msg/LedStrip",
+            id=context.state.channels.number(strip.id),
+            data=np.frombuffer(strip.rgb, dtype=np.uint8),
+        )
+        for strip in frame.strips
+    ]
+    return (types.make("led_strip_msgs/msg/LedStrips", strips=strips),)
+
+
+def lamp_color(lamp: LampColor, context: ConversionContext) -> Converted:
+    """Return the colour of a lamp; black is off."""
+    return (values.color(context.state.types, lamp.color),)
+
+
+def static_frames(room: Environment, context: ConversionContext) -> Converted:
+    """Return lamps and the starts of belts and strips, x along them, all in one message."""
+    children: list[tuple[str, Vec3, rotation.Quaternion]] = [
+        (f"lamp/{lamp.id}", lamp.position_m, rotation.IDENTITY) for lamp in room.lamps
+    ]
+    for (kind, name), line in context.state.lines.items():
+        way = line.tangent_at(0.0)
+        turned = rotation.from_azimuth_elevation(vector.azimuth(way), vector.elevation(way))
+        children.append((values.text(f"{kind}/{name}"), line.point_at(0.0), turned))
+    return (transforms(context, children[:MAX_FRAMES]),)
+
+
+def clock(tick: ClockTick, context: ConversionContext) -> Converted:
+    """Return the site's time while it is simulated; nothing for wall time."""
+    if tick.sim_ns == tick.stamp_ns and tick.speed == 1.0:
+        return ()
+    types = context.state.types
+    now_ns = context.stamp_ns if context.is_again else tick.sim_ns
+    return (types.make("rosgraph_msgs/msg/Clock", clock=values.time(types, now_ns)),)
+
+
+def diagnostics(health: Health, context: ConversionContext) -> Converted:
+    """Return one service's health."""
+    types = context.state.types
+
+    def value(key: str, text: str) -> Any:
+        return types.make("diagnostic_msgs/msg/KeyValue", key=values.text(key), value=values.text(text))
+
+    pairs = [value(key, text) for key, text in _figures(health)[:MAX_VALUES]]
+    is_well = health.status == "ok" and not health.warnings
+    status = types.make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=OK if is_well else WARN,
+        name=values.text(f"pointit: {health.instance}"),
+        message=values.text("; ".join(health.warnings) or health.status),
+        hardware_id=values.text(health.host),
+        values=pairs,
+    )
+    made = types.make(
+        "diagnostic_msgs/msg/DiagnosticArray",
+        header=values.header(types, context.stamp_ns, ""),
+        status=[status],
+    )
+    return (made,)
+
+
+def _figures(health: Health) -> list[tuple[str, str]]:
+    pairs = [("errors", str(health.errors)), ("uptime, s", f"{health.uptime_s:.0f}")]
+    for name, spread in (("latency", health.latency), ("step", health.step)):
+        if spread is not None:
+            pairs.append((f"{name} p50, ms", f"{spread.p50_s * 1e3:.3f}"))
+            pairs.append((f"{name} p99, ms", f"{spread.p99_s * 1e3:.3f}"))
+    pairs += [(f"{figure.name} {figure.unit}".strip(), f"{figure.value:g}") for figure in health.figures]
+    pairs += [(f"{key.key} {key.direction}, Hz", f"{key.rate_hz:.1f}") for key in health.keys]
+    return pairs
+
+
+def turned_on(event: SelectionEvent, context: ConversionContext) -> Converted:
+    """Return a detection if a thing fired or was switched on, else nothing."""
+    return _detection(event, context) if event.is_on else ()
+
+
+def turned_off(event: SelectionEvent, context: ConversionContext) -> Converted:
+    """Return a detection if a switch went off, else nothing."""
+    return () if event.is_on else _detection(event, context)
+
+
+def _detection(event: SelectionEvent, context: ConversionContext) -> Converted:
+    """Return a detection of the person's target: the thing as its only hypothesis, and the thing's box."""
+    state = context.state
+    things = () if state.room is None else state.room.things
+    if not any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in things):
+        return ()
+    make = state.types.make
+    found = next((item for item in state.tracked() if item.id == event.object_id), None)
+    hypothesis = make(
+        "vision_msgs/msg/ObjectHypothesis",
+        class_id=values.text(event.object_id),
+        score=event.confidence or 0.0,
+    )
+    result = make("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis)
+    box = make("vision_msgs/msg/BoundingBox3D")
+    if found is not None:
+        length_m = found.length_m
+        box = make(
+            "vision_msgs/msg/BoundingBox3D",
+            center=values.pose(state.types, found.position_m, rotation.from_yaw(found.yaw_rad or 0.0)),
+            size=values.vector3(state.types, found.size_m or (length_m, length_m, length_m)),
+        )
+    who = values.text(event.user)
+    return values.stamped(context, "vision_msgs/msg/Detection3D", id=who, results=[result], bbox=box)
+
 
 POINTING_HZ = 50.0
 """Rate of what follows an arm."""
@@ -60,7 +188,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("tf_static", "/tf_static", "tf2_msgs/msg/TFMessage"),
-            *(LATCHED, (topics.MAP,), room.static_frames),
+            *(LATCHED, (topics.MAP,), static_frames),
             context="lamps, starts of belts and strips, all in one message",
         ),
         OutboundRoute(
@@ -83,12 +211,12 @@ def _standard() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("thing_on", "/pointit/thing_on", "vision_msgs/msg/Detection3D"),
-            *(_STREAM, (topics.SELECTION_EVENTS,), things.turned_on),
+            *(_STREAM, (topics.SELECTION_EVENTS,), turned_on),
             context="a thing of the map fired, or was switched on: which, by whom, how sure",
         ),
         OutboundRoute(
             *("thing_off", "/pointit/thing_off", "vision_msgs/msg/Detection3D"),
-            *(_STREAM, (topics.SELECTION_EVENTS,), things.turned_off),
+            *(_STREAM, (topics.SELECTION_EVENTS,), turned_off),
             context="a thing of the map was switched off",
         ),
         OutboundRoute(
@@ -99,7 +227,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("clock", "/clock", "rosgraph_msgs/msg/Clock"),
-            *(_NEWEST, (topics.CLOCK,), room.clock),
+            *(_NEWEST, (topics.CLOCK,), clock),
             repeat_hz=CLOCK_HZ,
             repeat_for_s=CLOCK_S,
             yields=True,
@@ -107,7 +235,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
-            *(_STREAM, (topics.HEALTH,), room.diagnostics),
+            *(_STREAM, (topics.HEALTH,), diagnostics),
             is_each=True,
             context="health of every service",
         ),
@@ -204,13 +332,13 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("led_strips", "/led_strips", "led_strip_msgs/msg/LedStrips"),
-            *(_NEWEST, (topics.STRIPS_FRAME,), room.led_strips),
+            *(_NEWEST, (topics.STRIPS_FRAME,), led_strips),
             rate_hz=60.0,
             context="pixels of every strip",
         ),
         OutboundRoute(
             *("lamp_color", "/{led}/color", "std_msgs/msg/ColorRGBA"),
-            *(_NEWEST, (topics.LAMP_COLOR,), room.lamp_color),
+            *(_NEWEST, (topics.LAMP_COLOR,), lamp_color),
             context="what a lamp shows",
         ),
         OutboundRoute(

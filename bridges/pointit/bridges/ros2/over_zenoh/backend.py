@@ -1,19 +1,279 @@
 """A node in a ROS 2 graph on Zenoh."""
 
+import asyncio
+import collections
+import contextlib
 from collections.abc import Callable
+from dataclasses import replace
+
+import xxhash
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.graph.backend import EndpointKind, Qos, RosType, Server
-from pointit.bridges.ros2.graph.node_backend import NodeBackend
+from pointit.bridges.ros2.graph.backend import (
+    SERVICE,
+    Closable,
+    EndpointKind,
+    Qos,
+    RosType,
+    Server,
+    check_cdr,
+)
+from pointit.bridges.ros2.graph.node_backend import MessageQueue, NodeBackend, RosEndpoint, RosServiceServer
+from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.over_zenoh.endpoint_context import Announcement, EndpointContext
 from pointit.bridges.ros2.over_zenoh.graph import LivelinessDirectory
 from pointit.bridges.ros2.over_zenoh.keys import EVERY_TOKEN
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.over_zenoh.services import ZenohServiceClient, ZenohServiceServer
-from pointit.bridges.ros2.over_zenoh.topics import ZenohReader, ZenohWriter
 from pointit.runtime.clock import Timer
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.foreign_zenoh.pubsub import RawSample
+from pointit.runtime.foreign_zenoh.queries import IncomingQuery, QueryReply
 from pointit.runtime.foreign_zenoh.raw_session import RawSession
 from pointit.runtime.service.surroundings import WarningSink
+
+REMEMBERED = 16
+"""Minimum number of a topic's messages that are remembered to drop duplicates."""
+
+
+class ZenohWriter(RosEndpoint[EndpointContext]):
+    """Publisher of one topic."""
+
+    def __init__(self, context: EndpointContext, topic: str, kind: RosType, qos: Qos) -> None:
+        """Declare. The presence token comes last: peers that see it find a publisher."""
+        super().__init__(context, topic)
+        # Zenoh's caches do not expire: with a lifespan nothing is cached, rather than everything for ever.
+        # Subscribers of a latched topic still receive later messages.
+        self._writer = context.session.publisher(
+            context.rmw.key(topic, kind), kept=qos.depth if qos.lasts else 0, reliable=qos.reliable
+        )
+        self._token = context.announce("publisher", topic, kind, qos)
+        context.ends.add(self)
+
+    @property
+    def is_read(self) -> bool:
+        """Return True if Zenoh knows a subscriber, with or without a token; False for a latched topic."""
+        return not self._context.is_closed and self._writer.is_read
+
+    def put(self, cdr: bytes) -> None:
+        """Send; returns at once, and never blocks on readers.
+
+        Raises:
+            ValueError: If `cdr` is not CDR.
+            BusClosedError: If this writer or its backend is closed.
+        """
+        check_cdr(cdr)
+        self._writer.put(cdr, packed(self._token.next()))
+
+    def _undeclare(self) -> None:
+        self._token.close()
+        self._writer.close()
+
+
+class ZenohReader(RosEndpoint[EndpointContext]):
+    """Subscription of one topic, without messages of ourselves and of other PointIt bridges."""
+
+    def __init__(
+        self, context: EndpointContext, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]
+    ) -> None:
+        """Declare; `handler` gets the CDR of messages."""
+        super().__init__(context, topic)
+        self.has_heard = False
+        """Messages have come since this was last set to False."""
+        self._kind = kind
+        self._handler = handler
+        self._malformed = 0
+        self._has_arrived = False
+        self._recent: collections.OrderedDict[bytes, None] = collections.OrderedDict()
+        self._remembered = max(qos.depth, REMEMBERED)
+        # Receives misrouted messages of this topic; undeclared after the first message, good or not.
+        self._misrouted = self._subscribed(context.rmw.misrouted_keys(topic), self._on_misrouted, None)
+        self._reader = self._subscribed(context.rmw.key(topic, kind), self._on_sample, qos)
+        self._token = context.announce("subscriber", topic, kind, qos)
+        context.ends.add(self)
+
+    def _subscribed(
+        self, key: str, handler: Callable[[RawSample], None], qos: Qos | None
+    ) -> tuple[Closable, ...]:
+        """Return a subscriber and its queue."""
+        context = self._context
+        queue = MessageQueue(context, self.name, handler, qos)
+        subscriber = context.session.subscriber(
+            key,
+            lambda sample: queue.put(sample, is_oversized=sample.is_oversized(context.max_bytes)),
+            kept=qos.depth if qos and qos.latched else 0,
+            reliable=qos is not None and qos.reliable,
+        )
+        return subscriber, queue
+
+    def _undeclare(self) -> None:
+        for each in (self._token, *self._reader):
+            each.close()
+        self._end_misrouted()
+
+    def _on_sample(self, sample: RawSample) -> None:
+        try:
+            origin = unpacked(sample.attachment)
+        except ValueError as error:
+            self._malformed += 1
+            self._context.warnings.show_briefly(
+                f"attachments of {self.name}", f"dropped {self._malformed} messages on {self.name}: {error}"
+            )
+            return
+        if self._context.is_own_gid(origin.gid):
+            return
+        if sample.attachment is not None and self._is_known(sample.attachment, sample.payload):
+            return
+        self.has_heard = True
+        if not self._has_arrived:
+            self._has_arrived = True
+            self._end_misrouted()
+        self._handler(sample.payload)
+
+    def _is_known(self, attachment: bytes, payload: bytes) -> bool:
+        """Return True if this message was received before, as when it is fetched again from a cache."""
+        mark = attachment + xxhash.xxh3_128_digest(payload)  # not all of it: it may be a megabyte
+        if mark in self._recent:
+            return True
+        self._recent[mark] = None
+        if len(self._recent) > self._remembered:
+            self._recent.popitem(last=False)
+        return False
+
+    def _on_misrouted(self, sample: RawSample) -> None:
+        why = self._context.rmw.misrouting_reason(sample.key, self.name, self._kind)
+        if why and not self._is_of_bridge(sample):
+            self._context.warnings.show(f"stray {self.name}", why)
+            self._close_misrouted()  # one is enough: another robot may publish many
+
+    def _is_of_bridge(self, sample: RawSample) -> bool:
+        """Return True if it is from another PointIt, where misrouting is intended."""
+        try:
+            return self._context.is_own_gid(unpacked(sample.attachment).gid)
+        except ValueError:
+            return False
+
+    def _end_misrouted(self) -> None:
+        self._close_misrouted()
+        self._context.warnings.clear(f"stray {self.name}")
+
+    def _close_misrouted(self) -> None:
+        for each in self._misrouted:
+            each.close()
+        self._misrouted = ()
+
+
+EMPTY_RETRY_S = (0.005, 0.02, 0.05)
+"""Delays before a request that reached no server is repeated: a new server is not known at once."""
+GONE = "its server was gone before it answered"
+AT_ONCE_S = 0.05
+"""A request that ended without an answer within this time (s) reached no server; later, the server died."""
+
+
+class ZenohServiceServer(RosServiceServer[EndpointContext]):
+    """Answers one service."""
+
+    def __init__(self, context: EndpointContext, service: str, kind: RosType, server: Server) -> None:
+        """Declare. The presence token comes last, so that clients that see it find a server."""
+        super().__init__(context, service, server)
+        self._queryable = context.session.queryable(
+            context.rmw.key(service, kind), self._on_query, max_bytes=context.max_bytes
+        )
+        self._token = context.announce("server", service, kind, SERVICE)
+        context.ends.add(self)
+
+    def _undeclare(self) -> None:
+        self._token.close()
+        self._queryable.close()
+
+    def _on_query(self, query: IncomingQuery) -> None:
+        try:
+            origin = unpacked(query.attachment)
+        except ValueError as error:
+            why = f"dropped a request to {self.name}: {error}"
+            self._context.warnings.show_briefly(f"attachments of {self.name}", why)
+            self._start(id(query), query.refuse(str(error)))
+            return
+        mark = origin.gid, origin.sequence
+        if mark in self._tasks:
+            self._start(id(query), query.refuse("duplicate sequence number"))
+        else:
+            self._start(mark, self._answer(query, origin))
+
+    async def _answer(self, query: IncomingQuery, origin: Attachment) -> None:
+        try:
+            response = await self._response(query.payload, bytes)
+        except asyncio.CancelledError:
+            query.drop()
+            raise
+        except RefusedError as error:
+            await query.refuse(str(error))
+        else:
+            await query.answer(response, packed(replace(origin, stamp_ns=self._context.now_ns())))
+
+
+class ZenohServiceClient(RosEndpoint[EndpointContext]):
+    """Client of one service."""
+
+    def __init__(self, context: EndpointContext, service: str, kind: RosType) -> None:
+        super().__init__(context, service)
+        self._querier = context.session.querier(context.rmw.key(service, kind), max_bytes=context.max_bytes)
+        self._token = context.announce("client", service, kind, SERVICE)
+        context.ends.add(self)
+
+    async def call(self, request: bytes, *, timeout_s: float) -> bytes:
+        """Return the response's CDR.
+
+        Raises:
+            TimeoutError: If there is no server, or no answer of it in time.
+        """
+        check_cdr(request)
+        loop = self._context.loop
+        refusals: list[str] = []
+        lacking = "no node serves it"
+        try:
+            async with asyncio.timeout(timeout_s):
+                for wait_s in (*EMPTY_RETRY_S, None):
+                    await self._querier.wait_for_server()
+                    lacking = "its server did not answer"
+                    began_s = loop.time()
+                    response = await self._ask(request, refusals)
+                    if response is not None:
+                        return response
+                    lacking = GONE
+                    if wait_s is None or refusals or loop.time() - began_s > AT_ONCE_S:
+                        break
+                    await asyncio.sleep(wait_s)
+        except TimeoutError as error:
+            why = "; ".join(dict.fromkeys([*refusals, f"{lacking} within {timeout_s:g} s"]))
+            raise TimeoutError(f"ROS service {self.name}: {why}") from error
+        why = "; ".join(dict.fromkeys(refusals)) or GONE
+        raise TimeoutError(f"ROS service {self.name}: {why}")
+
+    async def _ask(self, request: bytes, refusals: list[str]) -> bytes | None:
+        """Return the first good response, or None, with the reasons of rejections added to `refusals`."""
+        origin = self._token.next()
+        async with contextlib.aclosing(self._querier.ask(request, packed(origin))) as answers:
+            async for answer in answers:
+                reason = answer.refusal or self._objection(answer, origin)
+                if not reason:
+                    return answer.payload
+                refusals.append(reason)
+        return None
+
+    def _objection(self, answer: QueryReply, origin: Attachment) -> str:
+        """Return the rejection of `answer` to the request from `origin`, or `""`."""
+        try:
+            echo = unpacked(answer.attachment)
+        except ValueError as error:
+            return f"its answer was dropped: {error}"
+        if (echo.gid, echo.sequence) != (origin.gid, origin.sequence):
+            return "its answer was dropped: it is to another request"
+        return ""
+
+    def _undeclare(self) -> None:
+        self._token.close()
+        self._querier.close()
+
 
 NEEDS = "they need RMW_IMPLEMENTATION=rmw_zenoh_cpp, the same ROS_DOMAIN_ID and the same router"
 """Conditions for other nodes to be seen."""

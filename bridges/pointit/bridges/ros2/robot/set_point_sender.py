@@ -1,15 +1,185 @@
 """Commands to a drone, as a stream of PoseStamped set-points."""
 
 import dataclasses
+import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 from pointit.bridges.ros2.graph.backend import Backend, Qos
 from pointit.bridges.ros2.outbound import values
 from pointit.bridges.ros2.robot.config import Ros2RobotConfig
-from pointit.bridges.ros2.robot.set_points import SetPoints
+from pointit.bridges.ros2.robot.goal_book import Outcome
 from pointit.bridges.ros2.types.types import Types
-from pointit.geometry import rotation
-from pointit.plugins import NS_PER_S, Command, OrderStatus, Report, RobotReport, RobotSpec, Stop
+from pointit.geometry import rotation, vector
+from pointit.geometry.vector import Vec3
+from pointit.plugins import (
+    NS_PER_S,
+    Command,
+    Follow,
+    FollowPath,
+    Land,
+    OrderStatus,
+    Report,
+    RobotReport,
+    RobotSpec,
+    Stop,
+    TakeOff,
+)
+
+THERE_M = 0.15
+"""Distance at which the drone counts as being at a place."""
+FLYING_M = 0.1
+"""Height above the floor from which it flies."""
+DESCENT_MPS = 0.3
+"""Speed of landing and of taking off."""
+UNDER_M = 0.2
+"""The last set-point of a landing is this far below the floor, so that the drone stands."""
+LEASH_M = 0.5
+"""The set-point is at most this far ahead of the drone, besides what it flies in half a second."""
+LEASH_S = 0.5
+
+
+class SetPoint(NamedTuple):
+    """Place and azimuth that the drone is to have now."""
+
+    position_m: Vec3
+    yaw_rad: float
+
+
+class SetPoints:
+    """The set-point of one drone, moved every `step`."""
+
+    def __init__(self, spec: RobotSpec, ground_m: float) -> None:
+        """Begin on the ground, whose height is `ground_m`, or wherever the first pose is."""
+        self._spec = spec
+        self._ground_m = ground_m
+        self._at_m: Vec3 | None = None
+        self._velocity_mps: Vec3 = (0.0, 0.0, 0.0)
+        self._yaw_rad = 0.0
+        self._now: Vec3 | None = None
+        """The set-point, None while none is sent."""
+        self._speed_mps = 0.0
+        self._command: Command | None = None
+        self._way: list[Vec3] = []
+        """Places to go to, in order."""
+        self._is_over = True
+
+    @property
+    def is_flying(self) -> bool:
+        """Return True while it is above the ground."""
+        return self._at_m is not None and self._at_m[2] > self._ground_m + FLYING_M
+
+    def on_pose(self, position_m: Vec3, yaw_rad: float, velocity_mps: Vec3 = (0.0, 0.0, 0.0)) -> None:
+        """Take the drone's pose and velocity."""
+        self._velocity_mps = velocity_mps
+        if self._now is None:
+            self._yaw_rad = yaw_rad
+        self._at_m = position_m
+
+    def command(self, command: Command) -> tuple[Outcome, str] | None:
+        """Carry out `command`; return the news for the person, if there are some at once."""
+        if self._at_m is None:
+            return (
+                None if isinstance(command, Stop) else ("refused", "its pose is not known: check its topic")
+            )
+        if not self.is_flying and isinstance(command, Follow | FollowPath):
+            return "refused", "it is on the ground: take off first"
+        if isinstance(command, Stop | Land) and not self.is_flying and self._now is None:
+            return "done", ""
+        self._command, self._is_over = command, False
+        self._way = self._places(command, self._at_m)
+        yaw_rad = getattr(command, "yaw_rad", None)
+        self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
+        if self._now is None or isinstance(command, Stop):
+            self._now, self._speed_mps = self._rest_m(self._at_m), 0.0
+        return None if isinstance(command, Follow | Stop) else ("active", "")
+
+    def step(self, passed_s: float, *, is_fresh: bool) -> tuple[SetPoint | None, Outcome | None]:
+        """Move the set-point on by `passed_s`; it waits while the pose is not fresh.
+
+        Returns:
+            The set-point to publish, None if there is none, and `done` once when the command is carried out.
+        """
+        if self._now is None or self._at_m is None:
+            return None, None
+        done: Outcome | None = None
+        if is_fresh and self._way:
+            self._now = self._advanced(passed_s, self._now, self._at_m)
+            done = self._arrived(self._at_m)
+        return self._set_point(), done
+
+    def _set_point(self) -> SetPoint | None:
+        return None if self._now is None else SetPoint(self._now, self._yaw_rad)
+
+    def _places(self, command: Command, at_m: Vec3) -> list[Vec3]:
+        match command:
+            case Follow(position_m=position_m):
+                return [position_m]
+            case FollowPath(points_m=points_m):
+                return list(points_m)
+            case TakeOff(height_m=height_m):
+                return [(at_m[0], at_m[1], self._ground_m + height_m)]
+            case Land(position_m=position_m):
+                over = at_m if position_m is None else (position_m[0], position_m[1], at_m[2])
+                return [over, (over[0], over[1], self._ground_m - UNDER_M)]
+            case Stop():
+                return []
+
+    def _rest_m(self, at_m: Vec3) -> Vec3:
+        """Return where the drone comes to rest if it brakes now."""
+        speed_mps = min(vector.norm(self._velocity_mps), self._spec.max_speed_mps)
+        if not self.is_flying or speed_mps == 0.0:
+            return at_m
+        way_s = speed_mps / (2.0 * self._spec.max_acceleration_mps2)
+        x, y, z = vector.add(at_m, vector.scale(self._velocity_mps, way_s))
+        return x, y, max(z, self._ground_m + FLYING_M)
+
+    def _advanced(self, passed_s: float, now_m: Vec3, at_m: Vec3) -> Vec3:
+        """Return the set-point `now_m` moved on towards the next place; the drone is at `at_m`."""
+        left = vector.subtract(self._way[0], now_m)
+        left_m = vector.norm(left)
+        limit_mps = self._limit_mps()
+        if left_m == 0.0:
+            self._speed_mps = 0.0
+            return now_m
+        acceleration_mps2 = self._spec.max_acceleration_mps2
+        is_last = len(self._way) == 1
+        brake_mps = math.sqrt(2.0 * acceleration_mps2 * left_m) if is_last else limit_mps
+        self._speed_mps = min(limit_mps, brake_mps, self._speed_mps + acceleration_mps2 * passed_s)
+        step_m = min(left_m, self._speed_mps * passed_s)
+        moved_m = vector.add(now_m, vector.scale(left, step_m / left_m))
+        ahead_m = vector.norm(vector.subtract(moved_m, at_m))
+        before_m = vector.norm(vector.subtract(now_m, at_m))
+        if ahead_m <= LEASH_M + limit_mps * LEASH_S or ahead_m < before_m:
+            return moved_m
+        self._speed_mps = 0.0
+        return now_m
+
+    def _limit_mps(self) -> float:
+        is_vertical = isinstance(self._command, TakeOff) or (
+            isinstance(self._command, Land) and len(self._way) == 1
+        )
+        own_mps = getattr(self._command, "max_speed_mps", None)
+        limit_mps = self._spec.max_speed_mps if own_mps is None else min(own_mps, self._spec.max_speed_mps)
+        return min(limit_mps, DESCENT_MPS) if is_vertical else limit_mps
+
+    def _arrived(self, at_m: Vec3) -> Outcome | None:
+        """Return `done` if the last place is reached, and go on to the next one if another is."""
+        is_landing = isinstance(self._command, Land) and len(self._way) == 1
+        if is_landing:
+            if self.is_flying or (self._now is not None and self._now != self._way[0]):
+                return None
+            self._now, self._way = None, []
+        elif vector.norm(vector.subtract(self._way[0], at_m)) > THERE_M:
+            return None
+        elif len(self._way) > 1:
+            del self._way[0]
+            return None
+        if self._is_over or isinstance(self._command, Follow):
+            return None
+        self._is_over = True
+        return "done"
+
 
 POSE = "geometry_msgs/msg/PoseStamped"
 LONGEST_S = 0.2

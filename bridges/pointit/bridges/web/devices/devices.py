@@ -7,13 +7,14 @@ of a terminal, with the rights of this process.
 import asyncio
 import contextlib
 import logging
+import sqlite3
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from pointit.bridges.web.devices.locked_update import update_stored
-from pointit.bridges.web.devices.pattern import PATTERN_S, pattern
+from pydantic import BaseModel
+
 from pointit.bridges.web.devices.process import JsonObject, run_command
 from pointit.bridges.web.devices.wire import MAX_DEVICES, ConnectDevice, ConnectedDevice, StoredDevices
 from pointit.bridges.web.model.map_editor import MapEditor
@@ -22,15 +23,64 @@ from pointit.maps.edit.edits import Add
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile, site_folder
+from pointit.runtime.host.store import acquire_lock
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.schemas import Deployment, Environment, ShowPixels
+from pointit.schemas import Deployment, Environment, LitPixels, ShowPixels
+from pointit.schemas.base import Rgb
 from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import SHOW_PIXELS
 
+log = logging.getLogger(__name__)
+
+T = TypeVar("T", bound=BaseModel)
+LOCK_TIMEOUT_S = 2.0
+
+
+def update_stored(file: StateFile[T], change: Callable[[T | None], T]) -> None:
+    """Replace the stored value by `change(value)`. Other processes that update it wait.
+
+    Raises:
+        ConfigError: If a value cannot be read, used or written, or is locked for `LOCK_TIMEOUT_S`.
+    """
+    path = file.path
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        lock = acquire_lock(path.with_suffix(".lock"), LOCK_TIMEOUT_S)
+    except (OSError, sqlite3.Error) as error:
+        raise ConfigError(f"{path}: cannot be locked ({error})") from error
+    if lock is None:
+        raise ConfigError(f"{path}: another process is changing it; try again in a moment")
+    with contextlib.closing(lock):
+        file.write(change(file.read()))
+
+
+PATTERN_S = 6.0
+"""Time for which the pattern is shown, s."""
+ENDS = 0.1
+"""Share of the pixels of each end."""
+RED: Rgb = (255, 0, 0)
+GREEN: Rgb = (0, 255, 0)
+BLUE: Rgb = (0, 0, 255)
+
+
+def pattern(strip: str, pixels: int) -> tuple[LitPixels, ...]:
+    """Return the first tenth green, the last tenth red, and between them red, green and blue thirds.
+
+    A dark pixel is between neighbours, where there is room.
+    """
+    end = max(1, round(ENDS * pixels))
+    inner = range(end + 1, pixels - end - 1)
+    third = len(inner) // 3
+    parts: list[tuple[range, Rgb]] = [(range(end), GREEN)]
+    for number, color in enumerate((RED, GREEN, BLUE)):
+        parts.append((inner[number * third : (number + 1) * third - 1], color))
+    if pixels > end:
+        parts.append((range(pixels - end, pixels), RED))
+    return tuple(LitPixels(id=strip, pixels=tuple(lit), color=color) for lit, color in parts if len(lit))
+
+
 if TYPE_CHECKING:  # loads what services load, which a page without a search never needs
     from pointit.bridges.web.devices.search import FoundDevices
-
-log = logging.getLogger(__name__)
 
 IMU_BRIDGE = "imu-bridge"
 MOUNTINGS = {"metamotion": "metamotion"}

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pointit.bridges.web.model.shown_path import shown_path, with_shown_path
-from pointit.bridges.web.scan.marks import marked_pixels, picture
 from pointit.bridges.web.scan.wire import (
     MAX_LIGHTS,
     ScanBegin,
@@ -27,9 +26,39 @@ from pointit.maps.edit.new_file import write_new
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.scan.views import KnownLength, LampSpec, Mark, Sighting, StripSpec, Survey, View, check_survey
 from pointit.schemas import LitPixels, Strip
+from pointit.schemas.base import Rgb
 from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)
+
+COLORS: tuple[Rgb, ...] = ((255, 0, 0), (0, 255, 0), (0, 0, 255))
+MARKS = 10
+"""Marked pixels of a strip, its ends included. Three determine a line, the others find wrong numbers."""
+
+
+def marked_pixels(count: int, marks: int = MARKS) -> tuple[int, ...]:
+    """Return the numbers of marked pixels of a strip of `count` pixels, ends included, evenly spread."""
+    marks = min(count, marks)
+    return tuple(round(number * (count - 1) / max(1, marks - 1)) for number in range(marks))
+
+
+def picture(
+    lights: Sequence[tuple[str, int]], colors: Sequence[int], brightness: float
+) -> tuple[LitPixels, ...]:
+    """Return the lit pixels of `lights` (strip and pixel), of which each has one of `COLORS`, dimmed."""
+    lit: dict[tuple[str, int], list[int]] = {}
+    for (name, pixel), color in zip(lights, colors, strict=True):
+        lit.setdefault((name, color), []).append(pixel)
+    return tuple(
+        LitPixels(id=name, pixels=tuple(pixels), color=_dimmed(COLORS[color], brightness))
+        for (name, color), pixels in lit.items()
+    )
+
+
+def _dimmed(color: Rgb, brightness: float) -> Rgb:
+    red, green, blue = (round(brightness * value) for value in color)
+    return red, green, blue
+
 
 SHOWN_S = 6.0
 """Time after which the strips are given back if the page asks for nothing more, s."""

@@ -1,14 +1,241 @@
 """Control of each person's wrist by a page's mouse or a phone, and the resulting samples."""
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.model.assumed_pose import AssumedPose, choose_pose, middle
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt, AssumedPlace, Mover, PersonLine, Turn
-from pointit.bridges.web.wrists.mouse_arm import MouseArm
+from pointit.geometry import rotation
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Localization, UserPose, UserProfile, WristSample
+from pointit.sim.aim import Stance
+from pointit.sim.tremor import Tremor
+
+Stand = tuple[Vec3, float]
+"""Feet in {W}, m, and the azimuth of {H}'s x axis in {W}, rad."""
+
+CLEAR_M = 2.0
+"""Distance from the nearest object for a person placed automatically, m."""
+_STEP_M = 0.25
+_TOO_NEAR = 3.0
+"""Weight: a metre too close to an object counts as this many metres away from the middle."""
+
+
+def places(room: Environment) -> NDArray[np.float64]:
+    """Return points on all things of `room`, n x 3, {W}, m: vertices of lines, middles of solids."""
+    lines = [*(strip.line_m for strip in room.strips), *(belt.line_m for belt in room.belts)]
+    found = [point for line in lines for point in _along(line)]
+    found += [lamp.position_m for lamp in room.lamps]
+    found += [box.center_m for box in (*room.boxes, *room.fixed_things)]
+    found += [cylinder.center_m for cylinder in room.cylinders]
+    found += [sphere.center_m for sphere in room.spheres]
+    found += [plane.center_m for plane in room.planes if plane.size_m is not None]
+    found += [corner for cloud in room.clouds for corner in (cloud.low_m, cloud.high_m)]
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
+
+
+def middle(room: Environment) -> Vec3:
+    """Return the middle of all things, {W}, m. In an empty room: 2 m ahead of the origin."""
+    points = places(room)
+    if not len(points):
+        return (CLEAR_M, 0.0, 1.0)
+    x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2.0).tolist()
+    return (x, y, z)
+
+
+def choose_pose(room: Environment) -> Stand:
+    """Return a pose near the middle of `room`, `CLEAR_M` away from its objects, facing the middle.
+
+    In a room too small for both, the position moves towards the middle, not through the walls.
+    """
+    points = places(room)[:, :2]
+    if not len(points):
+        return ((0.0, 0.0, 0.0), 0.0)
+    low, high = points.min(axis=0), points.max(axis=0)
+    center = (low + high) / 2.0
+    columns, rows = (
+        np.arange(a - CLEAR_M - 0.5, b + CLEAR_M + 0.75, _spacing(low, high))
+        for a, b in zip(low, high, strict=True)
+    )
+    grid = np.vstack([center, np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)])
+    clear_m = [_clear_m(points, center[:1], center[1:]), _clear_m(points, columns, rows)]
+    too_near_m = CLEAR_M - np.concatenate([each.ravel() for each in clear_m])
+    cost = np.hypot(*(grid - center).T) + _TOO_NEAR * too_near_m
+    x, y = grid[int(np.argmin(cost))].tolist()
+    ahead = (center - (x, y)).tolist()
+    yaw_rad = math.atan2(ahead[1], ahead[0]) if math.hypot(*ahead) > 0.1 else 0.0
+    return ((x, y, 0.0), yaw_rad)
+
+
+class AssumedPose:
+    """One person's pose, from messages on the bus."""
+
+    def __init__(self, place: Place | None = None) -> None:
+        """Use `place` of the configuration while no pose is known."""
+        self._place = None if place is None else (place.position_m, math.radians(place.yaw_deg))
+        self._in_room: Stand = ((0.0, 0.0, 0.0), 0.0)
+        self._pose: Stand | None = None
+        self._truth: Stand | None = None
+        """Pose when the localization began, or None outside a localization."""
+
+    @property
+    def at(self) -> Stand:
+        """Return the person's true pose.
+
+        During a localization that is the pose when it began, so that a localization by the mouse has a true
+        value to find. Otherwise it is the newest pose.
+        """
+        return self._truth or self._known
+
+    @property
+    def assumed(self) -> Stand | None:
+        """Return the configured pose while no pose is known, else None."""
+        return self._place if self._pose is None else None
+
+    def room(self, stand: Stand) -> None:
+        """Set the pose of a person without any other, see `choose_pose`."""
+        self._in_room = stand
+
+    def pose(self, pose: UserPose) -> None:
+        """Update from a pose."""
+        self._pose = (pose.position_m, pose.yaw_rad)
+
+    def localization(self, progress: Localization) -> None:
+        """Update from the progress of a localization."""
+        if progress.phase != "sampling" or progress.purpose != "pose":
+            self._truth = None
+        elif self._truth is None:
+            self._truth = self._known
+
+    @property
+    def _known(self) -> Stand:
+        return self._pose or self._place or self._in_room
+
+
+def _along(line: tuple[Vec3, ...]) -> list[Vec3]:
+    """Return the vertices of `line` and, in long segments, points in between."""
+    found = [line[0]]
+    for a, b in itertools.pairwise(line):
+        parts = min(64, max(1, math.ceil(math.dist(a, b) / 0.5)))
+        for k in range(1, parts + 1):
+            s = k / parts
+            found.append((a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])))
+    return found
+
+
+def _clear_m(
+    points: NDArray[np.float64], columns: NDArray[np.float64], rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the distance of each grid point to the nearest point, `CLEAR_M` at most, rows x columns, m.
+
+    Not SciPy's k-d tree: loading it takes as long as loading the rest of the page.
+    """
+    clear_m = np.full((len(rows), len(columns)), CLEAR_M)
+    reach_m = (-CLEAR_M, CLEAR_M)
+    lefts_rights = np.searchsorted(columns, points[:, :1] + reach_m).tolist()
+    lows_highs = np.searchsorted(rows, points[:, 1:] + reach_m).tolist()
+    for (x, y), (left, right), (low, high) in zip(points.tolist(), lefts_rights, lows_highs, strict=True):
+        near = clear_m[low:high, left:right]
+        np.minimum(near, np.hypot(columns[left:right] - x, rows[low:high, np.newaxis] - y), out=near)
+    return clear_m
+
+
+def _spacing(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+    """Return the grid's step, m; coarser in a huge room."""
+    return max(_STEP_M, float((high - low).max()) / 100.0)
+
+
+FASTEST_RADPS = math.radians(720.0)
+"""Maximum angular speed of the arm: a jump of the mouse is followed within a quarter of a second."""
+
+REST_RAD = math.radians(-20.0)
+"""Elevation of an arm before the first aim."""
+
+
+class MouseArm:
+    """One person's arm in {H}, which follows a mouse's point in {W}.
+
+    It is the inverse of the pointing service's model. Corrections by that service and the localizer, the
+    person's offset and the pose's elevation bias, are not inverted: the user of the mouse sees the cursor and
+    corrects it.
+    """
+
+    def __init__(self, *, seed: int = 0) -> None:
+        """Begin hanging down in front of the body; `seed` is of the tremor."""
+        self._profile = UserProfile(stamp_ns=0)
+        self._position_m: Vec3 = (0.0, 0.0, 0.0)
+        self._yaw_rad = 0.0
+        self._tremor = Tremor(0.0, np.random.default_rng(seed))
+        self._at_m: Vec3 | None = None
+        self._wanted = rotation.from_azimuth_elevation(0.0, REST_RAD)
+        self._now = self._wanted
+        self._step_ns: int | None = None
+
+    def set_profile(self, profile: UserProfile) -> None:
+        """Set the person's body measures, hand and ray model."""
+        self._profile = profile
+        self._turn()
+
+    def set_pose(self, position_m: Vec3, yaw_rad: float) -> None:
+        """Set the person's pose: {H} in {W}, m and rad."""
+        if (position_m, yaw_rad) != (self._position_m, self._yaw_rad):
+            self._position_m, self._yaw_rad = position_m, yaw_rad
+            self._turn()
+
+    def aim(self, at_m: Vec3) -> None:
+        """Point at `at_m`, {W}, from now on."""
+        self._at_m = at_m
+        self._turn()
+
+    def set_tremor(self, rms_rad: float) -> None:
+        """Set the tremor about both axes, rad rms each; 0 turns it off."""
+        self._tremor.rms_rad = rms_rad
+
+    def azimuth(self, at_m: Vec3) -> float:
+        """Return the arm's azimuth in {H}, rad, that points at `at_m`."""
+        return self._stance().aim_at(at_m)[0] - self._yaw_rad
+
+    def step(self, now_ns: int) -> Quaternion:
+        """Return the arm's orientation in {H} at `now_ns`; its x axis points along the arm to the finger."""
+        passed_s = 0.0 if self._step_ns is None else max(0, now_ns - self._step_ns) / NS_PER_S
+        if self._step_ns is None:
+            self._now = self._wanted  # the first sample may jump
+        else:
+            self._now = _towards(self._now, self._wanted, FASTEST_RADPS * passed_s)
+        self._step_ns = now_ns
+        left_rad, up_rad = self._tremor.step(passed_s)
+        if left_rad == up_rad == 0.0:
+            return self._now
+        shaken = rotation.from_azimuth_elevation(left_rad, up_rad)
+        return rotation.normalized(rotation.multiply(self._now, shaken))
+
+    def _stance(self) -> Stance:
+        profile = self._profile
+        return Stance(profile.body, profile.hand, self._position_m, ray_model=profile.ray_model)
+
+    def _turn(self) -> None:
+        if self._at_m is not None:
+            azimuth, elevation = self._stance().aim_at(self._at_m)
+            self._wanted = rotation.from_azimuth_elevation(azimuth - self._yaw_rad, elevation)
+
+
+def _towards(start: Quaternion, end: Quaternion, most_rad: float) -> Quaternion:
+    """Return `start` turned towards `end`, by `most_rad` at most."""
+    x, y, z, w = rotation.multiply(rotation.inverse(start), end)
+    if w < 0.0:  # the shorter way round
+        x, y, z, w = -x, -y, -z, -w
+    sine = math.hypot(x, y, z)
+    if 2.0 * math.atan2(sine, w) <= most_rad:
+        return end
+    part = rotation.from_axis_angle((x / sine, y / sine, z / sine), most_rad)
+    return rotation.normalized(rotation.multiply(start, part))
+
 
 STILL_S = 0.18
 """After this silence a phone counts as held still and its sample is repeated, at least five times a second,

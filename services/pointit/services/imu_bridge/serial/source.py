@@ -3,26 +3,176 @@
 import asyncio
 import collections
 import contextlib
+import errno
 import logging
 import math
 import threading
 import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import serial
 
 from pointit.runtime.clock import Clock
-from pointit.runtime.host.serial_port import PortSettings, SerialThread, serial_ports
+from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.host.serial_port import (
+    PortSettings,
+    SerialPort,
+    SerialThread,
+    describe_error,
+    is_open_elsewhere,
+    open_port,
+    serial_ports,
+)
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
 from pointit.services.imu_bridge.serial.config import SerialConfig
 from pointit.services.imu_bridge.serial.detection import Detection, Found, sensor_choice
 from pointit.services.imu_bridge.serial.framer import FLASH_S, Framer
-from pointit.services.imu_bridge.serial.ports import Answer, ask_ports, discover, set_speed, several
-from pointit.services.imu_bridge.serial.silence import SilenceWatch
 from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.streams.quoted_data import quoted
 
 log = logging.getLogger(__name__)
+
+NOTHING_S = 4.0
+"""Time after which a port that sends nothing is released, s. Some boards need 2 s to start."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A port, and what answers on it."""
+
+    path: str
+    description: str
+    found: Found | None
+    problem: str
+    """Reason why nothing was recognized, or `""`."""
+
+    def __str__(self) -> str:
+        return f"{self.path} ({self.description}): {self.found or self.problem}"
+
+
+async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_s: float) -> list[Answer]:
+    """Listen on those `ports` that nobody else has open, side by side. Return what answers on each.
+
+    Nothing is sent, but opening its port restarts some boards.
+    """
+    stopping = threading.Event()
+    try:
+        return await asyncio.gather(
+            *(asyncio.to_thread(_ask, port, config, duration_s, stopping) for port in ports)
+        )
+    finally:
+        stopping.set()
+
+
+async def discover(duration_s: float) -> Sequence[FoundDevice]:
+    """Return all serial ports, each with what answers on it."""
+    return [
+        FoundDevice(
+            address=answer.path,
+            label=f"{answer.description}: {answer.found or answer.problem}",
+            details={"format": answer.found.format, "baud": answer.found.baud} if answer.found else {},
+        )
+        for answer in await ask_ports(await asyncio.to_thread(serial_ports), SerialConfig(), duration_s)
+    ]
+
+
+def set_speed(port: serial.Serial, baud: int) -> None:
+    """Change the speed of an open port, and forget what has arrived at the speed before.
+
+    Raises:
+        OSError: If the port is gone.
+    """
+    try:
+        port.baudrate = baud
+        port.reset_input_buffer()
+    except OSError:
+        raise
+    except Exception as error:  # termios.error, which Windows does not have
+        raise OSError(errno.EIO, str(error)) from error
+
+
+def several(answers: Sequence[Answer]) -> str:
+    """Return `answers` for a sentence."""
+    return ", ".join(map(str, answers)) or "none"
+
+
+def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: threading.Event) -> Answer:
+    if is_open_elsewhere(port.path):
+        return Answer(port.path, port.description, None, "another program has it open")
+    detection = Detection(config)
+    count = 0
+    try:
+        with open_port(PortSettings(port=port.path, baud=detection.baud)) as opened:
+            begin_s = time.monotonic()
+            while not stopping.is_set() and time.monotonic() - begin_s < (
+                duration_s if count else min(duration_s, NOTHING_S)
+            ):
+                if opened.baudrate != detection.baud:
+                    set_speed(opened, detection.baud)
+                data = opened.read(max(1, opened.in_waiting))
+                count += len(data)
+                detection.feed(data, 0, time.monotonic())
+                if detection.found is not None and detection.good:
+                    return Answer(port.path, port.description, detection.found, "")
+    except OSError as error:
+        return Answer(port.path, port.description, None, describe_error(error, port.path))
+    problem = f"{count} bytes, none readable" if count else "silent"
+    return Answer(port.path, port.description, None, problem)
+
+
+SHOWN_BYTES = 32
+"""Number of first bytes in the warning."""
+
+
+class SilenceWatch:
+    """Detects that nothing readable arrives."""
+
+    def __init__(self, port: str, timeout_s: float, now_s: float) -> None:
+        self._port = port
+        self._timeout_s = timeout_s
+        self._heard_s = now_s
+        self._good = 0
+        self._first = b""
+        self._silent = False
+        self.heard_bytes = 0
+        """Number of bytes since the last readable ones."""
+
+    def step(self, data: bytes, good: int, now_s: float, tried: str) -> str | None:
+        """Return the warning when silence begins, `""` when it ends, else None.
+
+        Args:
+            data: that has arrived.
+            good: number of readable packets or lines so far.
+            now_s: time of the clock of the first `now_s`, s.
+            tried: formats and speeds that were tried.
+        """
+        self.heard_bytes += len(data)
+        if len(self._first) < SHOWN_BYTES:
+            self._first = (self._first + data)[:SHOWN_BYTES]
+        if good != self._good:
+            self._good = good
+            self._heard_s, self.heard_bytes, self._first = now_s, 0, b""
+            if self._silent:
+                self._silent = False
+                return ""
+        elif not self._silent and now_s - self._heard_s > self._timeout_s:
+            self._silent = True
+            return self._message(tried)
+        return None
+
+    def _message(self, tried: str) -> str:
+        where = f"{self._port} is connected but sent nothing readable for {self._timeout_s:g} s"
+        if not self.heard_bytes:
+            return f"{where}, not one byte: check the cable and that the device sends"
+        return (
+            f"{where}: {self.heard_bytes} bytes, the first {quoted(self._first)}; {tried}; check baud and "
+            "format, or what the device sends"
+        )
+
+
 CAPACITY = 1024
 """Items buffered while the event loop is busy; the oldest are dropped."""
 CLEAR_BAD_AFTER_S = 10.0

@@ -2,14 +2,21 @@
 
 import math
 from collections.abc import Callable
+from typing import Annotated
+
+from pydantic import Field, StringConstraints
 
 from pointit.geometry.vector import wrap
+from pointit.runtime.mqtt.broker_config import BrokerConfig
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import NS_PER_S
-from pointit.services.robot.drivers.vda5050.agv_orders import AgvOrders, Outcome, has_other_master
-from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, MessageEncoder, Order
-from pointit.services.robot.drivers.vda5050.route import Point
-from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
+from pointit.services.robot.drivers.vda5050.agv_orders import AgvOrders, Outcome, Point, has_other_master
+from pointit.services.robot.drivers.vda5050.master_messages import (
+    InstantAction,
+    MessageEncoder,
+    Order,
+    Version,
+)
 from pointit.services.robot.robot_driver import (
     Command,
     Follow,
@@ -26,6 +33,42 @@ from pointit.vda5050.agv_messages import LOST_CONNECTIONS, Connection, State, Vi
 from pointit.vda5050.header_check import HeaderCheck
 from pointit.vda5050.map_velocity import LastPose, MapVelocity
 from pointit.vda5050.tolerant_model import UnreadableFields
+
+TopicLevel = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^/#+\x00]*$")]
+
+
+class Vda5050Config(BrokerConfig):
+    """One AGV on an MQTT broker."""
+
+    manufacturer: TopicLevel = Field(default="", description="manufacturer of the AGV, as in its topics")
+    serial_number: TopicLevel = Field(default="", description="serial number of the AGV, as in its topics")
+    interface: TopicLevel = Field(default="uagv", description="first level of the topics")
+    topic_prefix: str = Field(
+        default="",
+        max_length=200,
+        pattern=r"^[^#+\x00]*$",
+        description="levels of the topics before the manufacturer, such as hall/uagv/2.0; interface and "
+        "major version if empty",
+    )
+    version: Version = Field(default="2.0.0", description="version of VDA 5050 that the AGV understands")
+    map_id: str = Field(
+        default="",
+        max_length=200,
+        description="map of the AGV in which its positions count; the one that it is on if empty",
+    )
+    base_m: float = Field(
+        default=1.0,
+        ge=0.2,
+        le=100,
+        description="length of the way ahead that is released, and driven also without a connection, m",
+    )
+    max_order_rate_hz: float = Field(
+        default=2.0,
+        gt=0,
+        le=20,
+        description="maximum number of orders and updates per second, since an AGV plans again at each",
+    )
+
 
 REPEAT_S = 0.08
 """Age of a report that is repeated while the AGV stands, s. It sends its state when it begins to drive."""

@@ -11,8 +11,7 @@ from pointit.runtime.mqtt.broker import client_options, connected, keep_connecte
 from pointit.runtime.mqtt.broker_config import PORT
 from pointit.runtime.mqtt.broker_search import find_on_brokers
 from pointit.runtime.service.surroundings import Surroundings
-from pointit.services.robot.drivers.vda5050.agv import Agv, MqttPublication
-from pointit.services.robot.drivers.vda5050.vda5050_config import Vda5050Config
+from pointit.services.robot.drivers.vda5050.agv import Agv, MqttPublication, Vda5050Config
 from pointit.services.robot.robot_driver import Command, Report, RobotPlugin, RobotSpec
 from pointit.vda5050.agv_messages import Connection, State, parse
 from pointit.vda5050.agv_topic import AgvTopic, agv_of_topic, agv_topics

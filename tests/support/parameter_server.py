@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Closable, Endpoint, Graph, RosType
-from pointit.bridges.ros2.parameters.node_parameters import GET, GET_SUFFIX, LIST, LIST_SUFFIX
-from pointit.bridges.ros2.parameters.values import message_of
+from pointit.bridges.ros2.parameters.node_parameters import GET, GET_SUFFIX, LIST, LIST_SUFFIX, message_of
 from pointit.bridges.ros2.types.types import Types
 
 NODE = "/pui"

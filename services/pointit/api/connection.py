@@ -17,7 +17,7 @@ from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteErro
 from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.virtual_time import is_virtual
-from pointit.runtime.zenoh.sites import sites_at
+from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import ANY, HEALTH, SERVICE_ALIVE, USER_ALIVE
 

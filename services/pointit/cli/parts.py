@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from pointit.runtime.host.optional_rooms import Part
+from pointit.runtime.host.extras import Part
 
 if TYPE_CHECKING:  # the listings need none of them
     from pointit.cli.common.run_part import RunPart

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from pointit.launch.plan.watcher import MakeWatcher
-from pointit.runtime.host.optional_rooms import Part
+from pointit.launch.plan.plan import MakeWatcher
+from pointit.runtime.host.extras import Part
 
 
 def _robots() -> MakeWatcher:

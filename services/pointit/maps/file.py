@@ -25,7 +25,7 @@ from pointit.runtime.config.validation_message import (
 from pointit.runtime.config.yaml_file import MAX_YAML_BYTES, parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import read_limited
-from pointit.runtime.host.optional_rooms import import_room
+from pointit.runtime.host.extras import import_room
 from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pointit.runtime.config.installed import installed_entry_points
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.optional_rooms import import_room
+from pointit.runtime.host.extras import import_room
 from pointit.schemas import topics
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import Presence, Request, Topic

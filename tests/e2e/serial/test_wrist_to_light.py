@@ -21,7 +21,7 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health
 from pointit.schemas.topics import HEALTH
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.serial.config import SerialConfig
+from pointit.services.imu_bridge.serial.detection import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.output.serial_port.config import ExpanderConfig

@@ -15,7 +15,7 @@ from pointit.schemas import ImuSample, SetMounting
 from pointit.schemas.topics import IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.serial.config import SerialConfig
+from pointit.services.imu_bridge.serial.detection import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import until

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.types.foreign import STANDARD_SERVICES, actions
+from pointit.bridges.ros2.types.definitions import STANDARD_SERVICES, actions
 from tests.interop.ros2.ament import AT_LEAST, install, install_action, shape
 from tests.support.bench import until
 from tests.support.buses import free_port

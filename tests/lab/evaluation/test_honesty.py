@@ -9,7 +9,7 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
-from pointit.services.pointing.arm_ray import ArmRay
+from pointit.services.pointing.pointer import ArmRay
 from pointit_lab.cli.honesty import honesty
 from pointit_lab.evaluation.honesty import injections
 from pointit_lab.evaluation.honesty.honesty import (

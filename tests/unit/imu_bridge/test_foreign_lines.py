@@ -3,13 +3,11 @@
 import pytest
 
 from pointit.services.imu_bridge.reading import Reading
-from pointit.services.imu_bridge.serial.config import SerialConfig
-from pointit.services.imu_bridge.serial.detection import Detection
+from pointit.services.imu_bridge.serial.detection import Detection, SerialConfig
 from pointit.services.imu_bridge.serial.line_parser import LineError, LineParser, QuaternionLine
 from pointit.services.imu_bridge.serial.source import SilenceWatch
 from pointit.services.imu_bridge.serial.text_line import TextFramer
-from pointit.services.imu_bridge.streams.json_content import ContentError, quaternions
-from pointit.services.imu_bridge.streams.quoted_data import quoted
+from pointit.services.imu_bridge.streams.json_content import ContentError, quaternions, quoted
 
 XYZW = (0.64, 0.0, -0.48, 0.6)
 

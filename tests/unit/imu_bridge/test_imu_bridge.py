@@ -24,7 +24,7 @@ from pointit.services.imu_bridge.arm_frame import WRAP_NS, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.reading import Item, Reading
 from pointit.services.imu_bridge.replay_source import ReplayConfig, ReplaySource
-from pointit.services.imu_bridge.serial.config import SerialConfig
+from pointit.services.imu_bridge.serial.detection import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig, SimulatedDevice
 from tests.support.bench import PATIENCE_S, ManualClock, in_virtual_time, memory_bench, repeated, until

@@ -26,7 +26,7 @@ from pointit.schemas import (
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.serial.config import SerialConfig
+from pointit.services.imu_bridge.serial.detection import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMountings

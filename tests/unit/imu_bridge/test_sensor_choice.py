@@ -9,8 +9,7 @@ from pointit.services.imu_bridge.network.sender_choice import SenderChoice
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.network.ximu3 import Ximu3Config
 from pointit.services.imu_bridge.reading import Press, Reading
-from pointit.services.imu_bridge.serial.config import SerialConfig
-from pointit.services.imu_bridge.serial.detection import Detection
+from pointit.services.imu_bridge.serial.detection import Detection, SerialConfig
 from pointit.services.imu_bridge.serial.fifth_number import MAX_OPEN, MAX_RISES
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.streams.sensor_choice import FORGET_AFTER, MAX_NAMES, SensorChoice

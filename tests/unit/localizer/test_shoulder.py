@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pointit.geometry import rotation
 from pointit.schemas import BodyMeasures
 from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
-from pointit.services.pointing.arm_ray import ArmRay, RayModel
+from pointit.services.pointing.pointer import ArmRay, RayModel
 from tests.unit.localizer.person import CORNERS, EYES_M
 
 Array = NDArray[np.float64]

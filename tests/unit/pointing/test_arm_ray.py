@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
 from pointit.schemas import BodyMeasures, PointingOffset, UserProfile
-from pointit.services.pointing.arm_ray import FADE_RAD, MAX_CORRECTION_RAD, ArmRay, RayModel, apply
+from pointit.services.pointing.pointer import FADE_RAD, MAX_CORRECTION_RAD, ArmRay, RayModel, apply
 from tests.support.known import known
 
 angles = st.floats(-math.pi, math.pi)

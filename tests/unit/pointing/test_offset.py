@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.schemas import Anchor
-from pointit.services.pointing.arm_ray import apply
 from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
+from pointit.services.pointing.pointer import apply
 from tests.support.known import known
 
 DEG = math.radians(1.0)

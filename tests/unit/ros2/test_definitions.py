@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import Distro
 from pointit.bridges.ros2.over_rclpy.rclpy_library import class_of
-from pointit.bridges.ros2.types.definitions import INTERFACES, Definitions
-from pointit.bridges.ros2.types.foreign import NAVIGATE_TO_POSE, actions
+from pointit.bridges.ros2.types.definitions import INTERFACES, NAVIGATE_TO_POSE, Definitions, actions
 from pointit.bridges.ros2.types.rihs01 import Rihs01
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError

@@ -13,8 +13,7 @@ from pointit.bridges.ros2.graph.backend import LATCHED
 from pointit.bridges.ros2.outbound.humans import BODY, JOINTS, MAX_KNOWN, NEAR_M, confidence, shoulder
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.routes import Routes, routes
-from pointit.bridges.ros2.types.definitions import Definitions
-from pointit.bridges.ros2.types.foreign import ROS4HRI_MESSAGES
+from pointit.bridges.ros2.types.definitions import ROS4HRI_MESSAGES, Definitions
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3

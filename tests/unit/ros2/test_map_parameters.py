@@ -18,7 +18,7 @@ from pointit.bridges.ros2.parameters.map_of_node import (
     prefixes,
     tree_of,
 )
-from pointit.bridges.ros2.parameters.values import message_of, value_of
+from pointit.bridges.ros2.parameters.node_parameters import message_of, value_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry.polygon import Vec2
 from pointit.geometry.vector import Vec3

@@ -10,14 +10,17 @@ from hypothesis import strategies as st
 from pointit.bridges.ros2.graph.backend import Backend
 from pointit.bridges.ros2.parameters import node_parameters as parameters
 from pointit.bridges.ros2.parameters.node_parameters import (
+    FIELDS,
     GET,
     LIST,
     MAX_NAME,
     MAX_WAITS,
+    MESSAGE,
     PAGE,
     NodeParameters,
+    message_of,
+    value_of,
 )
-from pointit.bridges.ros2.parameters.values import FIELDS, MESSAGE, message_of, value_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError, NoAnswerError
 from tests.support.parameter_server import NODE, OneNode, ParameterServer

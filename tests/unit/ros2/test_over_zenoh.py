@@ -9,17 +9,19 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, SERVICE, EndpointKind, Qos, RosType
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
-from pointit.bridges.ros2.over_zenoh.keys import data_key, dds_type, resolved
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
 from pointit.bridges.ros2.over_zenoh.token import (
     BRIDGE,
     EndpointToken,
     NodeToken,
+    data_key,
+    dds_type,
     gid,
     mangled,
     parsed,
     qos_of,
     qos_text,
+    resolved,
     unmangled,
 )
 from tests.unit.ros2.values import golden

@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from pointit.runtime.host.own_address import found_addresses, is_reachable, own_address
+from pointit.runtime.host.name_lookup import found_addresses, is_reachable, own_address
 
 
 def route(monkeypatch: pytest.MonkeyPatch, routes: dict[str, str]) -> None:

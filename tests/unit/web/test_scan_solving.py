@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pointit.bridges.web.scan.session import Solution, marked_pixels
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
-from pointit.bridges.web.scan.solver_process import SolverProcess
-from pointit.bridges.web.scan.solving import solution_of, solve_survey
+from pointit.bridges.web.scan.solver_process import SolverProcess, solution_of, solve_survey
 from pointit.bridges.web.scan.wire import ScanThing
 from pointit.geometry.vector import Vec3, scale
 from pointit.maps.file import load_map

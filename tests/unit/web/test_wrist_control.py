@@ -11,7 +11,7 @@ from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt, Turn
 from pointit.bridges.web.wrists.wrist_control import AssumedPose, WristControl, choose_pose, middle, places
 from pointit.geometry import rotation, vector
-from pointit.services.pointing.arm_ray import ArmRay
+from pointit.services.pointing.pointer import ArmRay
 
 START = 1_700_000_000 * models.NS_PER_S
 TICK = models.NS_PER_S // 60

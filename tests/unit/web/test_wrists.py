@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.web.wrists.pairing import UNUSED_S, Pairing, offer
-from pointit.bridges.web.wrists.phone_cues import STEPS, Cues
+from pointit.bridges.web.wrists.phone import STEPS, Cues
 from pointit.bridges.web.wrists.wrist_control import FASTEST_RADPS, MouseArm
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion

@@ -19,7 +19,7 @@ from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.clock import Timer
-from pointit.runtime.host.own_address import own_address
+from pointit.runtime.host.name_lookup import own_address
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name

@@ -9,7 +9,7 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures
-from pointit.services.pointing.arm_ray import ArmRay
+from pointit.services.pointing.pointer import ArmRay
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import ANCHOR, IMU, LOCALIZATION, MAP, OBJECTS, POSE, PROFILE, RAY, Topic
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.pointing.arm_ray import ArmRay
+from pointit.services.pointing.pointer import ArmRay
 from pointit_lab.evaluation.localization.recorded_person import SET, Course, PersonInSession
 from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of
 from pointit_lab.evaluation.localization.trial import Trial

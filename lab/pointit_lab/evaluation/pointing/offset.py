@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from pointit.geometry import vector
-from pointit.services.pointing.arm_ray import apply
 from pointit.services.pointing.offset import OffsetFit, Sighting, fit
+from pointit.services.pointing.pointer import apply
 from pointit_lab.evaluation.datasets import proximity_feedback, vr_eyefinger
 from pointit_lab.evaluation.datasets.proximity_feedback import read_floor_trials
 from pointit_lab.evaluation.datasets.vr_eyefinger import read_wall_trials

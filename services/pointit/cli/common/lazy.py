@@ -130,7 +130,7 @@ def command(name: str, about: str, target: str) -> Entry:
     """Return the command at `target`, `module:attribute`."""
 
     def load() -> click.Command:
-        from pointit.runtime.host.optional_rooms import import_room  # noqa: PLC0415 - not for help
+        from pointit.runtime.host.extras import import_room  # noqa: PLC0415 - not for help
 
         module, _, attribute = target.partition(":")
         found: click.Command = getattr(import_room(module, "this command"), attribute)

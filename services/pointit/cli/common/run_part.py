@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.plan import Beside
+from pointit.launch.plan.plan import Beside, MakeWatcher
 from pointit.launch.plan.scenario import Scenario
-from pointit.launch.plan.watcher import MakeWatcher
 
 
 @dataclass(frozen=True, kw_only=True)

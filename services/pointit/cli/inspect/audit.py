@@ -13,7 +13,7 @@ import click
 
 from pointit.cli.common.output import Section, json_option, show
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.optional_rooms import import_room
+from pointit.runtime.host.extras import import_room
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import check_name

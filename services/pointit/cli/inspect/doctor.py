@@ -29,7 +29,7 @@ from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
 from pointit.runtime.link.options import given_credentials
 from pointit.runtime.link.outage import SILENT_S
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
-from pointit.runtime.zenoh.sites import sites_at
+from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance

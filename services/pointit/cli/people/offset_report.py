@@ -11,8 +11,8 @@ from rich.text import Text
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Anchor, PointingOffset
-from pointit.services.pointing.arm_ray import apply
 from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
+from pointit.services.pointing.pointer import apply
 
 STEADY_RAD = math.radians(3.0)
 """Spread of the rays about their mean above which a pointing does not count."""

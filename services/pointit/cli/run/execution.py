@@ -20,7 +20,7 @@ from pointit.launch.run.run_site import Onlookers, ScenarioRequests, adapt_to_si
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
-from pointit.runtime.host.optional_rooms import present
+from pointit.runtime.host.extras import present
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plain_console import PlainConsole
 from pointit.runtime.service.service import check_launches

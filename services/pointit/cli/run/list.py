@@ -10,7 +10,7 @@ from pointit.cli.common.output import Section, json_option, show
 from pointit.cli.parts import PLUGIN_GROUPS
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.optional_rooms import present
+from pointit.runtime.host.extras import present
 from pointit.services.registry import PROCESSES, add_installed
 
 

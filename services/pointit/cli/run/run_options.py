@@ -13,7 +13,7 @@ from pointit.cli.parts import RUN_PARTS
 from pointit.launch.plan.launches import LAMPS, LOCALIZATIONS, Choices, robot_of
 from pointit.launch.plan.scenario import Pose
 from pointit.runtime.config.config import check_environment
-from pointit.runtime.host.optional_rooms import present
+from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
 from pointit.runtime.link.options import given_credentials, link_of
 from pointit.schemas import FARTHEST

@@ -20,7 +20,7 @@ from pointit.launch.plan.settings import check_settings
 from pointit.launch.plan.startup_notices import assumed_places
 from pointit.launch.run.run_site import Found, surroundings
 from pointit.runtime.errors import ConfigError, ConnectError
-from pointit.runtime.host.optional_rooms import present
+from pointit.runtime.host.extras import present
 from pointit.runtime.link.options import link_options
 from pointit.runtime.service.process import log_option
 from pointit.runtime.service.shutdown import run_until_shutdown

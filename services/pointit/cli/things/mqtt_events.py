@@ -16,7 +16,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pointit.launch.plan.watcher import News
+from pointit.launch.plan.plan import News
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, PointItError

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol, Self, cast
 from pointit.api.reactions import check_things, is_reaction
 from pointit.cli.things.program import Program
 from pointit.cli.things.webhook import Webhook
-from pointit.launch.plan.watcher import News
+from pointit.launch.plan.plan import News
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError

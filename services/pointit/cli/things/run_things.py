@@ -10,9 +10,9 @@ from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reactions, reactions_in
 from pointit.launch.plan.launches import Choices, site_launches
+from pointit.launch.plan.plan import MakeWatcher
 from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.scenario_catalog import room_of
-from pointit.launch.plan.watcher import MakeWatcher
 
 
 def mqtt_options(function: Any) -> Any:

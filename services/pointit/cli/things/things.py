@@ -14,7 +14,7 @@ from pointit.cli.common.site_link import PATIENCE_S, AtSite, LatestMessage, join
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reaction, Reactions, reactions_in
 from pointit.cli.things.run_things import mqtt_options, summary_lines
-from pointit.launch.plan.watcher import Watcher
+from pointit.launch.plan.plan import Watcher
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import NoMessageError, RequestError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown

@@ -17,8 +17,7 @@ from pointit.launch.plan.launches import PAGE
 from pointit.launch.plan.settings import Settings, layers_of, service_of
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.extras import remedy
-from pointit.runtime.host.name_lookup import resolve
-from pointit.runtime.host.own_address import own_address
+from pointit.runtime.host.name_lookup import own_address, resolve
 from pointit.runtime.service.service import AnyService, Launch
 from pointit.services import registry
 

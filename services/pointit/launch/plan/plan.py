@@ -2,17 +2,43 @@
 
 import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, Protocol, TypeAlias
 
-from pointit.launch.plan.watcher import MakeWatcher
-from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
-from pointit.schemas import RunScenario
+from pointit.schemas import Environment, RunScenario
+
+News: TypeAlias = Callable[[str, str], object]
+"""Takes an event line and the person whom it is about, `""` for nobody."""
+
+
+class Watcher(Protocol):
+    """Observes one scenario, from its start to its end."""
+
+    def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
+        """Subscribe on `bus`, and tell `news`. Return the subscriptions."""
+        ...
+
+    def on_map(self, environment: Environment) -> None:
+        """Take the map."""
+        ...
+
+    def on_service(self, instance: str, *, is_present: bool) -> None:
+        """Take the presence of a service."""
+        ...
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return its entries in the summary of the run, by names that no other watcher has."""
+        ...
+
+
+MakeWatcher: TypeAlias = Callable[[Sequence[Launch]], Watcher]
+"""Returns the watcher of the scenario that runs these services."""
 
 
 class Beside(ABC):

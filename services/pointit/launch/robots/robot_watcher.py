@@ -8,7 +8,7 @@ from typing import Any
 
 from pointit.geometry.polygon import Polygon
 from pointit.geometry.vector import Vec3
-from pointit.launch.plan.watcher import News
+from pointit.launch.plan.plan import News
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.service.service import Launch
 from pointit.schemas import Environment, Goal, RobotState

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from pointit.launch.plan.watcher import Watcher
+from pointit.launch.plan.plan import Watcher
 from pointit.launch.run.score import Latency, Score
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.clock import Clock

@@ -21,7 +21,7 @@ from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus, Closable, Publisher
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.optional_rooms import present
+from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.service.service import Launch

@@ -1,5 +1,7 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
+# pyright: reportUnknownMemberType=false
+# (the stubs of zenoh leave types out)
 """The sessions that a session is connected to: whether a client has its router, and why not."""
 
 import asyncio
@@ -14,9 +16,37 @@ from zenoh.handlers import Callback
 from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, ROUTER_LOST, Link, ports_of
-from pointit.runtime.zenoh.session import refusals
+from pointit.runtime.zenoh.queries import query_replies
+from pointit.runtime.zenoh.session import close_session, configuration, open_cancellable, refusals
+from pointit.schemas.table_types import NAME
+from pointit.schemas.topics import ANY, SERVICE_ALIVE
 
 log = logging.getLogger(__name__)
+
+ASK_S = 1.0
+MOST = 20
+"""Names that are told: more are of no use to anybody."""
+
+
+async def sites_at(link: Link) -> tuple[str, ...]:
+    """Return the names of the sites with services at the addresses of `link`, whatever its site.
+
+    Empty where nobody answers, or where the router's rules show other sites to nobody.
+    """
+    config = configuration(link)
+    config.insert_json5("namespace", "null")
+    try:
+        session = await open_cancellable(config)
+    except zenoh.ZError:
+        return ()
+    try:
+        selector = f"pointit/*/{SERVICE_ALIVE.at(ANY)}"
+        replies = await query_replies(session.liveliness(), selector, timeout=ASK_S)
+    finally:
+        await close_session(session)
+    found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
+    return tuple(sorted(filter(NAME.match, found)))[:MOST]  # anybody can have written them
+
 
 DOUBT_S = 2.0
 """A router that is lost for longer than a restart takes is asked whether it still wants us, repeatedly."""

@@ -2,14 +2,14 @@
 
 Pure: messages, requests and the time go in; outputs to publish come out.
 
-Pointing at one lamp, or robot whose place is known, to correct the pose (pointing.md §3, §4).
-
-Pure: rays and the time go in; the lamp, progress and the anchor come out.
+`Anchoring` corrects the pose by pointing at one lamp, or robot whose position is known (pointing.md
+§3, §4). A queued request waits for its turn at the lamps, which led-driver decides.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pointit.schemas import (
     NS_PER_S,
@@ -29,15 +29,69 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.outputs import AnchorOutcome, Output
+from pointit.services.localizer.outputs import AnchorOutcome, Output, Phase
 from pointit.services.localizer.procedures import lamps as lamp_choice
 from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
 from pointit.services.localizer.procedures.moving_target import ROBOT, MovingTarget
 from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_yaw
 from pointit.services.localizer.procedures.procedure import Procedure
-from pointit.services.localizer.procedures.queued_pointing import Make, QueuedPointing, queue_timeout_message
 from pointit.services.localizer.procedures.static_targets import StaticTargets
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
+
+Make = Callable[[int], LampProcedure | Refusal]
+"""Creates the procedure when it is its turn, from the map and the pose of that time (ns), or a refusal."""
+
+
+class QueuedPointing(Procedure):
+    """A place in the queue; it lights no lamp."""
+
+    def __init__(self, make: Make, procedure: LampProcedure, config: LocalizerConfig) -> None:
+        super().__init__(config)
+        self.make = make
+        self.lamp_ids = procedure.lamp_ids
+        self.ahead: tuple[str, ...] = ()
+        """Users ahead as published last."""
+        self.purpose = procedure.purpose
+        self._until_ns = 0
+
+    def is_too_long(self, now_ns: int) -> bool:
+        """Return True if the limit is reached."""
+        return now_ns >= self._until_ns
+
+    def say(self, ahead: tuple[str, ...], now_ns: int) -> list[Output]:
+        """Return a message that the person waits for `ahead`."""
+        self.ahead = ahead
+        return [self._localization(now_ns, "sampling")]
+
+    def refuse(self, now_ns: int, reason: str) -> list[Output]:
+        """Return a message that the person waits no longer."""
+        return self._end(now_ns, "refused", reason)
+
+    def on_yaw_origin_changed(self, now_ns: int, reason: str) -> list[Output]:
+        """Go on waiting, since no ray was used."""
+        del now_ns, reason
+        return []
+
+    def _begin(self, now_ns: int) -> list[Output]:
+        self._until_ns = now_ns + round(self._config.queue_timeout_s * NS_PER_S)
+        return [self._localization(now_ns, "sampling")]
+
+    def _continue(self, now_ns: int) -> list[Output]:
+        del now_ns  # the runner knows whose turn it is
+        return []
+
+    def _details(self, phase: Phase) -> dict[str, Any]:
+        return {"ahead": self.ahead, "lamps": self.lamp_ids} if phase == "sampling" else {}
+
+
+def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> str:
+    """Return the reason why `user` stops waiting."""
+    who = ", ".join(ahead) or "nobody"
+    return (
+        f"{user} has waited {limit_s:g} s for the lamps; {who} came first: see that they come to an end, "
+        "then start again"
+    )
+
 
 MIN_RAYS = 10
 """Rays that an anchor needs."""

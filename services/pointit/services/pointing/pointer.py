@@ -1,12 +1,159 @@
-"""Conversion of fresh wrist samples to the pointing ray: model, the person's offset, filter."""
+"""Conversion of fresh wrist samples to the pointing ray: model, the person's offset, filter.
 
+The pointing ray of an arm in {H}: eye-finger, shoulder-arm or forearm (paper, §II-A; pointing.md §1).
+
+Its correction takes out a person's systematic error (pointing.md §3).
+
+The body faces where the arm points: the shoulder is beside the neck, at a right angle to the arm's azimuth.
+{H} itself has no relation to the body, because its yaw is where the IMU happened to start. A body that turns
+less than the arm moves the shoulder along the arm at first, which hardly changes the ray.
+"""
+
+import math
 from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.one_euro import OneEuro
-from pointit.schemas import NS_PER_S, ImuSample, PointingRay, UserProfile
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, BodyMeasures, ImuSample, PointingOffset, PointingRay, UserProfile
 from pointit.schemas.base import unchecked
-from pointit.services.pointing.arm_ray import ArmRay, apply
+
+Array = NDArray[np.float64]
+
+RayModel = Literal["eye_finger", "shoulder_arm", "forearm"]
+
+UPPER_ARM_SHARE = 0.56
+"""Upper arm as a share of the length from shoulder to wrist: 0.186 and 0.146 of the stature (Drillis and
+Contini 1966)."""
+
+MIN_REACH_M = 1e-6
+"""Smallest distance of the fingertip from the eyes that gives a direction."""
+
+VERTICAL = 1e-6
+"""Cosine of the elevation below which an arm has no azimuth: the shoulder is then assumed at the neck."""
+
+MAX_CORRECTION_RAD = math.radians(30.0)
+"""Largest correction."""
+
+FADE_RAD = math.radians(10.0)
+"""Distance from straight up or down within which a correction fades, since azimuths are undefined there."""
+
+_LEVEL_AT_FADE = math.sin(FADE_RAD)
+
+
+class ArmRay:
+    """A person's ray as a function of the orientation of their arm.
+
+    The eye-finger and the shoulder-arm ray assume a straight arm. The forearm ray assumes that the upper arm
+    hangs, and starts at the elbow below the shoulder: with a straight arm its line would be the shoulder-arm
+    ray.
+    """
+
+    def __init__(
+        self,
+        body: BodyMeasures | None = None,
+        *,
+        hand: Literal["left", "right"] = "right",
+        model: RayModel = "eye_finger",
+    ) -> None:
+        """Set the person's measures; a left-handed person's shoulder is on the left."""
+        body = body if body is not None else BodyMeasures()
+        self._side_m = body.neck_to_shoulder_m if hand == "left" else -body.neck_to_shoulder_m
+        self._is_from_eyes = model == "eye_finger"
+        self._drop_m = body.neck_to_eyes_m
+        self._arm_m = body.shoulder_to_wrist_m + body.wrist_to_finger_m
+        hang_m = UPPER_ARM_SHARE * body.shoulder_to_wrist_m if model == "forearm" else 0.0
+        self._height_m = body.footprint_to_neck_m + (self._drop_m if self._is_from_eyes else -hang_m)
+        """Height of the ray's origin above the feet, m."""
+
+    @classmethod
+    def from_profile(cls, profile: UserProfile) -> "ArmRay":
+        """Return the ray of the person with `profile`."""
+        return cls(profile.body, hand=profile.hand, model=profile.ray_model)
+
+    def ray(self, orientation_xyzw: Quaternion) -> tuple[Vec3, Vec3] | None:
+        """Return origin and unit direction in {H}, or None if the finger is at the eyes."""
+        x, y, z, w = orientation_xyzw
+        square = x * x + y * y + z * z + w * w  # norms are 1 to within 1e-3 only
+        ahead, left, up = square - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+        shoulder_x = shoulder_y = 0.0
+        if self._side_m:
+            beside = self._side_m / max(math.hypot(ahead, left), VERTICAL * square)
+            shoulder_x, shoulder_y = -beside * left, beside * ahead
+        if not self._is_from_eyes:
+            length = math.hypot(ahead, left, up)
+            return (shoulder_x, shoulder_y, self._height_m), (ahead / length, left / length, up / length)
+        arm = self._arm_m / square
+        ahead, left, up = arm * ahead + shoulder_x, arm * left + shoulder_y, arm * up - self._drop_m
+        length = math.hypot(ahead, left, up)
+        if length < MIN_REACH_M:
+            return None
+        return (0.0, 0.0, self._height_m), (ahead / length, left / length, up / length)
+
+    def rays(self, orientations_xyzw: Array) -> tuple[Array, Array]:
+        """Return the rays of many orientations.
+
+        Args:
+            orientations_xyzw: n x 4.
+
+        Returns:
+            Origins in {H}, n x 3, m; unit directions, n x 3, NaN if the finger is at the eyes.
+        """
+        x, y, z, w = orientations_xyzw.T
+        square = x * x + y * y + z * z + w * w
+        arm = np.stack([square - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)], axis=1)
+        arm /= square[:, None]
+        beside = self._side_m / np.maximum(np.hypot(arm[:, 0], arm[:, 1]), VERTICAL)
+        shoulder = np.stack(
+            [-beside * arm[:, 1], beside * arm[:, 0], np.full(len(arm), self._height_m)], axis=1
+        )
+        if not self._is_from_eyes:
+            return shoulder, arm / np.linalg.norm(arm, axis=1)[:, None]
+        eyes = np.tile([0.0, 0.0, self._height_m], (len(arm), 1))
+        reach = self._arm_m * arm + shoulder - eyes - [0.0, 0.0, self._drop_m]
+        length = np.linalg.norm(reach, axis=1)
+        length[length < MIN_REACH_M] = np.nan
+        return eyes, reach / length[:, None]
+
+
+def apply(
+    offset: PointingOffset, azimuth_world_rad: float | None, elevation_rad: float
+) -> tuple[float, float]:
+    """Return the corrections of the ray's azimuth and elevation, rad.
+
+    Args:
+        offset: the person's.
+        azimuth_world_rad: of the raw ray in {W}. None while the pose is unknown: then only the elevation is
+            corrected, as at the middle azimuth of the anchors.
+        elevation_rad: of the raw ray.
+    """
+    if offset.rung == "pitch":
+        azimuth, elevation = 0.0, offset.elevation[0]
+    else:
+        a = 0.0 if azimuth_world_rad is None else vector.wrap(azimuth_world_rad - offset.reference_rad)
+        a = _clamped(a, offset.azimuth_range_rad)
+        e = _clamped(elevation_rad, offset.elevation_range_rad)
+        elevation = _value(offset.elevation, a, e)
+        azimuth = 0.0 if azimuth_world_rad is None else _value(offset.azimuth, a, e)
+    fade = min(1.0, math.cos(elevation_rad) / _LEVEL_AT_FADE)
+    azimuth = fade * min(max(azimuth, -MAX_CORRECTION_RAD), MAX_CORRECTION_RAD)
+    elevation = fade * min(max(elevation, -MAX_CORRECTION_RAD), MAX_CORRECTION_RAD)
+    lowest, highest = -math.pi / 2.0 - elevation_rad, math.pi / 2.0 - elevation_rad
+    return azimuth, min(max(elevation, lowest), highest)
+
+
+def _clamped(angle_rad: float, bounds: tuple[float, float]) -> float:
+    return min(max(angle_rad, bounds[0]), bounds[1])
+
+
+def _value(terms: tuple[float, float, float, float, float, float], a: float, e: float) -> float:
+    c, by_a, by_e, by_aa, by_ae, by_ee = terms
+    return c + a * (by_a + a * by_aa + e * by_ae) + e * (by_e + e * by_ee)
+
 
 Verdict = Literal["fresh", "stale", "repeated"]
 

@@ -12,8 +12,7 @@ from pointit.geometry import rotation
 from pointit.services.imu_bridge.reading import Item, Reading, Reconnected
 from pointit.services.imu_bridge.serial.bno085 import LENGTH as BNO085_LENGTH
 from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
-from pointit.services.imu_bridge.serial.config import Format, SerialConfig
-from pointit.services.imu_bridge.serial.detection import Detection
+from pointit.services.imu_bridge.serial.detection import Detection, Format, SerialConfig
 from pointit.services.imu_bridge.serial.framer import Framer
 from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE
 from pointit.services.imu_bridge.serial.text_line import TextFramer

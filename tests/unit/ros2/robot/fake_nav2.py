@@ -9,7 +9,7 @@ import numpy as np
 from pointit.bridges.ros2.graph.backend import RosType
 from pointit.bridges.ros2.robot.goal_book import GoalStatus
 from pointit.bridges.ros2.robot.navigator import CANCEL, EVERY_GOAL, STATUS, UNKNOWN_GOAL
-from pointit.bridges.ros2.types.foreign import NAVIGATE_TO_POSE
+from pointit.bridges.ros2.types.definitions import NAVIGATE_TO_POSE
 from pointit.geometry.vector import Vec3
 from tests.unit.ros2.graph_of_one import FakeBackend
 from tests.unit.ros2.scenes import jazzy

@@ -22,8 +22,8 @@ from pointit.bridges.ros2.graph.node_backend import MessageQueue, NodeBackend, R
 from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
 from pointit.bridges.ros2.over_zenoh.endpoint_context import Announcement, EndpointContext
 from pointit.bridges.ros2.over_zenoh.graph import LivelinessDirectory
-from pointit.bridges.ros2.over_zenoh.keys import EVERY_TOKEN
 from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
+from pointit.bridges.ros2.over_zenoh.token import EVERY_TOKEN
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.foreign_zenoh.pubsub import RawSample

@@ -5,8 +5,16 @@ import itertools
 from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Qos, RosType
 from pointit.bridges.ros2.message_format import shown
 from pointit.bridges.ros2.over_zenoh.graph import Seen
-from pointit.bridges.ros2.over_zenoh.keys import data_key, resolved
-from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE, EndpointToken, NodeToken, gid, parsed
+from pointit.bridges.ros2.over_zenoh.token import (
+    BRIDGE,
+    ENCLAVE,
+    EndpointToken,
+    NodeToken,
+    data_key,
+    gid,
+    parsed,
+    resolved,
+)
 
 
 class RmwZenoh:

@@ -19,8 +19,7 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
 from pointit.bridges.ros2.message_format import listed, shown
 from pointit.bridges.ros2.over_zenoh.backend import NEEDS
-from pointit.bridges.ros2.parameters.node_parameters import GET, LIST, MAX_SHOWN, NodeParameters
-from pointit.bridges.ros2.parameters.values import Value
+from pointit.bridges.ros2.parameters.node_parameters import GET, LIST, MAX_SHOWN, NodeParameters, Value
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError, ConnectError

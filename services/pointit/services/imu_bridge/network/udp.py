@@ -21,8 +21,8 @@ from pointit.services.imu_bridge.streams.json_content import (
     is_object,
     names_in,
     quaternions,
+    quoted,
 )
-from pointit.services.imu_bridge.streams.quoted_data import quoted
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 LONGEST_DATAGRAM = 4096

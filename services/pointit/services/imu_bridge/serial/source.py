@@ -27,11 +27,10 @@ from pointit.runtime.host.serial_port import (
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
-from pointit.services.imu_bridge.serial.config import SerialConfig
-from pointit.services.imu_bridge.serial.detection import Detection, Found, sensor_choice
+from pointit.services.imu_bridge.serial.detection import Detection, Found, SerialConfig, sensor_choice
 from pointit.services.imu_bridge.serial.framer import FLASH_S, Framer
 from pointit.services.imu_bridge.sources import ImuSource
-from pointit.services.imu_bridge.streams.quoted_data import quoted
+from pointit.services.imu_bridge.streams.json_content import quoted
 
 log = logging.getLogger(__name__)
 

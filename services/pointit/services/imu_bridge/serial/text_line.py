@@ -10,8 +10,7 @@ from pointit.services.imu_bridge.serial.line_parser import (
     LineParser,
     QuaternionLine,
 )
-from pointit.services.imu_bridge.streams.json_content import Order
-from pointit.services.imu_bridge.streams.quoted_data import quoted
+from pointit.services.imu_bridge.streams.json_content import Order, quoted
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 

@@ -1,5 +1,6 @@
 """Quaternions in JSON of apps and sketches, each with what names its sensor."""
 
+import codecs
 import math
 import re
 from collections import Counter
@@ -10,6 +11,27 @@ from typing import Any, Literal, TypeGuard
 
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas.base import unit_quaternion
+
+MIN_READABLE = 0.8
+"""Smallest share of readable characters in text."""
+_UNREADABLE = "\ufffd"
+
+
+def quoted(data: bytes, most: int = 40) -> str:
+    """Return the first `most` bytes: text in quotes with escaped control characters, else hexadecimal."""
+    shown = data[:most]
+    letters = _decoded(shown, "replace")
+    readable = sum(each != _UNREADABLE and (each.isprintable() or each in "\t\r\n") for each in letters)
+    if readable < MIN_READABLE * len(letters):
+        return shown.hex(" ")
+    text = _decoded(shown, "backslashreplace")
+    return "'" + "".join(each if each.isprintable() else repr(each)[1:-1] for each in text) + "'"
+
+
+def _decoded(data: bytes, errors: str) -> str:
+    """Return UTF-8 `data` as text, without a character that is cut off at its end."""
+    return codecs.getincrementaldecoder("utf-8")(errors).decode(data)
+
 
 Order = Literal["wxyz", "xyzw"]
 """Order of a quaternion's numbers in a list."""

@@ -23,7 +23,7 @@ the query's fields. Actions of this server are the rows of `ACTIONS`, at the end
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Literal, TypeVar, cast
 
@@ -451,4 +451,4 @@ def _with_tuples(value: Any) -> Any:
     """Return a value of JSON with tuples for its lists, as strict models have them."""
     if isinstance(value, dict):
         return {key: _with_tuples(each) for key, each in cast("JsonObject", value).items()}
-    return tuple(map(_with_tuples, cast("list[Any]", value))) if isinstance(value, list) else value
+    return tuple(map(_with_tuples, cast("Sequence[object]", value))) if isinstance(value, list) else value

@@ -12,7 +12,8 @@ from prometheus_client.registry import CollectorRegistry
 
 from pointit.bridges.web.metrics import site_metrics as module
 from pointit.bridges.web.metrics.door import TEXT, exposition
-from pointit.bridges.web.metrics.site_metrics import OTHER, Labels, SiteMetrics, Totals
+from pointit.bridges.web.metrics.site_metrics import SiteMetrics
+from pointit.bridges.web.metrics.totals import OTHER, Labels, Totals
 from pointit.runtime.bus.metrics import DurationWindow
 from pointit.schemas import (
     Deployment,

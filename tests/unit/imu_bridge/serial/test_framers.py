@@ -14,7 +14,7 @@ from pointit.services.imu_bridge.serial.bno085 import LENGTH as BNO085_LENGTH
 from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
 from pointit.services.imu_bridge.serial.config import Format, SerialConfig
 from pointit.services.imu_bridge.serial.detection import Detection
-from pointit.services.imu_bridge.serial.framer import Framer
+from pointit.services.imu_bridge.serial.framer import SerialFramer
 from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.serial.witmotion import LENGTH as WITMOTION_LENGTH
@@ -35,11 +35,11 @@ POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 
 @dataclass(frozen=True)
 class Kind:
-    make: Callable[[], Framer]
+    make: Callable[[], SerialFramer]
     packet: bytes
     end: bytes
     """Bytes behind which a packet is found, whatever was before."""
-    kept: Callable[[Framer], int]
+    kept: Callable[[SerialFramer], int]
     most_kept: int
 
 

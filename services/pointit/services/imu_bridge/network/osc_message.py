@@ -8,7 +8,7 @@ from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.contents import DatagramError
 
 LONGEST_DATAGRAM = 8192
-MOST_MESSAGES = 64
+MAX_MESSAGES = 64
 DEEPEST = 4
 """Bundles within bundles that are read."""
 IMMEDIATELY = 1
@@ -65,7 +65,7 @@ def parse_each(data: bytes) -> tuple[list[OscMessage], str]:
     messages: list[OscMessage] = []
     problem = ""
     for content, time_ns in _contents(data, None, 0):
-        if len(messages) >= MOST_MESSAGES:
+        if len(messages) >= MAX_MESSAGES:
             break
         try:
             messages.append(_message(content, time_ns))

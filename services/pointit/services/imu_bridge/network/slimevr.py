@@ -14,8 +14,8 @@ from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
 from pointit.services.imu_bridge.network.port_source import PortSource
-from pointit.services.imu_bridge.network.slimevr_trackers import Tracker, Trackers
-from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, overhear
+from pointit.services.imu_bridge.network.slimevr_trackers import SlimevrTracker, SlimevrTrackers
+from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, receive_shared
 from pointit.services.imu_bridge.reading import (
     Battery,
     Disconnected,
@@ -30,7 +30,7 @@ from pointit.services.imu_bridge.sources import ImuSource
 TAKEN = (
     "end the program that has it, such as a SlimeVR server, or set slimevr.port here and in the tracker's app"
 )
-MOST_FOUND = 64
+MAX_FOUND = 64
 BAD_S = 10.0
 """Time for which packets that cannot be read are told, s."""
 STEP_S = 0.4
@@ -47,10 +47,10 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
     found: dict[str, FoundDevice] = {}
 
     def on_datagram(data: bytes, address: Address) -> None:
-        datagram = protocol.decode(data) if len(found) < MOST_FOUND else None
+        datagram = protocol.decode(data) if len(found) < MAX_FOUND else None
         for packet in datagram.packets if datagram is not None else ():
             if isinstance(packet, protocol.Handshake):
-                tracker = Tracker(address, packet, 0.0, 0.0, 0.0)
+                tracker = SlimevrTracker(address, packet, 0.0, 0.0, 0.0)
                 details: dict[str, str | float] = {
                     "ip": address[0],
                     "firmware": packet.firmware,
@@ -59,7 +59,7 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
                 label = f"{tracker.label()}; set imu-bridge.slimevr.host={ANY_HOST}"
                 found[tracker.identity] = FoundDevice(tracker.identity, label, details)
 
-    await overhear(protocol.PORT, seconds, on_datagram, remedy=TAKEN)
+    await receive_shared(protocol.PORT, seconds, on_datagram, remedy=TAKEN)
     return [found[identity] for identity in sorted(found)]
 
 
@@ -107,7 +107,7 @@ class SlimevrSource(PortSource):
     def __init__(self, config: SlimevrConfig, clock: Clock, health: HealthSink) -> None:
         super().__init__("slimevr", (config.host, config.port), clock, health, remedy=TAKEN, is_shared=True)
         self._config = config
-        self._trackers = Trackers(config.tracker)
+        self._trackers = SlimevrTrackers(config.tracker)
         self._battery: Battery | None = None
         self._sensors: set[int] = set()
         self._pinged_s = 0.0
@@ -180,12 +180,14 @@ class SlimevrSource(PortSource):
             if item is not None:
                 self._pass_on(item)
 
-    def _item(self, packet: protocol.Packet, used: Tracker, stamp_ns: int, now_s: float) -> Item | None:
+    def _item(
+        self, packet: protocol.Packet, used: SlimevrTracker, stamp_ns: int, now_s: float
+    ) -> Item | None:
         match packet:
             case protocol.Rotation(sensor, orientation_xyzw):
                 self._sensors.add(sensor)
                 return Reading(stamp_ns, orientation_xyzw) if sensor == self._config.sensor else None
-            case protocol.Button(gesture):
+            case protocol.SlimevrButton(gesture):
                 return Press(stamp_ns, gesture)
             case protocol.BatteryLevel(level, volts):
                 before, self._battery = self._battery, Battery(level, volts)
@@ -196,7 +198,7 @@ class SlimevrSource(PortSource):
                 self._answer(packet, used, now_s)
                 return None
 
-    def _answer(self, packet: protocol.Packet, used: Tracker, now_s: float) -> None:
+    def _answer(self, packet: protocol.Packet, used: SlimevrTracker, now_s: float) -> None:
         match packet:
             case protocol.SensorInfo(sensor, status):
                 self._send(protocol.sensor_answer(packet), used)
@@ -212,7 +214,7 @@ class SlimevrSource(PortSource):
             case _:
                 pass
 
-    def _send(self, data: bytes, tracker: Tracker) -> None:
+    def _send(self, data: bytes, tracker: SlimevrTracker) -> None:
         self._server.send(data, tracker.address)
 
     def _warn_sensor(self, clause: str) -> None:

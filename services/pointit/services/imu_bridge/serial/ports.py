@@ -19,19 +19,19 @@ from pointit.runtime.host.serial_port import (
     serial_ports,
 )
 from pointit.services.imu_bridge.serial.config import SerialConfig
-from pointit.services.imu_bridge.serial.detection import Detection, Found
+from pointit.services.imu_bridge.serial.detection import DetectedSensor, Detection
 
 NOTHING_S = 4.0
 """Time after which a port that sends nothing is released, s. Some boards need 2 s to start."""
 
 
 @dataclass(frozen=True)
-class Answer:
+class PortAnswer:
     """A port, and what answers on it."""
 
     path: str
     description: str
-    found: Found | None
+    found: DetectedSensor | None
     problem: str
     """Reason why nothing was recognized, or `""`."""
 
@@ -39,7 +39,7 @@ class Answer:
         return f"{self.path} ({self.description}): {self.found or self.problem}"
 
 
-async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_s: float) -> list[Answer]:
+async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_s: float) -> list[PortAnswer]:
     """Listen on those `ports` that nobody else has open, side by side. Return what answers on each.
 
     Nothing is sent, but opening its port restarts some boards.
@@ -80,14 +80,14 @@ def set_speed(port: serial.Serial, baud: int) -> None:
         raise OSError(errno.EIO, str(error)) from error
 
 
-def several(answers: Sequence[Answer]) -> str:
+def several(answers: Sequence[PortAnswer]) -> str:
     """Return `answers` for a sentence."""
     return ", ".join(map(str, answers)) or "none"
 
 
-def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: threading.Event) -> Answer:
+def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: threading.Event) -> PortAnswer:
     if is_open_elsewhere(port.path):
-        return Answer(port.path, port.description, None, "another program has it open")
+        return PortAnswer(port.path, port.description, None, "another program has it open")
     detection = Detection(config)
     count = 0
     try:
@@ -102,8 +102,8 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
                 count += len(data)
                 detection.feed(data, 0, time.monotonic())
                 if detection.found is not None and detection.good:
-                    return Answer(port.path, port.description, detection.found, "")
+                    return PortAnswer(port.path, port.description, detection.found, "")
     except OSError as error:
-        return Answer(port.path, port.description, None, describe_error(error, port.path))
+        return PortAnswer(port.path, port.description, None, describe_error(error, port.path))
     problem = f"{count} bytes, none readable" if count else "silent"
-    return Answer(port.path, port.description, None, problem)
+    return PortAnswer(port.path, port.description, None, problem)

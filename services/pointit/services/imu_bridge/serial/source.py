@@ -16,9 +16,9 @@ from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
 from pointit.services.imu_bridge.serial.config import SerialConfig
-from pointit.services.imu_bridge.serial.detection import Detection, Found, sensor_choice
-from pointit.services.imu_bridge.serial.framer import FLASH_S, Framer
-from pointit.services.imu_bridge.serial.ports import Answer, ask_ports, discover, set_speed, several
+from pointit.services.imu_bridge.serial.detection import DetectedSensor, Detection, sensor_choice
+from pointit.services.imu_bridge.serial.framer import FLASH_S, SerialFramer
+from pointit.services.imu_bridge.serial.ports import PortAnswer, ask_ports, discover, set_speed, several
 from pointit.services.imu_bridge.serial.silence import SilenceWatch
 from pointit.services.imu_bridge.sources import ImuSource
 
@@ -47,7 +47,7 @@ class SerialSource:
         self._health = health
         self._name = config.port
         """Port that is used."""
-        self._first: Found | None = None
+        self._first: DetectedSensor | None = None
         """Format and speed of the last connection."""
         self._lost = asyncio.Event()
         """Set when a port that a search has found is gone: the wrist may come back at another."""
@@ -104,7 +104,7 @@ class SerialSource:
     async def _search(self) -> str:
         """Return the only port that answers; wait until there is one."""
         time_s = asyncio.get_running_loop().time
-        answers: dict[str, Answer] = {}
+        answers: dict[str, PortAnswer] = {}
         pause_s = SEARCH_PAUSE_S[0]
         due_s = math.inf
         while True:
@@ -119,12 +119,12 @@ class SerialSource:
                 due_s = time_s() + pause_s
             if is_due:
                 pause_s = min(2 * pause_s, SEARCH_PAUSE_S[1])
-            heard = [answer for answer in answers.values() if answer.found is not None]
-            if len(heard) == 1:
-                self._first = heard[0].found
+            detected_answers = [answer for answer in answers.values() if answer.found is not None]
+            if len(detected_answers) == 1:
+                self._first = detected_answers[0].found
                 self._health.clear("port")
-                return heard[0].path
-            self._health.warn("port", _choice(heard, [*answers.values()]))
+                return detected_answers[0].path
+            self._health.warn("port", _choice(detected_answers, [*answers.values()]))
             await asyncio.sleep(SEARCH_STEP_S)
 
     def _on_change(self, problem: str) -> None:
@@ -141,7 +141,7 @@ class SerialSource:
         self._detection = detection = Detection(self._config, self._first, self._sensors)
         self._port = port
         watch = SilenceWatch(self._name, self._config.timeout_s, time.monotonic())
-        told: Found | None = None
+        detected: DetectedSensor | None = None
         command_s = 0.0
         try:
             while not stopping.is_set():
@@ -153,9 +153,9 @@ class SerialSource:
                 now_s = time.monotonic()
                 for item in detection.feed(data, self._clock.now_ns(), now_s):
                     self._post(item)
-                if detection.found != told:
-                    told = detection.found
-                    self._tell(told)
+                if detection.found != detected:
+                    detected = detection.found
+                    self._tell(detected)
                 framer = detection.framer
                 if framer is not None:
                     if framer.commands and now_s > command_s:
@@ -165,28 +165,28 @@ class SerialSource:
                 change = watch.step(data, detection.good, now_s, detection.tried)
                 if change is not None:
                     self._thread.post(self._on_silence, change)
-                    if change and watch.heard_bytes:
+                    if change and watch.received_bytes:
                         detection.forget()
         finally:
             self._port = None
 
-    def _tell(self, found: Found | None) -> None:
+    def _tell(self, found: DetectedSensor | None) -> None:
         if found is not None and found != self._first:
             log.info("%s: %s", self._name, found)
         self._first = found or self._first
         self._thread.post(self._show, found)
 
-    def _show(self, found: Found | None) -> None:
+    def _show(self, found: DetectedSensor | None) -> None:
         label = "" if found is None else found.label
-        for each in Found.labels():
+        for each in DetectedSensor.labels():
             baud = float(found.baud) if found is not None and each == label else None
             self._health.set_metric(f"port of {each}", baud, "baud")
 
-    def _command(self, port: serial.Serial, framer: Framer) -> None:
+    def _command(self, port: serial.Serial, framer: SerialFramer) -> None:
         port.write(framer.commands.popleft())
-        if framer.told and not framer.commands:
-            log.info("%s: the device was %s", self._name, framer.told)
-            framer.told = ""
+        if framer.notice and not framer.commands:
+            log.info("%s: the device was %s", self._name, framer.notice)
+            framer.notice = ""
 
     def _post(self, item: Item) -> None:
         """Pass `item` to the event loop for delivery; runs in the port's thread."""
@@ -203,7 +203,7 @@ class SerialSource:
     def _on_silence(self, message: str) -> None:
         self._health.warn("silent", message)
 
-    def _watch_bad(self, framer: Framer, now_s: float) -> None:
+    def _watch_bad(self, framer: SerialFramer, now_s: float) -> None:
         if self._sensors.warning != self._others:
             self._others = self._sensors.warning
             self._thread.post(self._health.warn, "sensors", self._others)
@@ -226,10 +226,10 @@ class SerialSource:
         )
 
 
-def _choice(heard: list[Answer], answers: list[Answer]) -> str:
-    if heard:
-        example = f"--imu serial:{heard[0].path}"
-        return f"{len(heard)} serial ports answer: {several(heard)}; name one, as in {example}"
+def _choice(detected: list[PortAnswer], answers: list[PortAnswer]) -> str:
+    if detected:
+        example = f"--imu serial:{detected[0].path}"
+        return f"{len(detected)} serial ports answer: {several(detected)}; name one, as in {example}"
     return f"no serial port answers: plug the wrist in, or name its port; ports found: {several(answers)}"
 
 

@@ -7,9 +7,9 @@ MIN_READABLE = 0.8
 _UNREADABLE = "\ufffd"
 
 
-def quoted(data: bytes, most: int = 40) -> str:
-    """Return the first `most` bytes: text in quotes with escaped control characters, else hexadecimal."""
-    shown = data[:most]
+def quoted(data: bytes, max_bytes: int = 40) -> str:
+    """Return the first `max_bytes` bytes: quoted text with escaped control characters, else hexadecimal."""
+    shown = data[:max_bytes]
     letters = _decoded(shown, "replace")
     readable = sum(each != _UNREADABLE and (each.isprintable() or each in "\t\r\n") for each in letters)
     if readable < MIN_READABLE * len(letters):

@@ -141,12 +141,12 @@ class DeviceClock:
             return False
         if late < 0.0:
             return True
-        since_ns, least, most = off[0], min(late, off[1]), max(late, off[2])
+        since_ns, lowest, highest = off[0], min(late, off[1]), max(late, off[2])
         if arrival_ns - since_ns <= STEADY_NS:
-            self._off = (since_ns, least, most)
+            self._off = (since_ns, lowest, highest)
             return False
         self._off = None
-        return most < 2.0 * least
+        return highest < 2.0 * lowest
 
     def _jumped(self, device_ns: int, arrival_ns: int, late: float) -> int:
         self._start(device_ns, arrival_ns)

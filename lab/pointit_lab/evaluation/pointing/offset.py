@@ -24,7 +24,7 @@ import numpy as np
 
 from pointit.geometry import vector
 from pointit.services.pointing.arm_ray import apply
-from pointit.services.pointing.offset import OffsetFit, Sighting, fit
+from pointit.services.pointing.offset import OffsetFit, OffsetSighting, fit
 from pointit_lab.evaluation.datasets import proximity_feedback, vr_eyefinger
 from pointit_lab.evaluation.datasets.proximity_feedback import read_floor_trials
 from pointit_lab.evaluation.datasets.vr_eyefinger import read_wall_trials
@@ -52,7 +52,7 @@ class Person:
     subject: str
     seen: str = ""
     """Suffix of the conditions."""
-    sightings: Sequence[Sighting]
+    sightings: Sequence[OffsetSighting]
     targets: Sequence[int]
     is_heading_known: bool = True
 
@@ -167,7 +167,12 @@ def _corrected(
 
 
 def _score(
-    person: Person, sighting: Sighting, fitted: OffsetFit | None, errors: _Errors, *, is_turned: bool = False
+    person: Person,
+    sighting: OffsetSighting,
+    fitted: OffsetFit | None,
+    errors: _Errors,
+    *,
+    is_turned: bool = False,
 ) -> None:
     azimuth, elevation = sighting.azimuth_rad, sighting.elevation_rad
     if fitted is not None and fitted.offset is not None:
@@ -204,7 +209,7 @@ def _row(key: tuple[str, str, str, str], errors: _Errors) -> Row:
 
 
 def _on_the_floor(folder: Path) -> Iterator[Person]:
-    found: dict[str, tuple[list[Sighting], list[int]]] = {}
+    found: dict[str, tuple[list[OffsetSighting], list[int]]] = {}
     for trial in read_floor_trials(folder):
         hold = trial.phases.get("open_loop_hold")
         if hold is None:
@@ -226,9 +231,11 @@ def _on_the_floor(folder: Path) -> Iterator[Person]:
         )
 
 
-def _sighting(ray: vector.Vec3, way: vector.Vec3) -> Sighting:
-    return Sighting(vector.azimuth(ray), vector.elevation(ray), vector.azimuth(way), vector.elevation(way))
+def _sighting(ray: vector.Vec3, way: vector.Vec3) -> OffsetSighting:
+    return OffsetSighting(
+        vector.azimuth(ray), vector.elevation(ray), vector.azimuth(way), vector.elevation(way)
+    )
 
 
-def _is_pointing(sighting: Sighting) -> bool:
+def _is_pointing(sighting: OffsetSighting) -> bool:
     return abs(sighting.elevation_rad - sighting.target_elevation_rad) < NOT_POINTING_RAD

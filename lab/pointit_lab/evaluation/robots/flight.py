@@ -87,7 +87,7 @@ class _World:
         self._flight = flight
         self._person = Person(config, PERSON, np.random.default_rng(person_seed))
         self._pointer = Pointer(
-            stale_after_s=PointingConfig().stale_after_s, smoothing=PointingConfig().smoothing()
+            stale_after_s=PointingConfig().stale_after_s, one_euro=PointingConfig().smoothing()
         )
         self._cursors = PersonCursor(Surfaces(ROOM, ("plane",)), start=_workspace(flight))
         self._steering = RobotSteering(GoalConfig(steer="robots"), PERSON)

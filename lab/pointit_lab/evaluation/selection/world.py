@@ -212,7 +212,7 @@ class _Present:
         self.person = Person(member.config, member.name, rng)
         pointing = PointingConfig()
         self._pointer = Pointer(
-            member.profile, stale_after_s=pointing.stale_after_s, smoothing=pointing.smoothing()
+            member.profile, stale_after_s=pointing.stale_after_s, one_euro=pointing.smoothing()
         )
         self._cursor = PersonCursor(surfaces)
         pose = UserPose(stamp_ns=START_NS, position_m=member.config.position_m, yaw_rad=self.person.yaw_rad)

@@ -12,7 +12,7 @@ from rich.text import Text
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Anchor, PointingOffset
 from pointit.services.pointing.arm_ray import apply
-from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
+from pointit.services.pointing.offset import OffsetFit, OffsetSighting, fit, sighting
 
 STEADY_RAD = math.radians(3.0)
 """Spread of the rays about their mean above which a pointing does not count."""
@@ -74,7 +74,7 @@ def in_one_pose(anchors: Sequence[Anchor]) -> list[Anchor]:
     ]
 
 
-def _turn(seen: Sighting) -> float:
+def _turn(seen: OffsetSighting) -> float:
     return vector.wrap(seen.target_azimuth_rad - seen.azimuth_rad)
 
 
@@ -94,7 +94,7 @@ def assess(anchors: Sequence[Anchor], now_ns: int) -> tuple[OffsetFit, list[Anch
     return fitted, rows
 
 
-def _row(anchor: Anchor, seen: Sighting, fitted: OffsetFit, *, is_used: bool) -> AnchorResidual:
+def _row(anchor: Anchor, seen: OffsetSighting, fitted: OffsetFit, *, is_used: bool) -> AnchorResidual:
     azimuth = vector.wrap(_turn(seen) - fitted.heading_rad)
     elevation = seen.target_elevation_rad - seen.elevation_rad
     by_azimuth = by_elevation = 0.0

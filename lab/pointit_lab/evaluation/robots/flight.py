@@ -26,7 +26,7 @@ from pointit.services.robot.robot_messages import RobotMessages
 from pointit.services.robot.robot_pilot import RobotPilot
 from pointit.services.robot.safety.safety import Safety
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.person import SimulatedPerson
 from pointit_lab.evaluation.robots.flight_setup import HEIGHT_M, PLANE_M, RANGE_M, Flight
 
 START_NS = 1_000 * NS_PER_S
@@ -85,7 +85,7 @@ class _World:
         )
         self.now_ns = START_NS
         self._flight = flight
-        self._person = Person(config, PERSON, np.random.default_rng(person_seed))
+        self._person = SimulatedPerson(config, PERSON, np.random.default_rng(person_seed))
         self._pointer = Pointer(
             stale_after_s=PointingConfig().stale_after_s, one_euro=PointingConfig().smoothing()
         )

@@ -14,7 +14,7 @@ from pointit.schemas.base import Rgb, Vec3
 from pointit.services.conveyor_sim.config import ConveyorSimConfig, NamedFeederConfig
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.user_sim.config import AimConfig, MindConfig, UserSimConfig
+from pointit.services.user_sim.config import AimConfig, DecisionConfig, UserSimConfig
 from pointit_lab.evaluation.selection.carousel import OTHER, TARGET, Carousel
 from pointit_lab.evaluation.selection.condition import LAB, RING_M, VR, Condition
 from pointit_lab.evaluation.selection.world import START_NS, ObjectMotion, TrialPerson
@@ -220,7 +220,7 @@ def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = 
             target_kinds=(target_kind,),
             think_s=0.0,
             aim=AimConfig(skill=model.skill),
-            mind=MindConfig(
+            mind=DecisionConfig(
                 search_per_item_s=model.search_per_item_s,
                 decide_per_bit_s=model.decide_per_bit_s,
                 lapse_share=model.lapse_share,

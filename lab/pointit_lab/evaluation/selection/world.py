@@ -34,7 +34,7 @@ from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.person import SimulatedPerson
 
 START_NS = 1_000 * NS_PER_S
 """Start time of a trial."""
@@ -209,7 +209,7 @@ class _Present:
     def __init__(self, member: TrialPerson, surfaces: Surfaces, rng: np.random.Generator) -> None:
         self.name = member.name
         self.profile = member.profile
-        self.person = Person(member.config, member.name, rng)
+        self.person = SimulatedPerson(member.config, member.name, rng)
         pointing = PointingConfig()
         self._pointer = Pointer(
             member.profile, stale_after_s=pointing.stale_after_s, one_euro=pointing.smoothing()

@@ -4,7 +4,7 @@ import numpy as np
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
-from pointit.sim.recordings import Motion
+from pointit.sim.recordings import RecordedMotion
 
 KIND = "robot"
 
@@ -15,7 +15,7 @@ LATENCY_SIGMA_S = 0.02
 class Trajectory:
     """The reports of a recording, one a sample with a position; samples that share a time make one report."""
 
-    def __init__(self, recording: Motion, robot_id: str = "robot") -> None:
+    def __init__(self, recording: RecordedMotion, robot_id: str = "robot") -> None:
         """Read the robot of `recording`; its velocity comes from finite differences.
 
         Raises:

@@ -24,7 +24,7 @@ from pointit.study.simulated import simulate
 from pointit.study.site.lsl import check_lsl
 from pointit.study.site.scenario import check_ready
 from pointit.study.site.study_site import SiteOptions
-from pointit.study.view import Status
+from pointit.study.view import StudyStatus
 
 PATH = click.Path(path_type=Path)
 
@@ -161,7 +161,7 @@ async def _outcome(session: Session, data: Path) -> str:
     return f"{data.name} has finished; the data are in {data}"
 
 
-def _tell_trial(tell: ProgressCallback, last: int, now: Status) -> None:
+def _tell_trial(tell: ProgressCallback, last: int, now: StudyStatus) -> None:
     tell(now.participant, last - now.left)
 
 

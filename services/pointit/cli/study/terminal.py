@@ -7,9 +7,9 @@ import click
 
 from pointit.study.questionnaires import Scale
 from pointit.study.step import Step
-from pointit.study.view import Command, Status
+from pointit.study.view import StudyCommand, StudyStatus
 
-KEYS = {"r": Command("repeat"), "p": Command("pause"), "q": Command("stop")}
+KEYS = {"r": StudyCommand("repeat"), "p": StudyCommand("pause"), "q": StudyCommand("stop")}
 HELP = "r repeat  s skip  p pause  q stop"
 
 
@@ -18,7 +18,7 @@ class TerminalView:
 
     def __init__(self) -> None:
         """Create without commands."""
-        self._commands = deque[Command]()
+        self._commands = deque[StudyCommand]()
         self._typed: str | None = None
         """Text that is being typed, or None while keys are commands."""
         self._entered = asyncio.Event()
@@ -58,7 +58,7 @@ class TerminalView:
             answers.append(values[answer])
         return answers
 
-    def status(self, status: Status) -> None:
+    def status(self, status: StudyStatus) -> None:
         """Show where the study stands, in one line."""
         self._is_paused = status.state == "paused"
         if self._typed is not None:
@@ -72,7 +72,7 @@ class TerminalView:
             self._shown = line
             self._write(f"\r\x1b[K{line}")
 
-    def command(self) -> Command | None:
+    def command(self) -> StudyCommand | None:
         """Return the next command of the experimenter."""
         return self._commands.popleft() if self._commands else None
 
@@ -80,7 +80,7 @@ class TerminalView:
         if self._typed is None:
             if key == "s":
                 if not self._is_paused:  # the trial does not go on while the reason is typed
-                    self._commands.append(Command("pause"))
+                    self._commands.append(StudyCommand("pause"))
                 self._typed, self._asks_reason = "", True
                 self._write("\r\x1b[Kskip this trial; why? ")
             elif key in KEYS:
@@ -88,7 +88,7 @@ class TerminalView:
         elif key in "\r\n":
             self._write("\n")
             if self._asks_reason:
-                self._commands.append(Command("skip", self._typed.strip()))
+                self._commands.append(StudyCommand("skip", self._typed.strip()))
                 self._typed, self._asks_reason = None, False
             else:
                 self._entered.set()

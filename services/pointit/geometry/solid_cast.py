@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit, Measure, make_hit
-from pointit.geometry.solids import MOST_EYES, Solid
+from pointit.geometry.solids import MAX_EYES, Solid
 from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class SolidCaster:
         self._centres = np.array([solid.bounding_sphere[0] for solid in solids]).T.copy()
         """3 x n."""
         self._radii = np.array([solid.bounding_sphere[1] for solid in solids])
-        self._cones = lru_cache(MOST_EYES)(self._cones_from)
+        self._cones = lru_cache(MAX_EYES)(self._cones_from)
 
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
@@ -89,17 +89,17 @@ class SolidCaster:
         self, near: list[tuple[float, int]], origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
     ) -> Hit | None:
         best: Hit | None = None
-        least = tolerance
+        min_angle = tolerance
         for bound, i in near:
-            if bound > least + SLACK_RAD:
+            if bound > min_angle + SLACK_RAD:
                 break
             point = self._solids[i].closest_approach(origin_m, direction, self.measure)
             if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
                 continue
             hit = make_hit(i, 0.0, point, origin_m, direction)
             miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
-            if miss <= least and (best is None or miss < least - SAME or hit.range_m < best.range_m):
-                best, least = hit, miss
+            if miss <= min_angle and (best is None or miss < min_angle - SAME or hit.range_m < best.range_m):
+                best, min_angle = hit, miss
         return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
 
     def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[tuple[float, int]]:
@@ -108,9 +108,9 @@ class SolidCaster:
             bounds = [(self._bound(i, origin_m, direction), i) for i in range(len(self._solids))]
             return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]
         if self.measure == "angle":
-            sights, balls, least = self._cones(origin_m, tolerance)
+            sights, balls, min_angle = self._cones(origin_m, tolerance)
             cosines = np.array(direction) @ sights
-            near = (cosines >= least).nonzero()[0]
+            near = (cosines >= min_angle).nonzero()[0]
             misses = np.arccos(np.minimum(cosines[near], 1.0)) - balls[near]
         else:
             c = self._centres - np.array(origin_m)[:, None]
@@ -128,8 +128,8 @@ class SolidCaster:
         balls = np.where(
             distances <= self._radii, np.inf, np.arcsin(np.minimum(self._radii / distances, 1.0))
         )
-        least = np.cos(np.minimum(balls + (tolerance + SLACK_RAD), math.pi)) - ROUNDING
-        return c / distances, balls, least
+        min_angle = np.cos(np.minimum(balls + (tolerance + SLACK_RAD), math.pi)) - ROUNDING
+        return c / distances, balls, min_angle
 
     def _bound(self, index: int, origin_m: Vec3, direction: Vec3) -> float:
         """Return the miss of the solid's ball, negative if the ray meets it or begins inside."""

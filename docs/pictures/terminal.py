@@ -8,7 +8,7 @@ from pathlib import Path
 from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 
-from pointit.cli.display.view import View
+from pointit.cli.display.view import ConsoleView
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
 from pointit.launch.run.monitor import Monitor
@@ -43,7 +43,7 @@ async def photograph(path: Path) -> None:
                 break
             await asyncio.sleep(0.01)
         console = Console(record=True, width=110, file=io.StringIO(), force_terminal=True)
-        console.print(View(monitor, "PointIt scenario_3", lambda: 60 - MOMENT_S))
+        console.print(ConsoleView(monitor, "PointIt scenario_3", lambda: 60 - MOMENT_S))
     finally:
         services.cancel()
         await asyncio.wait({services})

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pointit.cli.common.output import Section, print_table
+from pointit.cli.common.output import OutputSection, print_table
 from pointit_lab.evaluation.localization.over_people import OverPeople
 from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
 from pointit_lab.evaluation.selection.difference import Interval
@@ -292,7 +292,7 @@ def print_over_people(screen: Console, name: str, over: Sequence[OverPeople], re
         }
         for each in over
     )
-    print_table(screen, Section(name=name, about=about, rows=cells))
+    print_table(screen, OutputSection(name=name, about=about, rows=cells))
 
 
 def _range(ends: tuple[float, float] | None) -> str:

@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import INTERRUPTED, Section, json_option, print_json, show
+from pointit.cli.common.output import INTERRUPTED, OutputSection, json_option, print_json, show
 from pointit.cli.common.site_link import quiet, site_options
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE
@@ -210,21 +210,23 @@ def command(
     return EXIT_FAILED if any(measured.failure for measured in done) else 0
 
 
-def _sections(done: Sequence[LoadResult], found: Sequence[PartSlopes]) -> list[Section]:
+def _sections(done: Sequence[LoadResult], found: Sequence[PartSlopes]) -> list[OutputSection]:
     first, last = done[0], done[-1]
     about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
     roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
-    made = [Section(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]
+    made = [OutputSection(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]
     if len(last.processes) > 1:
         about = f"CPU for one sample of all, {last.users} people, {last.layout}"
-        made.append(Section(name="processes", about=about, rows=tuple(last.process_rows())))
+        made.append(OutputSection(name="processes", about=about, rows=tuple(last.process_rows())))
     if last.links:
         rows = tuple(last.link_rows())
         about = f"per second, {last.users} people, {last.layout}"
-        made.append(Section(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
+        made.append(OutputSection(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
     if found:
         made.append(
-            Section(name="slopes", about="with 95 % intervals", rows=tuple(part.row() for part in found))
+            OutputSection(
+                name="slopes", about="with 95 % intervals", rows=tuple(part.row() for part in found)
+            )
         )
     return made
 

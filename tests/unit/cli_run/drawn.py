@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.console import Console
 
-from pointit.cli.display.view import View
+from pointit.cli.display.view import ConsoleView
 from pointit.launch.run.monitor import Monitor
 from pointit.launch.run.score import Score
 from pointit.runtime.clock import WallClock
@@ -47,7 +47,9 @@ def shown(
     console = Console(
         file=io.StringIO(), width=width, height=height, color_system="truecolor", force_terminal=True
     )
-    lines = console.render_lines(View(monitor, "PointIt test", lambda: left_s, **about), console.options)
+    lines = console.render_lines(
+        ConsoleView(monitor, "PointIt test", lambda: left_s, **about), console.options
+    )
     texts = ["".join(segment.text for segment in line) for line in lines]
     assert all(len(text) == width for text in texts), texts
     return texts

@@ -11,7 +11,15 @@ from rich.text import Text
 
 from pointit.cli.common import site_link
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
+from pointit.cli.common.output import (
+    INTERRUPTED,
+    OutputSection,
+    Row,
+    console,
+    json_option,
+    print_json,
+    print_table,
+)
 from pointit.cli.inspect.site_observer import SiteObserver
 from pointit.cli.site.identities_table import expiring, section, visible_rows
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
@@ -37,7 +45,7 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
     "--timeout",
     "timeout_s",
     type=Finite(min=0),
-    default=site_link.PATIENCE_S,
+    default=site_link.TIMEOUT_S,
     help="time to look for the site, s",
 )
 @click.option(
@@ -68,26 +76,26 @@ def command(
     credentials = given_credentials()
     known = visible_rows(credentials, folder, dt.datetime.now(dt.UTC))
     known = [row for row in known if not only or row["name"] == only]
-    look = SiteObserver(only)
+    observer = SiteObserver(only)
     try:
-        run_until_shutdown(_listen(look, site, connect, timeout_s))
+        run_until_shutdown(_listen(observer, site, connect, timeout_s))
     except ConnectError:
         is_refused = all(site_link.listens(each) is False for each in connect)
         stopped = stopped_processes(site, connect)
         finding = unreachable(connect, stopped, is_refused=is_refused, is_secured=credentials is not None)
         return _show(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
-    if look.seen is None:
+    if observer.seen is None:
         return INTERRUPTED
-    findings = diagnose(look.seen)
+    findings = diagnose(observer.seen)
     if only:
-        findings = filter_findings(findings, look.seen, only)
-    return _show(look.seen, findings, known, site, only=only, as_json=as_json)
+        findings = filter_findings(findings, observer.seen, only)
+    return _show(observer.seen, findings, known, site, only=only, as_json=as_json)
 
 
-async def _listen(look: SiteObserver, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
-    async with site_link.join_site(site, connect, patience_s=timeout_s) as bus:
+async def _listen(observer: SiteObserver, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
+    async with site_link.join_site(site, connect, timeout_s=timeout_s) as bus:
         with site_link.notify_if_slow(f"listening to {site_link.address(site, connect)} …"):
-            await look.watch(bus)
+            await observer.watch(bus)
     return 0
 
 
@@ -126,7 +134,9 @@ def _show(
     screen = console()
     if instances:
         rows = tuple(_row(seen, instance, findings) for instance in instances)
-        print_table(screen, Section(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS))
+        print_table(
+            screen, OutputSection(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS)
+        )
     figures = tuple(
         {"service": service, "user": user, "figures": _figures(health)}
         for instance in instances
@@ -134,7 +144,7 @@ def _show(
         for service, user in [_service_and_user(instance)]
     )
     if figures:
-        print_table(screen, Section(name="figures", about="what else they measure", rows=figures))
+        print_table(screen, OutputSection(name="figures", about="further measurements", rows=figures))
     if known:
         print_table(screen, section(known))
     if others := expiring(row for row in known if not row["own"]):  # the own ones were reported at the start

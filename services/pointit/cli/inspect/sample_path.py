@@ -96,7 +96,7 @@ class PathJoiner:
 
     def settled(self, now_s: float) -> list[SamplePath]:
         """Return the samples that are `SETTLE_S` old, in order of arrival, and forget them."""
-        found: list[SamplePath] = []
+        paths: list[SamplePath] = []
         while self._open:
             stamp_ns, path = next(iter(self._open.items()))
             if now_s - path.first_s < SETTLE_S:
@@ -106,8 +106,8 @@ class PathJoiner:
             if len(self._judged) > MAX_OPEN:
                 self._judged.popitem(last=False)
             if path.first_s >= self._ready_s and path.at_ns.keys() - SHARED > {CAPTURE}:
-                found.append(path)
-        return found
+                paths.append(path)
+        return paths
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,7 +60,7 @@ class SiteObserver:
         self._only = only
         self.seen: Observation | None = None
         self._began_s = time.monotonic()
-        self._news = asyncio.Event()
+        self._changed = asyncio.Event()
         self._present: set[str] = set()
         self._ever: set[str] = set()
         self._shards: set[str] = set()
@@ -78,17 +78,17 @@ class SiteObserver:
         bus.watch(SHARD_ALIVE, lambda name, here: (self._shards.add if here else self._shards.discard)(name))
         await asyncio.sleep(MIN_S)
         while time.monotonic() < self._began_s + self._listening_s(self._observe(bus.link)):
-            self._news.clear()
+            self._changed.clear()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CHECK_S):
-                    await self._news.wait()
-        sees_nobody = not self._present and not self._deployments
-        is_open = sees_nobody and bus.link.credentials is None  # with credentials there is a site
+                    await self._changed.wait()
+        sees_no_process = not self._present and not self._deployments
+        is_open = sees_no_process and bus.link.credentials is None  # with credentials there is a site
         self.seen = dataclasses.replace(
             self._observe(bus.link),
             is_patient=False,
             other_sites=await sites_at(bus.link) if is_open else (),
-            denied=await bus.denial_reason("reads", HEALTH, ANY) if sees_nobody else "",
+            denied=await bus.denial_reason("reads", HEALTH, ANY) if sees_no_process else "",
         )
 
     def _observe(self, link: Link) -> Observation:
@@ -112,23 +112,23 @@ class SiteObserver:
     def _listening_s(self, seen: Observation) -> float:
         """Return the listening time, s: longer while services start, or while a problem may pass."""
         wanted = {each for each in seen.present if not self._only or is_about(each, self._only)}
-        heard = all(len(seen.reports.get(instance, ())) >= 2 for instance in wanted)
+        is_complete = all(len(seen.reports.get(instance, ())) >= 2 for instance in wanted)
         if not seen.stopped and is_anything_starting(seen):
             return STARTS_S
-        if not heard or (self._only and not wanted):
+        if not is_complete or (self._only and not wanted):
             return LONGEST_S
         return CONFIRM_S if any(map(may_pass, diagnose(seen))) else 0.0
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if present else self._present.discard)(instance)
         self._ever.add(instance)
-        self._news.set()
+        self._changed.set()
 
     def _on_health(self, health: Health, instance: str) -> None:
         self._reports.setdefault(instance, []).append(
             Report(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
         )
-        self._news.set()
+        self._changed.set()
 
     def _on_deployment(self, deployment: Deployment, name: str) -> None:
         believed = deployment.believed(name)

@@ -11,7 +11,15 @@ from typing import Unpack
 
 import click
 
-from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
+from pointit.cli.common.output import (
+    OutputSection,
+    console,
+    json_option,
+    print_table,
+    say,
+    to_json,
+    write_line,
+)
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.progress import progress
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
@@ -187,15 +195,15 @@ class Tracer:
 
     def trace(self, paths: Sequence[sample_path.SamplePath]) -> Trace:
         """Return the result over `paths`, at least one."""
-        path = sample_path.farthest(paths)
+        hops = sample_path.farthest(paths)
         figures = tuple(sample_path.hop_figures(paths))
-        way = tuple(self._traced(path, hop) for hop in sample_path.CAUSES if hop in path.at_ns)
+        way = tuple(self._traced(hops, hop) for hop in sample_path.CAUSES if hop in hops.at_ns)
         hosts = {host for each in paths for hop in each.processes if (host := self._writer(each, hop)[1])}
         return Trace(
             user=self.user,
             samples=len(paths),
-            stamp_ns=path.stamp_ns,
-            captured_ns=path.at_ns[sample_path.CAPTURE],
+            stamp_ns=hops.stamp_ns,
+            captured_ns=hops.at_ns[sample_path.CAPTURE],
             path=way,
             hops=figures,
             clocks=tuple(
@@ -207,32 +215,32 @@ class Tracer:
         )
 
     def silence(self) -> str:
-        """Return a sentence that says why no sample came."""
+        """Return a sentence with the reason that no sample came."""
         reason = silence_reason(topics.IMU, self.user, self._present)
         return f"no sample of {self.user} came within {SILENCE_S:g} s: {reason}"
 
-    def _traced(self, path: sample_path.SamplePath, hop: str) -> TracedHop:
-        service, host = self._writer(path, hop)
+    def _traced(self, hops: sample_path.SamplePath, hop: str) -> TracedHop:
+        service, host = self._writer(hops, hop)
         return TracedHop(
             hop=hop,
             service=service,
             host=host,
-            at_ns=path.at_ns[hop],
-            delta_s=path.delta_s(hop),
-            total_s=path.total_s(hop),
+            at_ns=hops.at_ns[hop],
+            delta_s=hops.delta_s(hop),
+            total_s=hops.total_s(hop),
         )
 
-    def _writer(self, path: sample_path.SamplePath, hop: str) -> tuple[str, str]:
-        """Return instance and host of who published `path` at `hop`, `""` where unknown."""
+    def _writer(self, hops: sample_path.SamplePath, hop: str) -> tuple[str, str]:
+        """Return instance and host of who published `hops` at `hop`, `""` where unknown."""
         topic = TOPICS["frame" if hop == sample_path.LIGHT else hop]
         here = [
-            report
-            for process, report in self._reports.values()
-            if process == path.processes[hop] and report.user in ("", self.user) and _writes(report, topic)
+            health
+            for process, health in self._reports.values()
+            if process == hops.processes[hop] and health.user in ("", self.user) and _writes(health, topic)
         ]
-        own = [report for report in here if split_instance(report.instance)[1] == self.user] or here
+        own = [health for health in here if split_instance(health.instance)[1] == self.user] or here
         if own:
-            return _joined(report.instance for report in own), _joined(report.host for report in own)
+            return _joined(health.instance for health in own), _joined(health.host for health in own)
         return _joined(present_writers(topic, self.user, self._present)), ""
 
     def _tap(self, hop: str) -> Tap:
@@ -241,9 +249,9 @@ class Tracer:
 
         return on_message
 
-    def _on_health(self, report: Health, process: str, arrived_ns: int, now_s: float) -> None:
-        self._reports[report.instance] = (process, report)
-        self._skews.on_report(report.host, report.stamp_ns, arrived_ns, now_s)
+    def _on_health(self, health: Health, process: str, arrived_ns: int, now_s: float) -> None:
+        self._reports[health.instance] = (process, health)
+        self._skews.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
 
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         self._tick = tick
@@ -263,8 +271,8 @@ class Tracer:
         return tick.stamp_ns + round((stamp_ns - tick.sim_ns) / tick.speed)
 
 
-def _writes(report: Health, topic: AnyTopic) -> bool:
-    return any(key.key == topic.key and key.direction == "out" for key in report.keys)
+def _writes(health: Health, topic: AnyTopic) -> bool:
+    return any(key.key == topic.key and key.direction == "out" for key in health.keys)
 
 
 def _joined(names: Iterable[str]) -> str:
@@ -306,9 +314,9 @@ def _show(trace: Trace, count: int, *, as_json: bool) -> bool:
     )
     screen = console()
     about = f"of {trace.user}, captured at {_clock_time(trace.captured_ns)} ({trace.stamp_ns})"
-    print_table(screen, Section(name="sample", about=about, rows=way, roomy=frozenset(("host",))))
+    print_table(screen, OutputSection(name="sample", about=about, rows=way, roomy=frozenset(("host",))))
     about = f"{trace.samples} samples, ms since the hop before and since capture"
-    print_table(screen, Section(name="hops", about=about, rows=hops, roomy=frozenset(("service",))))
+    print_table(screen, OutputSection(name="hops", about=about, rows=hops, roomy=frozenset(("service",))))
     for sentence in trace.clocks:
         say(f"warning: {sentence}")
     return True

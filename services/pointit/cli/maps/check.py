@@ -99,6 +99,6 @@ def print_findings(name: str, has: str, findings: Sequence[MapFinding], *, err: 
     click.echo(f"{name}: {', '.join(counts) or 'no findings'}{f'; {has}' if has else ''}", err=err)
 
 
-def _tame(text: str) -> str:
+def _escape_control_characters(text: str) -> str:
     """Return `text`, which contains names from the file, without terminal control characters, shortened."""
     return "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])

@@ -58,7 +58,7 @@ def ends_in(room: Environment, names: Sequence[str]) -> dict[str, Vec3]:
     return {name: places[name] for name in names}
 
 
-def stood(
+def poses_of(
     rays: Mapping[str, Sequence[PointingRay]], ends: Mapping[str, Vec3], floor_m: float | None
 ) -> Solution:
     """Return the pose of a person whose `rays` were pointed at `ends`; its `z_m` is the height of the floor.
@@ -79,8 +79,8 @@ def stood(
         directions(all_rays),
         np.array([end for _, end in held]),
     )
-    trust = SolverSettings() if floor_m is not None else SolverSettings(height_sigma_m=FLOOR_SIGMA_M)
-    found = solve(pointings, trust, floor_m=floor_m or 0.0)
+    settings = SolverSettings() if floor_m is not None else SolverSettings(height_sigma_m=FLOOR_SIGMA_M)
+    found = solve(pointings, settings, floor_m=floor_m or 0.0)
     if isinstance(found, Refusal):
         raise RefusedError(found.reason)
     return found

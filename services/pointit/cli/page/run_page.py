@@ -152,12 +152,12 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
             notes=[f"{REMEDY}; --no-web runs without it and without this note"],
             afterword=f"There was no page: {REMEDY}.",
         )
-    said = {"port": port} if port is not None else {}
+    page_options = {"port": port} if port is not None else {}
     tokens, notes = kept_tokens(options["site"], renew=options["new_link"])
     page = page_of(
         choices,
         below=scenario.site.get(PAGE, {}),
-        asked=said | ({"lan": True} if options["lan"] else {}),
+        asked=page_options | ({"lan": True} if options["lan"] else {}),
         places=places(scenario, choices),
         tokens=tokens,
     )

@@ -33,11 +33,11 @@ _UP: Vec3 = (0.0, 0.0, 1.0)
 
 
 class MountingError(ValueError):
-    """The poses do not determine a mounting; the message says why and what to do."""
+    """The poses do not determine a mounting; the message has the reason and the remedy."""
 
 
 @dataclass(frozen=True)
-class Hold:
+class MountingHold:
     """An arm that rested in a pose."""
 
     mean_xyzw: Quaternion
@@ -47,7 +47,7 @@ class Hold:
 
 
 @dataclass(frozen=True)
-class Mounting:
+class FittedMounting:
     """A solved mounting; errors are elevations of the arm minus those of the poses."""
 
     arm_from_true: Quaternion
@@ -75,7 +75,7 @@ class RestPoseCollector:
         self.moved_rad = 0.0
         """Angle of the newest sample from the start of the rest."""
 
-    def add(self, orientation_xyzw: Quaternion, time_s: float) -> Hold | None:
+    def add(self, orientation_xyzw: Quaternion, time_s: float) -> MountingHold | None:
         """Add a sample. Return the pose once the arm has rested long enough, else None."""
         self.moved_rad = angle_between(self._samples[0], orientation_xyzw) if self._samples else 0.0
         if not self._samples or self.moved_rad > MOVEMENT_RAD or time_s < self._began_s:
@@ -94,16 +94,16 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
     return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
 
 
-def mean_pose(orientations: Orientations) -> Hold:
+def mean_pose(orientations: Orientations) -> MountingHold:
     """Return the mean orientation (Markley 2007, as SciPy has it) and the spread about it."""
     turns = Rotation.from_quat(orientations)
     mean = turns.mean()
     angles = (mean.inv() * turns).magnitude()
     x, y, z, w = (float(value) for value in mean.as_quat())
-    return Hold((x, y, z, w), float(np.sqrt(np.mean(np.square(angles)))), len(orientations))
+    return MountingHold((x, y, z, w), float(np.sqrt(np.mean(np.square(angles)))), len(orientations))
 
 
-def solve_mounting(forward: Hold, up: Hold) -> Mounting:
+def solve_mounting(forward: MountingHold, up: MountingHold) -> FittedMounting:
     """Return the mounting that explains the arm level ahead (palm down) and the arm straight up.
 
     The arm's axis pointed up in the second pose and was level in the first; a contradiction is shared between
@@ -145,7 +145,7 @@ def solve_mounting(forward: Hold, up: Hold) -> Mounting:
     return _report(forward.mean_xyzw, up.mean_xyzw, (qx, qy, qz, qw))
 
 
-def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> Mounting:
+def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> FittedMounting:
     ahead: Vec3 = (1.0, 0.0, 0.0)
     axis = rotation.rotate(arm_from_true, ahead)
 
@@ -154,7 +154,7 @@ def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> M
 
     before, after = seen(forward, ahead), seen(forward, axis)
     half_turn = math.pi / 2.0
-    return Mounting(
+    return FittedMounting(
         arm_from_true=arm_from_true,
         about_arm_rad=vector.wrap(-2.0 * math.atan2(arm_from_true[0], arm_from_true[3])),
         off_axis_rad=vector.angle_between(axis, ahead),

@@ -114,15 +114,15 @@ def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
     return f"no {user} is on this site, {who}; {add_or_meant(user, there)}"
 
 
-def localizing(user: str, news: Localization | None) -> str:
+def localizing(user: str, localization: Localization | None) -> str:
     """Return the progress of a person's localization, or `""` if there is none."""
-    if news is None or news.phase != "sampling":
+    if localization is None or localization.phase != "sampling":
         return ""
-    if news.ahead:
+    if localization.ahead:
         return f"{user} waits for the lamps, which {news.ahead[0]} points at; wait until it is their turn"
-    if news.purpose == "anchor":
+    if localization.purpose == "anchor":
         return f"{user} is pointing at {news.target_id or 'a lamp'} to correct the pose; wait"
-    lamp = f", lamp {news.target_index + 1} of {news.target_count}" if news.target_count > 1 else ""
+    lamp = f", lamp {news.target_index + 1} of {news.target_count}" if localization.target_count > 1 else ""
     return f"{user} is being localized{lamp}; wait until that is done"
 
 

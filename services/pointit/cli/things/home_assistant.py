@@ -127,10 +127,10 @@ class Announcements:
 
     def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
         """Return the message of an event, or None for those of switches and the end of buttons."""
-        told = EVENTS.get(event.event)
-        if told is None or thing.mode == "switch" or (thing.mode == "button" and not event.is_on):
+        action = EVENTS.get(event.event)
+        if action is None or thing.mode == "switch" or (thing.mode == "button" and not event.is_on):
             return None
-        payload = {"event_type": told, "user": event.user, "confidence": event.confidence}
+        payload = {"event_type": action, "user": event.user, "confidence": event.confidence}
         return Publication(topic=self._topic(thing.id), payload=json.dumps(payload))
 
     def _topic(self, thing_id: str) -> str:
@@ -141,10 +141,10 @@ class Announcements:
         return f"{PREFIX}/{kind}/{self._node}/{_id_of(thing.id)}/config"
 
 
-def _state(switched_on: SelectedObject | None) -> dict[str, Any]:
-    if switched_on is None:
+def _state(selected: SelectedObject | None) -> dict[str, Any]:
+    if selected is None:
         return {"state": "OFF", "user": "", "confidence": None}
-    return {"state": "ON", "user": switched_on.user, "confidence": switched_on.confidence}
+    return {"state": "ON", "user": selected.user, "confidence": selected.confidence}
 
 
 def _id_of(name: str) -> str:

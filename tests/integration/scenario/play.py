@@ -14,7 +14,7 @@ import pointit.schemas as models
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import Scenario, read_scenario
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
@@ -195,7 +195,7 @@ async def _play(plan: Scenario, choices: Choices, duration_s: float, users: Sequ
     bus.subscribe(topics.GOAL, on_goal, USER)
     bus.subscribe(topics.POSE, on_pose, USER)
     bus.subscribe(topics.IMU, on_imu, USER)
-    outcome.monitor = Monitor(Score(plan.target_kinds), clock)
+    outcome.monitor = Monitor(RunScore(plan.target_kinds), clock)
     outcome.monitor.attach(bus)
     with watched_people(people):
         async with running(launches, bus, clock) as services:

@@ -10,7 +10,7 @@ from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import Scenario, read_scenario
 from pointit.launch.robots.robot_watcher import RobotsScore, RobotWatcher
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import VirtualClock
@@ -112,7 +112,7 @@ async def _play(
     bus.subscribe(ROBOT_STATE, on_state)
     bus.subscribe(GOAL, lambda goal, user: flights.on_goal(goal, people[user]))
     bus.subscribe(FEEDBACK, lambda cue, user: flights.cues.append((user, cue)))
-    monitor = Monitor(Score(()), VirtualClock(), watchers=[RobotWatcher(flights.robots)])
+    monitor = Monitor(RunScore(()), VirtualClock(), watchers=[RobotWatcher(flights.robots)])
     monitor.attach(bus)
     with watched_people(born):
         async with running(launches, bus, VirtualClock()) as services:

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from pointit.cli.display.view import ConsoleView
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.clock import WallClock
 from pointit.schemas import Cursor, Environment, Strip, StripFrame, StripsFrame
 
@@ -28,7 +28,7 @@ def frame(pixels: list[tuple[int, int, int]], name: str = "0") -> StripsFrame:
 
 
 def monitor_of(*strips: Strip, targets: tuple[str, ...] = ("red",)) -> Monitor:
-    monitor = Monitor(Score(targets), WallClock())
+    monitor = Monitor(RunScore(targets), WallClock())
     if strips:
         monitor.environment = Environment(stamp_ns=1, name="test", strips=strips)
     return monitor

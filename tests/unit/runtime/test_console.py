@@ -14,7 +14,7 @@ from rich.text import Text
 from pointit.cli.common.output import OutputSection, print_table, say
 from pointit.cli.display.view import ConsoleView
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plain_console import PlainConsole
@@ -74,7 +74,7 @@ def test_markup_of_others_is_text(console: PlainConsole) -> None:
 
 def test_view_shows_names_of_surfaces_as_they_are() -> None:
     console = PlainConsole(file=io.StringIO(), force_terminal=True, width=100)
-    monitor = Monitor(Score(()), WallClock())
+    monitor = Monitor(RunScore(()), WallClock())
     monitor.cursors["anna"] = Cursor(stamp_ns=1, surface="strip", surface_id="[/x]\x1bc", position_m=1.0)
     console.print(ConsoleView(monitor, "PointIt", lambda: 0.0))
     assert "strip [/x]?c" in written(console)

@@ -8,7 +8,7 @@ import click
 from pointit.api.connection import connect as join
 from pointit.cli.common.option_types import host_port
 from pointit.cli.common.site_link import address, quiet, site_options
-from pointit.launch.page.page_tokens import FILE, kept_tokens
+from pointit.launch.page.page_tokens import FILE, stored_tokens
 from pointit.launch.plan.extras import has_extra
 from pointit.launch.plan.launches import PAGE
 from pointit.runtime.errors import ConfigError
@@ -65,7 +65,7 @@ async def _serve(
         from pointit.assistants.http_door import HttpDoor  # noqa: PLC0415
         from pointit.bridges.web.server.access import Access  # noqa: PLC0415
 
-        tokens, notes = kept_tokens(site)
+        tokens, notes = stored_tokens(site)
         http = HttpDoor(server, Access(tokens.operator, tokens.viewer), *listen)
         for note in notes:
             click.echo(note, err=True)

@@ -15,8 +15,8 @@ from pointit.cli.display.summary import write_summary
 from pointit.cli.display.view import figures
 from pointit.cli.parts import DISPLAY_PARTS
 from pointit.launch.plan.plan import Beside, Plan
-from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
-from pointit.launch.run.run_site import Onlookers, ScenarioRequests, adapt_to_site, clock_of, open_bus
+from pointit.launch.plan.startup_notices import stored_mounting_notices, stored_offset_notices
+from pointit.launch.run.run_site import ScenarioRequests, ViewerPresence, adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
@@ -48,9 +48,9 @@ def execute(plan: Plan, log_level: str) -> int:
     console = PlainConsole(stderr=True)
     drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
-    notes = [*plan.notes, *kept_mountings(plan.launches)]
+    notes = [*plan.notes, *stored_mounting_notices(plan.launches)]
     if drawn:  # else the supervisors log their own
-        notes += kept_offsets(plan.launches)
+        notes += stored_offset_notices(plan.launches)
     for note in notes:
         _tell(note, console if drawn else None)
     return run_until_shutdown(_run(plan, console if drawn else None))
@@ -107,7 +107,7 @@ class _Run:
         self._changed = asyncio.Event()
         """Set by events that may end or change the run."""
         self._requests = ScenarioRequests(self._changed.set)
-        self._viewers = Onlookers()
+        self._viewers = ViewerPresence()
         self._limit_s: float | None = None
         """Monotonic time at which it ends even with viewers. None: viewers extend it."""
 

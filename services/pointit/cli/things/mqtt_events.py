@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pointit.cli.things.home_assistant import BIRTH_TOPIC, OFFLINE, ONLINE, Announcements, Publication
-from pointit.launch.plan.watcher import News
+from pointit.launch.plan.watcher import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, PointItError
@@ -82,7 +82,7 @@ class MqttThings:
         self._sent = 0
         self._dropped = 0
 
-    def attach(self, bus: Bus, on_event: News) -> Sequence[Closable]:
+    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
         """Subscribe on `bus`, and connect. Return the subscriptions, and what ends the connection."""
         del on_event
         self._bus, self._announcements = bus, Announcements(bus.site)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol, Self, cast
 from pointit.api.reactions import check_things, is_reaction
 from pointit.cli.things.program import Program
 from pointit.cli.things.webhook import Webhook
-from pointit.launch.plan.watcher import News
+from pointit.launch.plan.watcher import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
@@ -116,7 +116,7 @@ class Reactions:
         self._dropped = 0
         self._failures: deque[str] = deque(maxlen=MAX_FAILURES)
 
-    def attach(self, bus: Bus, on_event: News) -> Sequence[Closable]:
+    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
         """Subscribe on `bus`. Return the subscription, and what ends all reactions."""
         del on_event
         ending = contextlib.ExitStack()

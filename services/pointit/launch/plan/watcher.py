@@ -7,15 +7,15 @@ from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.service.service import Launch
 from pointit.schemas import Environment
 
-News: TypeAlias = Callable[[str, str], object]
+OnEvent: TypeAlias = Callable[[str, str], object]
 """Takes an event line and the person whom it is about, `""` for nobody."""
 
 
 class Watcher(Protocol):
     """Observes one scenario, from its start to its end."""
 
-    def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
-        """Subscribe on `bus`, and tell `news`. Return the subscriptions."""
+    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
+        """Subscribe on `bus`, and tell `on_event`. Return the subscriptions."""
         ...
 
     def on_map(self, environment: Environment) -> None:

@@ -25,7 +25,7 @@ class DeploymentPublisher:
         self._bus = bus
         self._name = ""
         self._publisher: Publisher[Deployment] | None = None
-        self._hearing: Closable | None = None
+        self._subscription: Closable | None = None
         self._stamp_ns = 0
         """Stamp of the last published deployment."""
         self._is_anothers = False
@@ -37,7 +37,7 @@ class DeploymentPublisher:
         if self._publisher is None or self._name != name:
             self.retract()
             self._publisher, self._name = self._bus.publisher(DEPLOYMENT, name), name
-            self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
+            self._subscription = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
         self._stamp_ns, self._is_anothers = time.time_ns(), False
         services = tuple(
             ExpectedService(service=launch.service.NAME, user=launch.user, name=launch.name, command=command)
@@ -62,9 +62,9 @@ class DeploymentPublisher:
             if not self._is_anothers:
                 publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))
             publisher.close_nowait()
-        if self._hearing is not None:
-            self._hearing.close()
-            self._hearing = None
+        if self._subscription is not None:
+            self._subscription.close()
+            self._subscription = None
 
     def _on_deployment(self, deployment: Deployment, _name: str) -> None:
         self._is_anothers |= deployment.stamp_ns > self._stamp_ns

@@ -252,8 +252,8 @@ class SiteFolder:
                 if member.role != "router"
             ]
             _save(self.path / ROUTER / USERS, "".join(lines).encode())
-        kept = json.dumps(state.model_dump(mode="json"), indent=1) + "\n"
-        _save(self.path / STATE, kept.encode(), mode=0o644)
+        document = json.dumps(state.model_dump(mode="json"), indent=1) + "\n"
+        _save(self.path / STATE, document.encode(), mode=0o644)
         configuration = router_configuration.to_json5([state.router_site("")])
         _save(self.path / ROUTER / CONFIGURATION, configuration.encode())
 

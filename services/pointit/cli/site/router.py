@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from pointit.access.denied_operations import FILTER, MARKS, DeniedOperations
-from pointit.access.limits import MAX_CONNECTIONS, Connection, Limits
+from pointit.access.limits import MAX_CONNECTIONS, ConnectionLimits, LimitedConnection
 from pointit.access.recent_denials import RecentDenials
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
@@ -127,7 +127,7 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
 
 
 async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
-    loop, limits = asyncio.get_running_loop(), Limits(max_connections)
+    loop, limits = asyncio.get_running_loop(), ConnectionLimits(max_connections)
 
     def close_blocked() -> None:
         """Close connections of identities that are cut off, as soon as they are made."""
@@ -153,16 +153,16 @@ async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
     return 0
 
 
-def _connections(router: Router, denied: DeniedOperations) -> list[Connection]:
+def _connections(router: Router, denied: DeniedOperations) -> list[LimitedConnection]:
     return [
-        Connection(
+        LimitedConnection(
             identity=name.rpartition("/")[0] or denied.identity(session), session=session, address=address
         )
         for session, name, address in router.links()
     ]
 
 
-async def _tell(router: Router, denied: DeniedOperations, limits: Limits) -> None:
+async def _tell(router: Router, denied: DeniedOperations, limits: ConnectionLimits) -> None:
     """Report denied operations in the log and to doctor, at most every `TELL_S`.
 
     Connections beyond the limit of an identity are closed.

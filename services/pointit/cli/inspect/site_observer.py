@@ -8,7 +8,7 @@ import time
 
 from pointit.diagnosis.causes import may_pass
 from pointit.diagnosis.diagnose import diagnose, is_about
-from pointit.diagnosis.observation import Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Observation
 from pointit.diagnosis.presence import is_anything_starting
 from pointit.diagnosis.stopped_processes import stopped_processes
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
@@ -64,7 +64,7 @@ class SiteObserver:
         self._present: set[str] = set()
         self._ever: set[str] = set()
         self._shards: set[str] = set()
-        self._reports: dict[str, list[Report]] = {}
+        self._reports: dict[str, list[DiagnosisReport]] = {}
         self._deployments: dict[str, Deployment] = {}
         self._speed = 1.0
 
@@ -126,7 +126,7 @@ class SiteObserver:
 
     def _on_health(self, health: Health, instance: str) -> None:
         self._reports.setdefault(instance, []).append(
-            Report(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+            DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
         )
         self._changed.set()
 

@@ -91,12 +91,12 @@ class Channels:
         """Return the numbers of the known channels whose key `keys` wants."""
         return {number for number, each in self._known.items() if keys is None or keys(each.key)}
 
-    def _add_channel(self, number: int, record: McapChannel) -> None:
-        self._names[number] = record.topic[:200]
-        key = record.metadata.get("key", "")
-        found = find_row(record.metadata.get("row", ""), key)
-        if found is not None and record.message_encoding == "json":
-            written = self._schemas.get(record.schema_id, "")
+    def _add_channel(self, number: int, channel: McapChannel) -> None:
+        self._names[number] = channel.topic[:200]
+        key = channel.metadata.get("key", "")
+        found = find_row(channel.metadata.get("row", ""), key)
+        if found is not None and channel.message_encoding == "json":
+            written = self._schemas.get(channel.schema_id, "")
             self._known[number] = Channel(key, *found, written)
 
 

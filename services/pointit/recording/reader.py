@@ -8,7 +8,7 @@ from typing import IO, Any, NamedTuple, Self
 
 from pointit.recording import container
 from pointit.recording.channels import Channels
-from pointit.recording.container import DamagedError, Place
+from pointit.recording.container import DamagedError, RecordLocation
 from pointit.recording.entries import Entry, RecordingError
 from pointit.recording.head import FORMAT, METADATA, Head
 from pointit.recording.library import Chunk, Metadata, Opcode
@@ -23,7 +23,7 @@ MAX_DAMAGED = 1000
 
 
 class _ChunkPlace(NamedTuple):
-    place: Place
+    place: RecordLocation
     began_ns: int
     ended_ns: int
 
@@ -156,7 +156,7 @@ class Recording:
                 continue
             try:
                 data, records = self._unpack(chunk.place)
-                times: list[tuple[int, Place, int]] = []
+                times: list[tuple[int, RecordLocation, int]] = []
                 for place in records:
                     if place.opcode == Opcode.MESSAGE:
                         channel, time_ns = container.message_times(data, place)
@@ -180,11 +180,11 @@ class Recording:
             return None
         return channel.entry(time_ns, body)
 
-    def _reject(self, complaint: str) -> None:
+    def _reject(self, error_message: str) -> None:
         self.invalid += 1
-        self.complaint = self.complaint or complaint
+        self.complaint = self.complaint or error_message
 
-    def _read_head(self, place: Place) -> Head | None:
+    def _read_head(self, place: RecordLocation) -> Head | None:
         """Return the head if the metadata at `place` are those of PointIt.
 
         Raises:
@@ -203,7 +203,7 @@ class Recording:
             )
         return head
 
-    def _unpack(self, place: Place) -> tuple[bytes, Iterator[Place]]:
+    def _unpack(self, place: RecordLocation) -> tuple[bytes, Iterator[RecordLocation]]:
         """Return the content of the chunk at `place` and where its records are, which are still to be read.
 
         Raises:
@@ -213,7 +213,7 @@ class Recording:
         data = container.unpack(chunk)
         return data, container.inner_records(chunk, data)
 
-    def _try_search(self, place: Place, damaged: list[DamagedError]) -> None:
+    def _try_search(self, place: RecordLocation, damaged: list[DamagedError]) -> None:
         """Search the chunk at `place`, or add what is wrong with it to `damaged`.
 
         Raises:
@@ -229,7 +229,7 @@ class Recording:
             if len(damaged) > MAX_DAMAGED:
                 raise RecordingError(f"{self._path} cannot be read: {error}") from error
 
-    def _search(self, place: Place) -> None:
+    def _search(self, place: RecordLocation) -> None:
         data, records = self._unpack(place)
         counts: Counter[int] = Counter()
         began_ns, ended_ns = 2**64, -1

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from pointit.conversion.bag_file import OpenBag, is_bag, open_bag, unpack_message
-from pointit.conversion.bag_messages import ROUTES, BagMessages, Route, UnusableError
+from pointit.conversion.bag_messages import ROUTES, BagMessages, BagRoute, UnusableError
 from pointit.recording.entries import Entry, entry
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
@@ -60,7 +60,7 @@ class Bag:
 
     def _read(self, bag: OpenBag) -> Iterator[Entry]:
         types, messages = Types("jazzy"), BagMessages(self.room)
-        routes: dict[int, tuple[Route, str]] = {}
+        routes: dict[int, tuple[BagRoute, str]] = {}
         for connection in bag.connections:
             why, route, user = self._route(types, connection)
             if route is None:
@@ -80,7 +80,7 @@ class Bag:
             else:
                 self.taken[connection.topic] += 1
 
-    def _route(self, types: Types, connection: Any) -> tuple[str, Route | None, str]:
+    def _route(self, types: Types, connection: Any) -> tuple[str, BagRoute | None, str]:
         for route in ROUTES:
             head, opening, tail = route.name.partition("{user}")
             name: str = connection.topic

@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
+from pointit.scan.lines import MIN_VIEWS, ImageLine, corners, fit_lines
 from pointit.scan.poses import FirstPoses, Piece
 from pointit.scan.refinement import refined
 from pointit.scan.result import Scan, ScanError
 from pointit.scan.results import scan_of
-from pointit.scan.sightings import Seen
-from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_known_length, check_survey
+from pointit.scan.sightings import SightingArrays
+from pointit.scan.views import CameraView, KnownLength, LampSpec, StripSpec, check_known_length, check_survey
 
 TURNED = (
     "gravity points up in the pictures, so it was taken the other way round: if the camera really was upside "
@@ -25,7 +25,7 @@ UPSIDE_DOWN = -0.5
 def solve(
     strips: Sequence[StripSpec],
     lamps: Sequence[LampSpec],
-    views: Sequence[View],
+    views: Sequence[CameraView],
     *,
     known_length: KnownLength | None = None,
 ) -> Scan:
@@ -50,7 +50,7 @@ def solve(
         raise ScanError("no strip has a pitch (pixels a metre): without one there is no beginning, give it")
     rng = np.random.default_rng(0)
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
-    seen = Seen.of(strips, lamps, views)
+    seen = SightingArrays.of(strips, lamps, views)
     is_turned = np.nansum(seen.downs[:, 1]) < 0.0
     if is_turned:
         seen.downs[:] *= -1.0
@@ -72,20 +72,22 @@ def solve(
         )
     found = refined(seen, specs, placed, bounds, lines)
     scan = scan_of(found, strips, lamps, known_length)
-    said = [TURNED] if is_turned else []
-    said += [f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down]
-    return replace(scan, problems=(*said, *scan.problems))
+    reasons = [TURNED] if is_turned else []
+    reasons += [
+        f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down
+    ]
+    return replace(scan, problems=(*reasons, *scan.problems))
 
 
 def _lines_of(
-    seen: Seen, view: int, bounds: Mapping[Piece, tuple[float, float]], rng: np.random.Generator
+    seen: SightingArrays, view: int, bounds: Mapping[Piece, tuple[float, float]], rng: np.random.Generator
 ) -> dict[Piece, ImageLine]:
     """Return the lines of one view. If a piece is seen twice, the nearer one: a reflection is behind."""
     found: dict[Piece, ImageLine] = {}
     for piece, (low, high) in bounds.items():
         pixels, uv = seen.of_chain(piece[0], view)
         part = (pixels > low) & (pixels < high)
-        if part.sum() >= LEAST:
+        if part.sum() >= MIN_VIEWS:
             middle = np.array([(low + high) / 2.0])
             candidates = fit_lines(pixels[part], uv[part], rng)
             if candidates:  # nearer for a usual focal length

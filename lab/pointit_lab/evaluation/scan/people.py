@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pointit.scan.by_pointing import HEADING_SIGMA_RAD, PLACE_SIGMA_M, Pointing, locate
+from pointit.scan.by_pointing import HEADING_SIGMA_RAD, PLACE_SIGMA_M, TargetRay, locate
 
 BIAS_RAD = math.radians(3.0)
 """Standard deviation of people's common error, per axis, as in shared recordings (2 to 5 degrees)."""
@@ -30,7 +30,7 @@ def point_at_lamps(seed: int, places: int) -> list[Found]:
     lamps = rng.uniform([-width / 2, depth / 2 - 0.2, 0.4], [width / 2, depth / 2, 2.2], (LAMPS, 3))
     bias = rng.normal(0.0, BIAS_RAD, 2)
     first = rng.uniform(0.3, 0.7) * np.pi
-    pointings: list[Pointing] = []
+    pointings: list[TargetRay] = []
     for place in range(places):
         angle = first + (0.6, -0.6, 0.0, 0.3)[place] + rng.normal(0.0, 0.1)
         reach = (0.45, 0.45, 0.2, 0.3)[place] * depth
@@ -46,7 +46,7 @@ def point_at_lamps(seed: int, places: int) -> list[Found]:
             level = math.cos(elevation)
             direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
             origin = (float(said[0]), float(said[1]), float(said[2]))
-            pointings.append(Pointing(f"l{number}", "anna", str(place), origin, direction))
+            pointings.append(TargetRay(f"l{number}", "anna", str(place), origin, direction))
     found = locate(pointings)
     return [
         Found(

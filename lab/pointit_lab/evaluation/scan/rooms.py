@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.scan.views import LampSpec, Sighting, StripSpec, View
+from pointit.scan.views import CameraView, LampSpec, StripSighting, StripSpec
 
 Array = NDArray[np.float64]
 
@@ -302,9 +302,9 @@ def _visible(room: Room, phone: Phone, pose: Pose, points: Array) -> tuple[Array
     return uv, visible
 
 
-def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -> View:
+def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -> CameraView:
     """Return the view of `phone` from `pose`: with noise, gaps, wrong numbers and reflections."""
-    sightings: list[Sighting] = []
+    sightings: list[StripSighting] = []
     for strip in room.strips:
         count = strip.spec.count
         marks = np.unique(np.linspace(0, count - 1, min(MARKS, count)).round())
@@ -317,15 +317,15 @@ def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -
         sunk = pose.rotation @ [0.0, 0.0, -1.0] + phone.gravity_bias + rng.normal(0.0, math.radians(1.0), 3)
         sunk /= np.linalg.norm(sunk)
         gravity = (float(sunk[0]), float(sunk[1]), float(sunk[2]))
-    return View(*SIZE_PX, tuple(sightings[index] for index in order), gravity)
+    return CameraView(*SIZE_PX, tuple(sightings[index] for index in order), gravity)
 
 
 def _seen(
     rng: np.random.Generator, room: Room, phone: Phone, pose: Pose, named: tuple[str, Array, Array]
-) -> list[Sighting]:
+) -> list[StripSighting]:
     """Return the sightings of a strip or lamp (name, pixels, their positions), also in mirrors."""
     name, marks, points = named
-    found: list[Sighting] = []
+    found: list[StripSighting] = []
     for mirror in (None, *room.mirrors):
         shown = points if mirror is None else mirror.image_of(points)
         uv, visible = _visible(room, phone, pose, shown)
@@ -336,7 +336,7 @@ def _seen(
         for index in np.flatnonzero(visible):
             is_wrong = len(marks) > 1 and rng.random() < WRONG
             number = int(rng.choice(marks)) if is_wrong else int(marks[index])
-            found.append(Sighting(name, number, float(uv[index, 0]), float(uv[index, 1])))
+            found.append(StripSighting(name, number, float(uv[index, 0]), float(uv[index, 1])))
     return found
 
 

@@ -22,7 +22,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConfigError, NoMessageError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.scan.as_map import pointed_text
-from pointit.scan.by_pointing import PointedAt, Pointing, locate, pointing_of
+from pointit.scan.by_pointing import PointedAt, TargetRay, locate, pointing_of
 from pointit.schemas import ButtonEvent, PointingRay, UserPose
 from pointit.schemas.topics import BUTTON, POSE, RAY, check_name
 
@@ -56,7 +56,7 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
     "kind",
     type=click.Choice(list(CORNERS)),
     default="lamp",
-    help="kind of the named things; of boxes, screens and tables the corners are pointed at",
+    help="what the names are; of boxes, screens and tables the corners are pointed at",
 )
 @click.option(
     "-o",
@@ -204,7 +204,7 @@ class PointingSession:
             for name in names
             for number, corner in enumerate(corners)
         }
-        pointings: list[Pointing] = []
+        pointings: list[TargetRay] = []
         poses: list[UserPose] = []
         while True:
             pose = await self._next_place(poses)

@@ -25,7 +25,7 @@ from pointit.cli.inspect.hz import RateMeter, window_options
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import NS_PER_S, TrackedObjects, encode
 from pointit.schemas.topics import OBJECTS
-from pointit.services.pui.tracked_objects import TwinFinder
+from pointit.services.pui.tracked_objects import DuplicateFinder
 
 MAX_LINES = 4096
 """Largest number of messages of a window whose age counts; of more, the latest."""
@@ -79,7 +79,7 @@ class TrackerMeters:
         self._meters: dict[str, RateMeter] = {}
         self._ages_s: dict[str, deque[float]] = {}
         self._newest: dict[str, TrackedObjects] = {}
-        self._duplicate_finder = TwinFinder()
+        self._duplicate_finder = DuplicateFinder()
 
     def add(self, tracker: str, message: TrackedObjects, *, arrived_s: float, arrived_ns: int) -> None:
         """Add a message.

@@ -28,7 +28,7 @@ from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceS
 
 STEEPEST_RAD = math.pi / 2.0
 
-MOST_BIAS_RAD = math.radians(45.0)
+MAX_BIAS_RAD = math.radians(45.0)
 """Limit of the elevation bias of a pose. A larger bias is clamped."""
 
 RIVAL_NS = 2 * NS_PER_S
@@ -259,6 +259,6 @@ class PersonCursor:
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:
     """Return `direction` with its elevation reduced by `bias_rad`, at most straight up or down."""
-    bias_rad = max(-MOST_BIAS_RAD, min(MOST_BIAS_RAD, bias_rad))
+    bias_rad = max(-MAX_BIAS_RAD, min(MAX_BIAS_RAD, bias_rad))
     elevation_rad = vector.elevation(direction) - bias_rad
     return vector.direction(vector.azimuth(direction), max(-STEEPEST_RAD, min(STEEPEST_RAD, elevation_rad)))

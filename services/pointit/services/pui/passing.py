@@ -14,7 +14,7 @@ from pointit.services.pui.shapes import PLACES, Surface
 LOOK_NS = NS_PER_S // 10
 """Minimum time between searches for the nearest thing, so that passing costs little more than a hit, ns."""
 
-PATIENCE_NS = 3 * NS_PER_S // 2
+TIMEOUT_NS = 3 * NS_PER_S // 2
 """Time of continuous pointing past everything before the cue, ns. Sweeps from thing to thing are shorter."""
 
 AGAIN_NS = 6 * NS_PER_S
@@ -65,7 +65,7 @@ class Passing:
             self._looked_ns = stamp_ns
             self._missed_ns += LOOK_NS
             found = self._things.nearest(origin_m, direction)
-            is_long = stamp_ns - self._since_ns >= PATIENCE_NS
+            is_long = stamp_ns - self._since_ns >= TIMEOUT_NS
             if found is None or not is_in_range(found[1].point_m):
                 self._passed = None
             else:

@@ -166,7 +166,7 @@ def find_culprit_in(block: Callable[[Callable[[], object]], None]) -> tuple[str,
     found: list[tuple[str, str] | None] = []
 
     def look() -> bool:
-        found.append(plugin_guard.find_culprit(sys._getframe(), {"strangers_blocking"}))
+        found.append(plugin_guard.find_blocking_package(sys._getframe(), {"strangers_blocking"}))
         return True
 
     block(look)

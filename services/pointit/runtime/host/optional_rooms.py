@@ -1,4 +1,4 @@
-"""Rooms of PointIt that a build may leave out, the parts in them, and what is said of one that is absent."""
+"""Rooms of PointIt that a build may leave out, their plug-ins, and the error message if one is absent."""
 
 import importlib
 from collections.abc import Callable, Iterable, Sequence

@@ -25,18 +25,18 @@ from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router.peer_sockets import Peer, cut, peer, release_udp_ports, unread
 from pointit.runtime.router.router_health import RouterHealthPublisher
 from pointit.runtime.zenoh.connections import Connections
-from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_cancellable, open_session
+from pointit.runtime.zenoh.session import CLOSE_TIMEOUT_S, close_session, open_cancellable, open_session
 from pointit.schemas.table_types import NAME
 
 log = logging.getLogger(__name__)
 
 LOOK_S = 0.25
 """Period of polling the files, since not every system and file system reports changes."""
-PORT_PATIENCE_S = 60.0
+PORT_TIMEOUT_S = 60.0
 """Time for which its own port may stay in use after it was closed (QUIC: 30 s where it cannot be released).
 A router that gave up sooner would end for everybody."""
 PORT_RETRY_S = 0.05
-REOPEN_PATIENCE_S = 11.0
+REOPEN_TIMEOUT_S = 11.0
 """Time to wait for a session's end before the next one begins. Zenoh takes 10 s at most."""
 RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
 """Addresses that name a file by a path relative to the configuration's folder."""
@@ -64,7 +64,7 @@ def parse_config(text: str, folder: Path) -> zenoh.Config:
     """Return Zenoh's configuration from JSON5 whose files are named as seen from `folder`.
 
     Raises:
-        ConfigError: it is none; says why, never what stands in it.
+        ConfigError: it is none; the message has the reason, never its content.
     """
     try:
         config = zenoh.Config.from_json5(text)
@@ -104,7 +104,7 @@ class Router:
         """Called in the loop after each change of `links`."""
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""
-        self._accounts: dict[str, RouterHealthPublisher] = {}
+        self._health_publishers: dict[str, RouterHealthPublisher] = {}
         """By site."""
 
     @property
@@ -127,7 +127,7 @@ class Router:
         self, of_site: Callable[[str], Sequence[str]], refused: int, sessions: Mapping[str, int]
     ) -> None:
         """Tell each site, once a second, what is wrong, attempts refused so far, and connections by site."""
-        for site, account in self._accounts.items():
+        for site, account in self._health_publishers.items():
             account.report(of_site(site), refused, sessions.get(site, 0))
 
     def links(self) -> list[tuple[str, str, str]]:
@@ -166,24 +166,24 @@ class Router:
                 continue
             await self._reopen(config)
 
-    async def close(self, patience_s: float = CLOSE_PATIENCE_S) -> None:
-        """Route no more; wait so long until nothing of the session is left."""
+    async def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+        """Stop routing; wait for up to this time until nothing of the session is left."""
         session, self._session = self._session, None
         if self._connections is not None:
             self._connections.close()
-        self._accounts.clear()
+        self._health_publishers.clear()
         if session is not None:
-            await close_session(session, patience_s=patience_s)
+            await close_session(session, patience_s=timeout_s)
 
     async def _reopen(self, config: zenoh.Config) -> None:
-        await self.close(REOPEN_PATIENCE_S)
+        await self.close(REOPEN_TIMEOUT_S)
         loop = asyncio.get_running_loop()
         began_s = loop.time()
         while True:
             try:
                 session = await _open(config)
             except ListenError:
-                if loop.time() - began_s > PORT_PATIENCE_S:
+                if loop.time() - began_s > PORT_TIMEOUT_S:
                     raise
                 release_udp_ports(ports_of(self._listens))
                 await asyncio.sleep(PORT_RETRY_S)
@@ -195,7 +195,7 @@ class Router:
     def _begin(self, session: zenoh.Session) -> None:
         self._session = session
         self._connections = Connections(session, self._listens, self.on_connection)
-        self._accounts = {
+        self._health_publishers = {
             site: RouterHealthPublisher(session, site, joins_another=self._joins_another)
             for site in self._sites
         }
@@ -262,6 +262,6 @@ def raise_file_limit() -> None:
         return
     import resource  # noqa: PLC0415 - there is none on Windows
 
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    _, hard_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
     with contextlib.suppress(OSError, ValueError):  # macOS: "no limit" is more than it takes
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard_limit, hard_limit))

@@ -37,7 +37,7 @@ class RouterHealthPublisher:
         self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
 
     def report(self, warnings: Sequence[str], refused: int, sessions: int) -> None:
-        """Say what is wrong, how many attempts were refused so far, and how many connections there are."""
+        """Publish the warnings, the number of refused attempts, and the number of connections."""
         self._seq += 1
         health = Health(
             stamp_ns=time.time_ns(),

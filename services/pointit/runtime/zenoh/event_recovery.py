@@ -22,7 +22,7 @@ from pointit.runtime.zenoh.queries import query_samples
 
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
 """Before each question; what has not come after the last one counts as lost."""
-MOST_OF_FIRST = 3
+MAX_OF_FIRST = 3
 """Questions about what was before the first event of a writer; not every writer keeps what it has sent."""
 TIMEOUT_S = 2.0
 MAX_GAPS = 32
@@ -60,7 +60,7 @@ class EventRecovery:
     ) -> None:
         """Begin with nothing heard; must be called in the loop.
 
-        `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` is told how many
+        `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` gets the number of those that
         never came.
         """
         self._bus = bus
@@ -140,10 +140,10 @@ class EventRecovery:
             found = {each.source_info.source_sn: each for each in samples if each.source_info is not None}
             with self._lock:
                 gap.held |= {number: each for number, each in found.items() if number in missing}
-                has_said_all = beyond in found and beyond > max(gap.wanted)
-                if asked == MOST_OF_FIRST:
+                has_sent_all = beyond in found and beyond > max(gap.wanted)
+                if asked == MAX_OF_FIRST:
                     gap.wanted = {number for number in gap.wanted if number > gap.heard_from}
-                if has_said_all or gap.wanted <= gap.held.keys():
+                if has_sent_all or gap.wanted <= gap.held.keys():
                     break
         with self._lock:
             if self._gaps.get(writer) is gap:

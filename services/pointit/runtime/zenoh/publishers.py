@@ -37,9 +37,9 @@ class _LatestWriter:
         self._listener = self._publisher.declare_matching_listener(RingChannel(1))
 
     def put(self, message: Message) -> None:
-        news = self._listener.try_recv()
-        if news is not None:
-            self._wanted = news.matching
+        matching = self._listener.try_recv()
+        if matching is not None:
+            self._wanted = matching.matching
         if self._wanted:
             self._publisher.put(encode(message))
 
@@ -48,7 +48,7 @@ class _LatestWriter:
         self._publisher.undeclare()
 
 
-class _KeptWriter:
+class _RetainedWriter:
     """Sends states and events, and keeps the last of them for readers that come late or were cut off."""
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
@@ -77,7 +77,7 @@ class ZenohPublisher(MemoryPublisher[M]):
         self._writer = (
             _LatestWriter(session, topic, key)
             if topic.delivery is Delivery.LATEST
-            else _KeptWriter(session, topic, key)
+            else _RetainedWriter(session, topic, key)
         )
         self._retires = False
         super().__init__(bus, topic, name, self._writer.put)

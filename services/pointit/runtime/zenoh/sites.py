@@ -11,7 +11,7 @@ from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, SERVICE_ALIVE
 
 ASK_S = 1.0
-MOST = 20
+MAX_SITES = 20
 """Names that are told: more are of no use to anybody."""
 
 
@@ -32,4 +32,4 @@ async def sites_at(link: Link) -> tuple[str, ...]:
     finally:
         await close_session(session)
     found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
-    return tuple(sorted(filter(NAME.match, found)))[:MOST]  # anybody can have written them
+    return tuple(sorted(filter(NAME.match, found)))[:MAX_SITES]  # anybody can have written them

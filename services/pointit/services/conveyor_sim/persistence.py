@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from pointit.runtime.host.state_file import expand_home
-from pointit.runtime.host.store import Layout, Store
+from pointit.runtime.host.store import Store, StoreLayout
 from pointit.schemas import NS_PER_S, Environment, SelectionEvent
 from pointit.schemas.base import Count, Ns, SchemaModel
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.plant import Plant
 
 FILE = "plant.sqlite"
-LAYOUT = Layout(
+LAYOUT = StoreLayout(
     tables="""
         CREATE TABLE IF NOT EXISTS plant (
             id INTEGER PRIMARY KEY CHECK (id = 1),

@@ -80,7 +80,7 @@ class ZenohReader(RosEndpoint[EndpointContext]):
         subscriber = context.session.subscriber(
             key,
             lambda sample: queue.put(sample, is_oversized=sample.is_oversized(context.max_bytes)),
-            kept=qos.depth if qos and qos.latched else 0,
+            cache_size=qos.depth if qos and qos.latched else 0,
             reliable=qos is not None and qos.reliable,
         )
         return subscriber, queue

@@ -14,7 +14,7 @@ from pointit.runtime.host.serial_port import (
     PortSettings,
     SerialPort,
     describe_error,
-    is_open_elsewhere,
+    is_open_in_another_process,
     open_port,
     serial_ports,
 )
@@ -86,7 +86,7 @@ def several(answers: Sequence[PortAnswer]) -> str:
 
 
 def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: threading.Event) -> PortAnswer:
-    if is_open_elsewhere(port.path):
+    if is_open_in_another_process(port.path):
         return PortAnswer(port.path, port.description, None, "another program has it open")
     detection = Detection(config)
     count = 0

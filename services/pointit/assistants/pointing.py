@@ -39,7 +39,7 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
             f"nobody keeps where {user} points: run `pointit service run listener --user {user}`"
         ) from error
     ago_s = 0.0 if at_ns is None else (site.now_ns() - at_ns) / NS_PER_S
-    meant = [
+    candidates = [
         PossibleReferent(
             kind=each.kind,
             name=plain(each.name),
@@ -51,7 +51,7 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
     return PossibleReferents(
         user=user,
         seconds_ago=round(ago_s, 2),
-        candidates=tuple(meant),
+        candidates=tuple(candidates),
         none=round(found.none, 3),
         note=plain(found.message, MAX_SENTENCE),
     )

@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from pointit.api.press import add_or_meant
+from pointit.api.press import add_or_similar
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import NS_PER_S, Environment, Localization, UserPose

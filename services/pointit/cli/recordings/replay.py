@@ -27,11 +27,17 @@ from pointit.conversion.recording_file import new_recording
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.replay.comparison.comparison import Comparison, Divergence, FieldReport, Report, TopicReport
+from pointit.replay.comparison.comparison import (
+    Comparison,
+    ComparisonReport,
+    Divergence,
+    FieldReport,
+    TopicReport,
+)
 from pointit.replay.comparison.samples import sample_of
 from pointit.replay.levels import SERVICES, Level
 from pointit.replay.live import play_live, recorded_outputs
-from pointit.replay.playing import Plan, plan_replay, replay, replay_by_loop_time
+from pointit.replay.playing import ReplayPlan, plan_replay, replay, replay_by_loop_time
 from pointit.runtime.service.logs import setup_logging
 from pointit.schemas import NS_PER_S
 
@@ -54,7 +60,7 @@ MAX_FIELDS = 3
     "level",
     type=click.Choice(list(SERVICES)),
     default="edge",
-    help="part of the recording that is replayed: messages of devices, or also rays and poses, or also cursors",
+    help="what is taken from the recording: what devices wrote, or also rays and poses, or also cursors",
 )
 @click.option(
     "--speed",
@@ -148,7 +154,7 @@ def _print_result(result: "_Result", length_s: float, began_ns: int, *, as_json:
 
 
 async def _play_live(
-    plan: Plan, result: "_Result", speed: float, site: str, connect: tuple[str, ...], *, lights: bool
+    plan: ReplayPlan, result: "_Result", speed: float, site: str, connect: tuple[str, ...], *, lights: bool
 ) -> None:
     async with join_site(site, connect) as bus:
         await play_live(plan, bus, result, speed, lights=lights)
@@ -211,7 +217,7 @@ def _print_counts(counts: Counter[str], length_s: float, *, as_json: bool) -> No
     sys.stdout.flush()
 
 
-def print_report(report: Report, began_ns: int) -> None:
+def print_report(report: ComparisonReport, began_ns: int) -> None:
     """Print the topics as a table, and the first message that differs. `began_ns`: of the recording."""
     rows = tuple(_row(topic, began_ns) for topic in report.topics)
     about = "computed again, against the recorded ones; times of the first that differs since the beginning"
@@ -220,7 +226,7 @@ def print_report(report: Report, began_ns: int) -> None:
         say(line)
 
 
-def lines_of(report: Report, began_ns: int) -> list[str]:
+def lines_of(report: ComparisonReport, began_ns: int) -> list[str]:
     """Return a line for each topic, and the first message that differs."""
     lines = [
         ", ".join(f"{name} {value}" for name, value in _row(topic, began_ns).items() if value)
@@ -229,7 +235,7 @@ def lines_of(report: Report, began_ns: int) -> list[str]:
     return [*lines, *first_lines(report, began_ns)]
 
 
-def first_lines(report: Report, began_ns: int) -> list[str]:
+def first_lines(report: ComparisonReport, began_ns: int) -> list[str]:
     """Return the first message that differs, with its partner, or that there is none."""
     first = report.first
     if first is None:

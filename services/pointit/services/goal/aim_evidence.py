@@ -16,7 +16,7 @@ from pointit.schemas import NS_PER_S
 
 Array = NDArray[np.float64]
 
-NOWHERE_RAD = np.array([1.8, 0.5])
+NO_TARGET_RAD = np.array([1.8, 0.5])
 """1 sigma of the direction of a ray at no robot: about its mean azimuth, and `DOWNWARDS_RAD`."""
 
 DOWNWARDS_RAD = math.radians(-15.0)
@@ -93,9 +93,9 @@ def log_likelihoods(
     """
     ages = blocks.ages_s
     centre = np.array([blocks.angles[:, 0].mean(), DOWNWARDS_RAD])
-    aimless = (blocks.angles - centre).T.ravel()
+    no_target = (blocks.angles - centre).T.ravel()
     noise = _of_both_axes(_correlated(ages, settings))
-    constant = np.kron(np.diag(NOWHERE_RAD**2), np.ones((len(ages), len(ages))))
+    constant = np.kron(np.diag(NO_TARGET_RAD**2), np.ones((len(ages), len(ages))))
     walked = _of_both_axes(np.minimum.outer(ages, ages))
     roams = constant + np.square(settings.walks_rad)[:, None, None] * walked
     logs = list[Array]()
@@ -106,9 +106,9 @@ def log_likelihoods(
             _log_density(miss[late], _part(spread, late), _part(noise, late), settings.scales)
             for miss, spread in zip(missed, spreads, strict=True)
         ]
-        none = _at_none(aimless[late], _part(roams, late), _part(noise, late), settings)
+        none = _at_none(no_target[late], _part(roams, late), _part(noise, late), settings)
         if len(early):
-            before = _at_none(aimless[early], _part(roams, early), _part(noise, early), settings)
+            before = _at_none(no_target[early], _part(roams, early), _part(noise, early), settings)
         else:
             before = 0.0
         logs.append(math.log(odds) + before + np.array([*robots, none]))

@@ -23,10 +23,10 @@ MAX_RAYS = 2048
 MAX_AHEAD_S = 0.5
 """Longest time for which a robot is extrapolated beyond its newest report."""
 
-LEAST_LEVEL = 0.2
+MIN_LEVEL = 0.2
 """Lower bound of the cosine of an elevation: a steeper ray has no usable azimuth."""
 
-LEAST_STEP_S = 1e-3
+MIN_STEP_S = 1e-3
 """Lower bound of the time between two reports: their difference is no velocity if a clock was set."""
 
 MAX_VARIANCE = 1e4
@@ -159,7 +159,7 @@ class RobotIdentifier:
         seen = places - blocks.eyes_m
         level = np.maximum(np.hypot(seen[:, 0], seen[:, 1]), 1e-3)
         reach = np.hypot(level, seen[:, 2])
-        flat = np.maximum(level / reach, LEAST_LEVEL)
+        flat = np.maximum(level / reach, MIN_LEVEL)
         turn = np.arctan2(seen[:, 1], seen[:, 0]) - blocks.angles[:, 0]
         aside = (np.remainder(turn + math.pi, math.tau) - math.pi) * flat
         upwards = np.arctan2(seen[:, 2], level) - blocks.angles[:, 1]
@@ -212,7 +212,7 @@ def _positions(track: _Track, times_ns: NDArray[np.int64]) -> tuple[Array, Array
     wanted_s = np.minimum((times_ns - base_ns) / NS_PER_S, own_s[-1] + MAX_AHEAD_S)
     if len(own_s) < 2:
         return np.repeat(places, len(times_ns), axis=0), np.zeros((len(times_ns), 3))
-    speeds = np.diff(places, axis=0) / np.maximum(np.diff(own_s), LEAST_STEP_S)[:, None]
+    speeds = np.diff(places, axis=0) / np.maximum(np.diff(own_s), MIN_STEP_S)[:, None]
     leg = np.clip(np.searchsorted(own_s, wanted_s) - 1, 0, len(speeds) - 1)
     velocities = np.where((wanted_s < 0.0)[:, None], 0.0, speeds[leg])
     return places[leg] + (wanted_s - own_s[leg])[:, None] * velocities, velocities

@@ -229,8 +229,8 @@ class RobotSteering:
         if self._taken is None:
             return self._output([], now_ns)
         self._taken.checked_ns = now_ns
-        answer = self._taken.tick(now_ns, is_silent=self._taken.name not in self._robots)
-        return self._answered(answer, now_ns)
+        cue = self._taken.tick(now_ns, is_silent=self._taken.name not in self._robots)
+        return self._answered(cue, now_ns)
 
     @property
     def _is_owner(self) -> bool:

@@ -10,7 +10,7 @@ class RecorderConfig(Config):
 
     file: str = Field(
         default="",
-        description="where to write; never over an existing file. If empty, pointit-SITE-TIME.mcap in the "
+        description="output file; an existing one is never overwritten. If empty, pointit-SITE-TIME.mcap in the "
         "current folder",
     )
     without: tuple[str, ...] = Field(

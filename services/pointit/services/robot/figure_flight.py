@@ -59,12 +59,16 @@ class FigureFlight:
         """Update a person's pose: who is found needs no figure."""
         self._poses[user] = pose
 
-    def on_localization(self, user: str, news: Localization) -> None:
+    def on_localization(self, user: str, localization: Localization) -> None:
         """Update whether `user` is localized by this robot."""
-        is_ours = news.phase == "sampling" and news.purpose == "pose" and news.target_id == self._name
+        is_ours = (
+            localization.phase == "sampling"
+            and localization.purpose == "pose"
+            and localization.target_id == self._name
+        )
         self.followers.pop(user, None)
-        if is_ours and not news.ahead:
-            self.followers[user] = news.since_ns
+        if is_ours and not localization.ahead:
+            self.followers[user] = localization.since_ns
 
     def on_gone(self, user: str) -> None:
         """Note that the localizer of `user` has ended."""

@@ -17,7 +17,7 @@ SPARE = 0.8
 """Share of the acceleration that is planned with."""
 LEAD_S = 0.5
 """Time by which a set-point is farther away than the way to stop, so that a robot need not brake for it."""
-LEAST_MPS = 0.02
+MIN_MPS = 0.02
 """Speed at which a robot may always go to a permitted place."""
 TURN_STEP_RAD = math.radians(30.0)
 """Angle between two directions in which a robot that turns is checked."""
@@ -59,7 +59,7 @@ def speed_limit_mps(config: RobotConfig, region: Region, place_m: Vec3, step: Ve
             limit = min(
                 limit, max(_from(config, gap_m, config.max_approach_mps), config.max_approach_mps) / closing
             )
-    return max(limit, LEAST_MPS)
+    return max(limit, MIN_MPS)
 
 
 def path_limit_mps(config: RobotConfig, region: Region, points_m: Sequence[Vec3]) -> float:

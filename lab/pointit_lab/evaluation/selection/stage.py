@@ -22,7 +22,7 @@ from pointit_lab.evaluation.selection.world import START_NS, ObjectMotion, Trial
 LAB_LENGTH_M = 0.5
 """Length of a package."""
 
-LAB_LEAST_M = 0.9
+LAB_MIN_M = 0.9
 """Minimum distance of packages, centre to centre."""
 
 LAB_LIMIT_S = 60.0
@@ -109,7 +109,7 @@ def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     ring = tuple(BeltLink(source=a, target=b) for a, b in zip(ids, [*ids[1:], ids[0]], strict=True))
     environment = environment.model_copy(update={"links": ring})  # people know that packages come back
     pitch_m = RING_M / condition.packages
-    loose_m = (pitch_m - LAB_LEAST_M) / 2.0
+    loose_m = (pitch_m - LAB_MIN_M) / 2.0
     positions_m = (np.arange(condition.packages) + 0.5) * pitch_m
     positions_m = positions_m + rng.uniform(-loose_m, loose_m, condition.packages)
     return TrialSetup(

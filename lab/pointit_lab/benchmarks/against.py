@@ -42,9 +42,9 @@ def _cost(part: str, share: str, kind: str) -> Callable[[dict[str, Any]], float]
 def _of_cpu(what: str, part: str, version: str) -> dict[str, Callable[[dict[str, Any]], float]]:
     """Return the figures of CPU in the columns of `version` of a part."""
     return {
-        **{f"{what}, {n} people, µs a sample": _cpu_us(part, f"{whose}_us_per_sample", n) for n in PEOPLE},
-        f"{what}, fit, µs a sample": _cost(part, f"{whose}_share_of_a_core", "sample"),
-        f"{what}, fit, fixed, % of a core": _cost(part, f"{whose}_share_of_a_core", "fixed"),
+        **{f"{what}, {n} people, µs a sample": _cpu_us(part, f"{version}_us_per_sample", n) for n in PEOPLE},
+        f"{what}, fit, µs a sample": _cost(part, f"{version}_share_of_a_core", "sample"),
+        f"{what}, fit, fixed, % of a core": _cost(part, f"{version}_share_of_a_core", "fixed"),
     }
 
 

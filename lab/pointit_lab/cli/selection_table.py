@@ -45,7 +45,7 @@ def print_selection(
         screen.print(Text(DIFFERENCE_NOTES))
     screen.print(
         Text(
-            f"Simulated: {pace.simulated_s:.0f} s, {pace.times_real:.0f} times faster than real time on "
+            f"Simulated: {speed.simulated_s:.0f} s, {speed.times_real:.0f} times faster than real time on "
             "one core.",
             style="dim",
         )

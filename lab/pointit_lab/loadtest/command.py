@@ -44,7 +44,7 @@ class LoadCounts(click.ParamType[tuple[int, ...]]):
         numbers: list[int] = []
         for each in str(value).split(","):
             if not each.strip().isdecimal() or not 1 <= int(each) <= self._max_count:
-                self.fail(f"{each!r} is not a whole number from 1 to {self._most}", param, ctx)
+                self.fail(f"{each!r} is not a whole number from 1 to {self._max_count}", param, ctx)
             numbers.append(int(each))
         return tuple(numbers)
 

@@ -55,7 +55,7 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
     ):
         if site_folder.lacking:
             tell(
-                f"  hosts are processes on loopback, and their links are not measured ({made.lacking}); run "
+                f"  hosts are processes on loopback, and their links are not measured ({site_folder.lacking}); run "
                 "as root, or by `unshare --map-root-user --net pointit load …`"
             )
         site: SiteFolder | None = None

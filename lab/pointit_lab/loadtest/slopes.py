@@ -100,7 +100,7 @@ class PartSlopes:
         if carried is not None:
             value, *ends = carried
             lower, upper = ("?" if end is None else f"{end:.0f}" for end in ends)
-            shown = f"{value:.0f} [{least}, {most}]"
+            shown = f"{value:.0f} [{lower}, {upper}]"
         kinds = {"cpu_percent": self.cpu_percent, "memory_mb": self.memory_mb}
         columns = {
             f"{kind}_{name}": str(found[name]) if name in found else None

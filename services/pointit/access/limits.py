@@ -101,11 +101,11 @@ class ConnectionLimits:
                 newest = own[self._max_connections :]
                 closed_connections += newest
                 messages[name] = (
-                    f"{name} has {len(own)} connections, at most {self._most} are let in "
+                    f"{name} has {len(own)} connections, at most {self._max_connections} are let in "
                     f"(--most-connections), the newest are cut: what opens so many? If its certificate is in "
                     f"other hands: `pointit site renew {_short(name)}`"
                     if all(each.can_be_cut for each in newest)
-                    else f"{name} has {len(own)} connections, more than {self._most} "
+                    else f"{name} has {len(own)} connections, more than {self._max_connections} "
                     f"(--most-connections), and {_stays(name)}"
                 )
         return [each for each in closed_connections if each.can_be_cut], messages

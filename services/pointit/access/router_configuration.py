@@ -86,17 +86,17 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
     for router_site in sites:
         slowed += _slowed(router_site)
         listen += _listeners(router_site, addresses)
-        connect += [f"{address}#{_client(routed)}" for address in router_site.uplinks]
+        connect += [f"{address}#{_client(router_site)}" for address in router_site.uplinks]
         who = "usernames" if router_site.password else "cert_common_names"
         for member in router_site.members:
             own = rules_of(router_site.site, member.name, rights_of(member.role, member.name))
             rules += own
-            subject = f"{routed.site}/{member.name}"
+            subject = f"{router_site.site}/{member.name}"
             subjects.append({"id": subject, who: [member.common_name]})
             named = f"{subject}/{member.role}"
             policies.append({"id": named, "rules": [rule["id"] for rule in own], "subjects": [subject]})
         if router_site.former:
-            nothing, former = f"{routed.site}/nothing", f"{routed.site}/former ones"
+            nothing, former = f"{router_site.site}/nothing", f"{router_site.site}/former ones"
             rules.append(_nothing(router_site.site, nothing))
             subjects.append({"id": former, who: list(router_site.former)})
             policies.append({"rules": [nothing], "subjects": [former]})
@@ -140,7 +140,7 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
     made["downsampling"] = [{**each, "messages": ["put"]} for each in slower if each["rules"]]
     if any(router_site.password for router_site in sites):
         (router_site,) = sites
-        made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{routed.folder}users.txt"}}
+        made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{router_site.folder}users.txt"}}
         made["transport"]["unicast"] |= {
             "accept_timeout": ACCEPT_MS,
             "accept_pending": MAX_UNKNOWN_CONNECTIONS,
@@ -161,22 +161,22 @@ def _check(sites: Sequence[RouterSite]) -> None:
     names: set[str] = set()
     for router_site in sites:
         if router_site.site in names:
-            raise ConfigError(f"site {routed.site} is given twice; sites of one router need different names")
+            raise ConfigError(f"site {router_site.site} is given twice; sites of one router need different names")
         names.add(router_site.site)
         other = ports.setdefault(router_site.port, router_site.site)
         if other != router_site.site:
             raise ConfigError(
-                f"sites {other} and {routed.site} both have port {routed.port}; on one router each "
+                f"sites {other} and {router_site.site} both have port {router_site.port}; on one router each "
                 "has a certificate and so a port of its own: make one of them with --port"
             )
         if router_site.password and router_site.uplinks:
             raise ConfigError(
-                f"site {routed.site} goes by passwords, with which its router joins no other; make it with "
+                f"site {router_site.site} goes by passwords, with which its router joins no other; make it with "
                 "certificates"
             )
         if router_site.password and len(sites) > 1:
             raise ConfigError(
-                f"site {routed.site} goes by passwords, of which a router knows one site's only; give it a "
+                f"site {router_site.site} goes by passwords, of which a router knows one site's only; give it a "
                 "router of its own, or make it with certificates"
             )
 
@@ -188,7 +188,7 @@ def _listeners(router_site: RouterSite, addresses: Sequence[str]) -> list[str]:
         server += f";root_ca_certificate_file={files}ca.pem;enable_mtls=true"
     links = (("tls", ""), ("quic", ONE_STREAM)) if router_site.dashboard_rate_hz else (("tls", ""),)
     hosts = [f"[{each}]" if ":" in each and not each.startswith("[") else each for each in addresses]
-    return [f"{kind}/{host}:{routed.port}{metadata}#{server}" for kind, metadata in links for host in hosts]
+    return [f"{kind}/{host}:{router_site.port}{metadata}#{server}" for kind, metadata in links for host in hosts]
 
 
 def _client(router_site: RouterSite) -> str:

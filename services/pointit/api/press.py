@@ -25,7 +25,7 @@ def add_or_similar(user: str, there: Collection[str]) -> str:
     """Return a clause that says how to add `user`, and asks for a similar name among those that are there."""
     add = f"add them with `pointit person add {user}`"
     similar = did_you_mean(user, there)
-    return f"{meant[:-1]}, or {add}?" if similar else add
+    return f"{similar[:-1]}, or {add}?" if similar else add
 
 
 async def press(
@@ -91,7 +91,7 @@ class _Person:
         if self.supervisor in self._present:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
         there = f"there is {', '.join(people)}" if people else "there are no other people either"
-        return f"{there}; {add_or_meant(self._user, people)}"
+        return f"{there}; {add_or_similar(self._user, people)}"
 
     def _on_presence(self, instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if here else self._present.discard)(instance)

@@ -28,7 +28,7 @@ ROUNDED_M = 1e-3
 def broken_things(file: MapFile) -> Iterator[tuple[str, str]]:
     """Yield the things whose light or belt does not exist: place in the file, and problem with remedy."""
     if len(file.things) > MAX_THINGS:
-        yield "things", f"there are {len(file.things)}, limit {MOST}; split the room into several sites"
+        yield "things", f"there are {len(file.things)}, limit {MAX_THINGS}; split the room into several sites"
     strips = {name: strip.line for name, strip in file.strips.items()}
     belts = {name: belt.centerline for name, belt in file.belts.items()}
     for name, entry in file.things.items():

@@ -228,7 +228,7 @@ class Study(Config):
         levels = [level for factor in self.factors.values() for level in factor.levels]
         cells = math.prod(len(factor.levels) for factor in self.factors.values())
         if cells > MAX_CELLS:
-            raise described_error(f"the factors have {cells} combinations of levels; {MOST_CELLS} at most")
+            raise described_error(f"the factors have {cells} combinations of levels; {MAX_CELLS} at most")
         for name in self.factors:
             if not NAME.fullmatch(name) or name in FIXED:
                 raise described_error(
@@ -248,7 +248,7 @@ class Study(Config):
             raise described_error(
                 f"{len(self.people)} participants cannot balance {blocks} conditions in order {self.order}"
                 + (f" and {len(self.cells('between'))} groups" if self.factors_of("between") else "")
-                + f"; use a multiple of {needed}, such as {least}"
+                + f"; use a multiple of {needed}, such as {min_people}"
                 + (", or order: blocked_random" if blocks > 1 and self.order != "blocked_random" else "")
             )
         return self

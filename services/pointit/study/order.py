@@ -46,5 +46,5 @@ def imbalance(orders: Sequence[Sequence[str]], order: Order) -> str:
     if order == "williams" and len({followers[pair] for pair in pairs}) > 1:
         one, other = min(pairs, key=followers.__getitem__)
         max_followers = max(followers.values())
-        return f"{other} follows {one} {followers[one, other]} times, other pairs {most} times"
+        return f"{other} follows {one} {followers[one, other]} times, other pairs {max_followers} times"
     return ""

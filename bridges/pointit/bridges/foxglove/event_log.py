@@ -129,20 +129,20 @@ class EventLog:
         if phase == before or (before is None and message.phase == "idle"):
             return
         level = LogLevel.Warning if message.phase == "refused" else LogLevel.Info
-        target = f" {told.target_id}" if message.target_id else ""
-        yield level, f"localization {told.phase}{target}" + (f": {told.reason}" if message.reason else "")
+        target = f" {message.target_id}" if message.target_id else ""
+        yield level, f"localization {message.phase}{target}" + (f": {message.reason}" if message.reason else "")
 
     def _interaction(self, message: Interaction, user: str) -> Iterator[tuple[LogLevel, str]]:
         if self._states.get(user) == message.state:
             return
         self._states[user] = message.state
-        yield LogLevel.Info, f"is {told.state}" + (f": {told.reason}" if message.reason else "")
+        yield LogLevel.Info, f"is {message.state}" + (f": {message.reason}" if message.reason else "")
 
     def _robot(self, message: RobotState, name: str) -> Iterator[tuple[LogLevel, str]]:
         now = (message.user, _NUMBER.sub("#", message.reason))
         user, reason = self._robots.get(name, ("", ""))
         self._robots[name] = now
         if message.user != user:
-            yield LogLevel.Info, f"{told.user or 'nobody'} steers it"
+            yield LogLevel.Info, f"{message.user or 'nobody'} steers it"
         if now[1] and now[1] != reason:
-            yield LogLevel.Warning, f"{told.phase.replace('_', ' ')}: {told.reason}"
+            yield LogLevel.Warning, f"{message.phase.replace('_', ' ')}: {message.reason}"

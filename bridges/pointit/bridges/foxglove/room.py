@@ -50,7 +50,7 @@ class Lines:
         try:
             return Polyline(line.line_m)
         except ValueError as error:
-            self.problems.append(f"{what} {thing.id!r} cannot be drawn ({error}); correct the map")
+            self.problems.append(f"{what} {line.id!r} cannot be drawn ({error}); correct the map")
             return None
 
 

@@ -41,7 +41,7 @@ def read_trials(recordings: Path, names: Sequence[str] = (), subjects: Sequence[
     unknown_subjects = [subject for subject in subjects if subject not in known]
     if unknown_subjects:
         raise ConfigError(
-            f"{recordings}: has no subject {strangers[0]!r}; there are {', '.join(known) or 'none'}"
+            f"{recordings}: has no subject {unknown_subjects[0]!r}; there are {', '.join(known) or 'none'}"
         )
     if subjects:
         reading.trials = [trial for trial in reading.trials if trial.subject in subjects]

@@ -80,7 +80,7 @@ def check_reach(
         i = int(far[0])
         line = f", line {lines[i]}" if lines is not None else ""
         raise ConfigError(
-            f"{path}{line}: {what} are {away_m[i]:g} m apart and at most {FARTHEST_M:g} m were expected; are "
+            f"{path}{line}: {quantity} are {away_m[i]:g} m apart and at most {FARTHEST_M:g} m were expected; are "
             "they in metres, in one frame?"
         )
 

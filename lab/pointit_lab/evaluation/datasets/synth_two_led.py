@@ -152,7 +152,7 @@ def _check_values(path: Path, data: Mapping[str, Array], names: Sequence[str]) -
         wrong = (values < least) | (values > max_bytes) | (counts & (values != np.floor(values)))
         if np.any(wrong):
             raise ConfigError(
-                f"{path}, array {name!r}: numbers from {least:.4g} to {most:.4g} {unit} were expected, "
+                f"{path}, array {name!r}: numbers from {least:.4g} to {max_bytes:.4g} {unit} were expected, "
                 f"got {values[wrong][0]:g}"
             )
     check_times(path, data["t_s"], "array 't_s'")
@@ -178,7 +178,7 @@ def read_arrays(path: Path, kinds: Mapping[str, Kind]) -> dict[str, NDArray[Any]
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds on damaged bytes
         raise ConfigError(
-            f"{path}: not a readable file of arrays ({_told(error)}); save it with numpy.savez"
+            f"{path}: not a readable file of arrays ({_error_text(error)}); save it with numpy.savez"
         ) from error
 
 
@@ -196,7 +196,7 @@ def _arrays(path: Path, file: zipfile.ZipFile, kinds: Mapping[str, Kind]) -> dic
             raise
         except Exception as error:  # as above
             raise ConfigError(
-                f"{path}, array {name!r}: is damaged ({_told(error)}); save the file again"
+                f"{path}, array {name!r}: is damaged ({_error_text(error)}); save the file again"
             ) from error
         left -= arrays[name].size
     return arrays

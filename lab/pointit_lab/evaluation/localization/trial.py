@@ -128,7 +128,7 @@ class TrialReading:
 
     def skip(self, path: Path, reason: str) -> None:
         """Note that `path` was skipped."""
-        self.notes.append(f"{path} is skipped: {why}")
+        self.notes.append(f"{path} is skipped: {reason}")
 
     def follow(self, path: Path, following: FollowRecording) -> None:
         """Add the trials of `following`, read from `path`, or a note if there are none."""

@@ -136,7 +136,7 @@ def number_of(folder: Path, entry: Entry, key: str, bounds: tuple[float, float],
     # compared before it is converted: an integer may be beyond any float
     if isinstance(value, bool) or not isinstance(value, int | float) or not lower <= value <= upper:
         raise ConfigError(
-            f"{_where(folder, entry, key)}: a number from {least:g} to {most:g} {unit} was expected, "
+            f"{_where(folder, entry, key)}: a number from {lower:g} to {upper:g} {unit} was expected, "
             f"got {truncate(value)}"
         )
     return float(value)

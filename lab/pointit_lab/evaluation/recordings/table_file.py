@@ -68,7 +68,7 @@ class Table:
 
     def refuse(self, row: int, quantity: str) -> ConfigError:
         """Return the error for `row`; `quantity` names column, value and remedy."""
-        return ConfigError(f"{self.path}, line {self.lines[row]}, {what}")
+        return ConfigError(f"{self.path}, line {self.lines[row]}, {quantity}")
 
 
 def is_file(path: Path) -> bool:
@@ -83,7 +83,7 @@ def is_file(path: Path) -> bool:
         return False
     except (OSError, ValueError) as error:
         quantity = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f"{shown_path(path)}: cannot be accessed ({what}); give it another name") from error
+        raise ConfigError(f"{shown_path(path)}: cannot be accessed ({quantity}); give it another name") from error
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise ConfigError(f"{path}: a file was expected, and this is {kind}; put the recording there")
@@ -101,7 +101,7 @@ def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
     size = path.stat().st_size
     if size > max_bytes:
         raise ConfigError(
-            f"{path}: has {size / 1e6:.0f} MB, limit {most_bytes / 1e6:.0f} MB; cut it into pieces"
+            f"{path}: has {size / 1e6:.0f} MB, limit {max_bytes / 1e6:.0f} MB; cut it into pieces"
         )
 
 

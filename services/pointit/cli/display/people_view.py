@@ -171,12 +171,12 @@ def _progress(localization: Localization) -> list[str | tuple[str, str]]:
     """Return the target, the samples so far and the current uncertainty."""
     parts: list[str] = []
     if localization.target_count > 1:
-        parts.append(f"{news.target_index + 1} of {news.target_count}")
-    parts.append(f"{news.samples} samples")
+        parts.append(f"{localization.target_index + 1} of {localization.target_count}")
+    parts.append(f"{localization.samples} samples")
     if localization.position_sigma_m is not None:
-        parts.append(f"±{news.position_sigma_m:.2f} m")
+        parts.append(f"±{localization.position_sigma_m:.2f} m")
     if localization.yaw_sigma_rad is not None:
-        parts.append(f"±{math.degrees(news.yaw_sigma_rad):.1f}°")
+        parts.append(f"±{math.degrees(localization.yaw_sigma_rad):.1f}°")
     if len(localization.candidates) > 1:
         named = ", ".join(
             f"{candidate.object_id} {candidate.probability:.0%}"
@@ -184,7 +184,7 @@ def _progress(localization: Localization) -> list[str | tuple[str, str]]:
         )
         parts.append(f"meant: {named}")
     purpose = "setting the pose right, " if localization.purpose == "anchor" else ""
-    target: tuple[str, str] = (f"● {news.target_id} " if localization.target_id else "", "bold yellow")
+    target: tuple[str, str] = (f"● {localization.target_id} " if localization.target_id else "", "bold yellow")
     return [purpose, target, " · ".join(parts)]
 
 

@@ -50,7 +50,7 @@ def on_screen(
     def drawn() -> RenderableType:
         return ConsoleView(
             scenario.monitor,
-            f"PointIt {stage.plan.name}",
+            f"PointIt {scenario.plan.name}",
             left_s,
             _first_person(scenario) if has_keyboard() else "",
             page=scenario.address,

@@ -135,7 +135,7 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
     try:
         query: Query = validate(request.query, layers.values, strict=False)
     except ValidationError as error:
-        raise UnknownNameError(f"{request.key}: {_complaint(request, error)}") from error
+        raise UnknownNameError(f"{request.key}: {_error_message(request, error)}") from error
     return query
 
 
@@ -188,5 +188,5 @@ def _error_message(request: AnyRequest, error: ValidationError) -> str:
     for parameter in iter_parameters(request.query):
         if first["type"] == "missing" and first["loc"] == parameter.path:
             field = parameter.path[-1]
-            return f"{field} is missing: write {field}=VALUE, {leaf.type_name}"
+            return f"{field} is missing: write {field}=VALUE, {parameter.type_name}"
     return summarize_validation_error(error)

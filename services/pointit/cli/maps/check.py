@@ -84,7 +84,7 @@ def print_findings(name: str, has: str, findings: Sequence[MapFinding], *, err: 
     for each in findings[:MAX_PRINTED]:
         click.echo(
             f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} "
-            f"{_tame(f'{each.where}: {each.text}')}",
+            f"{_escape_control_characters(f'{each.where}: {each.text}')}",
             err=err,
         )
     if len(findings) > MAX_PRINTED:

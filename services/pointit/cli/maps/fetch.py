@@ -53,8 +53,8 @@ def _options() -> list[click.Parameter]:
     return [
         click.Option(
             [_parameter(parameter), parameter.option],
-            metavar=f"<{leaf.type_name}>",
-            help=f"{leaf.field.description}  [default: {MODE if leaf.path[-1] == 'mode' else leaf.default}]",
+            metavar=f"<{parameter.type_name}>",
+            help=f"{parameter.field.description}  [default: {MODE if parameter.path[-1] == 'mode' else parameter.default}]",
         )
         for parameter in _leaves()
     ]

@@ -56,7 +56,7 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
     "kind",
     type=click.Choice(list(CORNERS)),
     default="lamp",
-    help="what the names are; of boxes, screens and tables the corners are pointed at",
+    help="kind of the named things; of boxes, screens and tables the corners are pointed at",
 )
 @click.option(
     "-o",
@@ -212,7 +212,7 @@ class PointingSession:
             for target, words in targets.items():
                 rays = await self.hold(words)
                 latest = self._latest_pose.value or pose
-                pointings.append(pointing_of(target, self.user, f"place {len(stood)}", rays, latest))
+                pointings.append(pointing_of(target, self.user, f"place {len(poses)}", rays, latest))
             found = locate(pointings)
             open_ones = {target for target, each in found.items() if each.reason}
             for target, each in found.items():

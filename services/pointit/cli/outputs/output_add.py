@@ -73,7 +73,7 @@ def command(output: str, *, strips: tuple[str, ...], as_json: bool, **at: Unpack
     config = _config(output, strips)
     frames = ", ".join(f"strip {strip}" for strip in strips) or "all strips"
     return run_until_shutdown(
-        _show(config, PrintedWarnings(f"{output} shows {shown}", as_json=as_json), **at)
+        _show(config, PrintedWarnings(f"{output} shows {frames}", as_json=as_json), **at)
     )
 
 

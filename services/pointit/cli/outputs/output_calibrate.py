@@ -125,9 +125,9 @@ def report(config: SpotlightConfig, pose: FittedPose) -> list[str]:
     lines = [
         f"# the beam meets the places to {error_deg:.2f}° on average",
         f"position_m: [{x:.3f}, {y:.3f}, {z:.3f}]",
-        f"yaw_deg: {fit.yaw_deg:.2f}",
-        f"pitch_deg: {fit.pitch_deg:.2f}",
-        f"roll_deg: {fit.roll_deg:.2f}",
+        f"yaw_deg: {pose.yaw_deg:.2f}",
+        f"pitch_deg: {pose.pitch_deg:.2f}",
+        f"roll_deg: {pose.roll_deg:.2f}",
     ]
     if pose.is_mirrored:
         lines.append(f"invert_pan: {'false' if config.invert_pan else 'true'}")

@@ -133,9 +133,9 @@ class AnchorRequester:
                     break
                 if localization.ahead:
                     wait_in_turn()
-                    tell(f"wait: {news.ahead[0]} points at the lamps{_more(news.ahead[1:])}")
+                    tell(f"wait: {localization.ahead[0]} points at the lamps{_more(localization.ahead[1:])}")
                 else:
-                    tell(f"point at {news.target_id or 'the lamp that is lit'} and stay on it")
+                    tell(f"point at {localization.target_id or 'the lamp that is lit'} and stay on it")
             await self._change()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LATE_S):

@@ -128,7 +128,7 @@ async def _measure(
     say(f"{user}: {reply.message}{site_link.default_address_note(**at)}")
     if abs(fitted.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
-            f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: correct "
+            f"{user}: with it the direction turns by {math.degrees(fitted.heading_change_rad):.0f}°: correct "
             f"the pose with `pointit person anchor {user}` or `pointit person pose {user} --facing DEG`"
         )
     return 0
@@ -148,10 +148,10 @@ async def measure(bus: Bus, user: str, guidance: GuidanceOptions) -> mounting.Fi
         text = f"{user}: {what}"
         if guidance.waits:
             await wait_for_enter(
-                f"{text}, then press Enter and rest for {way.rest_s:g} s", "--non-interactive"
+                f"{text}, then press Enter and rest for {guidance.rest_s:g} s", "--non-interactive"
             )
         else:
-            click.echo(f"{text}, and rest for {way.rest_s:g} s", err=True)
+            click.echo(f"{text}, and rest for {guidance.rest_s:g} s", err=True)
         # without Enter, the next pose must be far from the previous one
         last = holds[-1].mean_xyzw if holds and not guidance.waits else None
         with changing_line() as show:
@@ -208,12 +208,12 @@ class _Wrist:
                         return hold
                     moved_deg = math.degrees(rest_poses.moved_rad)
                     show(
-                        f"{self._user}: at rest for {stillness.rested_s:.1f} of {way.rest_s:g} s, "
+                        f"{self._user}: at rest for {rest_poses.rested_s:.1f} of {guidance.rest_s:g} s, "
                         f"moves by {moved_deg:.1f}°"
                     )
         except TimeoutError:
             raise NoAnswerError(
-                f"the arm of {self._user} did not rest {name} within {way.timeout_s:g} s; try again, or wait "
+                f"the arm of {self._user} did not rest {name} within {guidance.timeout_s:g} s; try again, or wait "
                 "longer with --timeout"
             ) from None
 
@@ -233,13 +233,13 @@ def format_result(fitted: mounting.FittedMounting) -> list[str]:
     about_deg, off_deg = math.degrees(fitted.about_arm_rad), math.degrees(fitted.off_axis_rad)
     guidance = "clockwise" if about_deg > 0 else "counter-clockwise"
     mounting_text = (
-        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({way}, seen from the elbow), and "
+        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({guidance}, seen from the elbow), and "
         f"the assumed axis of the arm is {off_deg:.0f}° off"
     )
     errors = (
-        f"elevation of the level arm: {_deg(found.forward_before_rad)} before, "
-        f"{_deg(found.forward_after_rad)} with this mounting; of the raised arm, less 90°: "
-        f"{_deg(found.up_before_rad)} before, {_deg(found.up_after_rad)} with it"
+        f"elevation of the level arm: {_deg(fitted.forward_before_rad)} before, "
+        f"{_deg(fitted.forward_after_rad)} with this mounting; of the raised arm, less 90°: "
+        f"{_deg(fitted.up_before_rad)} before, {_deg(fitted.up_after_rad)} with it"
     )
     return [mounting_text, errors]
 

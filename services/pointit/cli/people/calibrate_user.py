@@ -155,7 +155,7 @@ async def _measure(
         if options.keeps:
             _show(user, rows)
         click.echo(f"{user}: {offset_report.describe(fitted.offset)}")
-        say(f"{user}: {said}")
+        say(f"{user}: {note}")
     return 0
 
 

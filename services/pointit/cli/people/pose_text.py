@@ -111,7 +111,7 @@ def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
     if user in there:
         return silence_reason(topic, user, present)
     who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are no people"
-    return f"no {user} is on this site, {who}; {add_or_meant(user, there)}"
+    return f"no {user} is on this site, {who}; {add_or_similar(user, there)}"
 
 
 def localizing(user: str, localization: Localization | None) -> str:
@@ -119,10 +119,10 @@ def localizing(user: str, localization: Localization | None) -> str:
     if localization is None or localization.phase != "sampling":
         return ""
     if localization.ahead:
-        return f"{user} waits for the lamps, which {news.ahead[0]} points at; wait until it is their turn"
+        return f"{user} waits for the lamps, which {localization.ahead[0]} points at; wait until it is their turn"
     if localization.purpose == "anchor":
-        return f"{user} is pointing at {news.target_id or 'a lamp'} to correct the pose; wait"
-    lamp = f", lamp {news.target_index + 1} of {news.target_count}" if localization.target_count > 1 else ""
+        return f"{user} is pointing at {localization.target_id or 'a lamp'} to correct the pose; wait"
+    lamp = f", lamp {localization.target_index + 1} of {localization.target_count}" if localization.target_count > 1 else ""
     return f"{user} is being localized{lamp}; wait until that is done"
 
 

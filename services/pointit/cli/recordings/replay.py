@@ -60,7 +60,7 @@ MAX_FIELDS = 3
     "level",
     type=click.Choice(list(SERVICES)),
     default="edge",
-    help="what is taken from the recording: what devices wrote, or also rays and poses, or also cursors",
+    help="part of the recording that is replayed: messages of devices, or also rays and poses, or also cursors",
 )
 @click.option(
     "--speed",

@@ -299,7 +299,7 @@ async def _refuse_shards(site: SiteFolder, names: Collection[str]) -> None:
 def _count(text: str) -> int:
     count = int(text)
     if count > MAX_GUESTS:
-        raise ConfigError(f"--users {count}: at most {MOST} can be made at once")
+        raise ConfigError(f"--users {count}: at most {MAX_GUESTS} can be made at once")
     return count
 
 

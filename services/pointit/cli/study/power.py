@@ -97,7 +97,7 @@ def command(
             click.echo(f"{goal:.0%} of studies: not with {most} participants{group}; try --most")
         else:
             between = f"{low} to {high if high is not None else f'more than {most}'}"
-            click.echo(f"{goal:.0%} of studies: {least} participants{group} ({between})")
+            click.echo(f"{goal:.0%} of studies: {needed} participants{group} ({between})")
 
 
 def _simulate(file: Path, folder: Path, on_progress: ProgressCallback) -> None:

@@ -150,7 +150,7 @@ async def _nothing() -> AsyncIterator[Speech]:
 def _tell(understood: Understood) -> None:
     about = ", ".join(f"{one.name or one.kind} {one.probability:.0%}" for one in understood.referents)
     sentence = ": ".join(filter(None, (understood.result, understood.message)))
-    say(f'"{understood.text}": {said}{f" ({about})" if about else ""}')
+    say(f'"{understood.text}": {sentence}{f" ({about})" if about else ""}')
 
 
 async def _recognise(

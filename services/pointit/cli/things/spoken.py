@@ -48,7 +48,7 @@ def _starts(
     """Return the reaction that starts the program of a thing; it raises RefusedError if the program fails."""
 
     async def do(context: VerbContext, verb: str, one: Referent) -> str:
-        what = f"{verb} {at.room.label(one)}"
+        what = f"{verb} {context.room.label(one)}"
         if (target := targets[one.name]) is None:
             return what
         values = {

@@ -197,4 +197,4 @@ def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
 
 def page_unavailable_error(reason: str) -> ConfigError:
     """Return the error for an option that needs an unavailable page."""
-    return ConfigError(f"{why}: {REMEDY}")
+    return ConfigError(f"{reason}: {REMEDY}")

@@ -178,7 +178,7 @@ class ScenarioRequests:
 async def _plan(query: RunScenario, plan: Plan) -> Plan:
     if plan.another is None:
         raise ConfigError(
-            f"{now.name} runs without people of its own (--site-only): it cannot change the scenario"
+            f"{plan.name} runs without people of its own (--site-only): it cannot change the scenario"
         )
     return await asyncio.to_thread(plan.another, query, plan)
 

@@ -79,7 +79,7 @@ def _twice(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
     for index, link in links:
         link_text = repr(link)
         if link_text in seen:
-            yield warning(f"links.{index}", f"is the same as links.{seen[said]}; remove one of them")
+            yield warning(f"links.{index}", f"is the same as links.{seen[link_text]}; remove one of them")
         seen.setdefault(link_text, index)
 
 

@@ -29,7 +29,7 @@ def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str,
             "one with this name, or address, as its subject alternative name"
         )
     if code in UNKNOWN_AUTHORITY:
-        return f"the certificate of {server} is not trusted ({reason}): {trust}"
+        return f"the certificate of {server} is not trusted ({reason}): {authority_hint}"
     return f"the certificate of {server} cannot be used ({reason}): issue another one there"
 
 

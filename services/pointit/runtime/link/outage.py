@@ -36,12 +36,12 @@ def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterabl
     is_majority = len(gone) >= MANY and 2 * len(gone) > len(known)
     if lost := next(filter(None, map(LOST.search, warnings)), None):
         sentence = f"the router at {lost['where']} does not answer: "
-        sentence += f"{most} out of reach" if is_majority else "nothing arrives from other machines"
+        sentence += f"{majority} out of reach" if is_majority else "nothing arrives from other machines"
         return Outage(sentence, AGAIN)
     if not is_majority:
         return None
     return Outage(
-        f"{most} gone together: what started them has ended, is stopped, or is cut off from the router",
+        f"{majority} gone together: what started them has ended, is stopped, or is cut off from the router",
         "look there: continue it (`kill -CONT PID`), or start it again; the log of what started them has the "
         "command",
     )

@@ -84,7 +84,7 @@ def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
         if has_ended.wait(timeout_s - END_TIMEOUT_S):
             return
         names = ", ".join(sorted(task.get_name() for task in asyncio.all_tasks(loop)))
-        sys.stderr.write(f"Error: did not end within {patience_s:.1f} s: {names}\n")
+        sys.stderr.write(f"Error: did not end within {timeout_s:.1f} s: {names}\n")
         sys.stderr.flush()
         os._exit(EXIT_FAILED)
 

@@ -229,7 +229,7 @@ def _unknown_identity_error(credentials: Credentials) -> str:
 def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
     named = ", ".join(keys[:MAX_KEYS])
     if len(keys) > MAX_KEYS:
-        named += f" and {len(keys) - MOST_KEYS} more"
+        named += f" and {len(keys) - MAX_KEYS} more"
     person = _person(keys[0])
     if person and person != credentials.link.name:
         remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"

@@ -218,7 +218,7 @@ class LedDriver(Service[LedDriverConfig]):
         self.bus.set_metric("brightness", self._lights.brightness)
         self._schedule_frame()
         purpose = f"brightness of {', '.join(query.strips)}" if query.strips else "strips' brightness"
-        return Done(message=f"the {whose} is {query.brightness:.0%} now")
+        return Done(message=f"the {purpose} is {query.brightness:.0%} now")
 
     async def _set_lamp(self, query: SetLamp, lamp_id: str) -> Done:
         try:

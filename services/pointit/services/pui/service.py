@@ -218,8 +218,8 @@ class Pui(Service[PuiConfig]):
             return
         self._duplicate_finder.on_objects(tracker, objects)
         duplicates = self._duplicate_finder.twins
-        more = f" ({len(twins) - 1} more: `pointit track`)" if len(duplicates) > 1 else ""
-        self.bus.warn("objects of two trackers", f"{twins[0].sentence}{more}" if duplicates else "")
+        more = f" ({len(duplicates) - 1} more: `pointit track`)" if len(duplicates) > 1 else ""
+        self.bus.warn("objects of two trackers", f"{duplicates[0].sentence}{more}" if duplicates else "")
 
     async def _on_workspace(self, query: SetWorkspace, user: str) -> Done:
         person = self._persons.get(user)

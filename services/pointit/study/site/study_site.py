@@ -169,7 +169,7 @@ class StudySite:
         while (place_m := self.position(target)) is None:
             if self.site.now_ns() > end_ns:
                 raise PointItError(
-                    f"package {target} does not appear within {PATIENCE_S:g} s; see `pointit doctor`"
+                    f"package {target} does not appear within {TIMEOUT_S:g} s; see `pointit doctor`"
                 )
             await self.site.sleep(SHOW_S / 2)
         self._scene = scene

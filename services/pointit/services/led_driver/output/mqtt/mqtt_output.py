@@ -206,7 +206,7 @@ class MqttLamps:
             "set `availability` to the topic that tells if the lamp is online, and `payload_available` and "
             "`payload_not_available` to its words for online and offline"
         )
-        self._health.warn("availability", f"{told}: {remedy}" if reported else "")
+        self._health.warn("availability", f"{reported}: {remedy}" if reported else "")
         who = ", ".join(offline)
         self._health.warn(
             "lamps", f"offline: {who}; switch them on at the wall, or look into their bridge" if who else ""

@@ -50,21 +50,21 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
     machines = tree(load.hosts, load.routers, load.fan)
     with (
         tempfile.TemporaryDirectory(prefix="pointit-load-routers-") as folder,
-        network(machines, "tls" if load.secured else "tcp") as site_folder,
+        network(machines, "tls" if load.secured else "tcp") as host_network,
         contextlib.ExitStack() as stack,
     ):
-        if site_folder.lacking:
+        if host_network.lacking:
             tell(
-                f"  hosts are processes on loopback, and their links are not measured ({site_folder.lacking}); run "
+                f"  hosts are processes on loopback, and their links are not measured ({host_network.lacking}); run "
                 "as root, or by `unshare --map-root-user --net pointit load …`"
             )
         site: SiteFolder | None = None
         if load.secured:
-            site, credentials = secured_site(Path(folder) / "site", load.site, PORT, site_folder.addresses())
+            site, credentials = secured_site(Path(folder) / "site", load.site, PORT, host_network.addresses())
             stack.enter_context(_given(credentials))
         people = host_groups(load, count, machines)
         async with start_hosts_test(
-            site_folder,
+            host_network,
             people,
             site=load.site,
             program=load.router or "pointit",
@@ -89,12 +89,12 @@ async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
         credentials, router = None, None
         if load.router:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pointit-load-router-")))
-            site_folder = plain_configuration(endpoint, ())
+            configuration = plain_configuration(endpoint, ())
             if load.secured:
                 site, credentials = secured_site(folder / "site", load.site, port, ["127.0.0.1"])
-                site_folder = secured_configuration(site, (), port)
+                configuration = secured_configuration(site, (), port)
                 stack.enter_context(_given(credentials))
-            router = await stack.enter_async_context(router_process(site_folder, load.router, folder))
+            router = await stack.enter_async_context(router_process(configuration, load.router, folder))
         link = Link(
             site=load.site,
             connect=(endpoint,) if load.router else (),

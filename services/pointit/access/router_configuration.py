@@ -161,7 +161,9 @@ def _check(sites: Sequence[RouterSite]) -> None:
     names: set[str] = set()
     for router_site in sites:
         if router_site.site in names:
-            raise ConfigError(f"site {router_site.site} is given twice; sites of one router need different names")
+            raise ConfigError(
+                f"site {router_site.site} is given twice; sites of one router need different names"
+            )
         names.add(router_site.site)
         other = ports.setdefault(router_site.port, router_site.site)
         if other != router_site.site:
@@ -188,7 +190,9 @@ def _listeners(router_site: RouterSite, addresses: Sequence[str]) -> list[str]:
         server += f";root_ca_certificate_file={files}ca.pem;enable_mtls=true"
     links = (("tls", ""), ("quic", ONE_STREAM)) if router_site.dashboard_rate_hz else (("tls", ""),)
     hosts = [f"[{each}]" if ":" in each and not each.startswith("[") else each for each in addresses]
-    return [f"{kind}/{host}:{router_site.port}{metadata}#{server}" for kind, metadata in links for host in hosts]
+    return [
+        f"{kind}/{host}:{router_site.port}{metadata}#{server}" for kind, metadata in links for host in hosts
+    ]
 
 
 def _client(router_site: RouterSite) -> str:

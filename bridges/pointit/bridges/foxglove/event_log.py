@@ -130,7 +130,10 @@ class EventLog:
             return
         level = LogLevel.Warning if message.phase == "refused" else LogLevel.Info
         target = f" {message.target_id}" if message.target_id else ""
-        yield level, f"localization {message.phase}{target}" + (f": {message.reason}" if message.reason else "")
+        yield (
+            level,
+            f"localization {message.phase}{target}" + (f": {message.reason}" if message.reason else ""),
+        )
 
     def _interaction(self, message: Interaction, user: str) -> Iterator[tuple[LogLevel, str]]:
         if self._states.get(user) == message.state:

@@ -111,12 +111,12 @@ def _rows(
 ) -> list[Row]:
     """Return a row for each person and solver, and for all people together."""
     rows: list[Row] = []
-    estimates = {
+    by_solver = {
         name: [(one, solver(one.course, one.anchors, one.told)) for one in trials]
         for name, solver in SOLVERS.items()
     } | {LEFT_OUT: others}
-    for name, estimates in estimates.items():
-        rows += _solver_rows(condition, name, estimates, estimates[PLAIN], sigma_rad)
+    for name, estimates in by_solver.items():
+        rows += _solver_rows(condition, name, estimates, by_solver[PLAIN], sigma_rad)
     if trials:
         rows.append(
             normal_row(proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad)

@@ -83,7 +83,9 @@ def is_file(path: Path) -> bool:
         return False
     except (OSError, ValueError) as error:
         quantity = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f"{shown_path(path)}: cannot be accessed ({quantity}); give it another name") from error
+        raise ConfigError(
+            f"{shown_path(path)}: cannot be accessed ({quantity}); give it another name"
+        ) from error
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise ConfigError(f"{path}: a file was expected, and this is {kind}; put the recording there")

@@ -92,9 +92,9 @@ def speak(scene: SpokenScene, seed: int) -> Utterance:
     presses_s: list[float] = []
     now_s, ready_s, word_s = 0.0, 1.5, 2.5
     for index, goal in enumerate(goals):
-        reach = ArmReach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), reach)
+        next_reach = ArmReach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), reach)
         lag_s = float(rng.normal(*LAG_S))
-        leaves_s = max(word_s + lag_s - reach.took_s, ready_s)
+        leaves_s = max(word_s + lag_s - next_reach.took_s, ready_s)
         now_s = _move(reach, now_s, leaves_s, cursors)
         reach = ArmReach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), reach)
         arrived_s = now_s + reach.took_s

@@ -15,7 +15,7 @@ from scipy import stats
 from pointit.schemas import NS_PER_S, PointingRay, UserPose
 from pointit.services.goal.robot_identification import RobotIdentifier
 from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings, solve
-from pointit.services.localizer.procedures.target_disambiguation import INTENDED as MEANT_FROM
+from pointit.services.localizer.procedures.target_disambiguation import MEANT as MEANT_FROM
 from pointit.services.localizer.procedures.target_disambiguation import rank_by_posterior
 from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.row import ALL

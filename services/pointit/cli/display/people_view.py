@@ -184,7 +184,10 @@ def _progress(localization: Localization) -> list[str | tuple[str, str]]:
         )
         parts.append(f"meant: {named}")
     purpose = "setting the pose right, " if localization.purpose == "anchor" else ""
-    target: tuple[str, str] = (f"● {localization.target_id} " if localization.target_id else "", "bold yellow")
+    target: tuple[str, str] = (
+        f"● {localization.target_id} " if localization.target_id else "",
+        "bold yellow",
+    )
     return [purpose, target, " · ".join(parts)]
 
 

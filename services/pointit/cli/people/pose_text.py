@@ -122,7 +122,11 @@ def localizing(user: str, localization: Localization | None) -> str:
         return f"{user} waits for the lamps, which {localization.ahead[0]} points at; wait until it is their turn"
     if localization.purpose == "anchor":
         return f"{user} is pointing at {localization.target_id or 'a lamp'} to correct the pose; wait"
-    lamp = f", lamp {localization.target_index + 1} of {localization.target_count}" if localization.target_count > 1 else ""
+    lamp = (
+        f", lamp {localization.target_index + 1} of {localization.target_count}"
+        if localization.target_count > 1
+        else ""
+    )
     return f"{user} is being localized{lamp}; wait until that is done"
 
 

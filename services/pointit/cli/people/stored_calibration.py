@@ -33,7 +33,9 @@ def erase_local(user: str, file: StateFile[K], quantity: str, *, as_json: bool) 
     if as_json:
         print_json({"user": user, "from": str(file.path), "erased": was_stored})
     elif was_stored:
-        click.echo(f"{user}: no service runs; the {quantity} stored on this machine ({file.path}) was deleted")
+        click.echo(
+            f"{user}: no service runs; the {quantity} stored on this machine ({file.path}) was deleted"
+        )
     else:
         click.echo(f"{user}: no service runs, and no {quantity} is stored on this machine ({file.path})")
     return 0

@@ -121,7 +121,11 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--all", "everything", is_flag=True, help="stop all robots of the site")
 @click.option(
-    "--reason", default="", show_default=False, metavar="TEXT", help="reason in a few words, shown to the user who steers the robot"
+    "--reason",
+    default="",
+    show_default=False,
+    metavar="TEXT",
+    help="reason in a few words, shown to the user who steers the robot",
 )
 @json_option
 def stop(

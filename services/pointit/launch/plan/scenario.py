@@ -44,7 +44,9 @@ class Scenario(Config):
     """Contents of a scenario file."""
 
     about: str = Field(description="one sentence")
-    explained: str = Field(default="", description="description of the events and of what to watch, some sentences")
+    explained: str = Field(
+        default="", description="description of the events and of what to watch, some sentences"
+    )
     duration_s: float | None = Field(default=60.0, gt=0, description="default duration, s; null: no end")
     target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
     places: tuple[ScenarioPlace, ...] = Field(min_length=1, description="positions of the people, in turn")

@@ -109,7 +109,8 @@ def check_fences(fences: Mapping[str, FenceEntry]) -> Iterator[MapFinding]:
         shorter_side = min(max(xs) - min(xs), max(ys) - min(ys))
         if shorter_side < ROBOT_M:
             yield warning(
-                f"fences.{name}", f"is {shorter_side:g} m wide, and robots stay inside; give its corners in metres"
+                f"fences.{name}",
+                f"is {shorter_side:g} m wide, and robots stay inside; give its corners in metres",
             )
         if each.high is not None and each.high <= 0.0:
             yield error(f"fences.{name}", f"ends at {each.high:g} m, not above the floor; raise high")

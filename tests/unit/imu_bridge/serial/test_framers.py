@@ -44,7 +44,9 @@ class Kind:
 
 
 KINDS = {
-    "text": Kind(TextFramer, text(POSTURE), b"\n", lambda framer: framer._splitter.buffered_bytes, LONGEST_LINE),  # type: ignore[attr-defined]
+    "text": Kind(
+        TextFramer, text(POSTURE), b"\n", lambda framer: framer._splitter.buffered_bytes, LONGEST_LINE
+    ),  # type: ignore[attr-defined]
     "witmotion": Kind(
         lambda: WitMotionFramer(configure=True, baud=0),
         witmotion_quaternion(POSTURE),

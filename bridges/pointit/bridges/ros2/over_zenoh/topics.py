@@ -24,7 +24,7 @@ class ZenohWriter(RosEndpoint[EndpointContext]):
         # Zenoh's caches do not expire: with a lifespan nothing is cached, rather than everything for ever.
         # Subscribers of a latched topic still receive later messages.
         self._writer = context.session.publisher(
-            context.rmw.key(topic, kind), kept=qos.depth if qos.lasts else 0, reliable=qos.reliable
+            context.rmw.key(topic, kind), cache_size=qos.depth if qos.lasts else 0, reliable=qos.reliable
         )
         self._token = context.announce("publisher", topic, kind, qos)
         context.ends.add(self)

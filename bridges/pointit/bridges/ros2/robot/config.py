@@ -33,7 +33,8 @@ class Ros2RobotConfig(Config):
     """A robot that is a ROS 2 node."""
 
     backend: RobotBackendConfig = Field(
-        default=RobotBackendConfig(), description="connection of the driver to the ROS graph, and its name there"
+        default=RobotBackendConfig(),
+        description="connection of the driver to the ROS graph, and its name there",
     )
     control: Literal["nav2", "setpoints"] = Field(
         default="nav2",

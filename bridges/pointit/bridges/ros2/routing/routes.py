@@ -55,9 +55,9 @@ class RouteChange(Config):
     rate_hz: Annotated[
         float | None, Field(gt=0, le=1000, description="highest rate, Hz; as in the table if empty")
     ] = None
-    enabled: Annotated[
-        bool | None, Field(description="true to have the route; as in the table if empty")
-    ] = None
+    enabled: Annotated[bool | None, Field(description="true to have the route; as in the table if empty")] = (
+        None
+    )
     frame: Annotated[
         str | None, Field(max_length=MAX_NAME, description="name of its frame; as in the table if empty")
     ] = None

@@ -75,9 +75,7 @@ class LampQueue:
         leases: list[LampLease] = []
         targets: set[str] = set()
         for _, since_ns, user, localization in sorted(wanted, key=lambda each: each[:3]):
-            ahead = tuple(
-                lease.user for lease in leases if not set(localization.lamps).isdisjoint(lease.lamps)
-            )
+            ahead = tuple(each.user for each in leases if not set(localization.lamps).isdisjoint(each.lamps))
             leases.append(LampLease(user=user, since_ns=since_ns, lamps=localization.lamps, ahead=ahead))
             if not ahead and not localization.ahead and localization.target_id in localization.lamps:
                 targets.add(localization.target_id)

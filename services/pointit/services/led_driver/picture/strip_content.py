@@ -228,7 +228,7 @@ class StripContent:
         placed = self._placed
         if self._appearance is None:
             hovers = {user: hover for user, (_, hover) in self._hovers.items()}
-            self._appearance = self._appearances.looks(
+            self._appearance = self._appearances.appearance(
                 placed.kinds, placed.ids, hovers, self._selection, self._profiles
             )
         looks = self._appearance

@@ -21,7 +21,7 @@ MAX_REASONS = 1000
 MAX_NAME = 100
 THREAD = r"(?:\S+ )?ThreadId\(\d+\) "
 BEGINS = rf"^\S+ +\w+ +{THREAD}"
-"""Start of a line: time, level, thread. Zenoh's text follows its target, where the words of an unknown peer may be."""
+"""Start of a line: time, level, thread. Zenoh's text follows its target, with words of an unknown peer."""
 HANDSHAKE = re.compile(
     rf"^\S+ +WARN +{THREAD}zenoh_link_(?:tls|quic)\S*: (.+?)(?:: verification time .*)?(?:\. Hint: .*)?\.?$"
 )

@@ -119,7 +119,7 @@ class CloudTree:
     def _look(
         self, level: _Level, remaining: Indices, ray: _Ray, bound: float
     ) -> tuple[Indices, Indices, float]:
-        """Return the children of `remaining` that may hold the closest point, and an upper bound of its miss."""
+        """Return the children of `remaining` that may hold the closest point, and a bound of its miss."""
         places, radii = level.places.take(remaining, axis=0), level.radii.take(remaining, axis=0)
         along, square = _seen(places, ray)
         costs = self._costs(along, square, ray)

@@ -47,8 +47,8 @@ def test_what_misses_the_targets_is_named() -> None:
 
 def test_a_row_worse_than_its_limits_is_a_regression(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = simulated_rows(QUICK.people // 8, ["height +0.2 m"])
-    wide = targets.HonestyLimits(within_least=0.0, within_most=1.0, yaw_least=0.0, yaw_most=1.0, square_least=0.0,
-                          square_most=99.0, wrong_most=1.0)  # fmt: skip
+    wide = targets.HonestyLimits(within_least=0.0, within_most=1.0, yaw_least=0.0, yaw_most=1.0,
+                          square_least=0.0, square_most=99.0, wrong_most=1.0)  # fmt: skip
     keys = [(row.set, row.condition) for row in rows]
     monkeypatch.setattr(targets, "stated", lambda: dict.fromkeys(keys, wide))
     assert regressions(rows) == []

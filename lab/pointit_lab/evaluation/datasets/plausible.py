@@ -80,8 +80,8 @@ def check_reach(
         i = int(far[0])
         line = f", line {lines[i]}" if lines is not None else ""
         raise ConfigError(
-            f"{path}{line}: {quantity} are {away_m[i]:g} m apart and at most {FARTHEST_M:g} m were expected; are "
-            "they in metres, in one frame?"
+            f"{path}{line}: {quantity} are {away_m[i]:g} m apart and at most {FARTHEST_M:g} m were expected; "
+            "are they in metres, in one frame?"
         )
 
 

@@ -67,7 +67,7 @@ def sources_of(
         followed: people who follow a robot.
         trials: people who have pointed at each lamp of a room.
         injections: conditions.
-        max_trials: largest number of windows of each recording and duration, one of simulated people. None if all.
+        max_trials: maximum windows of each recording and duration, one of simulated people. None: all.
     """
     conditions = list(injections)
     sources: list[PeopleSource] = []

@@ -76,8 +76,8 @@ def differences_of(groups: Groups) -> list[Difference]:
     """Return the differences between every two methods in each condition.
 
     Bootstrap percentile intervals over trials (Efron & Tibshirani 1993, ch. 13), with the same trials for
-    both methods. All intervals of a run hold together with probability 1 - `SIGNIFICANCE` (Bonferroni). Conditions
-    with fewer than `FEWEST` trials are left out.
+    both methods. All intervals of a run hold together with probability 1 - `SIGNIFICANCE` (Bonferroni).
+    Conditions with fewer than `FEWEST` trials are left out.
     """
     by_condition: dict[Condition, dict[str, Sequence[Score]]] = {}
     for (condition, method), scores in groups.items():

@@ -54,7 +54,8 @@ def _options() -> list[click.Parameter]:
         click.Option(
             [_parameter(parameter), parameter.option],
             metavar=f"<{parameter.type_name}>",
-            help=f"{parameter.field.description}  [default: {MODE if parameter.path[-1] == 'mode' else parameter.default}]",
+            help=f"{parameter.field.description}  "
+            f"[default: {MODE if parameter.path[-1] == 'mode' else parameter.default}]",
         )
         for parameter in _leaves()
     ]

@@ -213,8 +213,8 @@ class _Wrist:
                     )
         except TimeoutError:
             raise NoAnswerError(
-                f"the arm of {self._user} did not rest {name} within {guidance.timeout_s:g} s; try again, or wait "
-                "longer with --timeout"
+                f"the arm of {self._user} did not rest {name} within {guidance.timeout_s:g} s; try again, or "
+                "wait longer with --timeout"
             ) from None
 
     async def _next(self) -> ImuSample:
@@ -231,9 +231,9 @@ class _Wrist:
 def format_result(fitted: mounting.FittedMounting) -> list[str]:
     """Return the result as lines of text."""
     about_deg, off_deg = math.degrees(fitted.about_arm_rad), math.degrees(fitted.off_axis_rad)
-    guidance = "clockwise" if about_deg > 0 else "counter-clockwise"
+    direction = "clockwise" if about_deg > 0 else "counter-clockwise"
     mounting_text = (
-        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({guidance}, seen from the elbow), and "
+        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({direction}, seen from the elbow), and "
         f"the assumed axis of the arm is {off_deg:.0f}° off"
     )
     errors = (

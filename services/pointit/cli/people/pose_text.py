@@ -119,7 +119,8 @@ def localizing(user: str, localization: Localization | None) -> str:
     if localization is None or localization.phase != "sampling":
         return ""
     if localization.ahead:
-        return f"{user} waits for the lamps, which {localization.ahead[0]} points at; wait until it is their turn"
+        ahead = localization.ahead[0]
+        return f"{user} waits for the lamps, which {ahead} points at; wait until it is their turn"
     if localization.purpose == "anchor":
         return f"{user} is pointing at {localization.target_id or 'a lamp'} to correct the pose; wait"
     lamp = (

@@ -60,7 +60,7 @@ MAX_FIELDS = 3
     "level",
     type=click.Choice(list(SERVICES)),
     default="edge",
-    help="part of the recording that is replayed: messages of devices, or also rays and poses, or also cursors",
+    help="replayed part of the recording: messages of devices, or also rays and poses, or also cursors",
 )
 @click.option(
     "--speed",

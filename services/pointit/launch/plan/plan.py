@@ -21,8 +21,8 @@ class Beside(ABC):
     WHAT: ClassVar[str]
     """Common noun in messages, such as `page`."""
     WAIT_S: ClassVar[float] = 0.0
-    """The scenario waits until it is present, at most for this time, and ends before it. 0: it is started in the
-    background after the scenario."""
+    """The scenario waits until it is present, at most for this time, and ends before it. 0: it is started in
+    the background after the scenario."""
     ONE_IS_ENOUGH: ClassVar[bool] = False
     """It is not started on a site that has one."""
 

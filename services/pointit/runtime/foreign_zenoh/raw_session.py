@@ -161,7 +161,7 @@ class RawSession:
         return f"no router answers at {link.endpoint}, trying again until one does{remedy}"
 
     def publisher(self, key: str, *, cache_size: int = 0, reliable: bool = True) -> RawPublisher:
-        """Declare a writer of `key`, which keeps its last `cache_size` messages for readers that come late."""
+        """Declare a writer of `key`, which keeps its last `cache_size` messages for late readers."""
         self._check_open()
         return RawPublisher(self._session, key, cache_size, reliable)
 
@@ -170,8 +170,8 @@ class RawSession:
     ) -> Closable:
         """Call `handler`, on Zenoh's threads, for what others put to `key`, which may have wildcards.
 
-        `cache_size`: how many of a writer's last messages to fetch from caches; `reliable`: fetch those lost on the
-        way, too.
+        `cache_size`: number of a writer's last messages to fetch from caches. `reliable`: fetch those lost on
+        the way, too.
         """
         self._check_open()
 

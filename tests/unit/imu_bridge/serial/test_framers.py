@@ -45,8 +45,12 @@ class Kind:
 
 KINDS = {
     "text": Kind(
-        TextFramer, text(POSTURE), b"\n", lambda framer: framer._splitter.buffered_bytes, LONGEST_LINE
-    ),  # type: ignore[attr-defined]
+        TextFramer,
+        text(POSTURE),
+        b"\n",
+        lambda framer: framer._splitter.buffered_bytes,  # type: ignore[attr-defined]
+        LONGEST_LINE,
+    ),
     "witmotion": Kind(
         lambda: WitMotionFramer(configure=True, baud=0),
         witmotion_quaternion(POSTURE),

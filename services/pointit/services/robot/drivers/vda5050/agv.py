@@ -177,7 +177,7 @@ class Agv:
         return publications
 
     def farewell(self) -> list[MqttPublication]:
-        """Return the messages to publish at the end of the driver: an AGV that may move gets an order to stop."""
+        """Return the messages at the end of the driver: an AGV that may move gets an order to stop."""
         if not self._orders.is_active:
             return []
         self._orders.stop(0)

@@ -55,8 +55,8 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
     ):
         if host_network.lacking:
             tell(
-                f"  hosts are processes on loopback, and their links are not measured ({host_network.lacking}); "
-                "run as root, or by `unshare --map-root-user --net pointit load …`"
+                f"  hosts are processes on loopback, and their links are not measured "
+                f"({host_network.lacking}); run as root, or by `unshare --map-root-user --net pointit load …`"
             )
         site: SiteFolder | None = None
         if load.secured:

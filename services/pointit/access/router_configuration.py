@@ -178,8 +178,8 @@ def _check(sites: Sequence[RouterSite]) -> None:
             )
         if router_site.password and len(sites) > 1:
             raise ConfigError(
-                f"site {router_site.site} goes by passwords, of which a router knows one site's only; give it "
-                "a router of its own, or make it with certificates"
+                f"site {router_site.site} goes by passwords, of which a router knows one site's only; give "
+                "it a router of its own, or make it with certificates"
             )
 
 

@@ -64,7 +64,7 @@ class Tools:
     def __init__(
         self, connection: SiteConnection, audit: AuditFile, max_role: Role, *, is_remote: bool = False
     ) -> None:
-        """Use the site of `connection`. `max_role`: highest role. `is_remote`: callers have it by a token only."""
+        """Use the site of `connection`. `max_role`: highest role. `is_remote`: only by a token."""
         self._connection = connection
         self._audit = audit
         self._max_role: Role = max_role

@@ -233,8 +233,8 @@ def format_result(fitted: mounting.FittedMounting) -> list[str]:
     about_deg, off_deg = math.degrees(fitted.about_arm_rad), math.degrees(fitted.off_axis_rad)
     direction = "clockwise" if about_deg > 0 else "counter-clockwise"
     mounting_text = (
-        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({direction}, seen from the elbow), and "
-        f"the assumed axis of the arm is {off_deg:.0f}° off"
+        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({direction}, seen from the elbow), "
+        f"and the assumed axis of the arm is {off_deg:.0f}° off"
     )
     errors = (
         f"elevation of the level arm: {_deg(fitted.forward_before_rad)} before, "

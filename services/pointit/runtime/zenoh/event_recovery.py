@@ -60,8 +60,8 @@ class EventRecovery:
     ) -> None:
         """Begin with nothing heard; must be called in the loop.
 
-        `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` gets the number of
-        lost ones.
+        `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` gets the
+        number of lost ones.
         """
         self._bus = bus
         self._session = session

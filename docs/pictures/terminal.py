@@ -8,11 +8,11 @@ from pathlib import Path
 from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 
-from pointit.cli.display.view import View
+from pointit.cli.display.view import ConsoleView
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import run_services
@@ -33,7 +33,7 @@ async def photograph(path: Path) -> None:
         launches += user_launches(scenario, choices, f"user{index + 1}", index)
     clock = SimulatedClock(SPEED)
     bus = await ZenohBus.open(Link())
-    monitor = Monitor(Score(scenario.target_kinds), clock)
+    monitor = Monitor(RunScore(scenario.target_kinds), clock)
     monitor.attach(bus)
     services = asyncio.create_task(run_services(launches, bus, clock))
     try:
@@ -43,7 +43,7 @@ async def photograph(path: Path) -> None:
                 break
             await asyncio.sleep(0.01)
         console = Console(record=True, width=110, file=io.StringIO(), force_terminal=True)
-        console.print(View(monitor, "PointIt scenario_3", lambda: 60 - MOMENT_S))
+        console.print(ConsoleView(monitor, "PointIt scenario_3", lambda: 60 - MOMENT_S))
     finally:
         services.cancel()
         await asyncio.wait({services})

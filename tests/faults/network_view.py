@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
 from pointit.runtime.link.credentials import read_credentials
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -51,7 +51,7 @@ class View:
     """Selections and deselections, each as `told` names it."""
     _present: set[str] = field(default_factory=set[str])
     _ever: set[str] = field(default_factory=set[str])
-    _reports: dict[str, list[Report]] = field(default_factory=lambda: defaultdict(list))
+    _reports: dict[str, list[DiagnosisReport]] = field(default_factory=lambda: defaultdict(list))
     _deployments: dict[str, Deployment] = field(default_factory=dict[str, Deployment])
     _told: int = 0
     _began_s: float = field(default_factory=time.monotonic)
@@ -124,7 +124,7 @@ class View:
 
     def _on_health(self, health: Health, instance: str) -> None:
         self._reports[instance].append(
-            Report(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+            DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
         )
 
     def _on_deployment(self, deployment: Deployment, name: str) -> None:

@@ -10,7 +10,7 @@ from collections.abc import AsyncGenerator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Deployment, Health, ImuSample, Message, Selection, SelectionEvent
 from pointit.schemas.topics import CURSOR, DEPLOYMENT, HEALTH, IMU, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
@@ -32,7 +32,7 @@ class Witness(Onlooker):
     arrivals: list[tuple[str, int, int]] = field(default_factory=list[tuple[str, int, int]])
     """Cursors: user, stamp, and arrival, both Unix ns."""
 
-    reports: dict[str, list[Report]] = field(default_factory=lambda: defaultdict(list))
+    reports: dict[str, list[DiagnosisReport]] = field(default_factory=lambda: defaultdict(list))
     deployments: dict[str, Deployment] = field(default_factory=dict[str, Deployment])
     ever: set[str] = field(default_factory=set[str])
     """Instances that are or were present."""
@@ -51,7 +51,7 @@ class Witness(Onlooker):
         self.bus.watch(SERVICE_ALIVE, lambda instance, _here: self.ever.add(instance))
 
     def _on_report(self, health: Health, instance: str) -> None:
-        report = Report(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+        report = DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
         self.reports[instance] = [*self.reports[instance][-1:], report]
 
     def _on_deployment(self, deployment: Deployment, name: str) -> None:

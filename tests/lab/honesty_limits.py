@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from pointit_lab.evaluation.honesty import targets
 from pointit_lab.evaluation.honesty.row import EVERY, HonestyRow
-from pointit_lab.evaluation.honesty.targets import KNOWN_MISS, LIMITS_FILE, Limits, limits_of, stated
+from pointit_lab.evaluation.honesty.targets import KNOWN_MISS, LIMITS_FILE, HonestyLimits, limits_of, stated
 
 FILE = Path(targets.__file__).with_name(LIMITS_FILE)
 
@@ -44,7 +44,7 @@ def main() -> None:
             print(f"known miss: {', '.join(key)}: up to {own.wrong_most:.0%}")  # noqa: T201
 
 
-def write(limits: dict[tuple[str, str], Limits]) -> None:
+def write(limits: dict[tuple[str, str], HonestyLimits]) -> None:
     with FILE.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["set", "condition", *asdict(targets.TARGETS)])

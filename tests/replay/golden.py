@@ -10,7 +10,7 @@ from typing import Any, cast
 from pointit.cli.recordings.replay import lines_of
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
-from pointit.replay.comparison.comparison import TOLERANCE, TOLERANCES, Comparison, Report
+from pointit.replay.comparison.comparison import TOLERANCE, TOLERANCES, Comparison, ComparisonReport
 from pointit.replay.comparison.samples import Sample, sample_of
 from pointit.replay.playing import plan_replay, replay
 from pointit.schemas.topics import STRIPS_FRAME, topic_of
@@ -57,7 +57,7 @@ def accepted(name: str) -> Iterator[Sample]:
         yield Sample(key, time_ns, content["stamp_ns"], content)
 
 
-def compare(before: Sequence[Sample], now: Sequence[Sample]) -> Report:
+def compare(before: Sequence[Sample], now: Sequence[Sample]) -> ComparisonReport:
     """Return the differences of two runs; times must be equal, numbers within the tolerances."""
     comparison = Comparison(time_tolerance_s=0.0)
     sides = [(each.time_ns, 0, each) for each in before] + [(each.time_ns, 1, each) for each in now]
@@ -66,9 +66,9 @@ def compare(before: Sequence[Sample], now: Sequence[Sample]) -> Report:
     return comparison.finish()
 
 
-def table(name: str, report: Report, began_ns: int) -> str:
+def table(name: str, report: ComparisonReport, began_ns: int) -> str:
     """Return the differences in the session `name` as lines, with the first message that differs."""
-    changed = Report(topics=tuple(topic for topic in report.topics if not topic.is_same))
+    changed = ComparisonReport(topics=tuple(topic for topic in report.topics if not topic.is_same))
     return "\n".join([f"session {name}:", *lines_of(changed, began_ns)])
 
 

@@ -111,7 +111,7 @@ def _resolved(_context: click.Context, _option: click.Parameter, commit: str | N
     "--rounds",
     type=click.IntRange(1),
     default=COMPARISON_ROUNDS,
-    help="how often --against measures both trees",
+    help="number of times that --against measures both trees",
 )
 def main(
     *, duration: float, rate: float, path: Path | None, only: tuple[str, ...], commit: str, rounds: int

@@ -39,12 +39,12 @@ def _cost(part: str, share: str, kind: str) -> Callable[[dict[str, Any]], float]
     return lambda result: costs(result[part], share)[kind].value
 
 
-def _of_cpu(what: str, part: str, whose: str) -> dict[str, Callable[[dict[str, Any]], float]]:
-    """Return the figures of CPU in the columns of `whose` of a part."""
+def _of_cpu(what: str, part: str, version: str) -> dict[str, Callable[[dict[str, Any]], float]]:
+    """Return the figures of CPU in the columns of `version` of a part."""
     return {
-        **{f"{what}, {n} people, µs a sample": _cpu_us(part, f"{whose}_us_per_sample", n) for n in PEOPLE},
-        f"{what}, fit, µs a sample": _cost(part, f"{whose}_share_of_a_core", "sample"),
-        f"{what}, fit, fixed, % of a core": _cost(part, f"{whose}_share_of_a_core", "fixed"),
+        **{f"{what}, {n} people, µs a sample": _cpu_us(part, f"{version}_us_per_sample", n) for n in PEOPLE},
+        f"{what}, fit, µs a sample": _cost(part, f"{version}_share_of_a_core", "sample"),
+        f"{what}, fit, fixed, % of a core": _cost(part, f"{version}_share_of_a_core", "fixed"),
     }
 
 
@@ -91,9 +91,9 @@ def compare(commit: str, duration_s: float, rounds: int) -> dict[str, Any]:
     figures: dict[str, Any] = {}
     for name, read in FIGURES.items():
         with contextlib.suppress(KeyError, StopIteration):
-            ours, theirs = [read(result) for result in here], [read(result) for result in there]
-            ratios = [round(a / b, 3) for a, b in zip(ours, theirs, strict=True)]
-            figures[name] = {"here": ours, "there": theirs, "ratio": ratios}
+            ours, other_results = [read(result) for result in here], [read(result) for result in there]
+            ratios = [round(a / b, 3) for a, b in zip(ours, other_results, strict=True)]
+            figures[name] = {"here": ours, "there": other_results, "ratio": ratios}
     return {"commit": commit, "rounds": rounds, "figures": figures}
 
 

@@ -57,11 +57,11 @@ def _cursors(room: Environment) -> list[dict[str, Any]]:
     """Return alternating times of our and the paper's cursor on one map."""
     kinds: tuple[Kind, ...] = ("strip", "belt", "lamp")
     points = discretized(room)
-    exact = Surfaces(room, kinds)
-    person = PersonCursor(exact)
+    surfaces = Surfaces(room, kinds)
+    person = PersonCursor(surfaces)
     person.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
     ways: dict[str, Callable[[Vec3, Vec3], object]] = {
-        "exact": exact.hit_test,
+        "exact": surfaces.hit_test,
         "message and all": lambda eyes, direction: person.cursor(
             PointingRay.model_construct(stamp_ns=0, origin_m=eyes, direction=direction)
         ),
@@ -165,7 +165,7 @@ class PersonBeforeThings:
         self.times_s: dict[str, list[float]] = {"cursor and hover": [], "hover alone": [], "list": []}
 
     def point(self, samples: int) -> None:
-        """Point with so many further samples."""
+        """Point with that number of further samples."""
         for sample in range(self._samples, self._samples + samples):
             now_ns = 100 * NS_PER_S + sample * (NS_PER_S // RATE_HZ)
             if sample % round(PERIOD_S * RATE_HZ) == 0:
@@ -263,8 +263,8 @@ def discretized(room: Environment) -> Array:
     """Return the lamps, strips and belts of a map as points."""
     points: list[Sequence[Vec3] | Array] = [[lamp.position_m for lamp in room.lamps]] if room.lamps else []
     for line in [strip.line_m for strip in room.strips] + [belt.line_m for belt in room.belts]:
-        path = Polyline(line)
-        points.append(path.points_at(np.arange(0.0, path.length_m, STEP_M)))
+        polyline = Polyline(line)
+        points.append(polyline.points_at(np.arange(0.0, polyline.length_m, STEP_M)))
     return np.concatenate([np.asarray(some, dtype=np.float64) for some in points])
 
 

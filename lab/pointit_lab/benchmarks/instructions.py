@@ -33,7 +33,7 @@ from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import Message
 from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY, STRIPS_FRAME, Topic
 from pointit_lab.loadtest.layout import load_launches
-from pointit_lab.loadtest.wrist import Wrist, drive_wrists
+from pointit_lab.loadtest.wrist import LoadTestWrist, drive_wrists
 
 PEOPLE = 20
 RATE_HZ = 100.0
@@ -138,7 +138,7 @@ async def drive(
 
     for topic in read:
         bus.subscribe(topic, functools.partial(count, key=topic.key))
-    wrists = [Wrist(bus.publisher(IMU, user), index, clock) for index, user in enumerate(people)]
+    wrists = [LoadTestWrist(bus.publisher(IMU, user), index, clock) for index, user in enumerate(people)]
     await asyncio.sleep(SETTLE_S)
     await drive_wrists(wrists, RATE_HZ, WARM_UP_S)
     messages.clear()

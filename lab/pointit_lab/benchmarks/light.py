@@ -142,7 +142,7 @@ def frame_rows(room: Environment) -> list[dict[str, Any]]:
         )
         lights.on_cursor(user, cursor, NOW_NS)
     hover = Hover(stamp_ns=NOW_NS, object_id="p0", progress=0.4, action="select")
-    theirs = _PixelByPixel(room, objects)
+    pixel_by_pixel = _PixelByPixel(room, objects)
     marks = [(layout.line(item.surface, item.surface_id) or 0, item.surface_position_m) for item in on]
 
     def ours(now_ns: int) -> None:
@@ -150,7 +150,7 @@ def frame_rows(room: Environment) -> list[dict[str, Any]]:
         lights.frame(now_ns)
 
     def paper(now_ns: int) -> None:
-        theirs.draw((now_ns - NOW_NS) / NS_PER_S, marks, {"p0"}, {"p5"})
+        pixel_by_pixel.draw((now_ns - NOW_NS) / NS_PER_S, marks, {"p0"}, {"p5"})
 
     ours_us, paper_us = _medians_us(ours, paper)
     row = {"core": "frame of all strips", "map": room.name, "pixels": layout.count}

@@ -20,9 +20,9 @@ from pointit.schemas.topics import CURSOR, IMU, POSE, STRIPS_FRAME
 from pointit_lab.benchmarks.statistics import Figures
 from pointit_lab.loadtest.layout import load_launches
 from pointit_lab.loadtest.rig import running
-from pointit_lab.loadtest.slopes import Slope, fit
+from pointit_lab.loadtest.slopes import LoadSlope, fit
 from pointit_lab.loadtest.workers import Group, Worker
-from pointit_lab.loadtest.wrist import Wrist, drive_wrists
+from pointit_lab.loadtest.wrist import LoadTestWrist, drive_wrists
 
 HOPS = 4
 """Messages from wrist to reader: imu, ray, cursor, frame."""
@@ -105,18 +105,18 @@ async def pointed(duration_s: float) -> list[float]:
     """
     times_s: list[float] = []
 
-    async def hear(event: SelectionEvent) -> None:
+    async def on_event(event: SelectionEvent) -> None:
         times_s.append((time.time_ns() - event.stamp_ns) / 1e9)
 
     async with pointit.run("shelf", users=AT_SHELF, settings=QUICK) as site:
-        site.on_pointed()(hear)
+        site.on_pointed()(on_event)
         await site.sleep(duration_s)
     return times_s
 
 
 async def _drive(bus: ZenohBus, rate_hz: float, duration_s: float) -> list[float]:
     times_s: list[float] = []
-    wrist = Wrist(bus.publisher(IMU, USER))
+    wrist = LoadTestWrist(bus.publisher(IMU, USER))
 
     def on_frame(frame: StripsFrame, _name: str) -> None:
         if frame.stamp_ns == wrist.stamp_ns:  # it shows the newest sample; others are drawn for other reasons
@@ -158,9 +158,11 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
         if endpoint:
             worker = await Worker.start(Group(name="wrists", wrists=[*people]), bus.site, endpoint)
             stack.push_async_callback(worker.end)
-            drive, driver = _elsewhere(worker), None
+            drive, driver = _in_worker(worker), None
         else:
-            drive = _here([Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(people)])
+            drive = _here(
+                [LoadTestWrist(bus.publisher(IMU, user), index) for index, user in enumerate(people)]
+            )
             await drive(WARM_UP_S)
             driver = await _used(drive, duration_s)
         await stack.enter_async_context(running([*site, *itertools.chain(*people.values())], bus))
@@ -184,7 +186,7 @@ async def carried(users: int, duration_s: float, endpoint: str = "") -> dict[str
 
 
 Drive: TypeAlias = Callable[[float], Awaitable[int]]
-"""Publishes samples of all wrists for so long, s. Returns their number."""
+"""Publishes samples of all wrists for that duration, s. Returns their number."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,7 @@ async def _used(drive: Drive, duration_s: float) -> _Used:
     return _Used(time.process_time() - cpu_s, time.monotonic() - wall_s, sent)
 
 
-def _here(wrists: Sequence[Wrist]) -> Drive:
+def _here(wrists: Sequence[LoadTestWrist]) -> Drive:
     async def drive(duration_s: float) -> int:
         before = sum(wrist.sent for wrist in wrists)
         await drive_wrists(wrists, RATE_HZ, duration_s)
@@ -219,7 +221,7 @@ def _here(wrists: Sequence[Wrist]) -> Drive:
     return drive
 
 
-def _elsewhere(worker: Worker) -> Drive:
+def _in_worker(worker: Worker) -> Drive:
     async def drive(duration_s: float) -> int:
         worker.send_line({"rate_hz": RATE_HZ, "duration_s": duration_s})
         answer = await worker.answer()
@@ -228,7 +230,7 @@ def _elsewhere(worker: Worker) -> Drive:
     return drive
 
 
-def costs(rows: Sequence[Mapping[str, Any]], share: str) -> dict[str, Slope]:
+def costs(rows: Sequence[Mapping[str, Any]], share: str) -> dict[str, LoadSlope]:
     """Return the costs of the site, % of a core, and of a sample, µs, with 95 % intervals.
 
     They are fitted to the column `share` of the rows that delivered what was to be sent. Empty if these are
@@ -239,6 +241,6 @@ def costs(rows: Sequence[Mapping[str, Any]], share: str) -> dict[str, Slope]:
     found = fit({"fixed": [1.0] * len(rows), "sample": people}, [row[share] for row in rows])
     scales = {"fixed": 100.0, "sample": 1e6 / RATE_HZ}
     return {
-        name: Slope(value=each.value * scales[name], error=each.error and each.error * scales[name])
+        name: LoadSlope(value=each.value * scales[name], error=each.error and each.error * scales[name])
         for name, each in found.items()
     }

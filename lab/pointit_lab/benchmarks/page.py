@@ -140,9 +140,9 @@ async def browser(site: SitePage, path: str, duration_s: float, *, view: str) ->
         latencies: list[float] = []
 
         def on_sent(payload: str | bytes) -> None:
-            told = json.loads(payload)
-            if told["kind"] == "ack" and told["latency_ms"] is not None:
-                latencies.append(told["latency_ms"])
+            message = json.loads(payload)
+            if message["kind"] == "ack" and message["latency_ms"] is not None:
+                latencies.append(message["latency_ms"])
 
         page.on("websocket", lambda socket: socket.on("framesent", on_sent))
         await page.goto(site.url)

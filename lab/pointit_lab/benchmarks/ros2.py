@@ -32,7 +32,7 @@ HZ = 50.0
 ROUND_HZ = 100.0
 ROUNDS = 3
 MIN_S = 5.0
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 SETTLE_S = 1.0
 RAY_TYPE, ROTATION_TYPE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/QuaternionStamped"
 ROUTES = "routes: {pointing_ray: {rate_hz: 1000}, rotation_in: {rate_hz: 1000}}\n"
@@ -53,9 +53,9 @@ class StderrWarnings:
 class Ends:
     """Both ends of the bridge: our bus, and a ROS node that is the router there."""
 
-    def __init__(self, bus: ZenohBus, peer: Backend, process: psutil.Process, started_s: float) -> None:
+    def __init__(self, bus: ZenohBus, backend: Backend, process: psutil.Process, started_s: float) -> None:
         self.bus = bus
-        self.peer = peer
+        self.peer = backend
         self.process = process
         self.started_s = started_s
         self.types = Types("jazzy")
@@ -69,15 +69,15 @@ class Ends:
         self._presences = [bus.announce(USER_ALIVE, user) for user in self.users]
         self._ours = {user: bus.publisher(RAY, user) for user in self.users}
         kind = self.types.kind(ROTATION_TYPE)
-        self._theirs = {
-            user: peer.advertise(f"/{user}/metawear_ros/rotation", kind, Qos()) for user in self.users
+        self._ros_end = {
+            user: backend.advertise(f"/{user}/metawear_ros/rotation", kind, Qos()) for user in self.users
         }
         for user in self.users:
             qos = Qos(depth=100)
-            peer.subscribe(f"/{user}/pointing_ray", self.types.kind(RAY_TYPE), qos, self._hear)
+            backend.subscribe(f"/{user}/pointing_ray", self.types.kind(RAY_TYPE), qos, self._on_message)
         self.reader = bus.subscribe(WRIST, self._take)
 
-    def _hear(self, cdr: bytes) -> None:
+    def _on_message(self, cdr: bytes) -> None:
         stamp = self.types.decode(RAY_TYPE, cdr).header.stamp
         self.on_ray(stamp.sec * 1_000_000_000 + stamp.nanosec)
 
@@ -102,11 +102,11 @@ class Ends:
             header=make("std_msgs/msg/Header", stamp=stamp, frame_id="arm"),
             quaternion=make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
         )
-        self._theirs[user].put(self.types.encode(ROTATION_TYPE, value))
+        self._ros_end[user].put(self.types.encode(ROTATION_TYPE, value))
 
     async def ready(self) -> None:
         """Wait until messages of every person arrive both ways."""
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(TIMEOUT_S):
             while len(self.rays) < USERS or len(self.samples) < USERS:
                 for user in self.users:
                     self.put_ray(user, time.time_ns())
@@ -149,7 +149,7 @@ async def bridged() -> AsyncGenerator[Ends]:
     ours, ros = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     bus = await ZenohBus.open(Link(listen=(ours,)))
     config = BackendConfig(mode="router", endpoint=ros, node="/robot", domain_id=7)
-    peer = await opened(config, StderrWarnings())
+    backend = await opened(config, StderrWarnings())
     with tempfile.TemporaryDirectory() as folder:
         routes = Path(folder) / "routes.yaml"
         routes.write_text(ROUTES)
@@ -159,7 +159,7 @@ async def bridged() -> AsyncGenerator[Ends]:
             if any(each.name == "/packages" and each.node == "/pointit" for each in graph.endpoints):
                 found.set()
 
-        peer.watch(look)
+        backend.watch(look)
         began_s = time.perf_counter()
         settings = {"mode": "peer", "endpoint": ros, "domain-id": "7"}
         child = await asyncio.create_subprocess_exec(
@@ -168,13 +168,13 @@ async def bridged() -> AsyncGenerator[Ends]:
             stderr=subprocess.DEVNULL,
         )
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(TIMEOUT_S):
                 await found.wait()
-            yield Ends(bus, peer, psutil.Process(child.pid), time.perf_counter() - began_s)
+            yield Ends(bus, backend, psutil.Process(child.pid), time.perf_counter() - began_s)
         finally:
             child.terminate()
             await child.wait()
-            await peer.close()
+            await backend.close()
             await bus.close()
 
 

@@ -37,7 +37,7 @@ TIMED_PERIOD_S = 0.002
 SETTLE_S = 2.0
 
 Work = Callable[[float], Awaitable[None]]
-"""Lasts for so long, s."""
+"""Duration, s."""
 
 Calls = collections.Counter[tuple[str, str]]
 """Calls by file and function."""

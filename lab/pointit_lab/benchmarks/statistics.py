@@ -27,9 +27,9 @@ class Figures:
             max_ms=values[-1] * 1e3,
         )
 
-    def ratio_to(self, baseline: "Figures") -> dict[str, float]:
-        """Return p50 and p99 as multiples of `baseline`'s."""
-        return {"p50": self.p50_ms / baseline.p50_ms, "p99": self.p99_ms / baseline.p99_ms}
+    def ratio_to(self, figures: "Figures") -> dict[str, float]:
+        """Return p50 and p99 as multiples of `figures`'s."""
+        return {"p50": self.p50_ms / figures.p50_ms, "p99": self.p99_ms / figures.p99_ms}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the quantiles for JSON."""

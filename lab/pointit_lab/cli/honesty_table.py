@@ -54,22 +54,22 @@ def print_honesty(
         missed: rows, and their figures out of range.
         durations: also print the rows of single durations.
     """
-    screen = evaluation_console()
+    console = evaluation_console()
     shown = [row for row in rows if durations or row.duration == EVERY]
     for name, of_set in groupby(shown, key=lambda row: row.set):
-        screen.print(_fitting(screen, name, list(of_set)))
-    screen.print(Text(NOTES))
+        console.print(_fitting(console, name, list(of_set)))
+    console.print(Text(NOTES))
     if missed:
-        screen.print(Text(MISSED, style="bold"))
+        console.print(Text(MISSED, style="bold"))
     for row, figures in missed:
-        screen.print(Text(f"  {row.set}, {row.condition}: {', '.join(figures)}"))
+        console.print(Text(f"  {row.set}, {row.condition}: {', '.join(figures)}"))
 
 
-def _fitting(screen: Console, name: str, rows: Sequence[HonestyRow]) -> Table:
-    """Return the table of `rows` with as many figures as fit `screen`."""
-    unbounded = screen.options.update(max_width=10 * screen.width)
+def _fitting(console: Console, name: str, rows: Sequence[HonestyRow]) -> Table:
+    """Return the table of `rows` with as many figures as fit `console`."""
+    unbounded = console.options.update(max_width=10 * console.width)
     tables = [_table(name, rows, LEFT_OUT[:count]) for count in range(len(LEFT_OUT) + 1)]
-    fits = (each for each in tables if screen.measure(each, options=unbounded).maximum <= screen.width)
+    fits = (each for each in tables if console.measure(each, options=unbounded).maximum <= console.width)
     return next(fits, tables[-1])
 
 

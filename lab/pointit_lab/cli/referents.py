@@ -49,7 +49,7 @@ def referents(*, people: int, seed: int, jobs: int, json_file: Path | None) -> N
     from pointit_lab.evaluation.recordings.parallel import map_parallel  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.referents.referents import (  # noqa: PLC0415 - as above
         SCENES,
-        Answer,
+        ReferentAnswer,
         answers,
         reliability,
         rows_of,
@@ -62,7 +62,7 @@ def referents(*, people: int, seed: int, jobs: int, json_file: Path | None) -> N
         for scene in SCENES
         for first in range(seed, seed + people, BATCH)
     ]
-    found: dict[str, list[Answer]] = {scene.name: [] for scene in SCENES}
+    found: dict[str, list[ReferentAnswer]] = {scene.name: [] for scene in SCENES}
     with interruptible():
         with progress(len(pieces)) as tell_progress:
             for done, (index, results) in enumerate(map_parallel(partial(answers, MODEL), pieces, jobs)):

@@ -11,7 +11,7 @@ from pointit_lab.evaluation.recordings.data_folder import recordings_folder
 from pointit_lab.evaluation.recordings.row import Row
 
 if TYPE_CHECKING:  # SciPy is wanted only by the command
-    from pointit_lab.evaluation.localization.trial import Trial
+    from pointit_lab.evaluation.localization.trial import LocalizationTrial
 
 IDENTIFICATION, CHOICE, FOLLOWING = "identification", "choice", "following"
 BENCHES = ("landing", "workspace", IDENTIFICATION, CHOICE, FOLLOWING)
@@ -85,7 +85,7 @@ def robots(
             print_robots(flights, rates, found, rows)
 
 
-def _trials(data: Path | None) -> "list[Trial]":
+def _trials(data: Path | None) -> "list[LocalizationTrial]":
     """Return the trials of people who followed a robot, if there are recordings."""
     from pointit_lab.evaluation.datasets import motion_relloc, proximity_waypoints, read_trials  # noqa: PLC0415 - as above
 

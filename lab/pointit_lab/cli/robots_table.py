@@ -10,7 +10,7 @@ from rich.text import Text
 from pointit_lab.cli.table import evaluation_console, print_rows
 from pointit_lab.evaluation.recordings.row import ALL, Row
 from pointit_lab.evaluation.robots.choice import Reliability
-from pointit_lab.evaluation.robots.flight_row import FlightRow, Quantiles
+from pointit_lab.evaluation.robots.flight_row import FlightQuantiles, FlightRow
 from pointit_lab.evaluation.robots.identification import Rate
 from pointit_lab.evaluation.selection.difference import Interval
 
@@ -115,13 +115,13 @@ def _cell(text: str | None) -> Text:
     return Text("-", style="dim") if text is None else Text(text)
 
 
-def _median(spread: Quantiles | None, digits: int) -> str | None:
+def _median(spread: FlightQuantiles | None, digits: int) -> str | None:
     if spread is None:
         return None
     return f"{spread.median:.{digits}f} [{spread.low:.{digits}f}, {spread.high:.{digits}f}]"
 
 
-def _p90(spread: Quantiles | None, digits: int) -> str | None:
+def _p90(spread: FlightQuantiles | None, digits: int) -> str | None:
     return None if spread is None else f"{spread.p90:.{digits}f}"
 
 

@@ -17,7 +17,7 @@ from pointit_lab.cli.options import JOBS, JSON, check_writable, write_json
 from pointit_lab.cli.table import evaluation_console
 
 if TYPE_CHECKING:
-    from pointit_lab.evaluation.scan.score import Trial
+    from pointit_lab.evaluation.scan.score import ScanTrial
 
 FIRST_SEED = 200
 """First seed for claims; the method was made with seeds from 0 to 49, and some from 100 to 149."""
@@ -68,7 +68,7 @@ def scan(
         _print_pointing(rooms, seed, json_file)
         return
     counts = range(3, views + 1)
-    found: dict[int, list[Trial]] = {}
+    found: dict[int, list[ScanTrial]] = {}
     with interruptible():
         with progress(rooms) as tell_progress:
             work = map_parallel(
@@ -85,7 +85,7 @@ def scan(
             _print(by_views)
 
 
-def _print(by_views: "dict[int, list[Trial]]") -> None:
+def _print(by_views: "dict[int, list[ScanTrial]]") -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in (
         *("views", "rooms", "refused", "strips", "median", "p95", "max", "wrong", "in 3 sigma", "one more"),
@@ -99,7 +99,7 @@ def _print(by_views: "dict[int, list[Trial]]") -> None:
     screen.print(Text(NOTES))
 
 
-def _cells(trials: "list[Trial]") -> list[str]:
+def _cells(trials: "list[ScanTrial]") -> list[str]:
     errors = np.array([error for trial in trials for error in trial.errors_m] or [math.nan])
     sigmas = np.array([sigma for trial in trials for sigma in trial.sigmas_m] or [math.nan])
     identified = sum(trial.identified for trial in trials) / sum(trial.strips for trial in trials)

@@ -118,14 +118,14 @@ def selection(
             print_selection(rows, differences, pace)
 
 
-def _named(there: Sequence[Condition], names: Sequence[str]) -> list[Condition]:
-    """Return the conditions `there` with these names, or all without names.
+def _named(conditions: Sequence[Condition], names: Sequence[str]) -> list[Condition]:
+    """Return the conditions `conditions` with these names, or all without names.
 
     Raises:
         ConfigError: If there is none of such a name.
     """
-    known = list(dict.fromkeys(condition.name for condition in there))
+    known = list(dict.fromkeys(condition.name for condition in conditions))
     for name in names:
         if name not in known:
             raise ConfigError(f"--condition {name!r}: no such condition; there are: {'; '.join(known)}")
-    return [condition for condition in there if not names or condition.name in names]
+    return [condition for condition in conditions if not names or condition.name in names]

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from pointit_lab.cli.table import evaluation_console
 from pointit_lab.evaluation.selection.difference import Difference, Interval
-from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionRow
+from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionTrialRow
 from pointit_lab.evaluation.selection.selection import SimulationSpeed
 
 PEOPLE = {"pointing": "people", "mouse": "people, mouse"}
@@ -30,11 +30,11 @@ DIFFERENCE_NOTES = (
 
 
 def print_selection(
-    rows: Sequence[SelectionRow], differences: Sequence[Difference], pace: SimulationSpeed
+    rows: Sequence[SelectionTrialRow], differences: Sequence[Difference], speed: SimulationSpeed
 ) -> None:
     """Print `rows`, sorted by bench and condition, people after the methods.
 
-    Then print the differences between methods, and the simulation speed `pace`.
+    Then print the differences between methods, and the simulation speed `speed`.
     """
     screen = evaluation_console()
     for bench, of_bench in groupby(rows, key=lambda row: row.bench):
@@ -45,14 +45,14 @@ def print_selection(
         screen.print(Text(DIFFERENCE_NOTES))
     screen.print(
         Text(
-            f"Simulated: {pace.simulated_s:.0f} s, {pace.times_real:.0f} times faster than real time on "
+            f"Simulated: {speed.simulated_s:.0f} s, {speed.times_real:.0f} times faster than real time on "
             "one core.",
             style="dim",
         )
     )
 
 
-def _table(bench: str, rows: list[SelectionRow]) -> Table:
+def _table(bench: str, rows: list[SelectionTrialRow]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, title=bench, title_justify="left", title_style="bold", pad_edge=False)
     table.add_column("condition")
     table.add_column("method")

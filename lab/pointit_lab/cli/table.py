@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pointit.cli.common.output import Section, print_table
+from pointit.cli.common.output import OutputSection, print_table
 from pointit_lab.evaluation.localization.over_people import OverPeople
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 from pointit_lab.evaluation.selection.difference import Interval
 
 PIPE_WIDTH = 100
@@ -61,7 +61,7 @@ def _share(value: float | None) -> str | None:
 
 
 def _spread(
-    name: str, of: Callable[[Row], Spread | None], digits: int, ranks: Sequence[int], note: str = ""
+    name: str, of: Callable[[Row], MetricSpread | None], digits: int, ranks: Sequence[int], note: str = ""
 ) -> Iterator[_Column]:
     """Yield the columns of median, p90 and rms, as many as there are `ranks`."""
     for part, rank in zip(("median", "p90", "rms"), ranks, strict=False):
@@ -175,7 +175,7 @@ def evaluation_console() -> Console:
     return Console(width=None if is_known else PIPE_WIDTH)
 
 
-def print_rows(screen: Console, rows: Sequence[Row], remarks: Sequence[str] = ()) -> None:
+def print_rows(console: Console, rows: Sequence[Row], remarks: Sequence[str] = ()) -> None:
     """Print `rows`, sorted by set and condition, then the notes on their columns, and `remarks`.
 
     Empty columns and those that do not fit the screen are left out, so that no text is cut.
@@ -184,17 +184,17 @@ def print_rows(screen: Console, rows: Sequence[Row], remarks: Sequence[str] = ()
     left_out: list[str] = []
     needed = 0
     for name, group in groupby(rows, key=lambda row: row.set):
-        layout = _Layout(list(group), screen.width)
-        screen.print(layout.table(name))
+        layout = _Layout(list(group), console.width)
+        console.print(layout.table(name))
         notes += [column.note for column in layout.shown if column.note]
         notes += [SHORTENED] if layout.shortens else []
         left_out += [column.name for column in layout.left_out]
         needed = max(needed, layout.needed)
-    screen.print(Text(" ".join(dict.fromkeys([*notes, *remarks]))))
+    console.print(Text(" ".join(dict.fromkeys([*notes, *remarks]))))
     if left_out:
         names = ", ".join(dict.fromkeys(left_out))
         wider = f"With {needed} columns (COLUMNS={needed} in a pipe) this shows also: {names}."
-        screen.print(Text(f"{wider} --json FILE has all.", style="dim"))
+        console.print(Text(f"{wider} --json FILE has all.", style="dim"))
 
 
 class _Layout:
@@ -218,15 +218,15 @@ class _Layout:
         self.shown = [column for column in there if column.name in chosen]
         self.left_out = [column for column in there if column.name not in chosen]
         shown_width = sum(figures_width[column.name] for column in self.shown)
-        self.shortens, most = next(  # full words if they fit
+        self.shortens, max_width = next(  # full words if they fit
             (
-                (shortens, most)
-                for shortens, most in ((False, None), (True, None), (False, WORDS_WIDTH))
-                if self._words(most, shortens=shortens) + shown_width <= width
+                (shortens, max_width)
+                for shortens, max_width in ((False, None), (True, None), (False, WORDS_WIDTH))
+                if self._words(max_width, shortens=shortens) + shown_width <= width
             ),
             (True, WORDS_WIDTH),
         )
-        self._most: int | None = most
+        self._max_width: int | None = max_width
         self.shortens = self.shortens and any(row.solver in SHORT for row in rows)
 
     def table(self, name: str) -> Table:
@@ -241,7 +241,7 @@ class _Layout:
         )
         for title, texts in self._texts(shortens=self.shortens):
             width = max(map(len, (title, *texts)))
-            table.add_column(title, width=width if self._most is None else min(width, self._most))
+            table.add_column(title, width=width if self._max_width is None else min(width, self._max_width))
         for column in self.shown:
             table.add_column(column.head, justify="right", no_wrap=True, width=self._width(column) - GAP)
         words = list(zip(*(texts for _, texts in self._texts(shortens=self.shortens)), strict=True))
@@ -268,13 +268,13 @@ class _Layout:
         solvers = [SHORT.get(row.solver, row.solver) if shortens else row.solver for row in self._rows]
         return [*columns, ("solver", solvers)]
 
-    def _words(self, most: int | None, *, shortens: bool) -> int:
+    def _words(self, max_width: int | None, *, shortens: bool) -> int:
         widths = [max(map(len, (title, *texts))) for title, texts in self._texts(shortens=shortens)]
-        shown = sum(width if most is None else min(width, most) for width in widths)
+        shown = sum(width if max_width is None else min(width, max_width) for width in widths)
         return shown + GAP * len(widths) + EDGES
 
 
-def print_over_people(screen: Console, name: str, over: Sequence[OverPeople], reference: str) -> None:
+def print_over_people(console: Console, name: str, over: Sequence[OverPeople], reference: str) -> None:
     """Print `over` as the table `name`; ratios are to the method `reference`."""
     about = (
         "geometric mean of each person's median error, with its 95 % interval; its range if any one person "
@@ -292,7 +292,7 @@ def print_over_people(screen: Console, name: str, over: Sequence[OverPeople], re
         }
         for each in over
     )
-    print_table(screen, Section(name=name, about=about, rows=cells))
+    print_table(console, OutputSection(name=name, about=about, rows=cells))
 
 
 def _range(ends: tuple[float, float] | None) -> str:

@@ -17,7 +17,7 @@ from pointit_lab.cli.options import JOBS, JSON, check_writable, write_json
 from pointit_lab.cli.table import evaluation_console
 
 if TYPE_CHECKING:
-    from pointit_lab.evaluation.things.things import Elsewhere, ReachRow, Share
+    from pointit_lab.evaluation.things.things import MissKind, ReachRow, Share
 
 FIRST_SEED = 2000
 """First seed for claims; constants of the method were chosen with seeds from 1000 to 1149."""
@@ -60,8 +60,15 @@ def things(
     from pointit.services.selector.config import SelectorConfig  # noqa: PLC0415 - all of the selector
     from pointit.services.selector.selection_methods import METHODS  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.recordings.parallel import map_parallel  # noqa: PLC0415 - as above
-    from pointit_lab.evaluation.things.ideal import most_right  # noqa: PLC0415 - as above
-    from pointit_lab.evaluation.things.things import ELSEWHERE, ROWS, Result, reaches, row_of, strays  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.things.ideal import max_right  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.things.things import (  # noqa: PLC0415 - as above
+        MISS_KINDS,
+        ROWS,
+        Result,
+        reaches,
+        row_of,
+        wrong_selections,
+    )
 
     check_writable(json_file)
     if method not in METHODS.names:
@@ -72,23 +79,25 @@ def things(
         for row in ROWS
         for first in range(seed, seed + trials, BATCH)
     ]
-    others: list[tuple[Elsewhere, int, float]] = [
-        (kind, seed + index, minutes) for kind in ELSEWHERE for index in range(people)
+    others: list[tuple[MissKind, int, float]] = [
+        (kind, seed + index, minutes) for kind in MISS_KINDS for index in range(people)
     ]
     found: dict[str, list[Result]] = {row.name: [] for row in ROWS}
-    fired: dict[Elsewhere, int] = dict.fromkeys(ELSEWHERE, 0)
+    fired: dict[MissKind, int] = dict.fromkeys(MISS_KINDS, 0)
     with interruptible():
         with progress(len(pieces) + len(others)) as tell_progress:
             for done, (index, results) in enumerate(map_parallel(partial(reaches, config), pieces, jobs)):
                 found[pieces[index][0].name] += results
                 tell_progress("parts", done + 1)
-            for done, (index, count) in enumerate(map_parallel(partial(strays, config), others, jobs)):
+            for done, (index, count) in enumerate(
+                map_parallel(partial(wrong_selections, config), others, jobs)
+            ):
                 fired[others[index][0]] += count
                 tell_progress("parts", len(pieces) + done + 1)
         rows = [row_of(row, found[row.name]) for row in ROWS]
         per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in fired.items() if people}
         bounds = {
-            row.name: {wrong: most_right(row, seed, trials, wrong) for wrong in (WRONG, judged.wrong.value)}
+            row.name: {wrong: max_right(row, seed, trials, wrong) for wrong in (WRONG, judged.wrong.value)}
             for row, judged in zip(ROWS, rows, strict=True)
             if not row.lit
         }

@@ -1,4 +1,4 @@
-"""A fake MQTT broker at which one virtual AGV by VDA 5050 reports, and drives as it is told."""
+"""A fake MQTT broker at which one virtual AGV by VDA 5050 reports, and drives as ordered."""
 
 import asyncio
 import itertools
@@ -38,9 +38,9 @@ class AgvBrokerDevice(MqttBrokerDevice):
             self._driving = None
         await super().unplug()
 
-    def take(self, message: Published) -> None:
+    def take(self, published: Published) -> None:
         """Pass a message on to the AGV."""
-        self.agv.receive(message.topic, message.payload)
+        self.agv.receive(published.topic, published.payload)
 
     async def _drive(self) -> None:
         while True:
@@ -74,12 +74,12 @@ class VirtualAgv:
 
     def receive(self, topic: str, payload: str | bytes) -> None:
         """Take a message of its master."""
-        message = json.loads(payload)
+        published = json.loads(payload)
         if topic.endswith("/instantActions"):
-            for action in message["instantActions" if self._version[0] == "1" else "actions"]:
+            for action in published["instantActions" if self._version[0] == "1" else "actions"]:
                 self._act(action)
         elif topic.endswith("/order"):
-            self._take(message)
+            self._take(published)
         self.has_changed = True
 
     def drive(self, distance_m: float) -> None:

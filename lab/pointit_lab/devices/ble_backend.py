@@ -175,20 +175,20 @@ class MemoryClient(Client):
             raise BleakError("Not connected")
 
 
-def backends(device: Peripheral) -> tuple[type[MemoryScanner], type[MemoryClient]]:
-    """Return the backends of an adapter that reaches `device` alone."""
+def backends(peripheral: Peripheral) -> tuple[type[MemoryScanner], type[MemoryClient]]:
+    """Return the backends of an adapter that reaches `peripheral` alone."""
     return (
-        type("OneScanner", (MemoryScanner,), {"device": device}),
-        type("OneClient", (MemoryClient,), {"device": device}),
+        type("OneScanner", (MemoryScanner,), {"device": peripheral}),
+        type("OneClient", (MemoryClient,), {"device": peripheral}),
     )
 
 
-def _services(device: Peripheral) -> BleakGATTServiceCollection:
-    found = BleakGATTServiceCollection()
-    service = BleakGATTService(None, 1, device.wrist.service)
-    found.add_service(service)
-    for handle, (uuid, properties) in enumerate(device.wrist.characteristics.items(), 2):
-        found.add_characteristic(
+def _services(peripheral: Peripheral) -> BleakGATTServiceCollection:
+    collection = BleakGATTServiceCollection()
+    service = BleakGATTService(None, 1, peripheral.wrist.service)
+    collection.add_service(service)
+    for handle, (uuid, properties) in enumerate(peripheral.wrist.characteristics.items(), 2):
+        collection.add_characteristic(
             BleakGATTCharacteristic(None, handle, uuid, [*properties], lambda: MTU - 3, service)
         )
-    return found
+    return collection

@@ -23,7 +23,7 @@ class Published(NamedTuple):
 class MqttBrokerDevice(TcpDevice):
     """A broker that accepts the program, acknowledges what it sends, and sends nothing by itself."""
 
-    def take(self, message: Published) -> None:
+    def take(self, published: Published) -> None:
         """Take a message of the program."""
 
     async def publish(self, topic: str, payload: bytes) -> None:

@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import INTERRUPTED, Section, json_option, print_json, show
+from pointit.cli.common.output import INTERRUPTED, OutputSection, json_option, print_json, show
 from pointit.cli.common.site_link import quiet, site_options
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE
@@ -28,14 +28,14 @@ MAX_HOSTS = 16
 MAX_ROUTERS = 32
 
 
-class Counts(click.ParamType[tuple[int, ...]]):
+class LoadCounts(click.ParamType[tuple[int, ...]]):
     """Whole numbers with commas between them."""
 
     name = "counts"
 
-    def __init__(self, most: int) -> None:
-        """Allow 1 to `most`."""
-        self._most = most
+    def __init__(self, max_count: int) -> None:
+        """Allow 1 to `max_count`."""
+        self._max_count = max_count
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
@@ -43,8 +43,8 @@ class Counts(click.ParamType[tuple[int, ...]]):
         """Return the numbers in `value`."""
         numbers: list[int] = []
         for each in str(value).split(","):
-            if not each.strip().isdecimal() or not 1 <= int(each) <= self._most:
-                self.fail(f"{each!r} is not a whole number from 1 to {self._most}", param, ctx)
+            if not each.strip().isdecimal() or not 1 <= int(each) <= self._max_count:
+                self.fail(f"{each!r} is not a whole number from 1 to {self._max_count}", param, ctx)
             numbers.append(int(each))
         return tuple(numbers)
 
@@ -52,7 +52,7 @@ class Counts(click.ParamType[tuple[int, ...]]):
 @click.command("load", params=site_options())
 @click.option(
     "--users",
-    type=Counts(MAX_USERS),
+    type=LoadCounts(MAX_USERS),
     default="10",
     metavar="N[,N]",
     help="number of people; several are measured in turn",
@@ -91,7 +91,7 @@ class Counts(click.ParamType[tuple[int, ...]]):
 )
 @click.option(
     "--hosts",
-    type=Counts(MAX_HOSTS),
+    type=LoadCounts(MAX_HOSTS),
     metavar="N[,N]",
     help="number of hosts to spread people over, each a network namespace; several are measured in turn",
 )
@@ -210,21 +210,23 @@ def command(
     return EXIT_FAILED if any(measured.failure for measured in done) else 0
 
 
-def _sections(done: Sequence[LoadResult], found: Sequence[PartSlopes]) -> list[Section]:
+def _sections(done: Sequence[LoadResult], slopes: Sequence[PartSlopes]) -> list[OutputSection]:
     first, last = done[0], done[-1]
     about = f"{first.rate_hz:g} Hz each for {first.duration_s:g} s, {first.layout}"
     roomy = frozenset({"cursor_p50_ms", "cursor_p99_ms", "processes", "load", "busiest"})
-    made = [Section(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]
+    made = [OutputSection(name="load", about=about, rows=tuple(each.row() for each in done), roomy=roomy)]
     if len(last.processes) > 1:
         about = f"CPU for one sample of all, {last.users} people, {last.layout}"
-        made.append(Section(name="processes", about=about, rows=tuple(last.process_rows())))
+        made.append(OutputSection(name="processes", about=about, rows=tuple(last.process_rows())))
     if last.links:
         rows = tuple(last.link_rows())
         about = f"per second, {last.users} people, {last.layout}"
-        made.append(Section(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
-    if found:
+        made.append(OutputSection(name="links", about=about, rows=rows, roomy=frozenset({"up", "down"})))
+    if slopes:
         made.append(
-            Section(name="slopes", about="with 95 % intervals", rows=tuple(part.row() for part in found))
+            OutputSection(
+                name="slopes", about="with 95 % intervals", rows=tuple(part.row() for part in slopes)
+            )
         )
     return made
 

@@ -12,14 +12,14 @@ from pointit.access.site_folder import SiteFolder
 from pointit.runtime.errors import ConfigError
 from pointit_lab.loadtest.load_result import LinkUsage, LoadResult, Usage
 from pointit_lab.loadtest.network.counters import Contents, Counters
-from pointit_lab.loadtest.network.namespaces import Network, Traffic
+from pointit_lab.loadtest.network.namespaces import NamespaceNetwork, NamespaceTraffic
 from pointit_lab.loadtest.network.routers import (
     Program,
     plain_configuration,
     router_process,
     secured_configuration,
 )
-from pointit_lab.loadtest.sight import Sight
+from pointit_lab.loadtest.sight import LoadTestReceiver
 from pointit_lab.loadtest.usage import UsageSample, read_usage
 from pointit_lab.loadtest.workers import READY_S, Group, Worker
 
@@ -35,19 +35,22 @@ class _Used:
 
     at_s: float
     routers: Mapping[int, UsageSample]
-    traffic: Mapping[int, Traffic]
+    traffic: Mapping[int, NamespaceTraffic]
 
 
 class HostsTest:
     """A site over several hosts, ready to be measured."""
 
     def __init__(
-        self, network: Network, groups: Mapping[int, Sequence[Group]], routers: Mapping[int, int]
+        self,
+        network: NamespaceNetwork,
+        groups: Mapping[int, Sequence[Group]],
+        usage_samples: Mapping[int, int],
     ) -> None:
-        """Prepare. `groups` and process ids of `routers` are by machine."""
+        """Prepare. `groups` and process ids of `usage_samples` are by machine."""
         self._network = network
         self._groups = groups
-        self._routers = routers
+        self._routers = usage_samples
         self._workers: list[Worker] = []
 
     async def start(self, site: str) -> None:
@@ -111,7 +114,7 @@ class HostsTest:
             name = f"router {self._network.machines[index].name}"
             processes.append(Usage(name=name, cpu=cpu, memory_mb=now.memory_mb))
         load_average = round(os.getloadavg()[0], 1)
-        sight = Sight(frozenset())
+        sight = LoadTestReceiver(frozenset())
         for answer in answers:
             sight.add(answer["sight"])
         contents = await self._contents(rate_hz)
@@ -159,7 +162,12 @@ class HostsTest:
         )
 
     def _link(
-        self, index: int, before: Traffic, after: Traffic, lasted_s: float, contents: Contents
+        self,
+        index: int,
+        before: NamespaceTraffic,
+        after: NamespaceTraffic,
+        lasted_s: float,
+        contents: Contents,
     ) -> LinkUsage:
         machines = self._network.machines
         return LinkUsage(
@@ -186,13 +194,13 @@ class HostsTest:
 
 @contextlib.asynccontextmanager
 async def start_hosts_test(
-    network: Network,
+    network: NamespaceNetwork,
     groups: Mapping[int, Sequence[Group]],
     *,
     site: str,
     program: Program,
     folder: Path,
-    secured: SiteFolder | None,
+    site_folder: SiteFolder | None,
 ) -> AsyncGenerator[HostsTest]:
     """Yield the site with all services running.
 
@@ -202,26 +210,26 @@ async def start_hosts_test(
         site: name of the site.
         program: what routes.
         folder: for the routers' files.
-        secured: certificates of the site, if its routers require them.
+        site_folder: certificates of the site, if its routers require them.
 
     Raises:
         ConfigError: If a process ended, or they were not ready in time.
     """
     async with contextlib.AsyncExitStack() as stack:
-        routers: dict[int, int] = {}
+        usage_samples: dict[int, int] = {}
         for index, machine in enumerate(network.machines):
             if not machine.has_router:
                 continue
             listen = network.listen(index)
             uplinks = [network.uplink(index)] if index else []
-            if secured is None:
+            if site_folder is None:
                 made = plain_configuration(listen, uplinks)
             else:
-                made = secured_configuration(secured, uplinks, int(listen.rpartition(":")[2]))
-            routers[index] = await stack.enter_async_context(
+                made = secured_configuration(site_folder, uplinks, int(listen.rpartition(":")[2]))
+            usage_samples[index] = await stack.enter_async_context(
                 router_process(made, program, folder / str(index), network.arguments(index))
             )
-        test = HostsTest(network, groups, routers)
+        test = HostsTest(network, groups, usage_samples)
         stack.push_async_callback(test.end)
         await test.start(site)
         yield test

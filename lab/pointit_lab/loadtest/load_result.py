@@ -201,22 +201,22 @@ def quantile_ms(values_s: Sequence[float], share: float) -> float | None:
 class CapacitySearch:
     """Search for the largest load: doubles it until it fails, then bisects."""
 
-    def __init__(self, first: int, most: int, steps: int = 3) -> None:
-        """Start with `first`, try at most `most`, bisect at most `steps` times."""
+    def __init__(self, first: int, max_count: int, steps: int = 3) -> None:
+        """Start with `first`, try at most `max_count`, bisect at most `steps` times."""
         self.carried = 0
         self._failed: int | None = None
         self._first = first
-        self._most = most
+        self._max_count = max_count
         self._steps = steps
 
     def counts(self) -> Iterator[int]:
         """Yield the loads to try. Call `report` before requesting the next."""
-        count = min(self._first, self._most)
+        count = min(self._first, self._max_count)
         while self._failed is None:
             yield count
-            if self.carried >= self._most:
+            if self.carried >= self._max_count:
                 return
-            count = min(2 * count, self._most)
+            count = min(2 * count, self._max_count)
         for _ in range(self._steps):
             count = (self.carried + self._failed) // 2
             if count in (self.carried, self._failed):

@@ -35,12 +35,12 @@ async def measure(load: Load, count: int, tell: Tell) -> LoadResult:
     """Start `count` people with everything, measure, and end it all. `tell` gets progress."""
     if load.hosts:
         return await _measure_hosts(load, count, tell)
-    here, elsewhere = groups(load, count)
+    here, remote_groups = groups(load, count)
     async with _bus(load) as (bus, endpoint, router):
         if load.connect:
-            users = [user for group in (here, *elsewhere) for user in group.wrists]
+            users = [user for group in (here, *remote_groups) for user in group.wrists]
             await claim_names(bus, USER_ALIVE, users)
-        async with start_load_test(bus, here, elsewhere, endpoint, router) as rig:
+        async with start_load_test(bus, here, remote_groups, endpoint, router) as rig:
             await rig.measure(load.rate_hz, WARM_UP_S, load.name)
             tell(f"  measuring for {load.duration_s:g} s …")
             return await rig.measure(load.rate_hz, load.duration_s, load.name)
@@ -50,21 +50,26 @@ async def _measure_hosts(load: Load, count: int, tell: Tell) -> LoadResult:
     machines = tree(load.hosts, load.routers, load.fan)
     with (
         tempfile.TemporaryDirectory(prefix="pointit-load-routers-") as folder,
-        network(machines, "tls" if load.secured else "tcp") as made,
+        network(machines, "tls" if load.secured else "tcp") as host_network,
         contextlib.ExitStack() as stack,
     ):
-        if made.lacking:
+        if host_network.lacking:
             tell(
-                f"  hosts are processes on loopback, and their links are not measured ({made.lacking}); run "
-                "as root, or by `unshare --map-root-user --net pointit load …`"
+                f"  hosts are processes on loopback, and their links are not measured "
+                f"({host_network.lacking}); run as root, or by `unshare --map-root-user --net pointit load …`"
             )
         site: SiteFolder | None = None
         if load.secured:
-            site, credentials = secured_site(Path(folder) / "site", load.site, PORT, made.addresses())
+            site, credentials = secured_site(Path(folder) / "site", load.site, PORT, host_network.addresses())
             stack.enter_context(_given(credentials))
         people = host_groups(load, count, machines)
         async with start_hosts_test(
-            made, people, site=load.site, program=load.router or "pointit", folder=Path(folder), secured=site
+            host_network,
+            people,
+            site=load.site,
+            program=load.router or "pointit",
+            folder=Path(folder),
+            site_folder=site,
         ) as test:
             await test.until_carried(load.rate_hz, WARM_UP_S)
             tell(f"  measuring for {load.duration_s:g} s …")
@@ -84,12 +89,12 @@ async def _bus(load: Load) -> AsyncGenerator[tuple[ZenohBus, str, int | None]]:
         credentials, router = None, None
         if load.router:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pointit-load-router-")))
-            made = plain_configuration(endpoint, ())
+            configuration = plain_configuration(endpoint, ())
             if load.secured:
                 site, credentials = secured_site(folder / "site", load.site, port, ["127.0.0.1"])
-                made = secured_configuration(site, (), port)
+                configuration = secured_configuration(site, (), port)
                 stack.enter_context(_given(credentials))
-            router = await stack.enter_async_context(router_process(made, load.router, folder))
+            router = await stack.enter_async_context(router_process(configuration, load.router, folder))
         link = Link(
             site=load.site,
             connect=(endpoint,) if load.router else (),
@@ -120,7 +125,7 @@ def secured_site(
         ConfigError: If `cryptography` is missing, or something cannot be written.
     """
     now = dt.datetime.now(dt.UTC)
-    made = SiteFolder(folder)
+    site_folder = SiteFolder(folder)
     state = SiteState(
         site=site,
         hosts=tuple(addresses),
@@ -130,5 +135,5 @@ def secured_site(
         dashboard_rate_hz=0.0,
         identities={},
     )
-    made.create(state, {IDENTITY: "supervisor"}, now)
-    return made, read_credentials(made.identity_folder(IDENTITY), now)
+    site_folder.create(state, {IDENTITY: "supervisor"}, now)
+    return site_folder, read_credentials(site_folder.identity_folder(IDENTITY), now)

@@ -12,25 +12,27 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, run_services
 from pointit.schemas.topics import IMU
 from pointit_lab.loadtest.load_result import LoadResult, Usage
-from pointit_lab.loadtest.sight import DRAIN_S, Sight
+from pointit_lab.loadtest.sight import DRAIN_S, LoadTestReceiver
 from pointit_lab.loadtest.usage import read_usage
 from pointit_lab.loadtest.workers import READY_S, Group, Worker
-from pointit_lab.loadtest.wrist import Wrist, drive_wrists
+from pointit_lab.loadtest.wrist import LoadTestWrist, drive_wrists
 
 
 class LoadTest:
     """A site under load, ready to be measured."""
 
-    def __init__(self, bus: Bus, here: Group, workers: Sequence[Worker], router: int | None) -> None:
+    def __init__(self, bus: Bus, local_group: Group, workers: Sequence[Worker], router: int | None) -> None:
         self._bus = bus
         self._workers = workers
         self._router = router
-        self._here = here
+        self._here = local_group
         self._users = [
-            user for group in (here, *(worker.group for worker in workers)) for user in group.wrists
+            user for group in (local_group, *(worker.group for worker in workers)) for user in group.wrists
         ]
-        self._sight = Sight(frozenset(self._users))
-        self._wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(here.wrists)]
+        self._sight = LoadTestReceiver(frozenset(self._users))
+        self._wrists = [
+            LoadTestWrist(bus.publisher(IMU, user), index) for index, user in enumerate(local_group.wrists)
+        ]
         self._sight.watch(bus)
         self._sight.watch_light(bus)
 
@@ -69,17 +71,17 @@ class LoadTest:
         after = read_usage()
         await asyncio.sleep(DRAIN_S)
         sent = sum(wrist.sent for wrist in self._wrists) - sent + sum(answer["sent"] for answer in answers)
-        processes: list[Usage] = []
+        usages: list[Usage] = []
         if before is not None and after is not None:
             cpu = (after.cpu_s - before.cpu_s) / lasted_s
-            processes.append(Usage(name=self._here.name, cpu=cpu, memory_mb=after.memory_mb))
-        processes += [
+            usages.append(Usage(name=self._here.name, cpu=cpu, memory_mb=after.memory_mb))
+        usages += [
             Usage(name=worker.group.name, cpu=answer["cpu_s"] / lasted_s, memory_mb=answer["memory_mb"])
             for worker, answer in zip(self._workers, answers, strict=True)
         ]
         if router is not None and (now := read_usage(self._router)) is not None:
             cpu = (now.cpu_s - router.cpu_s) / lasted_s
-            processes.append(Usage(name="router", cpu=cpu, memory_mb=now.memory_mb))
+            usages.append(Usage(name="router", cpu=cpu, memory_mb=now.memory_mb))
         return LoadResult(
             users=len(self._users),
             rate_hz=rate_hz,
@@ -90,14 +92,14 @@ class LoadTest:
             hovered=self._sight.hovers,
             light_s=self._sight.light_s(),
             cursor_s=list(self._sight.cursor_s),
-            processes=processes,
+            processes=usages,
             load_average=round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
         )
 
 
 @contextlib.asynccontextmanager
 async def start_load_test(
-    bus: Bus, here: Group, elsewhere: Sequence[Group], connect: str, router: int | None = None
+    bus: Bus, local_group: Group, remote_groups: Sequence[Group], connect: str, router: int | None = None
 ) -> AsyncGenerator[LoadTest]:
     """Yield a site with all services running; processes join it at `connect`.
 
@@ -105,15 +107,19 @@ async def start_load_test(
         ConfigError: If a process ended, or they were not ready in time.
     """
     async with contextlib.AsyncExitStack() as stack:
-        services = await stack.enter_async_context(running(here.launches, bus)) if here.launches else None
+        services = (
+            await stack.enter_async_context(running(local_group.launches, bus))
+            if local_group.launches
+            else None
+        )
         workers: list[Worker] = []
         stack.push_async_callback(_end_all, workers)
-        for group in elsewhere:
+        for group in remote_groups:
             worker = await Worker.start(group, bus.site, connect)
             workers.append(worker)  # one by one, so that started ones are ended if the next one fails
-        rig = LoadTest(bus, here, workers, router)
-        await rig.until_ready(services)
-        yield rig
+        load_test = LoadTest(bus, local_group, workers, router)
+        await load_test.until_ready(services)
+        yield load_test
 
 
 @contextlib.asynccontextmanager

@@ -16,7 +16,7 @@ DRAIN_S = 0.3
 
 
 @dataclass
-class Sight:
+class LoadTestReceiver:
     """Messages received in the measuring time.
 
     It reads each message as it arrives, on the thread on which it arrives: a reader with a wake-up for each

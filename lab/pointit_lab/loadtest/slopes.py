@@ -23,7 +23,7 @@ CORE = 100.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Slope:
+class LoadSlope:
     """An estimate with the half-width of its confidence interval."""
 
     value: float
@@ -38,7 +38,7 @@ class Slope:
         return f"{self.value:.{digits}f} ± {self.error:.{digits}f}"
 
 
-def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dict[str, Slope]:
+def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dict[str, LoadSlope]:
     """Return the coefficients of `unknowns` in a linear model of `values`, by least squares.
 
     Unknowns that cannot be told from the ones before them are left out: that of hosts if their number never
@@ -62,7 +62,7 @@ def fit(unknowns: Mapping[str, Sequence[float]], values: Sequence[float]) -> dic
         quantile = float(student.ppf((1 + CONFIDENCE) / 2, free))
         error = [math.sqrt(each) * quantile for each in np.diag(covariance)]
     return {
-        name: Slope(value=float(value), error=half)
+        name: LoadSlope(value=float(value), error=half)
         for name, value, half in zip(kept, solution, error, strict=True)
     }
 
@@ -74,9 +74,9 @@ class PartSlopes:
     part: str
     points: int
     """Number of measurements."""
-    cpu_percent: Mapping[str, Slope]
+    cpu_percent: Mapping[str, LoadSlope]
     """Percent of a core, fixed, per person and per host."""
-    memory_mb: Mapping[str, Slope]
+    memory_mb: Mapping[str, LoadSlope]
 
     @property
     def people_a_core(self) -> tuple[float, float | None, float | None] | None:
@@ -99,8 +99,8 @@ class PartSlopes:
         shown = None
         if carried is not None:
             value, *ends = carried
-            least, most = ("?" if end is None else f"{end:.0f}" for end in ends)
-            shown = f"{value:.0f} [{least}, {most}]"
+            lower, upper = ("?" if end is None else f"{end:.0f}" for end in ends)
+            shown = f"{value:.0f} [{lower}, {upper}]"
         kinds = {"cpu_percent": self.cpu_percent, "memory_mb": self.memory_mb}
         columns = {
             f"{kind}_{name}": str(found[name]) if name in found else None
@@ -147,7 +147,7 @@ def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
         PER_PERSON: [result.sent / (result.rate_hz * result.duration_s) for result in results],
         PER_HOST: [float(result.hosts) for result in results],
     }
-    made: list[PartSlopes] = []
+    slopes: list[PartSlopes] = []
     for name, choose in PARTS.items():
         parts = [choose(result.processes) for result in results]
         if not all(parts):
@@ -155,5 +155,5 @@ def slopes(results: Sequence[LoadResult]) -> list[PartSlopes]:
         cpu = fit(unknowns, [sum(usage.cpu for usage in part) * CORE for part in parts])
         memory = fit(unknowns, [sum(usage.memory_mb for usage in part) for part in parts])
         if PER_PERSON in cpu:
-            made.append(PartSlopes(part=name, points=len(results), cpu_percent=cpu, memory_mb=memory))
-    return made
+            slopes.append(PartSlopes(part=name, points=len(results), cpu_percent=cpu, memory_mb=memory))
+    return slopes

@@ -25,11 +25,11 @@ from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import IMU
 from pointit.services import registry
-from pointit_lab.loadtest.sight import DRAIN_S, Sight
+from pointit_lab.loadtest.sight import DRAIN_S, LoadTestReceiver
 from pointit_lab.loadtest.usage import read_usage
-from pointit_lab.loadtest.wrist import Wrist, drive_wrists
+from pointit_lab.loadtest.wrist import LoadTestWrist, drive_wrists
 
-PATIENCE_S = 10.0
+TIMEOUT_S = 10.0
 
 
 def _launch(one: Mapping[str, Any]) -> Launch:
@@ -56,13 +56,13 @@ async def _work() -> int:
         connect=(task["connect"],),
         credentials=None if not credentials else read_credentials(Path(credentials), _now()),
     )
-    bus = await ZenohBus.open(link, patience_s=PATIENCE_S)
+    bus = await ZenohBus.open(link, patience_s=TIMEOUT_S)
     services = asyncio.create_task(run_services([_launch(one) for one in task["launches"]], bus, WallClock()))
     if task["launches"]:  # else it drives wrists alone
         services.add_done_callback(lambda _: reader.feed_eof())
     try:
-        wrists = [Wrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
-        sight = Sight(frozenset(task["watched"]))
+        wrists = [LoadTestWrist(bus.publisher(IMU, user), index) for index, user in enumerate(task["wrists"])]
+        sight = LoadTestReceiver(frozenset(task["watched"]))
         sight.watch(bus, alone=True)
         if task["watches_light"]:
             sight.watch_light(bus)

@@ -66,10 +66,10 @@ class Worker:
         )
         return worker
 
-    def send_line(self, what: dict[str, Any]) -> None:
-        """Send it `what` as a line of JSON."""
+    def send_line(self, message: dict[str, Any]) -> None:
+        """Send it `message` as a line of JSON."""
         if self.process.stdin is not None:
-            self.process.stdin.write((json.dumps(what) + "\n").encode())
+            self.process.stdin.write((json.dumps(message) + "\n").encode())
 
     async def answer(self) -> dict[str, Any]:
         """Return its next line.

@@ -17,7 +17,7 @@ ELEVATION_RAD = -0.02
 WALL_CLOCK = WallClock()
 
 
-class Wrist:
+class LoadTestWrist:
     """Publishes samples of an arm that sweeps to and fro."""
 
     def __init__(
@@ -44,7 +44,7 @@ class Wrist:
         )
 
 
-async def drive_wrists(wrists: Sequence[Wrist], rate_hz: float, duration_s: float) -> None:
+async def drive_wrists(wrists: Sequence[LoadTestWrist], rate_hz: float, duration_s: float) -> None:
     """Publish `rate_hz` samples per second from every wrist for `duration_s`.
 
     Samples that are not published within their period are skipped and missing from `sent`. In a burst they

@@ -136,7 +136,7 @@ class DeniedOperations:
         self._attempts: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
         self.rates_hz: dict[str, float] = {}
         """Messages per second by identity in the last interval, a lower bound if there are many keys."""
-        self._strangers = RejectedConnections()
+        self._rejected_connections = RejectedConnections()
         self._written: Counter[str] = Counter()
         """Counts by the end of the line: connection and key."""
         self._slowed: Counter[str] = Counter()
@@ -205,7 +205,7 @@ class DeniedOperations:
                 f"writes {key} {count / elapsed_s:.0f} times a second, more than anybody needs: end what does"
             )
         sentences = {name: f"{name} {' and '.join(told)}" for name, told in sorted(clauses.items())}
-        if sentence := self._strangers.pop_summary():
+        if sentence := self._rejected_connections.pop_summary():
             sentences[""] = sentence
         rates: Counter[str] = Counter()
         for line, count in self._written.items():
@@ -232,7 +232,7 @@ class DeniedOperations:
         if before and plain.endswith(DROPPED):
             if SELF_TEST not in before:
                 self._count(before, TOO_LONG_VERBS, 1)
-        elif self._strangers.take(plain, where):
+        elif self._rejected_connections.take(plain, where):
             self.total += 1
 
     def _read(self, line: str) -> tuple[str, str, str] | None:

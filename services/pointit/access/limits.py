@@ -15,7 +15,7 @@ MAX_CONNECTIONS = 16
 """Maximum connections of one identity: a person's five services as processes, and some commands."""
 LATEST_HZ = 500.0
 """Maximum rate of a key of which only the newest message counts. Wrists send 200 Hz at most."""
-KEPT_HZ = 100.0
+MAX_RATE_HZ = 100.0
 """Maximum rate of a key with states or events, of which each has to be handled."""
 MAX_HZ = 2500.0
 """Rate of messages of one identity that is allowed for good. An IMU of 200 Hz, with all derived messages,
@@ -23,7 +23,7 @@ makes 1400."""
 BURST = 10_000.0
 """Number of messages beyond `MAX_HZ` at which an identity is cut off. A stalled link delivers at most a
 lease (3 s) of messages at once."""
-PATIENCE = 3
+TIMEOUT = 3
 """Number of consecutive checks, one per second, without reading before a connection is reported."""
 HOLD_S = 30.0
 """Time for which a flooding identity stays cut off, s."""
@@ -32,7 +32,7 @@ MIN_UNREAD = 16 * 1024
 
 
 @dataclass(frozen=True, kw_only=True)
-class Connection:
+class LimitedConnection:
     """One session at the router."""
 
     identity: str
@@ -51,43 +51,43 @@ class Connection:
 def max_rate_hz(key: str) -> float:
     """Return the maximum rate of a key, relative to the site, on each connection of a person."""
     topic = topic_of(key)
-    return KEPT_HZ if topic is not None and topic.delivery is not Delivery.LATEST else LATEST_HZ
+    return MAX_RATE_HZ if topic is not None and topic.delivery is not Delivery.LATEST else LATEST_HZ
 
 
-class Limits:
+class ConnectionLimits:
     """Decides at each check which connections to cut."""
 
-    def __init__(self, most_connections: int = MAX_CONNECTIONS) -> None:
-        self._most = most_connections
-        self._seen: dict[tuple[str, str], Connection] = {}
+    def __init__(self, max_connections: int = MAX_CONNECTIONS) -> None:
+        self._max_connections = max_connections
+        self._seen: dict[tuple[str, str], LimitedConnection] = {}
         """Connections by session and address, in order of arrival. Their identity may be known later."""
         self._excess: dict[str, float] = {}
         """Number of messages beyond `MAX_HZ` by identity, which shrinks again at lower rates."""
         self.held: dict[str, float] = {}
         """Identities that are cut off, and the end of that time."""
-        self._unread: dict[Connection, tuple[int, int]] = {}
+        self._unread: dict[LimitedConnection, tuple[int, int]] = {}
         """Waiting bytes of a connection, and number of consecutive checks with the same value."""
 
     def excess(
         self,
-        connections: Sequence[Connection],
+        connections: Sequence[LimitedConnection],
         roles: Mapping[str, str],
         rates_hz: Mapping[str, float],
         now_s: float,
-    ) -> tuple[list[Connection], dict[str, str]]:
+    ) -> tuple[list[LimitedConnection], dict[str, str]]:
         """Return the connections to cut, and a message by identity; roles and rates are by identity, too."""
         there = {(each.session, each.address): each for each in connections}
         self._seen = {key: there[key] for key in (*self._seen, *there) if key in there}
-        by_identity: dict[str, list[Connection]] = {}
+        by_identity: dict[str, list[LimitedConnection]] = {}
         for each in self._seen.values():
             if roles.get(each.identity) in LIMITED:
                 by_identity.setdefault(each.identity, []).append(each)
         self._hold({name: rate for name, rate in rates_hz.items() if roles.get(name) in LIMITED}, now_s)
-        cut: list[Connection] = []
+        closed_connections: list[LimitedConnection] = []
         messages: dict[str, str] = {}
         for name in self.held:
             own = by_identity.pop(name, [])
-            cut += own
+            closed_connections += own
             messages[name] = (
                 f"{name} has written {BURST:.0f} messages more than {MAX_HZ:.0f} messages a second and "
                 + (
@@ -97,20 +97,20 @@ class Limits:
                 )
             )
         for name, own in by_identity.items():
-            if len(own) > self._most:
-                newest = own[self._most :]
-                cut += newest
+            if len(own) > self._max_connections:
+                newest = own[self._max_connections :]
+                closed_connections += newest
                 messages[name] = (
-                    f"{name} has {len(own)} connections, at most {self._most} are let in "
+                    f"{name} has {len(own)} connections, at most {self._max_connections} are let in "
                     f"(--most-connections), the newest are cut: what opens so many? If its certificate is in "
                     f"other hands: `pointit site renew {_short(name)}`"
                     if all(each.can_be_cut for each in newest)
-                    else f"{name} has {len(own)} connections, more than {self._most} "
+                    else f"{name} has {len(own)} connections, more than {self._max_connections} "
                     f"(--most-connections), and {_stays(name)}"
                 )
-        return [each for each in cut if each.can_be_cut], messages
+        return [each for each in closed_connections if each.can_be_cut], messages
 
-    def stuck(self, unread: Mapping[Connection, int]) -> dict[str, str]:
+    def stuck(self, unread: Mapping[LimitedConnection, int]) -> dict[str, str]:
         """Return a message by identity on readers that accept none of the waiting data.
 
         `unread`: waiting bytes by connection. For slow readers they change from check to check.
@@ -125,7 +125,7 @@ class Limits:
             each.identity: f"{each.identity} reads nothing of what it has asked for (from {each.address}, "
             f"{count / 1000:.0f} kB wait): is it stopped, or stuck? What comes for it is dropped"
             for each, (count, times) in looks.items()
-            if times >= PATIENCE and each.identity
+            if times >= TIMEOUT and each.identity
         }
 
     def _hold(self, rates_hz: Mapping[str, float], now_s: float) -> None:

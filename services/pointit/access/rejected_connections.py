@@ -17,11 +17,11 @@ TARGET = "\x1b[2mzenoh_transport::"
 """Text after the thread in lines of Zenoh's own handshake, none of which contains keys of messages."""
 MAX_SHOWN = 3
 MAX_REASONS = 1000
-"""Limit of distinct reasons at a time, as newcomers choose their names."""
+"""Limit of distinct reasons at a time, as unknown peers choose their names."""
 MAX_NAME = 100
 THREAD = r"(?:\S+ )?ThreadId\(\d+\) "
 BEGINS = rf"^\S+ +\w+ +{THREAD}"
-"""Start of a line: time, level, thread. Zenoh's text follows its target, where a stranger's words may be."""
+"""Start of a line: time, level, thread. Zenoh's text follows its target, with words of an unknown peer."""
 HANDSHAKE = re.compile(
     rf"^\S+ +WARN +{THREAD}zenoh_link_(?:tls|quic)\S*: (.+?)(?:: verification time .*)?(?:\. Hint: .*)?\.?$"
 )
@@ -29,9 +29,11 @@ PLAIN_TCP = "received corrupt message of type InvalidContentType"
 """TLS's message if a first message was not TLS."""
 WITHOUT = "came without credentials, by plain TCP instead of TLS"
 ACCEPTS = rf"{BEGINS}zenoh_transport::unicast::establishment::accept: "
-KNOCKS = re.compile(rf"{ACCEPTS}Establishment Accept (?:Init|Open)Syn: \S+ => \w+/(\S+):\d+\. Received: ")
+CONNECTION_ATTEMPTS = re.compile(
+    rf"{ACCEPTS}Establishment Accept (?:Init|Open)Syn: \S+ => \w+/(\S+):\d+\. Received: "
+)
 MAX_CLAIMED = 300
-"""Maximum bytes of a stranger's message to read. A name and its lengths are shorter."""
+"""Maximum bytes of an unknown peer's message to read. A name and its lengths are shorter."""
 CLAIMS = re.compile(rf"ext_auth: Some\(.{{0,100}}?slices: \[\[42, ((?:[0-9a-f]{{2}}, ){{1,{MAX_CLAIMED}}})")
 """Length of the rest, length of the name, name, and proof of the password. 42: by name and password."""
 PASSWORD = re.compile(rf"{ACCEPTS}UsrPwd extension - Recv \w+\. ([\w ]+)\.")
@@ -55,13 +57,13 @@ class RejectedConnections:
 
     def __init__(self) -> None:
         self._reasons: Counter[str] = Counter()
-        self._knocks: dict[str, tuple[str, str]] = {}
-        """By thread: address and claimed name of its last newcomer."""
+        self._connection_attempts: dict[str, tuple[str, str]] = {}
+        """By thread: address and claimed name of its last unknown peer."""
 
     def take(self, line: str, where: str) -> bool:
         """Process a line without colours of the thread `where`. Return True if it reports a rejection."""
-        if knock := KNOCKS.match(line):
-            self._knocks[where] = knock[1], _claimed(line)
+        if knock := CONNECTION_ATTEMPTS.match(line):
+            self._connection_attempts[where] = knock[1], _claimed(line)
             return False
         reason = self._reason(line, where)
         if reason and (reason in self._reasons or len(self._reasons) < MAX_REASONS):
@@ -82,7 +84,7 @@ class RejectedConnections:
 
     def _reason(self, line: str, where: str) -> str:
         if found := PASSWORD.match(line):
-            address, name = self._knocks.pop(where, ("", ""))
+            address, name = self._connection_attempts.pop(where, ("", ""))
             reason = REASONS.get(found[1], found[1]).format(of=f" for {name}" if name else "")
             return f"{reason} from {address}" if address else reason
         if found := NO_ZENOH.match(line):

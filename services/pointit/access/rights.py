@@ -167,7 +167,7 @@ def _service(name: str) -> Rights:
     """Return the rights of the shared service `name`: those of its row, none if it is not installed."""
     rows = [row for row in shared_services() if row.name == name]
     return Rights(
-        writes=_sorted([*_anywhere(row.writes for row in rows), *_accounts(rows)]),
+        writes=_sorted([*_anywhere(row.writes for row in rows), *_health_publishers(rows)]),
         reads=_anywhere(row.reads for row in rows),
         serves=_anywhere(row.serves for row in rows),
         asks=_anywhere([FOR_ALL, _asked(rows)]),
@@ -182,7 +182,7 @@ def shared_services() -> list[Process]:
     return [row for row in _of_scope("site") if row.name not in ROLES]
 
 
-def _accounts(rows: Iterable[Process]) -> list[str]:
+def _health_publishers(rows: Iterable[Process]) -> list[str]:
     """Return the keys of health and the like of all instances of `rows`."""
     return [key for topic in ACCOUNTS for row in rows for key in _instances(topic.at(row.name), row)]
 
@@ -196,7 +196,11 @@ def _services() -> Rights:
     shared = shared_services()
     return Rights(
         writes=_sorted(
-            [*_anywhere(row.writes for row in shared), *_anywhere([(CLOCK, DEPLOYMENT)]), *_accounts(shared)]
+            [
+                *_anywhere(row.writes for row in shared),
+                *_anywhere([(CLOCK, DEPLOYMENT)]),
+                *_health_publishers(shared),
+            ]
         ),
         reads=_anywhere([*(row.reads for row in shared if row.name != RECORDER), viewer_topics()]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),

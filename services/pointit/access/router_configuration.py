@@ -140,7 +140,7 @@ UNSLOWED = (IMU, RAY)
 (200 Hz in batches of 50 ms: 46 instead of 1 ms old). Readers keep the newest, so a flood harms little."""
 MAX_SESSIONS = 1000
 ACCEPT_MS = 3000
-MAX_NEWCOMERS = 500
+MAX_UNKNOWN_CONNECTIONS = 500
 """Limit of clients without certificate that may be silent during TLS for `ACCEPT_MS` before others have to
 wait. Zenoh's default is 100 for 10 s. This is about half of the usual limit of open files of a process.
 `pointit router` raises that limit for `MAX_SESSIONS` in addition."""
@@ -194,25 +194,25 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
     policies: list[dict[str, Any]] = []
     slowed: list[dict[str, Any]] = []
     thinned: list[dict[str, Any]] = []
-    for routed in sites:
-        slowed += _slowed(routed)
-        listen += _listeners(routed, addresses)
-        connect += [f"{address}#{_client(routed)}" for address in routed.uplinks]
-        who = "usernames" if routed.password else "cert_common_names"
-        for member in routed.members:
-            own = rules_of(routed.site, member.name, rights_of(member.role, member.name))
+    for router_site in sites:
+        slowed += _slowed(router_site)
+        listen += _listeners(router_site, addresses)
+        connect += [f"{address}#{_client(router_site)}" for address in router_site.uplinks]
+        who = "usernames" if router_site.password else "cert_common_names"
+        for member in router_site.members:
+            own = rules_of(router_site.site, member.name, rights_of(member.role, member.name))
             rules += own
-            subject = f"{routed.site}/{member.name}"
+            subject = f"{router_site.site}/{member.name}"
             subjects.append({"id": subject, who: [member.common_name]})
             named = f"{subject}/{member.role}"
             policies.append({"id": named, "rules": [rule["id"] for rule in own], "subjects": [subject]})
-        if routed.former:
-            nothing, former = f"{routed.site}/nothing", f"{routed.site}/former ones"
-            rules.append(_nothing(routed.site, nothing))
-            subjects.append({"id": former, who: list(routed.former)})
+        if router_site.former:
+            nothing, former = f"{router_site.site}/nothing", f"{router_site.site}/former ones"
+            rules.append(_nothing(router_site.site, nothing))
+            subjects.append({"id": former, who: list(router_site.former)})
             policies.append({"rules": [nothing], "subjects": [former]})
-        if routed.dashboard_rate_hz:
-            thinned += _thinned(routed)
+        if router_site.dashboard_rate_hz:
+            thinned += _thinned(router_site)
     made: dict[str, Any] = {
         "mode": "router",
         "listen": {"endpoints": listen},
@@ -241,18 +241,21 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
             "subjects": subjects,
             "policies": policies,
         },
-        "low_pass_filter": [limit for routed in sites for limit in _limits(routed.site)],
-        "qos": {"network": [_never_waits(routed.site) for routed in sites]},
+        "low_pass_filter": [limit for router_site in sites for limit in _limits(router_site.site)],
+        "qos": {"network": [_never_waits(router_site.site) for router_site in sites]},
     }
     slower: list[dict[str, Any]] = [
         {"id": "people", "flows": ["ingress"], "rules": slowed},
         {"id": "dashboards", "flows": ["egress"], "rules": thinned, "link_protocols": ["quic"]},
     ]
     made["downsampling"] = [{**each, "messages": ["put"]} for each in slower if each["rules"]]
-    if any(routed.password for routed in sites):
-        (routed,) = sites
-        made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{routed.folder}users.txt"}}
-        made["transport"]["unicast"] |= {"accept_timeout": ACCEPT_MS, "accept_pending": MAX_NEWCOMERS}
+    if any(router_site.password for router_site in sites):
+        (router_site,) = sites
+        made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{router_site.folder}users.txt"}}
+        made["transport"]["unicast"] |= {
+            "accept_timeout": ACCEPT_MS,
+            "accept_pending": MAX_UNKNOWN_CONNECTIONS,
+        }
     else:
         # Of clients' certificates. Zenoh would warn at each connection of a client without one.
         made["transport"]["link"]["tls"] = {"close_link_on_expiration": True}
@@ -267,40 +270,44 @@ def to_json5(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.0.0",
 def _check(sites: Sequence[RouterSite]) -> None:
     ports: dict[int, str] = {}
     names: set[str] = set()
-    for routed in sites:
-        if routed.site in names:
-            raise ConfigError(f"site {routed.site} is given twice; sites of one router need different names")
-        names.add(routed.site)
-        other = ports.setdefault(routed.port, routed.site)
-        if other != routed.site:
+    for router_site in sites:
+        if router_site.site in names:
             raise ConfigError(
-                f"sites {other} and {routed.site} both have port {routed.port}; on one router each "
+                f"site {router_site.site} is given twice; sites of one router need different names"
+            )
+        names.add(router_site.site)
+        other = ports.setdefault(router_site.port, router_site.site)
+        if other != router_site.site:
+            raise ConfigError(
+                f"sites {other} and {router_site.site} both have port {router_site.port}; on one router each "
                 "has a certificate and so a port of its own: make one of them with --port"
             )
-        if routed.password and routed.uplinks:
+        if router_site.password and router_site.uplinks:
             raise ConfigError(
-                f"site {routed.site} goes by passwords, with which its router joins no other; make it with "
-                "certificates"
+                f"site {router_site.site} goes by passwords, with which its router joins no other; make it "
+                "with certificates"
             )
-        if routed.password and len(sites) > 1:
+        if router_site.password and len(sites) > 1:
             raise ConfigError(
-                f"site {routed.site} goes by passwords, of which a router knows one site's only; give it a "
-                "router of its own, or make it with certificates"
+                f"site {router_site.site} goes by passwords, of which a router knows one site's only; give "
+                "it a router of its own, or make it with certificates"
             )
 
 
-def _listeners(routed: RouterSite, addresses: Sequence[str]) -> list[str]:
-    files = routed.folder
+def _listeners(router_site: RouterSite, addresses: Sequence[str]) -> list[str]:
+    files = router_site.folder
     server = f"listen_certificate_file={files}cert.pem;listen_private_key_file={files}key.pem"
-    if not routed.password:
+    if not router_site.password:
         server += f";root_ca_certificate_file={files}ca.pem;enable_mtls=true"
-    links = (("tls", ""), ("quic", ONE_STREAM)) if routed.dashboard_rate_hz else (("tls", ""),)
+    links = (("tls", ""), ("quic", ONE_STREAM)) if router_site.dashboard_rate_hz else (("tls", ""),)
     hosts = [f"[{each}]" if ":" in each and not each.startswith("[") else each for each in addresses]
-    return [f"{kind}/{host}:{routed.port}{metadata}#{server}" for kind, metadata in links for host in hosts]
+    return [
+        f"{kind}/{host}:{router_site.port}{metadata}#{server}" for kind, metadata in links for host in hosts
+    ]
 
 
-def _client(routed: RouterSite) -> str:
-    files = routed.folder
+def _client(router_site: RouterSite) -> str:
+    files = router_site.folder
     return (
         f"root_ca_certificate_file={files}ca.pem;connect_certificate_file={files}cert.pem"
         f";connect_private_key_file={files}key.pem;enable_mtls=true"
@@ -363,7 +370,7 @@ def _nothing(site: str, name: str) -> Rule:
     }
 
 
-def _slowed(routed: RouterSite) -> list[dict[str, Any]]:
+def _slowed(router_site: RouterSite) -> list[dict[str, Any]]:
     """Return the maximum rate of each key but `UNSLOWED` that a person may write, of each connection.
 
     Zenoh knows no bursts: the rate is a minimum time between two messages. Readers fetch what it drops of
@@ -372,22 +379,22 @@ def _slowed(routed: RouterSite) -> list[dict[str, Any]]:
     """
     keys = [
         key
-        for member in routed.members
+        for member in router_site.members
         if member.role == "user"
         for key in rights_of("user", member.name).writes
         if topic_of(key) not in UNSLOWED
     ]
-    root = namespace(routed.site)
+    root = namespace(router_site.site)
     return [{"key_expr": f"{root}/{key}", "freq": max_rate_hz(key)} for key in keys]
 
 
-def _thinned(routed: RouterSite) -> list[dict[str, Any]]:
+def _thinned(router_site: RouterSite) -> list[dict[str, Any]]:
     """Return one rule for each key of each person, since keys of one rule would share its rate.
 
     Names of trackers are unknown beforehand, so their objects are not limited, nor is health.
     """
-    root = namespace(routed.site)
-    people = [member.name for member in routed.members if member.role == "user"]
+    root = namespace(router_site.site)
+    people = [member.name for member in router_site.members if member.role == "user"]
     keys: list[str] = []
     for topic in TOPICS:
         if topic.delivery is not Delivery.LATEST or topic is HEALTH:
@@ -396,7 +403,7 @@ def _thinned(routed: RouterSite) -> list[dict[str, Any]]:
             keys += [topic.at(user) for user in people]
         elif not topic.placeholder:
             keys.append(topic.at())
-    return [{"key_expr": f"{root}/{key}", "freq": routed.dashboard_rate_hz} for key in keys]
+    return [{"key_expr": f"{root}/{key}", "freq": router_site.dashboard_rate_hz} for key in keys]
 
 
 def common_name(site: str, name: str, generation: int) -> str:

@@ -23,7 +23,7 @@ from pointit.schemas.topics import ANY, HEALTH, SERVICE_ALIVE, USER_ALIVE
 
 log = logging.getLogger(__name__)
 
-PATIENCE_S = 2.0
+TIMEOUT_S = 2.0
 """Time limit of finding a site, s."""
 
 
@@ -32,7 +32,7 @@ def connect(
     *,
     site: str = "",
     credentials: str | Path | None = None,
-    patience_s: float | None = PATIENCE_S,
+    patience_s: float | None = TIMEOUT_S,
 ) -> contextlib.AbstractAsyncContextManager[Site]:
     """Join a running site: `async with pointit.connect() as site`.
 
@@ -57,7 +57,7 @@ def open(  # noqa: A001 - `pointit.open`
     *,
     site: str = "",
     credentials: str | Path | None = None,
-    patience_s: float | None = PATIENCE_S,
+    patience_s: float | None = TIMEOUT_S,
 ) -> SyncSite:
     """Join a running site without asyncio: in a script, a notebook or a shell.
 

@@ -22,8 +22,8 @@ U = TypeVar("U")
 UNREADABLE_TIMEOUT_S = 1.0
 """Time without a readable message after which unreadable ones count as those of another version."""
 
-MAX_STRAYS = 3
-"""So many unreadable ones do not yet."""
+MAX_INVALID_MESSAGES = 3
+"""Number of unreadable messages that are tolerated before an error is raised."""
 
 
 class ReceiveBuffer(Generic[U]):
@@ -32,7 +32,7 @@ class ReceiveBuffer(Generic[U]):
     def __init__(self, delivery: Delivery, *, one_writer: bool = False) -> None:
         self._keeps_all = delivery is Delivery.EVENT
         self._has_one_writer = one_writer and not self._keeps_all
-        self._max_strays = 0 if delivery is Delivery.STATE else MAX_STRAYS
+        self._max_invalid_messages = 0 if delivery is Delivery.STATE else MAX_INVALID_MESSAGES
         self._items: collections.OrderedDict[object, tuple[str, U]] = collections.OrderedDict()
         """Items with their names, by name, or by number if it keeps all."""
         self._numbers = itertools.count()
@@ -96,21 +96,21 @@ class ReceiveBuffer(Generic[U]):
             async with asyncio.timeout(UNREADABLE_TIMEOUT_S):
                 await self._changed.wait()
         except TimeoutError:
-            if self.source.traffic.invalid > self._max_strays:
+            if self.source.traffic.invalid > self._max_invalid_messages:
                 self._report_unreadable(self.source.traffic)
 
-    def _report_unreadable(self, traffic: SubscriptionStats) -> None:
+    def _report_unreadable(self, stats: SubscriptionStats) -> None:
         if self._has_one_writer:
-            self.close(VersionError(unreadable(traffic)))
+            self.close(VersionError(unreadable(stats)))
         elif not self._has_warned:  # others may write what can be read
             self._has_warned = True
-            log.warning("%s", unreadable(traffic))
+            log.warning("%s", unreadable(stats))
 
 
-def unreadable(traffic: SubscriptionStats) -> str:
+def unreadable(stats: SubscriptionStats) -> str:
     """Return a message on a reader that gets only what it cannot read."""
     return (
-        f"{traffic.invalid} messages came and none could be read ({traffic.complaint}); "
+        f"{stats.invalid} messages came and none could be read ({stats.complaint}); "
         "install the same version of PointIt here and on the site"
     )
 

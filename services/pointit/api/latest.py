@@ -14,7 +14,7 @@ from pointit.schemas.topics import ANY, Topic
 
 M = TypeVar("M", bound=Message)
 
-PATIENCE_S = 2.0
+TIMEOUT_S = 2.0
 """Time to wait for the first message, s."""
 
 
@@ -58,7 +58,7 @@ class Newest(Mapping[str, M], Generic[M]):
         """The newest message of a topic that has one writer, such as the map. Raises as `[name]` does."""
         return self[""]
 
-    async def wait(self, name: str = "", *, patience_s: float = PATIENCE_S) -> M:
+    async def wait(self, name: str = "", *, patience_s: float = TIMEOUT_S) -> M:
         """Return the newest message of `name`, or of the one writer, as soon as there is one.
 
         Raises:

@@ -17,19 +17,19 @@ Gesture = Literal["press", "double", "hold"]
 
 CUE_FIRST_S = 0.2
 """Time an Interaction may arrive after its cue; a refusal may have only a cue."""
-PATIENCE_S = 2.0
+TIMEOUT_S = 2.0
 """Time limit of each reply of the supervisor."""
 
 
-def add_or_meant(user: str, there: Collection[str]) -> str:
+def add_or_similar(user: str, there: Collection[str]) -> str:
     """Return a clause that says how to add `user`, and asks for a similar name among those that are there."""
     add = f"add them with `pointit person add {user}`"
-    meant = did_you_mean(user, there)
-    return f"{meant[:-1]}, or {add}?" if meant else add
+    similar = did_you_mean(user, there)
+    return f"{similar[:-1]}, or {add}?" if similar else add
 
 
 async def press(
-    bus: Bus, clock: Clock, user: str, gesture: Gesture, patience_s: float = PATIENCE_S
+    bus: Bus, clock: Clock, user: str, gesture: Gesture, patience_s: float = TIMEOUT_S
 ) -> Interaction:
     """Return the interaction after the gesture, changed or not.
 
@@ -91,7 +91,7 @@ class _Person:
         if self.supervisor in self._present:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
         there = f"there is {', '.join(people)}" if people else "there are no other people either"
-        return f"{there}; {add_or_meant(self._user, people)}"
+        return f"{there}; {add_or_similar(self._user, people)}"
 
     def _on_presence(self, instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if here else self._present.discard)(instance)

@@ -19,7 +19,7 @@ Reaction = Callable[[SelectionEvent], Awaitable[object] | object]
 """Called with an event: `thing`, `user` who pointed, `stamp_ns`, `confidence`, `cause` and `is_on`."""
 F = TypeVar("F", bound=Reaction)
 
-MOST_AT_ONCE = 8
+MAX_AT_ONCE = 8
 """Limit of calls of one function that run at once. Further events are left out, and named."""
 
 
@@ -60,7 +60,7 @@ async def react(
     running: set[asyncio.Task[None]] = set()
     try:
         async for event in feed:
-            if len(running) >= MOST_AT_ONCE:
+            if len(running) >= MAX_AT_ONCE:
                 log.warning("%s still runs %d times: left out %s", name, len(running), event.object_id)
                 continue
             task = asyncio.create_task(_called(function, event, name), name=f"reaction {name}")
@@ -82,14 +82,14 @@ async def _called(function: Reaction, event: SelectionEvent, name: str) -> None:
         if inspect.iscoroutinefunction(function):
             await function(event)
         else:
-            result = await in_daemon_thread(functools.partial(_kept, function, event), f"reaction {name}")
+            result = await in_daemon_thread(functools.partial(_checked, function, event), f"reaction {name}")
             if inspect.isawaitable(result):
                 await result
     except Exception:
         log.exception("%s failed for %s", name, event.object_id)
 
 
-def _kept(function: Reaction, event: SelectionEvent) -> object:
+def _checked(function: Reaction, event: SelectionEvent) -> object:
     """Call `function`; `sys.exit` would end its thread without a result."""
     try:
         return function(event)

@@ -293,7 +293,7 @@ class ImuRequests(_Requests[D], Generic[D, R]):
 
 
 class FeedbackRequests(_Requests[D]):
-    """Requests about what a person is told."""
+    """Requests for feedback to a person."""
 
     def say(self, user: str, text: str) -> D:
         """Show `text`, at most 200 characters, on the page and phone of `user`, with a chime."""

@@ -152,7 +152,7 @@ async def _running_site(launches: Callable[[], list[Launch]], listen: str) -> As
                     except Exception as error:  # noqa: BLE001 - whatever it was, the site is told
                         site.fail(_failure(error))
 
-                group = ServiceGroup(planned, bus, clock, processes=None, on_end=on_end)
+                group = ServiceGroup(planned, bus, clock, link=None, on_end=on_end)
                 try:
                     with _failures_named(), using_state_directory(Path(folder)):
                         await group.begin()

@@ -99,9 +99,9 @@ class Site:
         site = cls(bus, clock)
         try:
             for presence in (topics.USER_ALIVE, topics.SERVICE_ALIVE):
-                found = site._present[presence.key] = PresentNames()
-                site._watches.append(bus.watch(presence, found.on_change))
-                found.merge(await bus.list_present(presence))
+                present_names = site._present[presence.key] = PresentNames()
+                site._watches.append(bus.watch(presence, present_names.on_change))
+                present_names.merge(await bus.list_present(presence))
             yield site
         finally:
             site._close()

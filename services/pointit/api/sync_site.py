@@ -16,7 +16,7 @@ from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, overload
 
 from pointit.api import requests
 from pointit.api.feed import Feed
-from pointit.api.latest import PATIENCE_S, Latest, Newest
+from pointit.api.latest import TIMEOUT_S, Latest, Newest
 from pointit.api.loop_thread import LoopThread
 from pointit.api.reactions import F
 from pointit.api.requests import Lamp
@@ -135,13 +135,13 @@ class SyncSite:
     In virtual time, which `pointit.run(..., virtual=True)` starts, time passes only while a call waits.
     """
 
-    def __init__(self, joining: AbstractAsyncContextManager[Site], thread: LoopThread) -> None:
+    def __init__(self, site_connection: AbstractAsyncContextManager[Site], thread: LoopThread) -> None:
         """Join in the loop of `thread`, which is closed with the site."""
-        self._joining = joining
+        self._joining = site_connection
         self._thread = thread
         self._is_closed = False
         try:
-            self._site = thread.run(joining.__aenter__())
+            self._site = thread.run(site_connection.__aenter__())
         except BaseException:
             thread.close()
             raise
@@ -282,7 +282,7 @@ class SyncNewest(Mapping[str, M], Generic[M]):
         """The newest message of a topic with one writer, as soon as there is one; see `wait`."""
         return self.wait()
 
-    def wait(self, name: str = "", *, patience_s: float = PATIENCE_S) -> M:
+    def wait(self, name: str = "", *, patience_s: float = TIMEOUT_S) -> M:
         """Return the newest message of `name`, as soon as there is one. Raises what `Newest.wait` raises."""
         return self._thread.run(self._newest.wait(name, patience_s=patience_s))
 

@@ -1,4 +1,4 @@
-"""The audit of assistants: each call of a tool, with who called it and what came of it, in a file."""
+"""The audit of assistants: each call of a tool, with its caller and its result, in a file."""
 
 import json
 import secrets

@@ -56,7 +56,7 @@ class Item(_Result):
 
     name: str
     kind: Annotated[str, Field(description="thing, lamp, robot or object")]
-    label: Annotated[str, Field(description="what people call it, if not its name")] = ""
+    label: Annotated[str, Field(description="spoken name, if it differs from the name")] = ""
     position_m: Vec3 | None = None
     lamp: Annotated[str, Field(description="the lamp that `light` uses for it, or empty")] = ""
     state: Annotated[str, Field(description="of a robot its phase, of a thing who has it; or empty")] = ""
@@ -102,7 +102,7 @@ class AnswerByLight(_Result):
     shown: Annotated[dict[str, str], Field(description="colour in which each candidate was lit")]
 
 
-class Deed(_Result):
+class ActionResult(_Result):
     """Something was done."""
 
     message: str

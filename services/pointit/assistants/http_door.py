@@ -73,11 +73,11 @@ class HandshakeCheck:
 class TokenMiddleware:
     """Lets requests in by the page's tokens: with its host, no foreign origin, as operator or viewer."""
 
-    def __init__(self, apps: Mapping[Role, ASGIApp], doors: Access) -> None:
+    def __init__(self, apps: Mapping[Role, ASGIApp], access: Access) -> None:
         self._apps = {
             role: RequestBodyLimitMiddleware(HandshakeCheck(app), MAX_BODY) for role, app in apps.items()
         }
-        self._doors = doors
+        self._access = access
         self._requests: Counter[Role] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -85,13 +85,13 @@ class TokenMiddleware:
         if scope["type"] != "http":
             return
         asked, now_s = request_info(scope), time.monotonic()
-        role = self._doors.admit(asked, now_s) if asked.bearer else None
-        if not self._doors.is_known_host(asked.host) or (
-            asked.origin and not self._doors.is_own_origin(asked)
+        role = self._access.admit(asked, now_s) if asked.bearer else None
+        if not self._access.is_known_host(asked.host) or (
+            asked.origin and not self._access.is_own_origin(asked)
         ):
             await PlainTextResponse("only programs of this machine may ask", 403)(scope, receive, send)
         elif role not in ("operator", "viewer"):
-            if self._doors.is_rate_limited(asked.address, now_s):
+            if self._access.is_rate_limited(asked.address, now_s):
                 await asyncio.sleep(REFUSAL_S)
             bearer = {"WWW-Authenticate": "Bearer"}
             await PlainTextResponse(NEEDS_TOKEN, 401, headers=bearer)(scope, receive, send)
@@ -130,10 +130,10 @@ def _timed(receive: Receive) -> Receive:
     return timed
 
 
-class HttpDoor:
+class HttpServer:
     """Serves a server of the protocol at a port of this machine."""
 
-    def __init__(self, server: MCPServer[Any], doors: Access, host: str, port: int) -> None:
+    def __init__(self, server: MCPServer[Any], access: Access, host: str, port: int) -> None:
         """Bind the port.
 
         Raises:
@@ -145,7 +145,7 @@ class HttpDoor:
                 f"--listen {host}:{port}: what goes there is not encrypted; listen at 127.0.0.1, and let "
                 "other machines come through an SSH tunnel"
             )
-        doors.know_hosts([host])
+        access.know_hosts([host])
         apps: dict[Role, ASGIApp] = {}
         self._managers: list[StreamableHTTPSessionManager] = []
         for role in get_args(Role):  # sessions of one role are unknown to the other one
@@ -156,7 +156,7 @@ class HttpDoor:
                 host=host,
             )
             self._managers.append(server.session_manager)
-        self.app = TokenMiddleware(apps, doors)
+        self.app = TokenMiddleware(apps, access)
         """ASGI application, which works while `run` does."""
         self._listener = Listener(self.app, bind(host, port, "--listen"))
         self.url = f"{url('http', host, self._listener.port)}{PATH}"

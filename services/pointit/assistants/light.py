@@ -96,8 +96,8 @@ class Lights:
                     for name, lamp in lamps.items():
                         await site.lamp(lamp).set(COLORS[shown[name]])
                         turns.append((site.now_ns(), name))
-                        async for press in presses.during(TURN_S):
-                            if chosen := _lit_at(press, turns):
+                        async for event in presses.during(TURN_S):
+                            if chosen := _lit_at(event, turns):
                                 return AnswerByLight(chosen=chosen, shown=shown)
                         await self._give_back(site, lamp)
         except TimeoutError:
@@ -126,8 +126,8 @@ def _lamp(item: Item) -> str:
     return item.lamp
 
 
-def _lit_at(press: ButtonEvent, turns: Sequence[tuple[int, str]]) -> str:
+def _lit_at(event: ButtonEvent, turns: Sequence[tuple[int, str]]) -> str:
     """Return the candidate that was lit when the person decided to press, or `""`."""
-    decided_ns = press.stamp_ns - round(REACTION_S * NS_PER_S)
+    decided_ns = event.stamp_ns - round(REACTION_S * NS_PER_S)
     lit = [name for since_ns, name in turns if since_ns <= decided_ns]
-    return lit[-1] if lit and press.gesture == "press" else ""
+    return lit[-1] if lit and event.gesture == "press" else ""

@@ -17,12 +17,12 @@ OWN_TRACKERS = ("things", "robot.")
 """Beginnings of trackers that list things of the map and robots."""
 
 
-async def current(names: Feed[frozenset[str]]) -> frozenset[str]:
-    """Return the names of `names` now, and close it."""
+async def current(feed: Feed[frozenset[str]]) -> frozenset[str]:
+    """Return the names of `feed` now, and close it."""
     try:
-        return await anext(names)
+        return await anext(feed)
     finally:
-        names.close()
+        feed.close()
 
 
 async def present(site: Site) -> frozenset[str]:
@@ -44,10 +44,10 @@ async def check_present(site: Site, user: str) -> None:
 async def people(site: Site) -> People:
     """Return all people who are present."""
     steered = {state.user: robot for robot, state in site.latest.robot.items() if state.user}
-    found: list[Person] = []
+    people: list[Person] = []
     for name in sorted(await present(site)):
         pose, interaction = site.latest.pose.get(name), site.latest.interaction.get(name)
-        found.append(
+        people.append(
             Person(
                 name=name,
                 state="unknown" if interaction is None else interaction.state,
@@ -56,14 +56,14 @@ async def people(site: Site) -> People:
                 steers=steered.get(name, ""),
             )
         )
-    return People(people=tuple(found))
+    return People(people=tuple(people))
 
 
 async def items(site: Site) -> Items:
     """Return the things, lamps and robots of the room, and the objects that trackers see."""
     room = await site.latest.map.wait()
-    found = [*_of_map(site, room), *_moving(site, room)]
-    return Items(items=tuple(found[:MAX_ITEMS]), left_out=max(0, len(found) - MAX_ITEMS))
+    people = [*_of_map(site, room), *_moving(site, room)]
+    return Items(items=tuple(people[:MAX_ITEMS]), left_out=max(0, len(people) - MAX_ITEMS))
 
 
 async def find(site: Site, name: str, kind: str = "") -> Item:
@@ -103,9 +103,9 @@ def _of_map(site: Site, room: Environment) -> Iterable[Item]:
             lamp=thing.lamp or _lamp_near(room, place_m),
             state=f"on, by {owner}" if owner else "",
         )
-    names = {thing.id for thing in room.things}
+    feed = {thing.id for thing in room.things}
     for lamp in room.lamps:
-        if lamp.id not in names:
+        if lamp.id not in feed:
             yield Item(name=lamp.id, kind="lamp", position_m=lamp.position_m, lamp=lamp.id)
 
 

@@ -16,7 +16,7 @@ RETRY_S = 2.0
 FOREVER_S = 1e9
 
 
-class SiteDoor:
+class SiteConnection:
     """Joins a site, again and again if need be, and gives it to tools while it is reachable."""
 
     def __init__(self, join: Callable[[], AbstractAsyncContextManager[Site]], where: str) -> None:

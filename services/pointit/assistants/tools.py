@@ -18,8 +18,8 @@ from pointit.api.site import Site
 from pointit.assistants.audit_file import AuditFile
 from pointit.assistants.data import (
     MAX_SENTENCE,
+    ActionResult,
     AnswerByLight,
-    Deed,
     Items,
     People,
     PossibleReferent,
@@ -30,7 +30,7 @@ from pointit.assistants.data import (
 )
 from pointit.assistants.light import ASKING, COLORS, Lights, color_of
 from pointit.assistants.room_items import check_present, current, find, items, people, present
-from pointit.assistants.site_door import SiteDoor
+from pointit.assistants.site_door import SiteConnection
 from pointit.errors import AccessDeniedError, NoAnswerError, PointItError, SchemaError
 from pointit.schemas import NS_PER_S, RobotState
 from pointit.schemas.base import FARTHEST, Vec3
@@ -68,7 +68,7 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
             f"nobody keeps where {user} points: run `pointit service run listener --user {user}`"
         ) from error
     ago_s = 0.0 if at_ns is None else (site.now_ns() - at_ns) / NS_PER_S
-    meant = [
+    candidates = [
         PossibleReferent(
             kind=each.kind,
             name=plain(each.name),
@@ -80,7 +80,7 @@ async def pointed(site: Site, user: str, at_ns: int | None, word: Deictic = "") 
     return PossibleReferents(
         user=user,
         seconds_ago=round(ago_s, 2),
-        candidates=tuple(meant),
+        candidates=tuple(candidates),
         none=round(found.none, 3),
         note=plain(found.message, MAX_SENTENCE),
     )
@@ -143,12 +143,14 @@ Metre = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 class Tools:
     """The tools. Their docstrings are what an assistant reads."""
 
-    def __init__(self, door: SiteDoor, audit: AuditFile, most: Role, *, is_remote: bool = False) -> None:
-        """Use the site of `door`. `most`: the highest role. `is_remote`: a caller has it by a token only."""
-        self._door = door
+    def __init__(
+        self, connection: SiteConnection, audit: AuditFile, max_role: Role, *, is_remote: bool = False
+    ) -> None:
+        """Use the site of `connection`. `max_role`: highest role. `is_remote`: only by a token."""
+        self._connection = connection
         self._audit = audit
-        self._most: Role = most
-        self._unknown: Role = "viewer" if is_remote else most
+        self._max_role: Role = max_role
+        self._unknown: Role = "viewer" if is_remote else max_role
         self._lights = Lights()
         self._calls: Counter[tuple[str, Role]] = Counter()
         """Running calls by tool and role."""
@@ -181,7 +183,7 @@ class Tools:
     @property
     def site(self) -> Site:
         """The site. Raises ConnectError if it is not reachable now."""
-        return self._door.site
+        return self._connection.site
 
     @contextlib.contextmanager
     def recorded(self, caller: str, role: str, what: str, asked: dict[str, Any]) -> Generator[None]:
@@ -219,7 +221,7 @@ class Tools:
         """Return the role of the caller of this request."""
         request = context.request_context.request
         role: Role = self._unknown if request is None else request.scope[SCOPE_KEY]
-        return role if self._most == "operator" else "viewer"
+        return role if self._max_role == "operator" else "viewer"
 
     async def who_is_here(self, site: Site) -> People:
         """List the people who are present, where they stand, and whether they point."""
@@ -273,10 +275,10 @@ class Tools:
         site: Site,
         thing: Name,
         colour: Annotated[str, Field(max_length=20, description=f"#rrggbb, off, {', '.join(COLORS)}")],
-    ) -> Deed:
+    ) -> ActionResult:
         """Light the lamp of a thing, or a lamp, until it is set to `off`, which gives it back to the site."""
         color = color_of(colour)
-        return Deed(message=await self._lights.show(site, await find(site, thing), color))
+        return ActionResult(message=await self._lights.show(site, await find(site, thing), color))
 
     async def ask_by_light(
         self,
@@ -301,7 +303,7 @@ class Tools:
         place: Annotated[
             tuple[Metre, Metre, Metre] | None, Field(description="or to this place, x y z in m")
         ] = None,
-    ) -> Deed:
+    ) -> ActionResult:
         """Send a robot to a thing or a place, in the name of a person who points.
 
         The robot's own checks hold: fences, people near the place, a person who is sure of their direction.
@@ -322,16 +324,16 @@ class Tools:
         states = site.messages(ROBOT_STATE, machine.name)
         try:
             await site.goal.send(user, goal, robot=machine.name)
-            return Deed(message=await set_off(states, machine.name, user, goal))
+            return ActionResult(message=await set_off(states, machine.name, user, goal))
         finally:
             states.close()
 
     async def stop_robot(
         self, site: Site, robot: Name, reason: Annotated[str, Field(max_length=200)] = ""
-    ) -> Deed:
+    ) -> ActionResult:
         """Stop a robot where it is. Nobody steers it until somebody takes it again. No safety function."""
         reply = await site.robots.stop(robot, reason)
-        return Deed(message=reply.message)
+        return ActionResult(message=reply.message)
 
     async def say(
         self,
@@ -340,13 +342,13 @@ class Tools:
         user: Annotated[
             str, Field(max_length=64, description="to whom; to all who are present if empty")
         ] = "",
-    ) -> Deed:
+    ) -> ActionResult:
         """Show a text to a person on their page and phone, with a chime."""
         to = [user] if user else sorted(await present(site))
         for each in to:
             await check_present(site, each)
             await site.feedback.say(each, text)
-        return Deed(message=f"told {', '.join(to) or 'nobody'}")
+        return ActionResult(message=f"told {', '.join(to) or 'nobody'}")
 
 
 async def set_off(states: Feed[RobotState], robot: str, user: str, goal_m: Vec3) -> str:

@@ -1,10 +1,10 @@
 """The tree of commands as data: names, a line each, and the location of those that run."""
 
 from pointit.cli.common.installed_commands import LAB, LABORATORY, of_package
-from pointit.cli.common.lazy import Entry, command, noun
+from pointit.cli.common.lazy import LazyEntry, command, noun
 
 
-def ours(name: str, about: str, place: str) -> Entry:
+def ours(name: str, about: str, place: str) -> LazyEntry:
     """Return a command of this package; `place` is its module, and `:attribute` unless that is `command`."""
     module, _, attribute = place.partition(":")
     return command(name, about, f"pointit.cli.{module}:{attribute or 'command'}")
@@ -100,7 +100,7 @@ Example: pointit study run my_study.yaml --simulated 12
 
 _ROUTER = ours("router", "run a router that joins several machines", "site.router")
 
-COMMANDS: dict[str, tuple[Entry, ...]] = {
+COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
     "Start": (
         ours("run", "start a scenario: its services, simulated people, a live view", "run.run:run"),
         ours("dashboard", "open the page of a site that runs elsewhere, in the browser", "page.dashboard"),

@@ -14,7 +14,7 @@ import click
 
 from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
 from pointit.cli.common.installed_commands import LABORATORY, Installed
-from pointit.cli.common.lazy import COMPLETE, Entry, LazyGroup, print_help_without_action, walk
+from pointit.cli.common.lazy import COMPLETE, LazyEntry, LazyGroup, print_help_without_action, walk
 from pointit.runtime.host.text_output import escape_unencodable
 
 EXAMPLES = (
@@ -36,11 +36,11 @@ class RootGroup(LazyGroup):
         return Installed(super().parts, OLD_SPELLINGS)
 
     @property
-    def parts(self) -> Mapping[str, Sequence[Entry]]:
+    def parts(self) -> Mapping[str, Sequence[LazyEntry]]:
         """Return the commands of this and of other installed packages, by heading."""
         return self._installed.parts
 
-    def entry(self, name: str) -> Entry | None:
+    def entry(self, name: str) -> LazyEntry | None:
         """Return the command of that name, or None; looks at other packages for those that are not ours."""
         return super().entry(name) or next((entry for entry in self.entries if entry.name == name), None)
 

@@ -16,7 +16,7 @@ GAP_S = 0.3
 """An act goes on if the cursor returns to its object within this time."""
 
 AFTER_S = 1.0
-"""An event this long after an act can still be what came of it: presses of a button come late."""
+"""An event this long after an act can still be its result: presses of a button come late."""
 
 MAX_SELECTED = 10_000
 """Selections that are followed at once; of more, the oldest are written as they are."""
@@ -32,16 +32,16 @@ Seconds = Annotated[float, Field(description="since the recording began")]
 class Act(SchemaModel):
     """One pointing act: a row of `acts.csv`."""
 
-    user: Annotated[str, Field(description="who pointed")]
+    user: Annotated[str, Field(description="pointing user")]
     begin_s: Annotated[Seconds, Field(description="cursor on the object, since the recording began")]
     end_s: Annotated[Seconds, Field(description="cursor last on the object, since the recording began")]
     begin_ns: Annotated[int, Field(description="begin_s as Unix time")]
     duration_s: Annotated[float, Field(description="end_s less begin_s")]
     object_id: Annotated[str, Field(description="the object pointed at")]
     object_kind: Annotated[str, Field(description="its kind; empty if it was not tracked")]
-    outcome: Annotated[Outcome, Field(description="what came of it")]
+    outcome: Annotated[Outcome, Field(description="result of the act")]
     outcome_after_s: Annotated[float | None, Field(description="from begin_s to the outcome")]
-    cause: Annotated[str, Field(description="what completed it: dwell, button ...")]
+    cause: Annotated[str, Field(description="trigger that completed it: dwell, button ...")]
     confidence: Annotated[float | None, Field(description="probability that this object was meant")]
     progress: Annotated[float, Field(description="largest share of the dwell that was reached, 0 to 1")]
     surface: Annotated[str, Field(description="kind of surface under the cursor at begin_s")]
@@ -50,10 +50,10 @@ class Act(SchemaModel):
     miss_rad: Annotated[float | None, Field(description="smallest angle between ray and object; 0: on it")]
 
 
-class SelectionRow(SchemaModel):
+class SelectionCsvRow(SchemaModel):
     """One selection, from its beginning to its end: a row of `selections.csv`."""
 
-    user: Annotated[str, Field(description="who selected")]
+    user: Annotated[str, Field(description="selecting user")]
     object_id: Annotated[str, Field(description="the object")]
     object_kind: Annotated[str, Field(description="its kind")]
     selected_s: Annotated[Seconds, Field(description="when, since the recording began")]
@@ -67,12 +67,12 @@ class SelectionRow(SchemaModel):
     miss_rad: Annotated[float | None, Field(description="smallest angle between ray and object; 0: on it")]
     ended_by: Annotated[
         Literal["deselected", "left", "dispatched", "recording"],
-        Field(description="what ended it; recording: it was still selected at the end"),
+        Field(description="cause of the end; recording: it was still selected at the end"),
     ] = "recording"
     ended_s: Annotated[float | None, Field(description="when, since the recording began")] = None
-    ended_user: Annotated[str, Field(description="who deselected it")] = ""
+    ended_user: Annotated[str, Field(description="deselecting user")] = ""
     kept_s: Annotated[float | None, Field(description="ended_s less selected_s")] = None
-    bay: Annotated[str, Field(description="where it went, if it was dispatched")] = ""
+    bay: Annotated[str, Field(description="bay to which it was dispatched, if it was")] = ""
 
 
 @dataclass
@@ -100,14 +100,14 @@ class ActDetector:
     def __init__(self, began_ns: int) -> None:
         self._began_ns = began_ns
         self._acts: dict[str, _OpenAct] = {}
-        self._ended: dict[str, _OpenAct] = {}
+        self._ended_acts: dict[str, _OpenAct] = {}
         """Each person's last act: an event about it may come after its end."""
         self._cursors: dict[str, Cursor] = {}
         self._objects: dict[str, TrackedObjects] = {}
-        self._selected: dict[str, SelectionRow] = {}
+        self._selected: dict[str, SelectionCsvRow] = {}
         self.acts: list[Act] = []
         """Acts that are over."""
-        self.selections: list[SelectionRow] = []
+        self.selections: list[SelectionCsvRow] = []
         """Selections that are over."""
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
@@ -144,7 +144,7 @@ class ActDetector:
         """Note what came of an act, and begin or end a selection."""
         act = None
         if event.event in ("selected", "deselected", "refused") and event.cause in ("", "dwell", "button"):
-            act = self._meant(event)
+            act = self._open_act(event)
         if event.event == "selected":
             self._close_selection(event)  # taken over
             self._selected[event.object_id] = self._selection(event, act)
@@ -155,7 +155,7 @@ class ActDetector:
 
     def end(self) -> None:
         """End everything: the recording is over."""
-        for user in {**self._acts, **self._ended}:
+        for user in {**self._acts, **self._ended_acts}:
             self._end(user)
             self._write(user)
         self.selections += self._selected.values()
@@ -173,14 +173,14 @@ class ActDetector:
         act = self._acts.pop(user, None)
         if act is not None:
             self._write(user)
-            self._ended[user] = act
+            self._ended_acts[user] = act
 
-    def _meant(self, event: SelectionEvent) -> _OpenAct | None:
+    def _open_act(self, event: SelectionEvent) -> _OpenAct | None:
         """Return the act that `event` completed. A second event on the same object begins another act."""
         is_open = event.user in self._acts
-        act = self._acts.get(event.user) if is_open else self._ended.get(event.user)
+        act = self._acts.get(event.user) if is_open else self._ended_acts.get(event.user)
         if act is not None and act.object_id != event.object_id:
-            is_open, act = False, self._ended.get(event.user)
+            is_open, act = False, self._ended_acts.get(event.user)
         if (
             act is None
             or act.object_id != event.object_id
@@ -195,8 +195,8 @@ class ActDetector:
         act.event = event
         return act
 
-    def _selection(self, event: SelectionEvent, act: _OpenAct | None) -> SelectionRow:
-        return SelectionRow(
+    def _selection(self, event: SelectionEvent, act: _OpenAct | None) -> SelectionCsvRow:
+        return SelectionCsvRow(
             user=event.user,
             object_id=event.object_id,
             object_kind=event.kind or self._kind(event.object_id),
@@ -225,7 +225,7 @@ class ActDetector:
 
     def _write(self, user: str) -> None:
         """Collect the row of the person's last act: it cannot change any more."""
-        act = self._ended.pop(user, None)
+        act = self._ended_acts.pop(user, None)
         if act is None:
             return
         event = act.event

@@ -116,12 +116,12 @@ class _Part:
         except (DamagedError, OSError) as error:
             self.problem = str(error)
 
-    def messages(self, wanted: Mapping[tuple[str, str], BagConnection]) -> Iterator[BagMessage]:
-        """Yield the messages of the topics `wanted`, by name and type, in order of time."""
+    def messages(self, connections: Mapping[tuple[str, str], BagConnection]) -> Iterator[BagMessage]:
+        """Yield the messages of the topics `connections`, by name and type, in order of time."""
         messages: list[BagMessage] = []
         with suppress(DamagedError):
             for connection, time_ns, data in self._read():
-                if (own := wanted.get((connection.topic, connection.msgtype))) is not None:
+                if (own := connections.get((connection.topic, connection.msgtype))) is not None:
                     messages.append((own, time_ns, data))
         yield from sorted(messages, key=lambda each: each[1])
 
@@ -161,8 +161,8 @@ def _open_damaged(path: Path, spare: Path) -> OpenBag:
         for number, topic in enumerate(topics)
     ]
 
-    def messages(wanted: Sequence[BagConnection]) -> Iterator[BagMessage]:
-        by_topic = {(each.topic, each.msgtype): each for each in wanted}
+    def messages(connections: Sequence[BagConnection]) -> Iterator[BagMessage]:
+        by_topic = {(each.topic, each.msgtype): each for each in connections}
         return itertools.chain.from_iterable(part.messages(by_topic) for part in parts)
 
     began_ns = min(part.first_ns for part in parts if part.count)

@@ -60,7 +60,7 @@ DICTIONARY = "columns.csv"
 """Table that describes the columns of all others."""
 
 
-class Column(NamedTuple):
+class CsvColumn(NamedTuple):
     """One column."""
 
     name: str
@@ -71,7 +71,7 @@ class Column(NamedTuple):
     """Returns the cell of a message. None if it is empty."""
 
 
-def columns_of(kind: type[SchemaModel], without: tuple[str, ...] = ()) -> list[Column]:
+def columns_of(kind: type[SchemaModel], without: tuple[str, ...] = ()) -> list[CsvColumn]:
     """Return the columns of the fields of `kind`, except those `without`."""
     return [
         column
@@ -86,7 +86,7 @@ def _in_cells(about: str | None) -> str:
     return re.sub(r"\bNone\b", "empty", about or "")
 
 
-def _columns(name: str, annotation: Any, about: str, get: Callable[[Any], Any]) -> Iterator[Column]:
+def _columns(name: str, annotation: Any, about: str, get: Callable[[Any], Any]) -> Iterator[CsvColumn]:
     plain = _plain(annotation)
     if isinstance(plain, type) and issubclass(plain, SchemaModel):
         for part, field in plain.model_fields.items():
@@ -100,12 +100,12 @@ def _columns(name: str, annotation: Any, about: str, get: Callable[[Any], Any]) 
     parts = get_args(plain) if get_origin(plain) is tuple else ()
     unit = UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
     if not parts:
-        yield Column(name, unit, about, _inside(get, _cell))
+        yield CsvColumn(name, unit, about, _inside(get, _cell))
     elif parts[-1] is Ellipsis:
-        yield Column(name, unit, f"{about}; a JSON list".removeprefix("; "), _inside(get, _json))
+        yield CsvColumn(name, unit, f"{about}; a JSON list".removeprefix("; "), _inside(get, _json))
     else:
         for index, (title, one) in enumerate(_titles(name, unit, len(parts))):
-            yield Column(title, one, about, _inside(get, _component(index)))
+            yield CsvColumn(title, one, about, _inside(get, _component(index)))
 
 
 def _titles(name: str, unit: str, count: int) -> list[tuple[str, str]]:
@@ -190,7 +190,7 @@ class Tables:
         """Number of rows by name of the file."""
         self._add(DICTIONARY, ("file", "column", "unit", "description"))
 
-    def create(self, name: str, columns: Sequence[Column]) -> None:
+    def create(self, name: str, columns: Sequence[CsvColumn]) -> None:
         """Begin the table `name` and describe its `columns`."""
         self._add(name, [column.name for column in columns])
         for column in columns:

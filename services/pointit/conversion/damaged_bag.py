@@ -22,7 +22,7 @@ from pointit.recording.container import (
     next_chunk,
     parse,
 )
-from pointit.recording.container import Place as RecordPlace
+from pointit.recording.container import RecordLocation as RecordPlace
 from pointit.recording.container import message_times as message_head
 from pointit.recording.head import METADATA
 from pointit.recording.library import (

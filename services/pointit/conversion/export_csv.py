@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pointit.conversion.acts import Act, ActDetector, SelectionRow
-from pointit.conversion.columns import Column, Tables, columns_of
+from pointit.conversion.acts import Act, ActDetector, SelectionCsvRow
+from pointit.conversion.columns import CsvColumn, Tables, columns_of
 from pointit.conversion.spreadsheet_text import neutralize_formula
 from pointit.recording.entries import Entry, Exchange
 from pointit.runtime.errors import ConfigError
@@ -100,10 +100,10 @@ class _Export:
         self._tables = tables
         self._began_ns = began_ns
         self._detector = ActDetector(began_ns)
-        self._acts, self._selections = columns_of(Act), columns_of(SelectionRow)
+        self._acts, self._selections = columns_of(Act), columns_of(SelectionCsvRow)
         tables.create(SELECTIONS, self._selections)
         tables.create(ACTS, self._acts)
-        self._columns: dict[str, list[Column]] = {}
+        self._columns: dict[str, list[CsvColumn]] = {}
         self.left_out: Counter[str] = Counter()
 
     def add(self, entry: Entry) -> None:
@@ -119,7 +119,7 @@ class _Export:
 
     def end(self) -> None:
         self._detector.end()
-        self._write_deeds()
+        self._write_acts()
 
     def _message(self, row: topics.Topic[Any], name: str, message: Message) -> None:
         columns = self._columns.get(row.key)
@@ -145,9 +145,9 @@ class _Export:
                 self._detector.on_event(message)
             case _:
                 return
-        self._write_deeds()
+        self._write_acts()
 
-    def _write_deeds(self) -> None:
+    def _write_acts(self) -> None:
         for act in self._detector.acts:
             self._tables.write(ACTS, [column.get(act) for column in self._acts])
         for selection in self._detector.selections:
@@ -175,23 +175,25 @@ def _nothing(_: Any) -> None:
 
 
 _TIME = (
-    Column("time_s", "s", "time of capture, since the recording began", _nothing),
-    Column("stamp_ns", "ns", "time of capture, Unix time", _nothing),
+    CsvColumn("time_s", "s", "time of capture, since the recording began", _nothing),
+    CsvColumn("stamp_ns", "ns", "time of capture, Unix time", _nothing),
 )
 
 _REQUEST_COLUMNS = (
     *_TIME,
-    Column("request", "", "its key", _nothing),
-    Column("query", "", "what was asked, JSON", _nothing),
-    Column("reply", "", "the answer, JSON; empty if it was refused", _nothing),
-    Column("refusal", "", "reason of a refusal", _nothing),
+    CsvColumn("request", "", "its key", _nothing),
+    CsvColumn("query", "", "what was asked, JSON", _nothing),
+    CsvColumn("reply", "", "the answer, JSON; empty if it was refused", _nothing),
+    CsvColumn("refusal", "", "reason of a refusal", _nothing),
 )
 
 
-def _columns(row: topics.Topic[Any]) -> list[Column]:
+def _columns(row: topics.Topic[Any]) -> list[CsvColumn]:
     """Return the columns of a topic's table: time, what the placeholder stands for, the message's fields."""
     first = list(_TIME)
     if row.placeholder:
-        first.append(Column(row.placeholder, "", f"{{{row.placeholder}}} in the topic {row.key}", _nothing))
+        first.append(
+            CsvColumn(row.placeholder, "", f"{{{row.placeholder}}} in the topic {row.key}", _nothing)
+        )
     kind = TrackedObject if row.message is TrackedObjects else row.message
     return [*first, *columns_of(kind, without=("stamp_ns",))]

@@ -60,7 +60,7 @@ class UnusableError(Exception):
 
 
 @dataclass(frozen=True)
-class Route:
+class BagRoute:
     """A topic of the ROS toolkit."""
 
     name: str
@@ -147,7 +147,7 @@ class BagMessages:
     def packages(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PackageList."""
         stamp_ns = _stamp_ns(value.header, time_ns)
-        made: list[TrackedObject] = []
+        objects: list[TrackedObject] = []
         before, self._before = self._before, {}
         for each in value.packages:
             surface, surface_id, line, along_m = self._along(each.position)
@@ -159,7 +159,7 @@ class BagMessages:
                 speed_mps = 0.0
             self._before[uid] = (stamp_ns, name, along_m)
             kind = int(each.type)
-            made.append(
+            objects.append(
                 TrackedObject(
                     id=str(uid),
                     kind=KINDS[kind] if kind < len(KINDS) else str(kind),
@@ -172,7 +172,7 @@ class BagMessages:
                     surface_speed_mps=speed_mps,
                 )
             )
-        message = TrackedObjects(stamp_ns=stamp_ns, objects=tuple(made))
+        message = TrackedObjects(stamp_ns=stamp_ns, objects=tuple(objects))
         yield self._say(time_ns, topics.OBJECTS, TRACKER, message)
 
     def selected(self, value: Any, _: str, time_ns: int) -> Taken:
@@ -180,8 +180,8 @@ class BagMessages:
         now = {int(uid) for uid in value.uids}
         for uid in sorted(now ^ self._selected):
             event = "selected" if uid in now else "deselected"
-            said = {"stamp_ns": time_ns, "event": event, "object_id": str(uid)}
-            yield self._say(time_ns, topics.SELECTION_EVENTS, "", SelectionEvent.model_validate(said))
+            pose_fields = {"stamp_ns": time_ns, "event": event, "object_id": str(uid)}
+            yield self._say(time_ns, topics.SELECTION_EVENTS, "", SelectionEvent.model_validate(pose_fields))
         self._selected = now
 
     def pointers(self, value: Any, _: str, time_ns: int) -> Taken:
@@ -208,8 +208,10 @@ class BagMessages:
         what = f"the pose of {user}"
         position_m = _sound(checks.place(at, what))
         yaw_rad = _sound(checks.heading(_sound(checks.quaternion(turned, what)), what))
-        said = {"stamp_ns": _stamp_ns(header, time_ns), "position_m": position_m, "yaw_rad": yaw_rad}
-        return self._say(time_ns, topics.POSE, user, UserPose.model_validate({**said, "method": method}))
+        pose_fields = {"stamp_ns": _stamp_ns(header, time_ns), "position_m": position_m, "yaw_rad": yaw_rad}
+        return self._say(
+            time_ns, topics.POSE, user, UserPose.model_validate({**pose_fields, "method": method})
+        )
 
     def _along(self, place: Any) -> tuple[SurfaceKind, str, Polyline, float]:
         found = self._lines.get(place.name)
@@ -228,16 +230,16 @@ class BagMessages:
 
 
 ROUTES = (
-    Route("/{user}/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped", BagMessages.rotation),
-    Route("/{user}/metawear_ros/button", "std_msgs/msg/Bool", BagMessages.button),
-    Route("/{user}/pointing_ray", "geometry_msgs/msg/PoseStamped", BagMessages.ray),
-    Route("/{user}/mocap_pose", "geometry_msgs/msg/PoseStamped", BagMessages.mocap),
-    Route("/{user}/state_transition", "conveyor_msgs/msg/State", BagMessages.state),
-    Route("/tf", "tf2_msgs/msg/TFMessage", BagMessages.tf),
-    Route("/tf_static", "tf2_msgs/msg/TFMessage", BagMessages.tf),
-    Route("/packages", "conveyor_msgs/msg/PackageList", BagMessages.packages, needs_map=True),
-    Route("/pointers", "conveyor_msgs/msg/PointerList", BagMessages.pointers, needs_map=True),
-    Route("/selected_packages", "conveyor_msgs/msg/PackageUIDList", BagMessages.selected),
+    BagRoute("/{user}/metawear_ros/rotation", "geometry_msgs/msg/QuaternionStamped", BagMessages.rotation),
+    BagRoute("/{user}/metawear_ros/button", "std_msgs/msg/Bool", BagMessages.button),
+    BagRoute("/{user}/pointing_ray", "geometry_msgs/msg/PoseStamped", BagMessages.ray),
+    BagRoute("/{user}/mocap_pose", "geometry_msgs/msg/PoseStamped", BagMessages.mocap),
+    BagRoute("/{user}/state_transition", "conveyor_msgs/msg/State", BagMessages.state),
+    BagRoute("/tf", "tf2_msgs/msg/TFMessage", BagMessages.tf),
+    BagRoute("/tf_static", "tf2_msgs/msg/TFMessage", BagMessages.tf),
+    BagRoute("/packages", "conveyor_msgs/msg/PackageList", BagMessages.packages, needs_map=True),
+    BagRoute("/pointers", "conveyor_msgs/msg/PointerList", BagMessages.pointers, needs_map=True),
+    BagRoute("/selected_packages", "conveyor_msgs/msg/PackageUIDList", BagMessages.selected),
 )
 """Topics of the ROS toolkit that a recording has a place for."""
 
@@ -312,7 +314,7 @@ class Bag:
 
     def _read(self, bag: OpenBag) -> Iterator[Entry]:
         types, messages = Types("jazzy"), BagMessages(self.room)
-        routes: dict[int, tuple[Route, str]] = {}
+        routes: dict[int, tuple[BagRoute, str]] = {}
         for connection in bag.connections:
             why, route, user = self._route(types, connection)
             if route is None:
@@ -332,7 +334,7 @@ class Bag:
             else:
                 self.taken[connection.topic] += 1
 
-    def _route(self, types: Types, connection: Any) -> tuple[str, Route | None, str]:
+    def _route(self, types: Types, connection: Any) -> tuple[str, BagRoute | None, str]:
         for route in ROUTES:
             head, opening, tail = route.name.partition("{user}")
             name: str = connection.topic

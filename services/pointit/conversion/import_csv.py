@@ -40,7 +40,7 @@ from pointit.sim.recordings import (
     Array,
     FloorRecording,
     ImuRecording,
-    Motion,
+    RecordedMotion,
     is_floor_csv,
     read_floor_csv,
     read_imu_csv,
@@ -107,7 +107,7 @@ def csv_entries(
     )
 
 
-def _note_all(motion: Motion, note: Callable[[str], None]) -> None:
+def _note_all(motion: RecordedMotion, note: Callable[[str], None]) -> None:
     for sentence in motion.notes:
         note(sentence)
 
@@ -130,16 +130,16 @@ def _indexed(path: Path) -> dict[str, Any] | None:
 
 
 def _entries(
-    motion: Motion, user: str, begins: Sequence[Entry], pointing: Iterator[Entry], *, follows: bool
+    motion: RecordedMotion, user: str, begins: Sequence[Entry], entries: Iterator[Entry], *, follows: bool
 ) -> Iterator[Entry]:
     yield from begins
     if motion.robot_m is not None and follows:
-        follows_robot = Localization(
+        robot_localization = Localization(
             stamp_ns=EPOCH_NS, phase="sampling", target_id=ROBOT, target_count=1, since_ns=EPOCH_NS
         )
-        yield entry(EPOCH_NS, LOCALIZATION, user, follows_robot)
+        yield entry(EPOCH_NS, LOCALIZATION, user, robot_localization)
         yield _configuration("localizer", user, LocalizerConfig(method="moving_target", autostart=True))
-    streams = [pointing]
+    streams = [entries]
     if motion.robot_m is not None:
         streams.append(_robot(motion))
     if motion.head_m is not None:
@@ -149,7 +149,7 @@ def _entries(
 
 def _configuration(service: str, user: str, config: Config) -> Entry:
     instance = instance_of(service, user)
-    said = Configuration(
+    configuration = Configuration(
         stamp_ns=EPOCH_NS,
         service=service,
         instance=instance,
@@ -157,7 +157,7 @@ def _configuration(service: str, user: str, config: Config) -> Entry:
         parameters=config.model_dump_json(),
         release=pointit_version(),
     )
-    return entry(EPOCH_NS, CONFIGURATION, instance, said)
+    return entry(EPOCH_NS, CONFIGURATION, instance, configuration)
 
 
 def _arm(recorded: ImuRecording, user: str, arm: ArmFrame) -> Iterator[Entry]:
@@ -176,20 +176,20 @@ def _rays(recorded: FloorRecording, user: str) -> Iterator[Entry]:
         yield entry(times_ns[row], RAY, user, ray)
 
 
-def _robot(motion: Motion) -> Iterator[Entry]:
+def _robot(motion: RecordedMotion) -> Iterator[Entry]:
     trajectory = Trajectory(motion, ROBOT)
     for index in range(len(trajectory.times_ns)):
         report = trajectory.report(index, EPOCH_NS)
         yield entry(report.stamp_ns, OBJECTS, ROBOT, report)
 
 
-def _head(motion: Motion, heads_m: Array, user: str) -> Iterator[Entry]:
+def _head(motion: RecordedMotion, heads_m: Array, user: str) -> Iterator[Entry]:
     times_ns = _times_ns(motion)
     for count, (row, (x, y, z)) in enumerate(rows_of(heads_m), start=1):
-        person = TrackedObject(id=user, kind=PERSON, position_m=(x, y, z))
-        report = TrackedObjects(stamp_ns=times_ns[row], seq=count, objects=(person,))
-        yield entry(times_ns[row], OBJECTS, TRACKER, report)
+        tracked_object = TrackedObject(id=user, kind=PERSON, position_m=(x, y, z))
+        tracked = TrackedObjects(stamp_ns=times_ns[row], seq=count, objects=(tracked_object,))
+        yield entry(times_ns[row], OBJECTS, TRACKER, tracked)
 
 
-def _times_ns(motion: Motion) -> list[int]:
+def _times_ns(motion: RecordedMotion) -> list[int]:
     return [EPOCH_NS + time_ns for time_ns in np.rint(motion.t_s * NS_PER_S).astype(np.int64).tolist()]

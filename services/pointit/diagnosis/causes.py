@@ -106,18 +106,18 @@ Explanation = Callable[[Symptoms, Observation], Iterator[Cause]]
 
 def explain(symptoms: Symptoms, seen: Observation) -> list[Finding]:
     """Return the causes, the symptoms without a cause, and with `follows` those that have one."""
-    causes: list[Finding] = []
-    explained: list[Finding] = []
+    findings: list[Finding] = []
+    explained_findings: list[Finding] = []
     unexplained = list(symptoms)
     for explanation in EXPLANATIONS:
         for cause in explanation(tuple(unexplained), seen):
-            causes.append(cause.finding)
+            findings.append(cause.finding)
             left: list[Finding] = []
             for each in unexplained:
                 if each not in (cause.finding, cause.symptom):
-                    (explained if cause.explains(each) else left).append(each)
+                    (explained_findings if cause.explains(each) else left).append(each)
             unexplained = left
-    return [*causes, *unexplained, *(replace(each, follows=True) for each in explained)]
+    return [*findings, *unexplained, *(replace(each, follows=True) for each in explained_findings)]
 
 
 def may_pass(finding: Finding) -> bool:
@@ -147,9 +147,9 @@ def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for cause in by_host.values():
         is_far = any(word in cause[0].sentence for word in ("refused", "too old"))
 
-        def explains(each: Finding, cause: Symptoms = cause, *, is_far: bool = is_far) -> bool:
+        def explains(each: Finding, symptoms: Symptoms = symptoms, *, is_far: bool = is_far) -> bool:
             is_late = each.code in ("stale", "slow", "no-cursor") or bool(DISORDERED.search(each.sentence))
-            return each in cause or (is_late and (is_far or each.code == "slow"))
+            return each in symptoms or (is_late and (is_far or each.code == "slow"))
 
         yield replace(_first_of(cause, cause[0].code), explains=explains)
 
@@ -177,10 +177,10 @@ def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
             remedy = f"start it with its own credentials instead of those of {name}, or end it"
             cause = replace(cause, finding=replace(cause.finding, remedy=remedy))
 
-        def is_theirs(each: Finding, name: str = name) -> bool:
+        def is_of_service(each: Finding, name: str = name) -> bool:
             return each.code in GONE and split_instance(each.service)[1] == name
 
-        yield _also(_also(cause, follow), is_theirs)
+        yield _also(_also(cause, follow), is_of_service)
 
 
 def _stopped(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:

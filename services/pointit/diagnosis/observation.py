@@ -74,7 +74,7 @@ class Finding:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
+class DiagnosisReport:
     """A health message and its time of arrival."""
 
     received_s: float
@@ -94,7 +94,9 @@ class Observation:
     """Instances that were present and are no longer."""
     shards: frozenset[str] | None = None
     """People whom shards serve, as `SHARD_ALIVE` names them. None if that was not observed."""
-    reports: Mapping[str, Sequence[Report]] = field(default_factory=dict[str, Sequence[Report]])
+    reports: Mapping[str, Sequence[DiagnosisReport]] = field(
+        default_factory=dict[str, Sequence[DiagnosisReport]]
+    )
     """Reports by instance, oldest first."""
     deployments: Mapping[str, Deployment] = field(default_factory=dict[str, Deployment])
     host: str = ""

@@ -33,26 +33,26 @@ def unreachable(
     )
 
 
-def find_lost_router(symptoms: Sequence[Finding], seen: Observation) -> Finding | None:
+def find_lost_router(findings: Sequence[Finding], seen: Observation) -> Finding | None:
     """Return the finding of a lost router, if services say that they have lost it."""
-    outage = _outage(symptoms, seen)
+    outage = _outage(findings, seen)
     if outage is None or outage.remedy != AGAIN:
         return None
     finding = _finding(outage.sentence, outage.remedy)
-    is_error = any(each.code in GONE and each.severity == "error" for each in symptoms)
+    is_error = any(each.code in GONE and each.severity == "error" for each in findings)
     # else what it cannot reach is not expected here
     return finding if is_error else replace(finding, severity="warning")
 
 
-def find_mass_outage(symptoms: Sequence[Finding], seen: Observation) -> Finding | None:
+def find_mass_outage(findings: Sequence[Finding], seen: Observation) -> Finding | None:
     """Return the finding of most services of the site that are gone together."""
-    outage = _outage(symptoms, seen)
+    outage = _outage(findings, seen)
     return None if outage is None else _finding(outage.sentence, outage.remedy)
 
 
-def _outage(symptoms: Sequence[Finding], seen: Observation) -> Outage | None:
-    gone = {each.service for each in symptoms if each.code in GONE}
-    warnings = [each.sentence for each in symptoms if each.code == "warning"]
+def _outage(findings: Sequence[Finding], seen: Observation) -> Outage | None:
+    gone = {each.service for each in findings if each.code in GONE}
+    warnings = [each.sentence for each in findings if each.code == "warning"]
     return find_outage(seen.present | seen.expected.keys() | gone, gone, warnings)
 
 

@@ -85,8 +85,10 @@ def find_people_without_cursor(seen: Observation) -> Iterator[Finding]:
         pointing = f"pointing.{names[0]}"
         remedy = restart_remedy(pointing, seen.options_of(pointing))
     subject = names[0] if len(names) == 1 else ""
-    theirs = sorted(each for services in people.values() for each in services)
-    yield Finding("error", "no-cursor", subject, sentence, remedy, services=(*sorted(lacking), *theirs))
+    user_services = sorted(each for services in people.values() for each in services)
+    yield Finding(
+        "error", "no-cursor", subject, sentence, remedy, services=(*sorted(lacking), *user_services)
+    )
 
 
 def listed(names: Sequence[str]) -> str:

@@ -18,10 +18,10 @@ LATE_S = 1.2 * HEALTH_PERIOD_S
 """The same, s, if its output is late."""
 
 
-def stopped_services(symptoms: Sequence[Finding], seen: Observation) -> Iterator[Finding]:
+def stopped_services(findings: Sequence[Finding], seen: Observation) -> Iterator[Finding]:
     """Find stopped processes of this machine that explain services that are gone, or missing cursors."""
-    gone = [each.service for each in symptoms if each.code in GONE]
-    needed = {each for finding in symptoms if finding.code == "no-cursor" for each in finding.services}
+    gone = [each.service for each in findings if each.code in GONE]
+    needed = {each for finding in findings if finding.code == "no-cursor" for each in finding.services}
     for process in seen.stopped:
         services = [each for each in gone if _runs(process, each, seen)]
         missing = needed - seen.present - {*services}
@@ -35,9 +35,9 @@ def stopped_services(symptoms: Sequence[Finding], seen: Observation) -> Iterator
             yield Finding("error", "stopped", _subject(services), sentence, remedy, services=tuple(services))
 
 
-def starved_machines(late: Iterable[Finding], seen: Observation) -> Iterator[Finding]:
-    """Find machines with processes that get too little processor time, which explains `late` symptoms."""
-    affected = {each.service for each in late}
+def starved_machines(findings: Iterable[Finding], seen: Observation) -> Iterator[Finding]:
+    """Find machines with processes that get too little processor time, which explains `findings` symptoms."""
+    affected = {each.service for each in findings}
     by_host: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
     for instance in sorted(seen.present):
         if (health := seen.newest(instance)) is not None:
@@ -64,9 +64,9 @@ def starved_machines(late: Iterable[Finding], seen: Observation) -> Iterator[Fin
         yield Finding("warning", "starved", _subject(services), sentence, remedy, services=tuple(services))
 
 
-def gone_processes(symptoms: Sequence[Finding], seen: Observation) -> Iterator[Finding]:
+def gone_processes(findings: Sequence[Finding], seen: Observation) -> Iterator[Finding]:
     """Find processes all of whose services are gone, if there are several."""
-    gone = {each.service: each for each in symptoms if each.code in GONE}
+    gone = {each.service: each for each in findings if each.code in GONE}
     for name, services in _processes(gone.keys(), seen).items():
         lost = sorted(gone[each].service for each in services if each in gone)
         silent = [each for each in lost if gone[each].code == "silent"]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from pointit.diagnosis.observation import BUSY_START_S, Finding, Observation, Report
+from pointit.diagnosis.observation import BUSY_START_S, DiagnosisReport, Finding, Observation
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.schemas import Health
 from pointit.schemas.system import split_instance
@@ -43,9 +43,9 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
         yield from _certainty(instance, health)
         for sentence in map(one_line, health.warnings):
             remedy = "" if _says_what_to_do(sentence) else "look at its log, which has details"
-            told = f"says: “{sentence}”" if person_of(instance) else sentence
+            text = f"says: “{sentence}”" if person_of(instance) else sentence
             topic = next((row.key for row in TOPICS if row.key in sentence), "")
-            yield Finding("warning", "warning", instance, told, remedy, topic=topic)
+            yield Finding("warning", "warning", instance, text, remedy, topic=topic)
         if health.status == "degraded" and not health.warnings:
             sentence = "reports itself as degraded without a reason"
             yield Finding("warning", "degraded", instance, sentence, "look at its log")
@@ -67,7 +67,7 @@ def _says_what_to_do(warning: str) -> bool:
     return any(mark in warning for mark in ("; ", ": ", "`"))
 
 
-def _twice(seen: Observation, instance: str, reports: Sequence[Report]) -> Iterator[Finding]:
+def _twice(seen: Observation, instance: str, reports: Sequence[DiagnosisReport]) -> Iterator[Finding]:
     """Find two processes under one name. One that was only restarted is younger than our observation."""
     watched_s = seen.now_s - seen.began_s
     ages_s = {

@@ -102,23 +102,25 @@ class CloudTree:
         """
         direction = vector.normalized(direction)
         ray = _Ray(np.array(origin_m)[:, None], np.array(direction), reach_m)
-        kept: Indices = np.zeros(1, dtype=np.intp)
+        remaining: Indices = np.zeros(1, dtype=np.intp)
         bound = tolerance
         for level in self._levels[:-1]:
-            rows, columns, bound = self._look(level, kept, ray, bound)
+            rows, columns, bound = self._look(level, remaining, ray, bound)
             if not len(rows):
                 return None
-            kept = kept[rows] * level.radii.shape[1] + columns
-        index, cost = self._best(kept, ray)
+            remaining = remaining[rows] * level.radii.shape[1] + columns
+        index, cost = self._best(remaining, ray)
         if index < 0 or cost > tolerance:
             return None
         leaf, column = divmod(index, self._levels[-1].radii.shape[1])
         x, y, z = self._levels[-1].places[leaf, :, column].tolist()
         return make_hit(int(self._order[index]), 0.0, (x, y, z), origin_m, direction)
 
-    def _look(self, level: _Level, kept: Indices, ray: _Ray, bound: float) -> tuple[Indices, Indices, float]:
-        """Return the children of `kept` that may hold the closest point, and an upper bound of its miss."""
-        places, radii = level.places.take(kept, axis=0), level.radii.take(kept, axis=0)
+    def _look(
+        self, level: _Level, remaining: Indices, ray: _Ray, bound: float
+    ) -> tuple[Indices, Indices, float]:
+        """Return the children of `remaining` that may hold the closest point, and a bound of its miss."""
+        places, radii = level.places.take(remaining, axis=0), level.radii.take(remaining, axis=0)
         along, square = _seen(places, ray)
         costs = self._costs(along, square, ray)
         best = int(costs.argmin())
@@ -127,7 +129,7 @@ class CloudTree:
         if level is self._levels[-2] and len(rows) > MANY:
             # costs of the centres are a loose bound, the points of the best leaf a tight one
             row, column = divmod(best, costs.shape[1])
-            _, cost = self._best(kept[[row]] * costs.shape[1] + column, ray)
+            _, cost = self._best(remaining[[row]] * costs.shape[1] + column, ray)
             bound = min(bound, cost)
             rows, columns = self._open(along, square, radii, ray, bound)
         return rows, columns, bound

@@ -72,18 +72,18 @@ class CylinderSolid:
         return (self._radius * math.atan2(y, x), z) if on_side else (x, y)
 
     def _by_angle(self, own: Vec3, d: Vec3) -> Vec3:
-        best, least = own, math.inf
+        best, min_distance = own, math.inf
         for x, y, outwards in self._touched(own):
             start, span = (x, y, 0.0), (0.0, 0.0, self._height)
             t, cost = nearest_in_angle(vector.subtract(start, own), span, d)
             if 0.0 < t < 1.0 and cost < 0.0 and d[0] * outwards[0] + d[1] * outwards[1] >= 0.0:
                 return (x, y, t * self._height)  # the cylinder is beyond the tangent plane
-            if cost < least:
-                best, least = (x, y, t * self._height), cost
+            if cost < min_distance:
+                best, min_distance = (x, y, t * self._height), cost
         for z in (0.0, self._height):
             point, cost = self._on_rim(own, d, z)
-            if cost < least:
-                best, least = point, cost
+            if cost < min_distance:
+                best, min_distance = point, cost
         return best
 
     def _touched(self, own: Vec3) -> list[tuple[float, float, tuple[float, float]]]:
@@ -115,10 +115,10 @@ class CylinderSolid:
             for i, cost in enumerate(costs)
             if cost <= costs[i - 1] and cost <= costs[(i + 1) % RIM_POINTS]
         ]
-        cost, angle = min(self._least_around(own, d, z, angle) for angle in valleys)
+        cost, angle = min(self._nearest_around(own, d, z, angle) for angle in valleys)
         return (self._radius * math.cos(angle), self._radius * math.sin(angle), z), cost
 
-    def _least_around(self, own: Vec3, d: Vec3, z: float, angle: float) -> tuple[float, float]:
+    def _nearest_around(self, own: Vec3, d: Vec3, z: float, angle: float) -> tuple[float, float]:
         """Return the minimum of minus the cosine near a point of the rim, and its angle on the rim."""
         low, high = angle - math.tau / RIM_POINTS, angle + math.tau / RIM_POINTS
         inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)

@@ -37,7 +37,7 @@ class OneEuro:
         """
         if min(min_cutoff_hz, derivative_cutoff_hz, gap_s) <= 0.0 or beta_hz_per_degps < 0.0:
             raise ValueError("cut-offs and gap must be above 0, beta must not be below")
-        self._least = math.tau * min_cutoff_hz
+        self._min_cutoff = math.tau * min_cutoff_hz
         self._rise = math.tau * math.degrees(beta_hz_per_degps)
         self._derivative = math.tau * derivative_cutoff_hz
         self._gap_s = gap_s
@@ -78,7 +78,7 @@ class OneEuro:
         x, y, z = self._rate
         x, y, z = keep * x + gain * turn_x, keep * y + gain * turn_y, keep * z + gain * turn_z
         self._rate, self._came = (x, y, z), direction
-        turn = (self._least + self._rise * math.hypot(x, y, z)) * passed_s
+        turn = (self._min_cutoff + self._rise * math.hypot(x, y, z)) * passed_s
         self._gave = gave = _between(self._gave, direction, turn / (1.0 + turn))
         return gave
 

@@ -39,10 +39,10 @@ class Polygon:
         apart_m = min(math.dist(_nearest_on(a, b, point_m), point_m) for a, b in self.edges_m)
         return -apart_m if self.contains(point_m) else apart_m
 
-    def is_apart(self, start_m: Vec2, end_m: Vec2, least_m: float) -> bool:
-        """Return True if no point of a segment is nearer to the outline than `least_m`."""
+    def is_apart(self, start_m: Vec2, end_m: Vec2, min_m: float) -> bool:
+        """Return True if no point of a segment is nearer to the outline than `min_m`."""
         (cx, cy), (dx, dy) = start_m, end_m
-        reach_m = least_m + ROUNDING_M
+        reach_m = min_m + ROUNDING_M
         west, east = min(cx, dx) - reach_m, max(cx, dx) + reach_m
         south, north = min(cy, dy) - reach_m, max(cy, dy) + reach_m
         for a, b in self.edges_m:
@@ -52,7 +52,7 @@ class Polygon:
                 continue
             if (ay < south and by < south) or (ay > north and by > north):
                 continue
-            if not _segments_apart_m(a, b, start_m, end_m) >= least_m:
+            if not _segments_apart_m(a, b, start_m, end_m) >= min_m:
                 return False
         return True
 
@@ -67,7 +67,7 @@ class Polygon:
         for first, second in combinations(range(len(self.edges_m)), 2):
             if second - first == 1 or (first == 0 and second == last):
                 continue
-            if _do_meet(*self.edges_m[first], *self.edges_m[second]):
+            if _do_intersect(*self.edges_m[first], *self.edges_m[second]):
                 return first, second
         return None
 
@@ -85,7 +85,7 @@ def point_segment_m(point_m: Vec2, start_m: Vec2, end_m: Vec2) -> float:
 
 
 def _segments_apart_m(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> float:
-    if _do_meet(a, b, c, d):
+    if _do_intersect(a, b, c, d):
         return 0.0
     return min(
         point_segment_m(c, a, b), point_segment_m(d, a, b), point_segment_m(a, c, d), point_segment_m(b, c, d)
@@ -97,7 +97,7 @@ def _side(a: Vec2, b: Vec2, c: Vec2) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-def _do_meet(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool:
+def _do_intersect(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool:
     abc, abd, cda, cdb = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
     if abc * abd < 0.0 and cda * cdb < 0.0:
         return True

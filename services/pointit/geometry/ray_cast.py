@@ -25,7 +25,7 @@ from pointit.geometry.closest import (
     nearest_in_metres,
 )
 from pointit.geometry.polyline import Polyline
-from pointit.geometry.solids import MOST_EYES, Solid
+from pointit.geometry.solids import MAX_EYES, Solid
 from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class SolidCaster:
         self._centres = np.array([solid.bounding_sphere[0] for solid in solids]).T.copy()
         """3 x n."""
         self._radii = np.array([solid.bounding_sphere[1] for solid in solids])
-        self._cones = lru_cache(MOST_EYES)(self._cones_from)
+        self._cones = lru_cache(MAX_EYES)(self._cones_from)
 
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
@@ -206,26 +206,26 @@ class RayCaster:
         if not self._few:
             self._lay_out(lines, alone)
 
-    def _lay_out(self, lines: Sequence[Polyline], alone: list[_Segment]) -> None:
-        runs: list[list[_Segment]] = []
+    def _lay_out(self, lines: Sequence[Polyline], single_segments: list[_Segment]) -> None:
+        segments: list[list[_Segment]] = []
         centres: list[Vec3] = []
         for target, line in enumerate(lines):
             for run in _runs([cut for piece in _segments(line, target) for cut in _cuts(piece)]):
-                runs.append(run)
+                segments.append(run)
                 end_m = run[-1].position_m + run[-1].length_m
                 centres.append(line.point_at((run[0].position_m + end_m) / 2.0))
-        for point in alone:
-            runs.append([point])
+        for point in single_segments:
+            segments.append([point])
             centres.append(point.start_m)
-        self._width = width = max(len(run) for run in runs)
-        radii = [_radius(run, centre) for run, centre in zip(runs, centres, strict=True)]
+        self._width = width = max(len(run) for run in segments)
+        radii = [_radius(run, centre) for run, centre in zip(segments, centres, strict=True)]
         # runs are padded with their last segment, which cannot win against itself
-        self._segments: list[_Segment] = [run[min(i, len(run) - 1)] for run in runs for i in range(width)]
+        self._segments: list[_Segment] = [run[min(i, len(run) - 1)] for run in segments for i in range(width)]
         starts = np.array([segment.start_m for segment in self._segments])
         spans = np.array([segment.span_m for segment in self._segments])
         squares = np.einsum("ij,ij->i", spans, spans)
         self._runs: Array = np.ascontiguousarray(
-            np.column_stack([starts, spans, squares]).T.reshape(7, len(runs), width)
+            np.column_stack([starts, spans, squares]).T.reshape(7, len(segments), width)
         )
         """7 x runs x width: start (3), span (3), squared length."""
         self._centres: Array = np.ascontiguousarray(np.array(centres).T)
@@ -257,7 +257,7 @@ class RayCaster:
     def _among_few(self, origin_m: Vec3, direction: Vec3, reach_m: float) -> tuple[_Segment, float] | None:
         nearest = nearest_in_angle if self.measure == "angle" else nearest_in_metres
         best: tuple[_Segment, float] | None = None
-        least = math.inf
+        min_distance = math.inf
         ox, oy, oz = origin_m
         for segment in self._few:
             (x, y, z), span = segment.start_m, segment.span_m
@@ -271,8 +271,8 @@ class RayCaster:
             else:
                 low, high, u = 0.0, 1.0, span
             t, cost = nearest(a, u, direction)
-            if cost < least:
-                best, least = (segment, low + t * (high - low)), cost
+            if cost < min_distance:
+                best, min_distance = (segment, low + t * (high - low)), cost
         return best
 
     def _among_many(
@@ -280,11 +280,11 @@ class RayCaster:
     ) -> tuple[_Segment, float] | None:
         origin = np.array(origin_m)[:, None]
         d = np.array(direction)
-        kept: list[int] = self._kept(origin, d, tolerance, reach_m).tolist()
-        if not kept:
+        candidates: list[int] = self._candidates(origin, d, tolerance, reach_m).tolist()
+        if not candidates:
             return None
-        runs = self._runs.take(kept, axis=1)
-        flat = runs.reshape(7, -1)
+        segments = self._runs.take(candidates, axis=1)
+        flat = segments.reshape(7, -1)
         a, u, uu = flat[:3] - origin, flat[3:6], flat[6]
         p, q = d @ a, d @ u
         low, high = _spans_within(p, q, reach_m) if reach_m < math.inf else (None, None)
@@ -300,9 +300,9 @@ class RayCaster:
         if math.isinf(cost.flat[best]):
             return None
         row, column = divmod(best % len(uu), self._width)
-        return self._segments[kept[row] * self._width + column], float(t.flat[best])
+        return self._segments[candidates[row] * self._width + column], float(t.flat[best])
 
-    def _kept(self, origin: Array, d: Array, tolerance: float, reach_m: float) -> NDArray[np.intp]:
+    def _candidates(self, origin: Array, d: Array, tolerance: float, reach_m: float) -> NDArray[np.intp]:
         """Return the runs that may hold the closest point."""
         c = self._centres - origin
         along = d @ c
@@ -318,8 +318,8 @@ class RayCaster:
             return np.flatnonzero((across * math.cos(cone) - along * math.sin(cone) <= self._radii) & is_near)
         ahead = np.maximum(along, 0.0)
         across = np.sqrt(np.maximum(square - ahead * ahead, 0.0))
-        least = float(across[along <= reach_m].min(initial=math.inf))
-        return np.flatnonzero((across - self._radii <= min(least, tolerance)) & is_near)
+        min_distance = float(across[along <= reach_m].min(initial=math.inf))
+        return np.flatnonzero((across - self._radii <= min(min_distance, tolerance)) & is_near)
 
 
 def _spans_within(p: Array, q: Array, reach_m: float) -> tuple[Array, Array]:
@@ -376,15 +376,15 @@ def _cuts(segment: _Segment) -> list[_Segment]:
 
 
 def _runs(pieces: list[_Segment]) -> list[list[_Segment]]:
-    runs: list[list[_Segment]] = []
+    segments: list[list[_Segment]] = []
     room_m = 0.0
     for piece in pieces:
-        if not runs or len(runs[-1]) >= RUN_SEGMENTS or piece.length_m > room_m:
-            runs.append([])
+        if not segments or len(segments[-1]) >= RUN_SEGMENTS or piece.length_m > room_m:
+            segments.append([])
             room_m = RUN_M
-        runs[-1].append(piece)
+        segments[-1].append(piece)
         room_m -= piece.length_m
-    return runs
+    return segments
 
 
 def _radius(run: list[_Segment], centre: Vec3) -> float:

@@ -18,7 +18,7 @@ from pointit.geometry.vector import Vec3
 Edge = tuple[Vec3, Vec3]
 """Start of an edge, and vector to its end."""
 
-MOST_EYES = 32
+MAX_EYES = 32
 """Limit of origins of rays for which a box keeps its outline."""
 
 
@@ -89,7 +89,7 @@ class BoxSolid:
     def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
         if origin_m not in self._outlines:  # eyes that move with every ray are not worth an outline
-            if len(self._outlines) >= MOST_EYES:
+            if len(self._outlines) >= MAX_EYES:
                 self._outlines.clear()
             self._outlines[origin_m] = None
             met = self.intersect(origin_m, direction)
@@ -186,11 +186,11 @@ class SphereSolid:
 def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
     """Return the closest point of the edges to the ray."""
     nearest = nearest_in_angle if measure == "angle" else nearest_in_metres
-    best, least = origin_m, math.inf
+    best, min_distance = origin_m, math.inf
     for start, span in edges:
         t, cost = nearest(vector.subtract(start, origin_m), span, direction)
-        if cost < least:
-            best, least = vector.add(start, vector.scale(span, t)), cost
+        if cost < min_distance:
+            best, min_distance = vector.add(start, vector.scale(span, t)), cost
     return best
 
 

@@ -17,7 +17,7 @@ from pointit.schemas import FARTHEST
 from pointit.schemas.environment import ThingMode
 
 MAX_PIXELS = 4096
-LEAST_AREA_M2 = 1e-4
+MIN_AREA_M2 = 1e-4
 MAX_LABEL = 64
 OBJECT = "object"
 """Place of a thing that is the tracked object of its name."""
@@ -86,7 +86,7 @@ def _outline(value: object) -> tuple[Vec2, ...]:
             "the outline crosses itself: the edges from corner {} and corner {} meet; "
             "list the corners in order around the area".format(*crossing)
         )
-    if outline.area_m2 < LEAST_AREA_M2:
+    if outline.area_m2 < MIN_AREA_M2:
         raise ValueError("the outline has no area inside; give its corners in metres")
     return tuple(corners)
 

@@ -13,7 +13,7 @@ from pointit.runtime.config.similar_names import nearest
 from pointit.schemas import Thing
 from pointit.schemas.environment import BESIDE_BELT_M
 
-MOST = 1000
+MAX_THINGS = 1000
 """Limit of things, which are listed in one message several times a second."""
 LAMP_M = 0.2
 """Size of a thing that is a lamp, m."""
@@ -27,8 +27,8 @@ ROUNDED_M = 1e-3
 
 def broken_things(file: MapFile) -> Iterator[tuple[str, str]]:
     """Yield the things whose light or belt does not exist: place in the file, and problem with remedy."""
-    if len(file.things) > MOST:
-        yield "things", f"there are {len(file.things)}, limit {MOST}; split the room into several sites"
+    if len(file.things) > MAX_THINGS:
+        yield "things", f"there are {len(file.things)}, limit {MAX_THINGS}; split the room into several sites"
     strips = {name: strip.line for name, strip in file.strips.items()}
     belts = {name: belt.centerline for name, belt in file.belts.items()}
     for name, entry in file.things.items():
@@ -98,8 +98,8 @@ def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:
 
 def _part(part: LinePart, line: Sequence[Vec3]) -> tuple[Polyline, tuple[float, float]]:
     """Return the whole line, and the arc lengths of the part, which may have been rounded beyond its ends."""
-    whole = Polyline(line)
-    return whole, (max(part.start, 0.0), min(part.end, whole.length_m))
+    polyline = Polyline(line)
+    return polyline, (max(part.start, 0.0), min(part.end, polyline.length_m))
 
 
 def _around(line: Polyline, part_m: tuple[float, float], width_m: float = 0.0) -> tuple[Vec3, Vec3, float]:
@@ -122,10 +122,10 @@ def _around(line: Polyline, part_m: tuple[float, float], width_m: float = 0.0) -
 
 def _beside(file: MapFile, places_m: NDArray[np.float64], half_m: float) -> LinePart | None:
     """Return the part of a strip beside `places_m` of a belt: of the strip that is beside most of them."""
-    found, most = None, 1
+    found, max_count = None, 1
     for name, strip in file.strips.items():
         along_m, apart_m = Polyline(strip.line).nearest_to(places_m)
         beside_m = along_m[apart_m <= half_m + BESIDE_BELT_M]
-        if len(beside_m) > most and np.ptp(beside_m) > ROUNDED_M:
-            found, most = LinePart(name, float(beside_m.min()), float(beside_m.max())), len(beside_m)
+        if len(beside_m) > max_count and np.ptp(beside_m) > ROUNDED_M:
+            found, max_count = LinePart(name, float(beside_m.min()), float(beside_m.max())), len(beside_m)
     return found

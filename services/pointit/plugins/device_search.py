@@ -13,7 +13,7 @@ from typing import Any, cast
 from pointit.runtime.config.plugins import DevicePlugin, FoundDevice, PluginGroup
 from pointit.runtime.errors import ConfigError
 
-PATIENCE_S = 2.0
+TIMEOUT_S = 2.0
 """Time after its seconds at which a search is cancelled. After this time once more it is given up."""
 
 LONGEST_WAIT_S = 0.5
@@ -58,7 +58,7 @@ def search(
             target=_run, args=(groups[kind], kind, name, seconds, answers), name=f"search {name}", daemon=True
         )
         thread.start()
-    until_s = time.monotonic() + seconds + 2 * PATIENCE_S
+    until_s = time.monotonic() + seconds + 2 * TIMEOUT_S
     while len(results) < len(asked):
         tell(len(results))
         left_s = until_s - time.monotonic()
@@ -102,7 +102,7 @@ async def _searched(group: PluginGroup[Any], kind: str, name: str, seconds: floa
         if plugin.discover is None:
             return None
         async with limit:
-            limit.reschedule(asyncio.get_running_loop().time() + seconds + PATIENCE_S)
+            limit.reschedule(asyncio.get_running_loop().time() + seconds + TIMEOUT_S)
             found = cast("object", await plugin.discover(seconds))
     except ConfigError as error:
         return SearchResult(kind=kind, name=name, problem=str(error))

@@ -63,7 +63,7 @@ class DamagedError(Exception):
     """Bytes are no MCAP; says what is wrong with them."""
 
 
-class Place(NamedTuple):
+class RecordLocation(NamedTuple):
     """Position of a record's content in the file or chunk."""
 
     opcode: int
@@ -77,7 +77,7 @@ def is_container(file: IO[bytes]) -> bool:
     return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
 
 
-def records(file: IO[bytes]) -> Iterator[Place]:
+def records(file: IO[bytes]) -> Iterator[RecordLocation]:
     """Yield the records of the file, and a place of the kind `DAMAGED` for bytes before the next whole chunk.
 
     Reads no contents. What is wrong behind the data, where channels are repeated, just ends it.
@@ -91,7 +91,7 @@ def records(file: IO[bytes]) -> Iterator[Place]:
         file.seek(offset)
         head = file.read(_HEAD.size)
         opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (Opcode.DATA_END, size)
-        place = Place(opcode, offset + _HEAD.size, length)
+        place = RecordLocation(opcode, offset + _HEAD.size, length)
         is_damaged = opcode == DAMAGED or opcode > Opcode.DATA_END
         if is_damaged or place.offset + length > size:
             if not is_data:
@@ -99,7 +99,7 @@ def records(file: IO[bytes]) -> Iterator[Place]:
             found = next_chunk(file, offset + 1)
             if found is None:
                 raise DamagedError(f"it {'is damaged' if is_damaged else 'ends'} in the middle")
-            place = Place(DAMAGED, offset, found - offset)
+            place = RecordLocation(DAMAGED, offset, found - offset)
         yield place
         offset = place.offset + place.length
         is_data = is_data and opcode != Opcode.DATA_END
@@ -120,7 +120,7 @@ def next_chunk(file: IO[bytes], offset: int) -> int | None:
     return None
 
 
-def content(file: IO[bytes], place: Place) -> bytes:
+def content(file: IO[bytes], place: RecordLocation) -> bytes:
     """Return the content of the record at `place`.
 
     Raises:
@@ -132,7 +132,7 @@ def content(file: IO[bytes], place: Place) -> bytes:
     return file.read(place.length)
 
 
-def read(file: IO[bytes], place: Place, kind: type[Record]) -> Record:
+def read(file: IO[bytes], place: RecordLocation, kind: type[Record]) -> Record:
     """Return the record at `place`.
 
     Raises:
@@ -179,7 +179,7 @@ def unpack(chunk: Chunk) -> bytes:
     return data
 
 
-def inner_records(chunk: Chunk, data: bytes) -> Iterator[Place]:
+def inner_records(chunk: Chunk, data: bytes) -> Iterator[RecordLocation]:
     """Yield where the records in `data` are, which is `chunk` unpacked.
 
     Raises:
@@ -199,16 +199,16 @@ def inner_records(chunk: Chunk, data: bytes) -> Iterator[Place]:
             raise DamagedError("a chunk of it is damaged: a record is cut off")
         if opcode not in _INNER:
             raise DamagedError(f"a chunk of it is damaged: it holds a record of the kind {opcode}")
-        yield Place(opcode, offset, length)
+        yield RecordLocation(opcode, offset, length)
         offset += length
 
 
-def message_times(data: bytes, place: Place) -> tuple[int, int]:
+def message_times(data: bytes, place: RecordLocation) -> tuple[int, int]:
     """Return channel and log time (ns) of the message at `place`."""
     channel, _, time_ns, _ = _MESSAGE.unpack_from(data, place.offset)
     return channel, time_ns
 
 
-def message_content(data: bytes, place: Place) -> bytes:
+def message_content(data: bytes, place: RecordLocation) -> bytes:
     """Return the content of the message at `place`."""
     return data[place.offset + _MESSAGE.size : place.offset + place.length]

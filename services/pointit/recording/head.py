@@ -26,7 +26,7 @@ class Head(SchemaModel):
     version: Annotated[str, Field(description="version of PointIt")] = ""
     python: str = ""
     seed: Annotated[int | None, Field(description="seed of the run that recorded itself")] = None
-    without: Annotated[Many[str], Field(description="what was left out, such as imu")] = ()
+    without: Annotated[Many[str], Field(description="omitted topics, such as imu")] = ()
     pseudonyms: Annotated[bool, Field(description="people are called person-1, person-2 and so on")] = False
     format: int = FORMAT
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple, Self
 
 from pointit.recording import container
-from pointit.recording.container import DamagedError, Place, parse
+from pointit.recording.container import DamagedError, RecordLocation, parse
 from pointit.recording.entries import (
     AnyRow,
     Entry,
@@ -105,12 +105,12 @@ class Channels:
         """Return the numbers of the known channels whose key `keys` wants."""
         return {number for number, each in self._known.items() if keys is None or keys(each.key)}
 
-    def _add_channel(self, number: int, record: McapChannel) -> None:
-        self._names[number] = record.topic[:200]
-        key = record.metadata.get("key", "")
-        found = find_row(record.metadata.get("row", ""), key)
-        if found is not None and record.message_encoding == "json":
-            written = self._schemas.get(record.schema_id, "")
+    def _add_channel(self, number: int, channel: McapChannel) -> None:
+        self._names[number] = channel.topic[:200]
+        key = channel.metadata.get("key", "")
+        found = find_row(channel.metadata.get("row", ""), key)
+        if found is not None and channel.message_encoding == "json":
+            written = self._schemas.get(channel.schema_id, "")
             self._known[number] = Channel(key, *found, written)
 
 
@@ -133,7 +133,7 @@ MAX_DAMAGED = 1000
 
 
 class _ChunkPlace(NamedTuple):
-    place: Place
+    place: RecordLocation
     began_ns: int
     ended_ns: int
 
@@ -266,7 +266,7 @@ class Recording:
                 continue
             try:
                 data, records = self._unpack(chunk.place)
-                times: list[tuple[int, Place, int]] = []
+                times: list[tuple[int, RecordLocation, int]] = []
                 for place in records:
                     if place.opcode == Opcode.MESSAGE:
                         channel, time_ns = container.message_times(data, place)
@@ -290,11 +290,11 @@ class Recording:
             return None
         return channel.entry(time_ns, body)
 
-    def _reject(self, complaint: str) -> None:
+    def _reject(self, error_message: str) -> None:
         self.invalid += 1
-        self.complaint = self.complaint or complaint
+        self.complaint = self.complaint or error_message
 
-    def _read_head(self, place: Place) -> Head | None:
+    def _read_head(self, place: RecordLocation) -> Head | None:
         """Return the head if the metadata at `place` are those of PointIt.
 
         Raises:
@@ -313,7 +313,7 @@ class Recording:
             )
         return head
 
-    def _unpack(self, place: Place) -> tuple[bytes, Iterator[Place]]:
+    def _unpack(self, place: RecordLocation) -> tuple[bytes, Iterator[RecordLocation]]:
         """Return the content of the chunk at `place` and where its records are, which are still to be read.
 
         Raises:
@@ -323,7 +323,7 @@ class Recording:
         data = container.unpack(chunk)
         return data, container.inner_records(chunk, data)
 
-    def _try_search(self, place: Place, damaged: list[DamagedError]) -> None:
+    def _try_search(self, place: RecordLocation, damaged: list[DamagedError]) -> None:
         """Search the chunk at `place`, or add what is wrong with it to `damaged`.
 
         Raises:
@@ -339,7 +339,7 @@ class Recording:
             if len(damaged) > MAX_DAMAGED:
                 raise RecordingError(f"{self._path} cannot be read: {error}") from error
 
-    def _search(self, place: Place) -> None:
+    def _search(self, place: RecordLocation) -> None:
         data, records = self._unpack(place)
         counts: Counter[int] = Counter()
         began_ns, ended_ns = 2**64, -1

@@ -66,7 +66,7 @@ class RecordingWriter:
                 self.left_out += 1
                 return
             channel = self._open(row, key)
-        plain, number = channel
+        json_channel, number = channel
         time_ns = self._last_ns = max(time_ns, self._last_ns)
         if self._chunk_ns is None:
             self._chunk_ns = time_ns
@@ -74,9 +74,9 @@ class RecordingWriter:
             self.flush()
             self._chunk_ns = time_ns
         if isinstance(body, bool):
-            published_ns, content = time_ns, plain.to_json(PresenceChange(present=body))
+            published_ns, content = time_ns, json_channel.to_json(PresenceChange(present=body))
         else:
-            published_ns, content = body.stamp_ns, plain.to_json(body)
+            published_ns, content = body.stamp_ns, json_channel.to_json(body)
         sequence = body.seq % 2**32 if isinstance(body, Message) else 0
         self._writer.add_message(number, time_ns, content, published_ns, sequence)
         self.entries += 1
@@ -96,12 +96,12 @@ class RecordingWriter:
     def _open(self, row: AnyRow, key: str) -> tuple[JsonChannel, int]:
         name = schema_name(row)
         if name not in self._formats:
-            plain = JsonChannel(body_kind(row), name)
-            text = json.dumps(plain.schema).encode()
-            self._formats[name] = plain, self._writer.register_schema(name, "jsonschema", text)
-        plain, schema = self._formats[name]
+            json_channel = JsonChannel(body_kind(row), name)
+            text = json.dumps(json_channel.schema).encode()
+            self._formats[name] = json_channel, self._writer.register_schema(name, "jsonschema", text)
+        json_channel, schema = self._formats[name]
         number = self._writer.register_channel(
             channel_name(key), "json", schema, {"key": key, "row": row_kind(row)}
         )
-        self._channels[id(row), key] = plain, number
-        return plain, number
+        self._channels[id(row), key] = json_channel, number
+        return json_channel, number

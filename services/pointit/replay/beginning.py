@@ -81,21 +81,21 @@ class Beginning:
 
 def read_beginning(entries: Iterable[Entry], began_ns: int) -> Beginning:
     """Return the state at `began_ns`. `entries` are all those of states, in order."""
-    found = Beginning()
+    beginning = Beginning()
     seen: set[str] = set()
     for entry in entries:
         row, body = entry.row, entry.body
         if row is CONFIGURATION:
-            found.instances.add(entry.name)
+            beginning.instances.add(entry.name)
         if entry.key in seen or not isinstance(row, Topic) or row.delivery is not Delivery.STATE:
             continue
         seen.add(entry.key)
         if row is MAP and isinstance(body, Environment):
-            found.room = body
+            beginning.room = body
         is_early = entry.time_ns < began_ns + GATHERING_NS
         if is_early and isinstance(body, Message) and body.stamp_ns < began_ns:
-            found.retained[entry.key] = entry
-    return found
+            beginning.retained[entry.key] = entry
+    return beginning
 
 
 def _restore_selection(selection: Selection, site: str, now_ns: int) -> None:

@@ -39,7 +39,7 @@ OBSERVERS = ("recorder", "web", "ros2", "foxglove")
 
 
 class ReplayError(PointItError):
-    """A recording cannot be replayed; says why and what to do."""
+    """A recording cannot be replayed; the message has the reason and the remedy."""
 
 
 def is_about_site(row: AnyRow, name: str) -> bool:

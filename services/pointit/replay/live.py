@@ -8,7 +8,7 @@ from typing import cast
 
 from pointit.replay.clock import RecordingClock
 from pointit.replay.levels import OBSERVERS, ReplayError
-from pointit.replay.playing import Buses, Listener, Plan, Source, play
+from pointit.replay.playing import Buses, ReplayListener, ReplayPlan, ReplaySource, play
 from pointit.replay.replayed_services import parameters_of, scratch_folder
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import publish_time
@@ -18,7 +18,7 @@ from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CONFIGURATION, SERVICE_ALIVE
 
 
-def recorded_outputs(source: Source) -> list[str]:
+def recorded_outputs(source: ReplaySource) -> list[str]:
     """Return the outputs that led-driver has in `source`, now or later, each as JSON."""
     found: dict[str, None] = {}
     for entry in source.entries(lambda key: key == CONFIGURATION.at("led-driver")):
@@ -30,7 +30,9 @@ def recorded_outputs(source: Source) -> list[str]:
     return list(found)
 
 
-async def play_live(plan: Plan, bus: Bus, listener: Listener, speed: float, *, lights: bool = False) -> None:
+async def play_live(
+    plan: ReplayPlan, bus: Bus, listener: ReplayListener, speed: float, *, lights: bool = False
+) -> None:
     """Play a recording on the site of `bus`, and publish its time there.
 
     Raises:

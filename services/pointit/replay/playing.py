@@ -201,7 +201,7 @@ LIVE_STARTING_S = 3.0
 """The same on a site from any beginning, s: services take their time to start there."""
 
 
-class Source(Protocol):
+class ReplaySource(Protocol):
     """A recording that can be read several times, such as `pointit.recording.reader.Recording`."""
 
     @property
@@ -223,7 +223,7 @@ class Source(Protocol):
         ...
 
 
-class Listener(Protocol):
+class ReplayListener(Protocol):
     """Takes what a replay yields."""
 
     def recorded(self, entry: Entry) -> None:
@@ -245,19 +245,19 @@ class Buses:
 
 
 @dataclass(frozen=True)
-class Plan:
+class ReplayPlan:
     """A recording and what of it is done again."""
 
-    source: Source
+    source: ReplaySource
     beginning: Beginning
     split: Split
     live: bool = False
-    """Whether a site takes part, which has a page, a recorder and so on of its own."""
+    """True if a site takes part, which has a page, a recorder and so on of its own."""
     lights: bool = False
-    """Whether led-driver drives the strips of its recorded parameters."""
+    """True if led-driver drives the strips of its recorded parameters."""
 
 
-def plan_replay(source: Source, level: Level) -> Plan:
+def plan_replay(source: ReplaySource, level: Level) -> ReplayPlan:
     """Return the plan of a replay of `source`.
 
     Raises:
@@ -270,10 +270,10 @@ def plan_replay(source: Source, level: Level) -> Plan:
             "clock of its site jumped or its machine slept, and it cannot be replayed: record it again"
         )
     beginning = read_beginning(source.entries(_is_state), source.began_ns)
-    return Plan(source, beginning, Split(level, beginning.instances))
+    return ReplayPlan(source, beginning, Split(level, beginning.instances))
 
 
-def replay(plan: Plan, listener: Listener) -> None:
+def replay(plan: ReplayPlan, listener: ReplayListener) -> None:
     """Play `plan` in virtual time, on a bus in memory. The same recording gives the same entries.
 
     Raises:
@@ -282,14 +282,14 @@ def replay(plan: Plan, listener: Listener) -> None:
     run_virtually(replay_by_loop_time(plan, listener, 1.0))
 
 
-async def replay_by_loop_time(plan: Plan, listener: Listener, speed: float) -> None:
+async def replay_by_loop_time(plan: ReplayPlan, listener: ReplayListener, speed: float) -> None:
     """Play `plan` on a bus in memory, `speed` times as fast as it was recorded, by the loop's time.
 
     Raises:
         ReplayError: The services in it cannot be replayed.
     """
-    exchange = LocalBroker()
-    buses = Buses(MemoryBus(exchange), MemoryBus(exchange), MemoryBus(exchange))
+    broker = LocalBroker()
+    buses = Buses(MemoryBus(broker), MemoryBus(broker), MemoryBus(broker))
     async with scratch_folder() as folder:
         try:
             await play(plan, buses, RecordingClock(plan.source.began_ns, speed), folder, listener)
@@ -308,7 +308,9 @@ def _is_state(key: str) -> bool:
     return topic is not None and topic.delivery is Delivery.STATE
 
 
-async def play(plan: Plan, buses: Buses, clock: RecordingClock, folder: Path, listener: Listener) -> None:
+async def play(
+    plan: ReplayPlan, buses: Buses, clock: RecordingClock, folder: Path, listener: ReplayListener
+) -> None:
     """Play a recording from its beginning to its end; services store in `folder`, which is empty."""
     try:
         with using_state_directory(folder / "state"):
@@ -319,7 +321,9 @@ async def play(plan: Plan, buses: Buses, clock: RecordingClock, folder: Path, li
 
 
 class _Player:
-    def __init__(self, plan: Plan, buses: Buses, clock: RecordingClock, listener: Listener) -> None:
+    def __init__(
+        self, plan: ReplayPlan, buses: Buses, clock: RecordingClock, listener: ReplayListener
+    ) -> None:
         self._source, self._beginning, self._split = plan.source, plan.beginning, plan.split
         self._live, self._lights = plan.live, plan.lights
         self._buses = buses
@@ -337,23 +341,23 @@ class _Player:
         changed: dict[str, dict[str, object]] = {} if self._lights else {"led-driver": {"outputs": []}}
         if room is not None:
             changed["pui"] = {"map": str(room)}
-        services = ReplayedServices(self._buses.services, self._clock, group, changed)
+        service_bus = ReplayedServices(self._buses.services, self._clock, group, changed)
         self._requests = RecordedRequests(self._buses.edge, self._clock, group)
         collector = Collector(self._buses.onlooker, self._clock, self._on_result)
-        await self._put_retained(services)
+        await self._put_retained(service_bus)
         for entry in self._source.entries():
             if self._beginning.retained.get(entry.key) == entry or self._is_left_out(entry.row, entry.name):
                 continue
             await self._wait_until(entry.time_ns)
             if self._split.is_recomputed(entry):
-                await self._follow(entry, services)
+                await self._follow(entry, service_bus)
             elif isinstance(entry.row, Request):
                 self._listener.replayed(entry, is_recomputed=False)
             else:
                 self._edge.repeat(entry)
         await self._wait_until(self._source.ended_ns + SETTLE_NS)
         collector.close()
-        await services.end_all()
+        await service_bus.end_all()
         if self._live:
             self._skipped.log()
         if collector.dropped:
@@ -370,7 +374,7 @@ class _Player:
         if self._failure is not None:
             raise self._failure
 
-    async def _put_retained(self, services: ReplayedServices) -> None:
+    async def _put_retained(self, service_bus: ReplayedServices) -> None:
         for topic, name, message in self._beginning.states(self._split, recomputed=False):
             if not self._is_left_out(topic, name):
                 self._edge.put(topic, name, message)
@@ -386,29 +390,29 @@ class _Player:
             if service == "supervisor":
                 self._beginning.restore_interaction(user, self._clock.now_ns())
             if self._split.is_recomputed(entry):
-                await self._configure(entry, services)
+                await self._configure(entry, service_bus)
         for user, pose in self._beginning.measured_poses():
             if self._split.runs("localizer", user):
                 with contextlib.suppress(RequestError):  # the supervisor sets it a second later
                     await self._buses.edge.call(SET_POSE, pose, user)
 
-    async def _configure(self, entry: Entry, services: ReplayedServices) -> None:
+    async def _configure(self, entry: Entry, service_bus: ReplayedServices) -> None:
         """Start the service of `entry` if that is a configuration; it stands in the result as it was."""
         if entry.row is CONFIGURATION and isinstance(entry.body, Configuration):
-            said = entry.body
+            body = entry.body
             service, which = split_instance(entry.name)
-            if (said.service, said.instance) != (service, entry.name) or said.user not in ("", which):
+            if (body.service, body.instance) != (service, entry.name) or body.user not in ("", which):
                 raise ReplayError(f"{entry.key} names another service: the file was changed, record it again")
             self._listener.replayed(entry, is_recomputed=False)
-            await services.start(entry.body)
+            await service_bus.start(entry.body)
 
-    async def _follow(self, entry: Entry, services: ReplayedServices) -> None:
+    async def _follow(self, entry: Entry, service_bus: ReplayedServices) -> None:
         """Do what `entry` says about a replayed service: it began, ended, was asked or wrote something."""
         if entry.row is CONFIGURATION:
-            await self._configure(entry, services)
+            await self._configure(entry, service_bus)
         elif entry.row is SERVICE_ALIVE:
             if entry.body is False:
-                await services.end(entry.name)
+                await service_bus.end(entry.name)
         elif entry.row is not HEALTH:
             if not (self._live and self._is_start(entry)):
                 self._listener.recorded(entry)

@@ -40,7 +40,7 @@ _STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class State:
+class BundleState:
     """Unknowns. A point X of the room is at rotation X + translation in a view's camera frame.
 
     Attributes:
@@ -60,12 +60,12 @@ class State:
         camera = np.einsum("nij,nj->ni", self.rotations[views], points) + self.translations[views]
         return _pinhole(self.log_focal, self.distortion, camera), camera[:, 2]
 
-    def moved(self, step: Array) -> "State":
+    def moved(self, step: Array) -> "BundleState":
         """Return the state after a step of the unknowns: lens, poses, ends."""
         poses, ends = np.split(step[2:], [6 * len(self.rotations)])
         poses = poses.reshape(-1, 6)
         turns = np.asarray(Rotation.from_rotvec(poses[:, :3]).as_matrix(), dtype=np.float64)
-        return State(
+        return BundleState(
             self.log_focal + float(np.clip(step[0], -0.2, 0.2)),
             self.distortion + float(np.clip(step[1], -0.1, 0.1)),
             turns @ self.rotations,
@@ -75,7 +75,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Bundle:
+class BundleProblem:
     """Sightings, and prior knowledge about views and pieces.
 
     Attributes:
@@ -98,16 +98,18 @@ class Bundle:
     log_focal: float
     corners: Sequence[int] = ()
 
-    def errors(self, state: State) -> Array:
+    def errors(self, state: BundleState) -> Array:
         """Return the reprojection error of each sighting, n x 2, image pixels."""
         return state.image(self.view, self._points(state))[0] - self.uv
 
-    def stretch(self, state: State) -> Array:
+    def stretch(self, state: BundleState) -> Array:
         """Return the logarithm of each piece's length beside the expected one."""
         length = np.linalg.norm(state.ends[:, 1] - state.ends[:, 0], axis=1)
         return np.asarray(np.log(np.maximum(length, 1e-6)) - self.log_length)
 
-    def solve(self, state: State, iterations: int, loss_px: float, sigma_px: float = 1.0) -> State:
+    def solve(
+        self, state: BundleState, iterations: int, loss_px: float, sigma_px: float = 1.0
+    ) -> BundleState:
         """Return the state after at most `iterations` of Levenberg-Marquardt; `loss_px` scales the loss."""
         damping, cost = 1e-3, self._cost(state, loss_px, sigma_px)
         for _ in range(iterations):
@@ -127,22 +129,22 @@ class Bundle:
                 break
         return state
 
-    def covariance(self, state: State, loss_px: float, sigma_px: float) -> Array:
+    def covariance(self, state: BundleState, loss_px: float, sigma_px: float) -> Array:
         """Return the covariance of all ends, 6 p x 6 p, m², position and heading of the room free."""
         normal = self._normal(state, loss_px, sigma_px)[0]
         inverse = cho_solve(cho_factor(normal + _ANYWHERE * np.eye(len(normal))), np.eye(len(normal)))
         return np.asarray(inverse[-state.ends.size :, -state.ends.size :])
 
-    def _points(self, state: State) -> Array:
+    def _points(self, state: BundleState) -> Array:
         first, last = state.ends[self.piece].transpose(1, 0, 2)
         return np.asarray(first + self.share[:, None] * (last - first))
 
-    def _cost(self, state: State, loss_px: float, sigma_px: float) -> float:
+    def _cost(self, state: BundleState, loss_px: float, sigma_px: float) -> float:
         square = np.sum(self.errors(state) ** 2, axis=1) / loss_px**2
         prior = self._prior(state)[0]
         return float((loss_px / sigma_px) ** 2 * np.log1p(square).sum() + prior @ prior)
 
-    def _normal(self, state: State, loss_px: float, sigma_px: float) -> tuple[Array, Array]:
+    def _normal(self, state: BundleState, loss_px: float, sigma_px: float) -> tuple[Array, Array]:
         """Return the weighted normal matrix, and the gradient, of sightings and priors."""
         points, rotations = self._points(state), state.rotations[self.view]
         turned = np.einsum("nij,nj->ni", rotations, points)
@@ -188,7 +190,7 @@ class Bundle:
         gradient = jacobian.T @ (errors * weights[:, None]).ravel() + rows.T @ residuals
         return normal, np.asarray(gradient, dtype=np.float64)
 
-    def _prior(self, state: State) -> tuple[Array, Array]:
+    def _prior(self, state: BundleState) -> tuple[Array, Array]:
         """Return the residuals of the priors, and their Jacobian."""
         views, pieces = len(self.down), len(state.ends)
         known = np.flatnonzero(np.isfinite(self.down[:, 0]))

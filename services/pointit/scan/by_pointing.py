@@ -29,18 +29,18 @@ PLACE_SIGMA_M = 0.05
 """Standard deviation of a person's position, per axis, unless their pose says another one."""
 HEADING_SIGMA_RAD = math.radians(1.0)
 """The same of the heading."""
-LEAST_ANGLE_RAD = math.radians(60.0)
+MIN_ANGLE_RAD = math.radians(60.0)
 """Angle between two rays from which two places suffice."""
 RESIDUAL = 2.2
 """Rms error of a target's rays, in those of one ray, from which they do not meet."""
 START_M = 2.0
 NEAREST_M = 0.2
-LEAST_SIDE_M = 0.02
+MIN_SIDE_M = 0.02
 """Smallest side of a box, m."""
 
 
 @dataclass(frozen=True)
-class Pointing:
+class TargetRay:
     """A ray to a target, {W}.
 
     Attributes:
@@ -77,7 +77,7 @@ class PointedAt:
 
 def pointing_of(
     target: str, person: str, place: str, rays: Sequence[PointingRay], pose: UserPose
-) -> Pointing:
+) -> TargetRay:
     """Return the pointing of a person with `pose` who held `rays`, at least one, on `target`."""
     turn = from_yaw(pose.yaw_rad)
     mean = np.mean([ray.direction for ray in rays], axis=0)
@@ -86,7 +86,7 @@ def pointing_of(
     level = math.cos(elevation)
     held: Vec3 = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
     covariance = pose.covariance
-    return Pointing(
+    return TargetRay(
         target,
         person,
         place,
@@ -97,7 +97,7 @@ def pointing_of(
     )
 
 
-def locate(pointings: Sequence[Pointing]) -> dict[str, PointedAt]:
+def locate(pointings: Sequence[TargetRay]) -> dict[str, PointedAt]:
     """Return the targets of `pointings` by name.
 
     Raises:
@@ -114,7 +114,7 @@ def locate(pointings: Sequence[Pointing]) -> dict[str, PointedAt]:
 class _Model:
     """Unknowns: three of each target, then two of each person (azimuth, elevation), three of each place."""
 
-    def __init__(self, pointings: Sequence[Pointing]) -> None:
+    def __init__(self, pointings: Sequence[TargetRay]) -> None:
         self._all = pointings
         self._targets = list(dict.fromkeys(each.target for each in pointings))
         self._people = list(dict.fromkeys(each.person for each in pointings))
@@ -189,7 +189,7 @@ def _reason(places: int, angle_rad: float, residual_rad: float, *, is_behind: bo
         return "the rays do not meet in front of the person: was it another thing? Point at it once more"
     if residual_rad > RESIDUAL * HOLD_SIGMA_RAD:
         return "the rays do not meet: was it another thing? Point at it from a third place"
-    if places == 2 and angle_rad < LEAST_ANGLE_RAD:
+    if places == 2 and angle_rad < MIN_ANGLE_RAD:
         return (
             f"the two places are {math.degrees(angle_rad):.0f} degrees apart as seen from it, 60 are enough: "
             "point at it from a third place"
@@ -219,7 +219,7 @@ def box_of(corners: Sequence[Vec3]) -> BoxEntry:
         np.append(turned.min(axis=0), points[:, 2].min()),
         np.append(turned.max(axis=0), points[:, 2].max()),
     )
-    if float((high - low).min()) < LEAST_SIDE_M:
+    if float((high - low).min()) < MIN_SIDE_M:
         raise RefusedError(refusal)
     centre = (low + high) / 2.0
     centre[:2] = centre[:2] @ turn

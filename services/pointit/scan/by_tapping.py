@@ -14,7 +14,7 @@ from pointit.scan.result import Scan
 
 TAP_SIGMA = 0.004
 """Standard deviation of a tap, as a share of the image's width: a finger on a phone."""
-MOST_SIGMA_M = 0.1
+MAX_SIGMA_M = 0.1
 """Sigma of a corner from which the two views are too near each other."""
 RESIDUAL = 3.0
 """Rms error of a corner's taps, in those of one, from which they show different corners."""
@@ -74,7 +74,7 @@ def locate(scan: Scan, size: tuple[int, int], taps: Sequence[Tap]) -> PointedAt:
     reason = ""
     if residual_rad > RESIDUAL * sigma_rad or np.any(np.sum((point - starts) * directions, axis=1) < 0):
         reason = "the taps do not show the same corner: tap it again in both views"
-    elif sigma_m > MOST_SIGMA_M:
+    elif sigma_m > MAX_SIGMA_M:
         reason = "the two views are too near each other: tap in views from farther apart"
     return PointedAt(vec3(point), sigma_m, len(taps), reason)
 

@@ -16,7 +16,7 @@ from pointit.scan.bundle import Array, Mask
 TOLERANCE_PX = 3.0
 BOW = 0.015
 """Tolerance for the distortion of the lens, as a share of the line's extent in the image."""
-LEAST = 4
+MIN_VIEWS = 4
 """Minimum number of pixels of a line: three determine it, one confirms it."""
 TRIALS = 60
 STRAIGHT_SHARE = 0.75
@@ -78,7 +78,7 @@ def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageL
 
 def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | None:
     """Return the largest set of pixels that lie on one line, or None if there are too few."""
-    if len(np.unique(pixels)) < LEAST:
+    if len(np.unique(pixels)) < MIN_VIEWS:
         return None
     picks = np.argsort(rng.random((TRIALS, len(pixels))), axis=1)[:, :3]
     picks = picks[np.min(np.abs(np.diff(np.sort(pixels[picks], axis=1), axis=1)), axis=1) > 0]
@@ -112,7 +112,7 @@ def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | Non
     hits = (error < TOLERANCE_PX + BOW * extent[:, None]) & in_front[:, None]
     counts = hits.sum(axis=1) - error.clip(max=10.0).sum(axis=1) / (1e3 * len(pixels))
     best = hits[int(np.argmax(counts))]
-    return best if len(np.unique(pixels[best])) >= LEAST else None
+    return best if len(np.unique(pixels[best])) >= MIN_VIEWS else None
 
 
 def _refined(pixels: Array, uv: Array) -> ImageLine | None:
@@ -167,13 +167,13 @@ def _between(view: tuple[Array, Array], low: float, high: float) -> tuple[Array,
 
 def _split(views: Sequence[tuple[Array, Array]], rng: np.random.Generator) -> float | None:
     """Return the place where a corner explains the most additional pixels, or None if it is straight."""
-    views = [view for view in views if len(np.unique(view[0])) >= 2 * LEAST]
+    views = [view for view in views if len(np.unique(view[0])) >= 2 * MIN_VIEWS]
     seen = sum(len(np.unique(pixels)) for pixels, _ in views)
     straight = sum(_covered(view, rng) for view in views)
     if straight >= STRAIGHT_SHARE * seen:
         return None
     numbers = np.unique(np.concatenate([pixels for pixels, _ in views]))
-    middles = (numbers[LEAST - 1 : -LEAST] + numbers[LEAST : 1 - LEAST]) / 2.0
+    middles = (numbers[MIN_VIEWS - 1 : -MIN_VIEWS] + numbers[MIN_VIEWS : 1 - MIN_VIEWS]) / 2.0
     if len(middles) > MAX_SPLITS:
         middles = middles[np.linspace(0, len(middles) - 1, MAX_SPLITS).astype(int)]
     scores = [

@@ -11,9 +11,9 @@ from itertools import combinations, compress
 import numpy as np
 
 from pointit.scan.alignment import COARSE, candidate_poses, upright
-from pointit.scan.bundle import Array, Bundle, State
+from pointit.scan.bundle import Array, BundleProblem, BundleState
 from pointit.scan.lines import ImageLine
-from pointit.scan.sightings import Seen
+from pointit.scan.sightings import SightingArrays
 
 Piece = tuple[int, int]
 """Number of a strip, and of its piece."""
@@ -29,11 +29,11 @@ PAIRS = 4
 PITCH_SIGMA = 0.01
 """Relative standard deviation of a strip's pitch from the one it is sold with."""
 GOOD_PX = 6.0
-MOST = 0.85
+MAX_PAIRS = 0.85
 """Share of a line's sightings in a view that are good if it is in its place."""
-LEAST_TIE = 5
+MIN_TIES = 5
 """Minimum number of sightings, on both sides, of the two pieces that tie a view: fewer fit several poses."""
-MOST_LINES = 0.75
+MAX_LINES = 0.75
 """Share of a view's shared lines that are in their places if the view is; others are reflections."""
 WORSE = 1.5
 """Ratio of costs up to which a further view fits the others."""
@@ -45,7 +45,7 @@ FLAT = 0.15
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedViews:
     """Views with poses, and pieces with places.
 
     Attributes:
@@ -57,7 +57,7 @@ class Placed:
 
     views: list[int]
     pieces: list[Piece]
-    state: State
+    state: BundleState
     ties: tuple[tuple[Piece, ...], ...] = ()
     cost: float = np.inf
 
@@ -67,7 +67,7 @@ class FirstPoses:
 
     def __init__(
         self,
-        seen: Seen,
+        seen: SightingArrays,
         lines: Lines,
         bounds: Mapping[Piece, tuple[float, float]],
         pitches_m: Mapping[int, float],
@@ -80,7 +80,7 @@ class FirstPoses:
         self._side_px = seen.side_px
         self._log_focal = seen.log_focal
 
-    def best(self) -> Placed | None:
+    def best(self) -> PlacedViews | None:
         """Return the placement of as many views as possible, or None if no two views share enough."""
         shared = {
             pair: set(self._lines[pair[0]]) & set(self._lines[pair[1]])
@@ -98,13 +98,15 @@ class FirstPoses:
     def _weight(self, pair: tuple[int, int], piece: Piece) -> float:
         return min(1.0, min(self._lines[view][piece].extent_px for view in pair) / (0.15 * self._side_px))
 
-    def _begin(self, base: int, focal_px: float) -> Placed:
+    def _begin(self, base: int, focal_px: float) -> PlacedViews:
         down = self._downs[base]
         rotation = upright(-down).T if np.isfinite(down[0]) else np.eye(3)
-        state = State(float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), np.zeros((0, 2, 3)))
-        return self._with_pieces(Placed([base], [], state))
+        state = BundleState(
+            float(np.log(focal_px)), 0.0, rotation[None], np.zeros((1, 3)), np.zeros((0, 2, 3))
+        )
+        return self._with_pieces(PlacedViews([base], [], state))
 
-    def _with_pieces(self, placed: Placed) -> Placed:
+    def _with_pieces(self, placed: PlacedViews) -> PlacedViews:
         """Return `placed` with all pieces that a placed view sees, each by the view that sees it largest."""
         state, pieces, ends = placed.state, list(placed.pieces), list(placed.state.ends)
         views = [self._lines[view] for view in placed.views]
@@ -114,12 +116,12 @@ class FirstPoses:
             there = self._in_camera(state, views[index][piece], piece, np.array(self._bounds[piece]))
             ends.append((there - state.translations[index]) @ state.rotations[index])
             pieces.append(piece)
-        return Placed(placed.views, pieces, replace(state, ends=np.array(ends).reshape(-1, 2, 3)))
+        return PlacedViews(placed.views, pieces, replace(state, ends=np.array(ends).reshape(-1, 2, 3)))
 
-    def _in_camera(self, state: State, line: ImageLine, piece: Piece, pixels: Array) -> Array:
+    def _in_camera(self, state: BundleState, line: ImageLine, piece: Piece, pixels: Array) -> Array:
         return line.in_camera(float(np.exp(state.log_focal)), self._pitches_m[piece[0]], pixels)
 
-    def _add(self, placed: Placed, view: int) -> Placed | None:
+    def _add(self, placed: PlacedViews, view: int) -> PlacedViews | None:
         """Return `placed` with `view` and its pieces, adjusted, or None if they do not agree."""
         state = placed.state
         room: list[Array] = []
@@ -137,7 +139,7 @@ class FirstPoses:
             return None
         down = self._downs[view]
         is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
-        found: list[Placed] = []
+        found: list[PlacedViews] = []
         focal = float(np.exp(state.log_focal))
         poses = candidate_poses(
             np.array(room),
@@ -152,12 +154,12 @@ class FirstPoses:
                 rotations=np.concatenate([state.rotations, rotation[None]]),
                 translations=np.concatenate([state.translations, translation[None]]),
             )
-            placement = self._with_pieces(Placed([*placed.views, view], placed.pieces, start))
+            placement = self._with_pieces(PlacedViews([*placed.views, view], placed.pieces, start))
             found.append(self._adjusted(placement))
         best = min(found, key=_rank, default=None)
         return best if best and self._is_tied(best) else None
 
-    def _grown(self, placed: Placed) -> Placed:
+    def _grown(self, placed: PlacedViews) -> PlacedViews:
         """Return `placed` with all further views that agree, those that share the most pieces first."""
         refused: set[int] = set()
         limit = WORSE * placed.cost + 0.2
@@ -176,7 +178,7 @@ class FirstPoses:
             else:
                 placed, refused = grown, set()
 
-    def _adjusted(self, placed: Placed) -> Placed:
+    def _adjusted(self, placed: PlacedViews) -> PlacedViews:
         bundle = self._bundle(placed)
         state = bundle.solve(bundle.solve(placed.state, 10, WIDE_PX), 5, NARROW_PX)
         errors = np.linalg.norm(bundle.errors(state), axis=1)
@@ -186,11 +188,11 @@ class FirstPoses:
         np.add.at(table, (bundle.view, bundle.piece), 1.0)
         np.add.at(goods, (bundle.view, bundle.piece), is_good)
         shared = (table > 0).sum(axis=0) > 1
-        holds = (goods > MOST * table) & shared
+        holds = (goods > MAX_PAIRS * table) & shared
         holds &= holds.sum(axis=0) > 1
         held: Array = errors[holds[bundle.view, bundle.piece] & is_good]
         rows: list[list[bool]] = holds.tolist()
-        return Placed(
+        return PlacedViews(
             placed.views,
             placed.pieces,
             state,
@@ -198,7 +200,7 @@ class FirstPoses:
             float(np.mean(held**2)) if len(held) else np.inf,
         )
 
-    def _is_tied(self, placed: Placed) -> bool:
+    def _is_tied(self, placed: PlacedViews) -> bool:
         """Return True if the last view hangs together with the others by more than chance."""
         ties, own = placed.ties[-1], self._lines[placed.views[-1]]
         others = [self._lines[view] for view in placed.views[:-1]]
@@ -207,11 +209,11 @@ class FirstPoses:
             piece
             for piece in ties
             if min(len(own[piece].pixels), max(len(x[piece].pixels) for x in others if piece in x))
-            >= LEAST_TIE
+            >= MIN_TIES
         ]
-        return len(firm) > 1 and len(ties) >= MOST_LINES * len(shown) and not _is_from_behind(placed)
+        return len(firm) > 1 and len(ties) >= MAX_LINES * len(shown) and not _is_from_behind(placed)
 
-    def _bundle(self, placed: Placed) -> Bundle:
+    def _bundle(self, placed: PlacedViews) -> BundleProblem:
         parts = [
             (index, number, self._lines[view][piece])
             for index, view in enumerate(placed.views)
@@ -223,7 +225,7 @@ class FirstPoses:
         spans = bounds[:, 1] - bounds[:, 0]
         piece = np.repeat([number for _, number, _ in parts], sizes)
         pixel = np.concatenate([line.pixels for _, _, line in parts])
-        return Bundle(
+        return BundleProblem(
             view=np.repeat([index for index, _, _ in parts], sizes),
             piece=piece,
             share=(pixel - bounds[piece, 0]) / spans[piece],
@@ -235,12 +237,12 @@ class FirstPoses:
         )
 
 
-def _rank(placed: Placed) -> tuple[int, float]:
+def _rank(placed: PlacedViews) -> tuple[int, float]:
     """Return the order of placements by their last view, the best first."""
     return -len(placed.ties[-1]), placed.cost
 
 
-def _is_from_behind(placed: Placed) -> bool:
+def _is_from_behind(placed: PlacedViews) -> bool:
     """Return True if the last view sees its ties, all in one plane, from the other side than other views.
 
     The mirror image of strips in one plane, such as on a wall, is congruent with them seen from behind.

@@ -6,22 +6,22 @@ from itertools import combinations
 
 import numpy as np
 
-from pointit.scan.bundle import Array, Bundle, Indices, Mask, State
+from pointit.scan.bundle import Array, BundleProblem, BundleState, Indices, Mask
 from pointit.scan.lines import ImageLine
-from pointit.scan.poses import PITCH_SIGMA, Piece, Placed
-from pointit.scan.sightings import Seen
+from pointit.scan.poses import PITCH_SIGMA, Piece, PlacedViews
+from pointit.scan.sightings import SightingArrays
 from pointit.scan.views import LampSpec, StripSpec
 
 GATES_PX = (40.0, 15.0, 8.0)
 """Largest errors of sightings that are used, one step after another; then `GATE_SIGMAS`."""
 GATE_SIGMAS = 5.0
-LEAST_GATE_PX = 2.0
-LEAST_NOISE_PX = 0.3
-LEAST_SHARE = 0.4
+MIN_GATE_PX = 2.0
+MIN_NOISE_PX = 0.3
+MIN_SHARE = 0.4
 """Share of a strip's pixels in a view that have to agree, or all of them are left out of that view."""
 ANY_LENGTH_SIGMA = 1.0
 """Standard deviation of the logarithm of a piece's length if its pitch is unknown."""
-LEAST_BEND = 0.05
+MIN_BEND = 0.05
 """Difference of two directions, rad, below which a strip goes on straight."""
 
 
@@ -67,9 +67,9 @@ class Refined:
         loss_px: scale of the loss.
     """
 
-    seen: Seen
-    bundle: Bundle
-    state: State
+    seen: SightingArrays
+    bundle: BundleProblem
+    state: BundleState
     model: Model
     views: list[int]
     used: Mask
@@ -121,9 +121,9 @@ class Refined:
 
 
 def refined(
-    seen: Seen,
+    seen: SightingArrays,
     specs: Sequence[StripSpec | LampSpec],
-    placed: Placed,
+    placed: PlacedViews,
     bounds: Mapping[Piece, tuple[float, float]],
     lines: Sequence[Mapping[Piece, ImageLine]],
 ) -> Refined:
@@ -137,9 +137,9 @@ def refined(
     sigmas = np.array([PITCH_SIGMA if pitch else ANY_LENGTH_SIGMA for pitch in pitches])[model.chain]
     metres = np.array([pitch or 1.0 / 60.0 for pitch in pitches])[model.chain]
 
-    def bundle_of(rows: Indices) -> Bundle:
+    def bundle_of(rows: Indices) -> BundleProblem:
         pieces = model.pieces(seen.chain[rows], seen.pixel[rows])
-        return Bundle(
+        return BundleProblem(
             view=number[seen.view[rows]],
             piece=pieces,
             share=model.shares(pieces, seen.pixel[rows]),
@@ -156,26 +156,26 @@ def refined(
     for gate in (*GATES_PX, None, None):
         state, model = _with_corners(state, model)
         errors = np.linalg.norm(bundle_of(candidates).errors(state), axis=1)
-        good = _agreeing(seen, candidates, errors, gate or max(LEAST_GATE_PX, GATE_SIGMAS * noise_px))
+        good = _agreeing(seen, candidates, errors, gate or max(MIN_GATE_PX, GATE_SIGMAS * noise_px))
         if not good.any():
             break
         used = candidates[good]
         bundle = bundle_of(used)
         loss_px = gate / 4.0 if gate else 3.0 * noise_px
         state = bundle.solve(state, 12, loss_px, noise_px)
-        noise_px = max(LEAST_NOISE_PX, 1.4826 * float(np.median(np.abs(bundle.errors(state)))))
+        noise_px = max(MIN_NOISE_PX, 1.4826 * float(np.median(np.abs(bundle.errors(state)))))
     mask = np.zeros(len(seen.view), dtype=bool)
     mask[used] = True
     return Refined(seen, bundle, state, model, placed.views, mask, noise_px, loss_px)
 
 
 def _started(
-    seen: Seen,
+    seen: SightingArrays,
     specs: Sequence[StripSpec | LampSpec],
-    placed: Placed,
+    placed: PlacedViews,
     bounds: Mapping[Piece, tuple[float, float]],
     lines: Sequence[Mapping[Piece, ImageLine]],
-) -> tuple[State, Model]:
+) -> tuple[BundleState, Model]:
     """Return the first places of all strips and lamps: placed pieces, and what is triangulated."""
     ends = dict(zip(placed.pieces, placed.state.ends, strict=True))
     for piece, (low, high) in bounds.items():
@@ -206,7 +206,7 @@ def _started(
     return state, Model(np.array([chain for chain, _ in pieces], dtype=np.intp), grid)
 
 
-def corner(state: State, model: Model, piece: int) -> tuple[float, Array, Array]:
+def corner(state: BundleState, model: Model, piece: int) -> tuple[float, Array, Array]:
     """Return the meeting of a piece and the next one.
 
     Returns:
@@ -216,13 +216,13 @@ def corner(state: State, model: Model, piece: int) -> tuple[float, Array, Array]
     spans = (model.bounds[piece : piece + 2, 1] - model.bounds[piece : piece + 2, 0])[:, None]
     steps = (state.ends[piece : piece + 2, 1] - state.ends[piece : piece + 2, 0]) / spans
     bend = steps[0] - steps[1]
-    if np.linalg.norm(bend) < LEAST_BEND * np.linalg.norm(steps[0]):
+    if np.linalg.norm(bend) < MIN_BEND * np.linalg.norm(steps[0]):
         return 0.0, steps, np.zeros(3)
     bend /= bend @ bend
     return -float(bend @ (state.ends[piece, 1] - state.ends[piece + 1, 0])), steps, bend
 
 
-def _with_corners(state: State, model: Model) -> tuple[State, Model]:
+def _with_corners(state: BundleState, model: Model) -> tuple[BundleState, Model]:
     """Return the same with all corners where two pieces meet, or nearly."""
     ends, bounds = state.ends.copy(), model.bounds.copy()
     for piece in model.corners():
@@ -234,7 +234,7 @@ def _with_corners(state: State, model: Model) -> tuple[State, Model]:
     return replace(state, ends=ends), Model(model.chain, bounds)
 
 
-def _agreeing(seen: Seen, candidates: Indices, errors: Array, limit_px: float) -> Mask:
+def _agreeing(seen: SightingArrays, candidates: Indices, errors: Array, limit_px: float) -> Mask:
     """Return which candidates to use: within the limit, the nearest of its pixel, with its strip."""
     keys = np.column_stack([seen.view, seen.chain, seen.pixel])[candidates]
     order = np.lexsort((errors, keys[:, 2], keys[:, 1], keys[:, 0]))
@@ -245,10 +245,10 @@ def _agreeing(seen: Seen, candidates: Indices, errors: Array, limit_px: float) -
     _, of_pair = np.unique(keys[:, :2], axis=0, return_inverse=True)
     of_pair = of_pair.ravel()
     share = np.bincount(of_pair, good) / np.maximum(np.bincount(of_pair, first), 1)
-    return np.asarray(good & (share[of_pair] >= LEAST_SHARE))
+    return np.asarray(good & (share[of_pair] >= MIN_SHARE))
 
 
-def triangulated(state: State, views: Sequence[int], uv: Array) -> Array | None:
+def triangulated(state: BundleState, views: Sequence[int], uv: Array) -> Array | None:
     """Return the point in the room that is seen at `uv` (n x 2) in `views` (n), or None if there is none.
 
     With wrong or double sightings: the point of two rays that most others agree with.

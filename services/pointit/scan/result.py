@@ -41,7 +41,7 @@ class ScannedStrip:
             strips (the room's position, heading and scale apart).
         pitch_m: measured distance from pixel to pixel along the line.
         views: number of views that determine it.
-        identified: True if ends and corners are determined, and agree with what the strip is said to be.
+        identified: True if ends and corners are determined, and agree with the stated strip.
         reason: what is wrong or to be known, or `""`. One sentence.
         covariance: of the vertices of `line_m`, 3 v x 3 v, m².
     """

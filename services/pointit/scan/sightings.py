@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pointit.scan.bundle import Array, Indices
-from pointit.scan.views import LampSpec, StripSpec, View
+from pointit.scan.views import CameraView, LampSpec, StripSpec
 
 MAX_MARKS = 60
 """Maximum number of different pixels of one strip that are used."""
@@ -15,7 +15,7 @@ EXPECTED_FOCAL = 0.78
 
 
 @dataclass(frozen=True)
-class Seen:
+class SightingArrays:
     """All sightings as arrays.
 
     Attributes:
@@ -34,7 +34,9 @@ class Seen:
     side_px: float
 
     @classmethod
-    def of(cls, strips: Sequence[StripSpec], lamps: Sequence[LampSpec], views: Sequence[View]) -> "Seen":
+    def of(
+        cls, strips: Sequence[StripSpec], lamps: Sequence[LampSpec], views: Sequence[CameraView]
+    ) -> "SightingArrays":
         """Return the sightings in `views`, of at most `MAX_MARKS` different pixels of each."""
         specs: list[StripSpec | LampSpec] = [*strips, *lamps]
         numbers = {spec.name: number for number, spec in enumerate(specs)}

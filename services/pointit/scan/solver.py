@@ -10,21 +10,21 @@ import numpy as np
 from pointit.runtime.errors import ConfigError
 from pointit.scan.alignment import levelled, upright
 from pointit.scan.bundle import GRAVITY_SIGMA, Array, vec3
-from pointit.scan.lines import LEAST, ImageLine, corners, fit_lines
+from pointit.scan.lines import MIN_VIEWS, ImageLine, corners, fit_lines
 from pointit.scan.poses import PITCH_SIGMA, FirstPoses, Piece
 from pointit.scan.refinement import Refined, refined
 from pointit.scan.result import Camera, Scan, ScanError, ScannedLamp, ScannedStrip
-from pointit.scan.sightings import Seen
-from pointit.scan.views import KnownLength, LampSpec, StripSpec, View, check_known_length, check_survey
+from pointit.scan.sightings import SightingArrays
+from pointit.scan.views import CameraView, KnownLength, LampSpec, StripSpec, check_known_length, check_survey
 
-LEAST_PARALLAX_RAD = math.radians(4.0)
-LEAST_SIGHTINGS = 3
+MIN_PARALLAX_RAD = math.radians(4.0)
+MIN_SIGHTINGS = 3
 """Minimum number of pixels for a view to count for a strip."""
 MAX_SIGMA_M = 0.03
 """Largest sigma with which a strip counts as identified."""
 MAX_STRETCH = 0.04
-"""Relative difference of a measured pitch from the one that a strip is said to have."""
-LEAST_SIGMA_M = 0.001
+"""Relative difference of a measured pitch from the stated one of a strip."""
+MIN_SIGMA_M = 0.001
 MAX_UNSEEN = 0.1
 """Share of a strip's pixels, at an end, that may be unseen."""
 WIDEST_GAP = 0.12
@@ -61,7 +61,7 @@ def scan_of(
         name = specs[chain].name
         if chain >= len(strips):
             sigma = _sigma(spread, views)
-            reason = _doubt(refined, chain, sigma)
+            reason = _uncertainty_reason(refined, chain, sigma)
             found_lamps[name] = ScannedLamp(name, vec3(line[0]), sigma, views, not reason, reason, spread)
         else:
             found_strips[name] = _strip(refined, chain, strips, line, spread)
@@ -165,17 +165,17 @@ def _sigma(covariance: Array, views: int) -> float:
     """Return the largest standard deviation of a vertex; few views hardly notice their outliers."""
     blocks = [covariance[row : row + 3, row : row + 3] for row in range(0, len(covariance), 3)]
     largest = max(float(np.linalg.eigvalsh(block)[-1]) for block in blocks)
-    return math.hypot(math.sqrt(max(largest, 0.0) * (1.0 + 2.0 / max(views - 1, 1))), LEAST_SIGMA_M)
+    return math.hypot(math.sqrt(max(largest, 0.0) * (1.0 + 2.0 / max(views - 1, 1))), MIN_SIGMA_M)
 
 
 def _views_of(found: Refined, chain: int) -> list[int]:
     """Return the views, as numbers in the state, that count for a chain."""
-    least = LEAST_SIGHTINGS if chain < found.seen.strips else 1
+    min_sightings = MIN_SIGHTINGS if chain < found.seen.strips else 1
     counts = np.bincount(found.seen.view[found.used & (found.seen.chain == chain)], minlength=64)
-    return [index for index, view in enumerate(found.views) if counts[view] >= least]
+    return [index for index, view in enumerate(found.views) if counts[view] >= min_sightings]
 
 
-def _doubt(found: Refined, chain: int, sigma_m: float) -> str:
+def _uncertainty_reason(found: Refined, chain: int, sigma_m: float) -> str:
     """Return the reason why a strip or lamp is not identified, or `""`."""
     views = _views_of(found, chain)
     if len(views) < 2:
@@ -184,7 +184,7 @@ def _doubt(found: Refined, chain: int, sigma_m: float) -> str:
     middle = ends.mean(axis=(0, 1)) if chain < found.seen.strips else ends[0, 0]
     sights = middle - found.cameras[views]
     sights /= np.linalg.norm(sights, axis=1, keepdims=True)
-    if np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)) < LEAST_PARALLAX_RAD:
+    if np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)) < MIN_PARALLAX_RAD:
         return "seen from one direction only: photograph it from a step further aside"
     if sigma_m > MAX_SIGMA_M:
         return f"its place is uncertain by {sigma_m:.2f} m: photograph it once more, from nearer"
@@ -202,7 +202,7 @@ def _unseen(found: Refined, chain: int, count: int) -> tuple[float, float]:
     parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)] if len(firsts) > 1 else []
     inner: list[float] = found.model.bounds[found.model.chain == chain][:-1, 1].tolist()
     for low, high in pairwise([-0.5, *inner, count - 0.5]):
-        if sum(((p > low) & (p < high)).sum() >= LEAST_SIGHTINGS for p in shown) < 2:
+        if sum(((p > low) & (p < high)).sum() >= MIN_SIGHTINGS for p in shown) < 2:
             parts.append((low + 0.5, high - 0.5))
     return max(parts, key=lambda part: part[1] - part[0])
 
@@ -213,7 +213,7 @@ def _strip(
     spec, views = strips[chain], len(_views_of(refined, chain))
     pitch_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) / spec.count
     sigma_m = _sigma(covariance, views)
-    reason = _doubt(refined, chain, sigma_m)
+    reason = _uncertainty_reason(refined, chain, sigma_m)
     alike = [
         other
         for other in strips
@@ -259,7 +259,7 @@ UPSIDE_DOWN = -0.5
 def solve(
     strips: Sequence[StripSpec],
     lamps: Sequence[LampSpec],
-    views: Sequence[View],
+    views: Sequence[CameraView],
     *,
     known_length: KnownLength | None = None,
 ) -> Scan:
@@ -284,7 +284,7 @@ def solve(
         raise ScanError("no strip has a pitch (pixels a metre): without one there is no beginning, give it")
     rng = np.random.default_rng(0)
     specs: list[StripSpec | LampSpec] = [*strips, *lamps]
-    seen = Seen.of(strips, lamps, views)
+    seen = SightingArrays.of(strips, lamps, views)
     is_turned = np.nansum(seen.downs[:, 1]) < 0.0
     if is_turned:
         seen.downs[:] *= -1.0
@@ -306,20 +306,22 @@ def solve(
         )
     found = refined(seen, specs, placed, bounds, lines)
     scan = scan_of(found, strips, lamps, known_length)
-    said = [TURNED] if is_turned else []
-    said += [f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down]
-    return replace(scan, problems=(*said, *scan.problems))
+    reasons = [TURNED] if is_turned else []
+    reasons += [
+        f"gravity of view {view + 1} points to the top of its image: not used" for view in upside_down
+    ]
+    return replace(scan, problems=(*reasons, *scan.problems))
 
 
 def _lines_of(
-    seen: Seen, view: int, bounds: Mapping[Piece, tuple[float, float]], rng: np.random.Generator
+    seen: SightingArrays, view: int, bounds: Mapping[Piece, tuple[float, float]], rng: np.random.Generator
 ) -> dict[Piece, ImageLine]:
     """Return the lines of one view. If a piece is seen twice, the nearer one: a reflection is behind."""
     found: dict[Piece, ImageLine] = {}
     for piece, (low, high) in bounds.items():
         pixels, uv = seen.of_chain(piece[0], view)
         part = (pixels > low) & (pixels < high)
-        if part.sum() >= LEAST:
+        if part.sum() >= MIN_VIEWS:
             middle = np.array([(low + high) / 2.0])
             candidates = fit_lines(pixels[part], uv[part], rng)
             if candidates:  # nearer for a usual focal length

@@ -52,7 +52,7 @@ class LampSpec:
 
 
 @dataclass(frozen=True)
-class Sighting:
+class StripSighting:
     """A pixel in an image.
 
     Attributes:
@@ -68,7 +68,7 @@ class Sighting:
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """A photograph taken from one position; a pixel may be seen twice, for example in a mirror.
 
     Attributes:
@@ -80,7 +80,7 @@ class View:
     __pydantic_config__: ClassVar = STRICT
     width: int
     height: int
-    sightings: tuple[Sighting, ...]
+    sightings: tuple[StripSighting, ...]
     gravity: Vec3 | None = None
 
 
@@ -110,7 +110,7 @@ class Survey:
     __pydantic_config__: ClassVar = STRICT
     strips: tuple[StripSpec, ...] = ()
     lamps: tuple[LampSpec, ...] = ()
-    views: tuple[View, ...] = ()
+    views: tuple[CameraView, ...] = ()
     known_length: KnownLength | None = None
 
 
@@ -156,7 +156,9 @@ def to_json(survey: Survey) -> bytes:
     return _SURVEY.dump_json(survey)
 
 
-def check_survey(strips: tuple[StripSpec, ...], lamps: tuple[LampSpec, ...], views: tuple[View, ...]) -> None:
+def check_survey(
+    strips: tuple[StripSpec, ...], lamps: tuple[LampSpec, ...], views: tuple[CameraView, ...]
+) -> None:
     """Check names, numbers and limits.
 
     Raises:
@@ -208,7 +210,7 @@ def _strip_problem(strip: StripSpec) -> str:
     return ""
 
 
-def _view_problems(view: View, counts: dict[str, int]) -> Iterator[str]:
+def _view_problems(view: CameraView, counts: dict[str, int]) -> Iterator[str]:
     if not (16 <= view.width <= MAX_IMAGE and 16 <= view.height <= MAX_IMAGE):
         yield f"an image of {view.width} x {view.height} pixels; each 16 to {MAX_IMAGE}"
     if len(view.sightings) > MAX_SIGHTINGS:

@@ -78,7 +78,7 @@ RECORDER = "recorder"
 
 LOCALIZER = Process(
     name="localizer", scope="user",
-    about="where the person stands: fixed, by pointing at lamps, or at a moving robot",
+    about="position of the person: fixed, by pointing at lamps, or at a moving robot",
     reads=(
         topics.RAY, topics.IMU, topics.MAP, topics.OBJECTS, topics.ROBOT_STATE, topics.LAMP_LEASES,
         topics.POSE, topics.INTERACTION,
@@ -91,7 +91,7 @@ LOCALIZER = Process(
 )  # fmt: skip
 KEEPER = Process(
     name="keeper", scope="site",
-    about="the newest of every state, for who comes when its writer is gone; whose clock is apart",
+    about="the newest of every state, for late subscribers when its writer is gone; whose clock is apart",
     reads=(
         topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.INTERACTION, topics.STEERING,
         topics.MAP, topics.ROBOT_PLAN, topics.SELECTION, topics.LAMP_COLOR, topics.CONVEYOR_STATE,

@@ -36,7 +36,7 @@ SUGGESTED_UNITS = {TIME: ("s", "ms", "us", "ns", "min", "hours", "days"), "": ("
 """Units named in messages, by column; `""`: positions."""
 
 
-class Column(NamedTuple):
+class MotionColumn(NamedTuple):
     """One column that is used."""
 
     position: int
@@ -56,15 +56,15 @@ def units_of(name: str) -> Mapping[str, float]:
     return _TIMES_S if name == TIME else _LENGTHS_M
 
 
-def find_columns(header: Sequence[str]) -> dict[str, list[Column]]:
+def find_columns(header: Sequence[str]) -> dict[str, list[MotionColumn]]:
     """Return the columns for each name of the documentation that the file has."""
-    by_title: dict[str, list[Column]] = {}
+    by_title: dict[str, list[MotionColumn]] = {}
     for index, cell in enumerate(header):
         title, unit = split_unit(cell if re.search(r"[\[({<]", cell) else _CAMEL.sub("_", cell))
-        by_title.setdefault(title.replace("_", ""), []).append(Column(index, cell, unit))
-    found: dict[str, list[Column]] = {}
+        by_title.setdefault(title.replace("_", ""), []).append(MotionColumn(index, cell, unit))
+    found: dict[str, list[MotionColumn]] = {}
     for name, aliases in _ALIASES.items():
-        exact = [Column(index, cell, "") for index, cell in enumerate(header) if cell == name]
+        exact = [MotionColumn(index, cell, "") for index, cell in enumerate(header) if cell == name]
         alias = next((each for each in aliases if each in by_title), None)
         if exact or alias is not None:
             found[name] = exact or by_title[str(alias)]

@@ -21,7 +21,7 @@ from pointit.sim.motion_columns import (
     ORIENTATION,
     SUGGESTED_UNITS,
     TIME,
-    Column,
+    MotionColumn,
     count_known,
     find_columns,
     units_of,
@@ -156,7 +156,9 @@ class MotionTable:
         first = self.lines[int(ends[0][0])]
         return f"{is_row.sum()} of {len(is_row)} rows, {gaps}, the first in line {first}"
 
-    def _column(self, name: str, names: Mapping[str, Sequence[Column]], header: Sequence[str]) -> Column:
+    def _column(
+        self, name: str, names: Mapping[str, Sequence[MotionColumn]], header: Sequence[str]
+    ) -> MotionColumn:
         at, columns = f"{self._path}, line {self._header_line}", names.get(name, ())
         known = [column for column in columns if column.unit in units_of(name)] or columns
         if not known:
@@ -238,7 +240,7 @@ class MotionTable:
         self._decimal_mark = "." if "." in text else self._decimal_mark
         return [time, *numbers]
 
-    def _value(self, line: int, name: str, column: Column, row: Sequence[str]) -> float:
+    def _value(self, line: int, name: str, column: MotionColumn, row: Sequence[str]) -> float:
         """Return a cell in the unit of its column, NaN if it is missing."""
         text = row[column.position] if column.position < len(row) else ""
         value, limit = self._number(text), MAX_TIME_S if name == TIME else FARTHEST
@@ -273,7 +275,7 @@ class MotionTable:
         return number if mark == self._decimal_mark else math.nan
 
 
-def _with_unit(name: str, column: Column, unit: str) -> Column:
+def _with_unit(name: str, column: MotionColumn, unit: str) -> MotionColumn:
     return column._replace(unit=unit, factor=units_of(name)[unit])
 
 

@@ -32,7 +32,7 @@ OPERATOR = BodyMeasures(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class RecordedMotion:
     """Motion capture, its time starting at 0."""
 
     path: Path
@@ -52,7 +52,7 @@ class Motion:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImuRecording(Motion):
+class ImuRecording(RecordedMotion):
     """A recorded wrist with motion capture."""
 
     orientation_xyzw: Array
@@ -61,7 +61,7 @@ class ImuRecording(Motion):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FloorRecording(Motion):
+class FloorRecording(RecordedMotion):
     """The recorded points at which a person's rays meet the floor, with motion capture."""
 
     floor_m: Array
@@ -103,7 +103,7 @@ def read_floor_csv(path: Path) -> FloorRecording:
     )
 
 
-def read_robot_csv(path: Path) -> Motion:
+def read_robot_csv(path: Path) -> RecordedMotion:
     """Return the robot in a CSV file with the columns `t,robot_x,robot_y,robot_z`.
 
     Raises:
@@ -111,7 +111,7 @@ def read_robot_csv(path: Path) -> Motion:
     """
     table = MotionTable(path, (TIME, *ROBOT), ())
     t_s = _times_s(path, table)
-    return Motion(
+    return RecordedMotion(
         path=path, t_s=t_s, robot_m=_bodies(path, table, t_s).get("robot"), notes=tuple(table.notes)
     )
 

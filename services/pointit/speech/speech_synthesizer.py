@@ -1,4 +1,4 @@
-"""Says what was understood by a synthetic voice."""
+"""Speaks the understood sentence with a synthetic voice."""
 
 import asyncio
 import shutil

@@ -12,7 +12,7 @@ from pointit.conversion.spreadsheet_text import neutralize_formula
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.columns import COUNTS, NUMBERS
-from pointit.study.table_file import Row, Table, parse_table, table_line
+from pointit.study.table_file import Row, TrialTable, parse_table, table_line
 
 PLAIN = frozenset((*COUNTS, *NUMBERS, "item", "value"))
 """Columns of numbers, whose minus sign begins no formula."""
@@ -86,7 +86,7 @@ class AppendOnlyCsv:
             self._open_file.close()
             self._lock.close()
 
-    def _open(self, file: Path, table: Table) -> None:
+    def _open(self, file: Path, table: TrialTable) -> None:
         """Open `file` to append rows. If another program has written it, the next row opens a further one."""
         if changes := column_changes(table, self._columns):
             self._file, self._written = free_path(self.path), None
@@ -123,14 +123,14 @@ class AppendOnlyCsv:
             )
             self._write(removed)
 
-    def _parse_whatever_is_there(self, file: Path) -> Table:
+    def _parse_whatever_is_there(self, file: Path) -> TrialTable:
         if not file.exists():
-            return Table([], (), b"")
+            return TrialTable([], (), b"")
         try:
             return parse_table(file, self._columns)
         except ConfigError as error:
             self._on_note(str(error))
-            return Table([], ("it cannot be read",), b"")
+            return TrialTable([], ("it cannot be read",), b"")
 
     def _key_of(self, row: Row) -> tuple[str, ...]:
         return tuple(row[name] for name in self._key)
@@ -138,7 +138,7 @@ class AppendOnlyCsv:
     def _write(self, rows: Iterable[Row]) -> None:
         if lines := b"".join(table_line(spreadsheet_row(row).values()) for row in rows):
             if self._written is None:
-                self._open(self._file, Table([], (), b""))
+                self._open(self._file, TrialTable([], (), b""))
             self._write_lines(lines)
 
     def _write_lines(self, lines: bytes) -> None:
@@ -171,7 +171,7 @@ def table_files(path: Path) -> list[Path]:
     return [path, *(further[number] for number in sorted(further))]
 
 
-def joined_rows(tables: Iterable[Table]) -> list[Row]:
+def joined_rows(tables: Iterable[TrialTable]) -> list[Row]:
     """Return the rows of all files of a table, each once, in the order in which they were measured.
 
     The rows of files that another program has written, which may have sorted them, are sorted.
@@ -185,7 +185,7 @@ def joined_rows(tables: Iterable[Table]) -> list[Row]:
     return rows
 
 
-def column_changes(table: Table, columns: Sequence[str]) -> tuple[str, ...]:
+def column_changes(table: TrialTable, columns: Sequence[str]) -> tuple[str, ...]:
     """Return the changes of another program in a file of a table, also those of its `columns`."""
     if not table.columns or table.columns == tuple(columns):
         return table.changes

@@ -58,7 +58,7 @@ class Attempt:
     _first: Cursor | None = None
     _first_m: Vec3 | None = None
     """Centre of the target at that time."""
-    _heard_ns: int = 0
+    _received_ns: int = 0
     _turned: Vec3 | None = None
     _pressed_ns: int | None = None
     _over_ns: int | None = None
@@ -69,7 +69,7 @@ class Attempt:
         """Process a cursor that has arrived at `now_ns`."""
         if self.outcome is not None:
             return
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self.clock_apart_s = max(self.clock_apart_s, abs(now_ns - cursor.stamp_ns) / NS_PER_S)
         if cursor.direction is None:
             return
@@ -123,9 +123,9 @@ class Attempt:
         elif event.event in ("left", "dispatched") and event.object_id == self.target:
             self._finish("timeout", "the target has left", None)
 
-    def on_press(self, press: ButtonEvent, now_ns: int) -> None:
+    def on_press(self, event: ButtonEvent, now_ns: int) -> None:
         """Process a press of the person's button."""
-        if self.end == "press" and press.gesture == "press" and self._pressed_ns is None:
+        if self.end == "press" and event.gesture == "press" and self._pressed_ns is None:
             self._pressed_ns = now_ns
 
     def on_robot(self, robot: RobotState, now_ns: int) -> None:
@@ -144,7 +144,7 @@ class Attempt:
 
     def on_localization(self, state: Localization, position_m: Vec3 | None, now_ns: int) -> None:
         """Process the progress of a localization, and the last found position; end with it."""
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         if self.outcome is not None or state.since_ns < self.began_ns:
             return
         if state.phase == "solved" and position_m is not None:
@@ -160,7 +160,7 @@ class Attempt:
         """End the attempt if it is time, or if the wrist is lost."""
         if self.outcome is not None:
             return
-        if now_ns - max(self._heard_ns, self.began_ns) > SILENT_S * NS_PER_S:
+        if now_ns - max(self._received_ns, self.began_ns) > SILENT_S * NS_PER_S:
             self.abandon(f"repeated: no ray for {SILENT_S:g} s, the wrist is lost")
         elif self._pressed_ns is not None and now_ns - self._pressed_ns > PRESS_S * NS_PER_S:
             self._finish("wrong", "pressed beside", self._pressed_ns)

@@ -28,9 +28,11 @@ from pointit.study.order import Order, square
 from pointit.study.questionnaires import Questionnaire, check_questionnaire, scale_of
 from pointit.study.step import Step
 from pointit.study.tasks.robots import Localize, Steer
-from pointit.study.tasks.targets import Packages, Places, Reach, Tapping
+from pointit.study.tasks.targets import Tapping, TargetPackages, TargetPlaces, TargetReach
 
-Task = Annotated[Reach | Tapping | Packages | Places | Steer | Localize, Field(discriminator="kind")]
+Task = Annotated[
+    TargetReach | Tapping | TargetPackages | TargetPlaces | Steer | Localize, Field(discriminator="kind")
+]
 
 
 def _with_text(value: object, validate_value: ValidatorFunctionWrapHandler) -> object:
@@ -80,7 +82,7 @@ class Factor(Config):
         return self
 
 
-MOST_CELLS = 1000
+MAX_CELLS = 1000
 """Largest number of combinations of levels."""
 
 
@@ -225,8 +227,8 @@ class Study(Config):
     def _consistent(self) -> Self:
         levels = [level for factor in self.factors.values() for level in factor.levels]
         cells = math.prod(len(factor.levels) for factor in self.factors.values())
-        if cells > MOST_CELLS:
-            raise described_error(f"the factors have {cells} combinations of levels; {MOST_CELLS} at most")
+        if cells > MAX_CELLS:
+            raise described_error(f"the factors have {cells} combinations of levels; {MAX_CELLS} at most")
         for name in self.factors:
             if not NAME.fullmatch(name) or name in FIXED:
                 raise described_error(
@@ -242,11 +244,11 @@ class Study(Config):
         blocks = len(self.cells("block"))
         needed = len(square(self.order, blocks)) * len(self.cells("between"))
         if len(self.people) % needed:
-            least = math.ceil(len(self.people) / needed) * needed
+            min_people = math.ceil(len(self.people) / needed) * needed
             raise described_error(
                 f"{len(self.people)} participants cannot balance {blocks} conditions in order {self.order}"
                 + (f" and {len(self.cells('between'))} groups" if self.factors_of("between") else "")
-                + f"; use a multiple of {needed}, such as {least}"
+                + f"; use a multiple of {needed}, such as {min_people}"
                 + (", or order: blocked_random" if blocks > 1 and self.order != "blocked_random" else "")
             )
         return self

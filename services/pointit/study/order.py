@@ -45,6 +45,6 @@ def imbalance(orders: Sequence[Sequence[str]], order: Order) -> str:
     pairs = [(one, other) for one in conditions for other in conditions if one != other]
     if order == "williams" and len({followers[pair] for pair in pairs}) > 1:
         one, other = min(pairs, key=followers.__getitem__)
-        most = max(followers.values())
-        return f"{other} follows {one} {followers[one, other]} times, other pairs {most} times"
+        max_followers = max(followers.values())
+        return f"{other} follows {one} {followers[one, other]} times, other pairs {max_followers} times"
     return ""

@@ -13,7 +13,7 @@ from pointit.study.columns import done_trials
 from pointit.study.model import Study
 from pointit.study.order import square
 from pointit.study.table_file import NUMBER, Row
-from pointit.study.tasks.scene import Trial
+from pointit.study.tasks.scene import StudyTrial
 from pointit.study.tasks.targets import Tapping
 
 MIN_SEQUENCE_TRIALS = 5
@@ -31,7 +31,7 @@ MAX_ROOM_M = 1000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class StudyPlan:
     """Order and trials of one participant."""
 
     participant: str
@@ -39,9 +39,9 @@ class Plan:
     """Levels of the factors between participants."""
     order: tuple[str, ...]
     """Names of the conditions of the blocks."""
-    trials: tuple[Trial, ...]
+    trials: tuple[StudyTrial, ...]
 
-    def block(self, number: int) -> tuple[Trial, ...]:
+    def block(self, number: int) -> tuple[StudyTrial, ...]:
         """Return the trials of a block."""
         return tuple(trial for trial in self.trials if trial.block == number)
 
@@ -51,7 +51,7 @@ def condition_of(cell: dict[str, str]) -> str:
     return ", ".join(cell.values())
 
 
-def plan_of(study: Study, participant: str) -> Plan:
+def plan_of(study: Study, participant: str) -> StudyPlan:
     """Return the plan of `participant`: always the same one for the same study.
 
     Raises: ConfigError: If nobody of the study is called so.
@@ -69,7 +69,7 @@ def plan_of(study: Study, participant: str) -> Plan:
         row = tuple(np.random.default_rng([study.seed, index]).permutation(len(row)).tolist())
     blocks = [study.cells("block")[each] for each in row]
     group = groups[index % len(groups)]
-    trials: list[Trial] = []
+    trials: list[StudyTrial] = []
     for number, block in enumerate(blocks, 1):
         rng = np.random.default_rng([study.seed, index, number])
         practice = _shuffled(study, rng, study.practice)
@@ -77,7 +77,7 @@ def plan_of(study: Study, participant: str) -> Plan:
         for place, inner in enumerate(practice + data):
             seed = int(np.random.SeedSequence([study.seed, index, number, place]).generate_state(1)[0])
             trials.append(
-                Trial(
+                StudyTrial(
                     number=len(trials) + 1,
                     block=number,
                     place=place,
@@ -86,7 +86,7 @@ def plan_of(study: Study, participant: str) -> Plan:
                     seed=seed,
                 )
             )
-    return Plan(
+    return StudyPlan(
         participant=participant,
         group=group,
         order=tuple(condition_of(block) for block in blocks),
@@ -161,7 +161,7 @@ def check_answers(study: Study, path: Path, rows: Iterable[Row]) -> None:
             )
 
 
-def row_errors(plan: Plan, rows: Iterable[Row]) -> Iterator[str]:
+def row_errors(plan: StudyPlan, rows: Iterable[Row]) -> Iterator[str]:
     """Yield a sentence on each row that is not of `plan`, or is there twice."""
     by_number = {trial.number: trial for trial in plan.trials}
     rows = list(rows)
@@ -226,8 +226,8 @@ def _shortest_sequence(study: Study) -> tuple[int, str]:
             cells = [tuple(trial.cell.items()) for trial in trials]
             moved = Counter((cell, distances[before]) for before, cell in itertools.pairwise(cells))
             for cell in set(cells):
-                most = max((count for (to, _), count in moved.items() if to == cell), default=0)
-                shortest.append((most, condition_of(dict(cell))))
+                max_count = max((count for (to, _), count in moved.items() if to == cell), default=0)
+                shortest.append((max_count, condition_of(dict(cell))))
     return min(shortest)
 
 
@@ -241,7 +241,7 @@ def _cells(study: Study) -> Iterator[tuple[tuple[str, str], ...]]:
 class Progress:
     """The trials that are left. A crash at any time loses at most the attempt that was going on."""
 
-    def __init__(self, plan: Plan, rows: Sequence[Row]) -> None:
+    def __init__(self, plan: StudyPlan, rows: Sequence[Row]) -> None:
         """Go on after the attempts in `rows`."""
         self._trials = {trial.number: trial for trial in plan.trials}
         self._left = sorted(self._trials.keys() - done_trials(rows))
@@ -254,7 +254,7 @@ class Progress:
         return len(self._left)
 
     @property
-    def current(self) -> Trial | None:
+    def current(self) -> StudyTrial | None:
         """Return the next trial, or None if all are done."""
         return self._trials[self._left[0]] if self._left else None
 

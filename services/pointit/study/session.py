@@ -26,8 +26,8 @@ from pointit.study.site.scenario import scenario_file, scenes_of
 from pointit.study.site.study_site import SiteOptions, StudySite
 from pointit.study.step import Step
 from pointit.study.table_file import Row
-from pointit.study.tasks.scene import Scene, Trial
-from pointit.study.view import BREAK, Command, Status, StudyView
+from pointit.study.tasks.scene import StudyScene, StudyTrial
+from pointit.study.view import BREAK, StudyCommand, StudyStatus, StudyView
 
 TICK_S = 0.05
 CLOCK_APART_S = 0.5
@@ -54,7 +54,7 @@ class Session:
     """One participant, who goes on with their plan."""
 
     def __init__(
-        self, study: Study, folder: StudyFolder, participant: str, view: StudyView, setup: SiteOptions
+        self, study: Study, folder: StudyFolder, participant: str, view: StudyView, options: SiteOptions
     ) -> None:
         """Read what has been done.
 
@@ -65,7 +65,7 @@ class Session:
         self._folder = folder
         self._participant = participant
         self._view = view
-        self._setup = setup
+        self._setup = options
         self._plan = plan_of(study, participant)
         self._end_rule = load_end_rule(study.end, study.folder)
         self._about: dict[str, Any] = folder.about(participant)
@@ -75,8 +75,8 @@ class Session:
         if not self._progress.left and self._about.get("ended"):
             self._table.close()
             raise ConfigError(f"{participant} has finished; give another one, or move {data} away")
-        self._joined: StudySite | None = None
-        self._scenes: list[Scene] = []
+        self._site: StudySite | None = None
+        self._scenes: list[StudyScene] = []
         """Scenes of the block, by `Trial.place`."""
         self._lsl: LslOutlets | None = None
 
@@ -100,7 +100,7 @@ class Session:
                     block = trial.block
                 await self._do(trial)
             await self._ask_after(self._plan.trials[-1].block)
-            joined, rows = self._joined, self._table.rows
+            joined, rows = self._site, self._table.rows
             self._put(ended=utc(joined.site.now_ns()) if joined else rows[-1]["began_utc"])
 
     @property
@@ -112,9 +112,9 @@ class Session:
 
     @property
     def _here(self) -> StudySite:
-        if self._joined is None:
+        if self._site is None:
             raise PointItError("the site has not been started")
-        return self._joined
+        return self._site
 
     async def _begin(self) -> None:
         simulated = bool(self._setup.person) or not self._setup.imu
@@ -136,32 +136,32 @@ class Session:
         if self._study.instruction != Step():
             await self._view.tell(self._study.instruction, go="begin")
 
-    async def _enter(self, trial: Trial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
+    async def _enter(self, trial: StudyTrial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
         """Set the condition of the block of `trial`, and explain it."""
         settings: dict[str, Any] = {**self._study.services(trial.cell), **self._setup.person}
         self._scenes = scenes_of(self._study, self._plan, trial.block, settings)
         if not self._setup.imu:
             settings |= self._study.task_in(trial.cell).simulated(self._scenes[trial.place :])
-        if self._joined is not None and self._joined.is_live(settings):
-            await self._joined.use(settings)
+        if self._site is not None and self._site.is_live(settings):
+            await self._site.use(settings)
         else:
             await sites.aclose()
-            setup, people = self._setup, [self._participant]
-            file = self._folder.recording(self._participant) if setup.record else None
+            options, people = self._setup, [self._participant]
+            file = self._folder.recording(self._participant) if options.record else None
             run = pointit.run(
                 scenario_file(self._study, file),
                 users=people,
                 seed=trial.seed % 2**31,
-                localize=setup.localize,
-                imu=setup.imu or (),
-                output=setup.output,
+                localize=options.localize,
+                imu=options.imu or (),
+                output=options.output,
                 settings=settings,
-                listen=setup.listen,
+                listen=options.listen,
             )
             joining = StudySite.at(run, self._participant, settings)
-            self._joined = await sites.enter_async_context(joining)
+            self._site = await sites.enter_async_context(joining)
         if self._lsl is not None:
-            self._joined.on_message = self._lsl.send
+            self._site.on_message = self._lsl.send
         known = self._study.instructions
         steps = [known[level] for level in trial.cell.values() if level in known]
         if not is_first and self._study.break_s and not self._setup.person:
@@ -169,7 +169,7 @@ class Session:
         if steps or not is_first:
             await self._view.tell(*(steps or [Step(text="The next block begins.")]), go="begin")
 
-    async def _do(self, trial: Trial) -> None:
+    async def _do(self, trial: StudyTrial) -> None:
         """Make one attempt at `trial`, and write it."""
         await self._wait(trial, self._study.pause_s)
         if self._progress.current is not trial:
@@ -189,11 +189,11 @@ class Session:
         self._progress.end(is_done=not attempt.reason.startswith(REPEATED))
         self._note(trial, attempt)
         if stop is not None and (following := self._progress.current) is not None:
-            await self._obey(stop, following)
+            await self._run_command(stop, following)
 
     async def _attempt(
-        self, trial: Trial, row: Mapping[str, object], scene: Scene, before_m: Vec3 | None
-    ) -> tuple[Attempt, Command | None]:
+        self, trial: StudyTrial, row: Mapping[str, object], scene: StudyScene, before_m: Vec3 | None
+    ) -> tuple[Attempt, StudyCommand | None]:
         room, study = self._here, self._study
         target, target_m = await room.show(scene)
         attempt = room.attempt = Attempt(
@@ -208,7 +208,7 @@ class Session:
             stay_s=scene.stay_s,
         )
         self._mark("trial_start", row, *trial.cell, "practice", "target")
-        later: Command | None = None
+        later: StudyCommand | None = None
         try:
             while attempt.outcome is None:
                 self._show(trial, "pointing", scene)
@@ -232,7 +232,7 @@ class Session:
             await room.hide()
         return attempt, later
 
-    async def _wait(self, trial: Trial, seconds: float, *, is_break: bool = False) -> None:
+    async def _wait(self, trial: StudyTrial, seconds: float, *, is_break: bool = False) -> None:
         """Wait so long before `trial`, and until the participant points; obey commands meanwhile."""
         site = self._here.site
         end_ns = site.now_ns() + round(seconds * 1e9)
@@ -241,11 +241,11 @@ class Session:
             self._show(trial, rest if is_break else self._here.problem or "pause")
             await site.sleep(TICK_S)
             if (command := self._view.command()) is not None:
-                await self._obey(command, trial)
+                await self._run_command(command, trial)
                 if self._progress.current is not trial and not is_break:
                     return
 
-    async def _obey(self, command: Command, trial: Trial) -> None:
+    async def _run_command(self, command: StudyCommand, trial: StudyTrial) -> None:
         """Obey a command between two attempts. Raises: StoppedError: If it is `stop`."""
         if command.name == "stop":
             raise StoppedError(self.stop_sentence)
@@ -261,9 +261,9 @@ class Session:
             while (following := self._view.command()) is None:
                 await self._here.site.sleep(TICK_S)
             if following.name != "pause":
-                await self._obey(following, trial)
+                await self._run_command(following, trial)
 
-    def _row(self, trial: Trial) -> dict[str, object]:
+    def _row(self, trial: StudyTrial) -> dict[str, object]:
         """Return the columns of an attempt at `trial` that are known before it."""
         return {
             "participant": self._participant,
@@ -277,12 +277,12 @@ class Session:
             "pointit_version": pointit.__version__,
         }
 
-    def _note(self, trial: Trial, attempt: Attempt) -> None:
+    def _note(self, trial: StudyTrial, attempt: Attempt) -> None:
         """Keep the services' configuration after their start, and a clock that is apart."""
-        kept: list[dict[str, Any]] = self._about.get("configuration", [])
+        configurations: list[dict[str, Any]] = self._about.get("configuration", [])
         services = {name: json.loads(text) for name, text in sorted(self._here.configuration.items())}
-        if services and (not kept or kept[-1]["services"] != services):
-            self._put(configuration=[*kept, {"from_trial": trial.number, "services": services}])
+        if services and (not configurations or configurations[-1]["services"] != services):
+            self._put(configuration=[*configurations, {"from_trial": trial.number, "services": services}])
         if attempt.clock_apart_s > max(CLOCK_APART_S, self._about.get("clock_apart_s", 0.0)):
             self._put(clock_apart_s=round(attempt.clock_apart_s, 3))
 
@@ -302,9 +302,9 @@ class Session:
                 answers = enumerate(await self._view.ask(scale, name), 1)
                 table.append(*({**about, "item": item, "value": value} for item, value in answers))
 
-    def _show(self, trial: Trial, state: str, scene: Scene | None = None) -> None:
+    def _show(self, trial: StudyTrial, state: str, scene: StudyScene | None = None) -> None:
         self._view.status(
-            Status(
+            StudyStatus(
                 participant=self._participant,
                 trial=trial.number,
                 block=trial.block,

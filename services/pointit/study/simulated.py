@@ -13,7 +13,7 @@ from pointit.study.questionnaires import Scale
 from pointit.study.session import Session, check_simulated
 from pointit.study.site.study_site import SiteOptions
 from pointit.study.step import Step
-from pointit.study.view import Command, Status
+from pointit.study.view import StudyCommand, StudyStatus
 
 LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 25.0}
 """Lowest rates of a real wrist and of light that moves, for half of the computing."""
@@ -27,8 +27,8 @@ def person_of(study: Study, participant: str) -> dict[str, Value]:
     """
     rng = np.random.default_rng([study.seed, study.people.index(participant), 1])
 
-    def about(median: float, spread: float, most: float) -> float:
-        return min(most, median * math.exp(spread * float(rng.standard_normal())))
+    def about(median: float, spread: float, maximum: float) -> float:
+        return min(maximum, median * math.exp(spread * float(rng.standard_normal())))
 
     return {
         **LIGHT,
@@ -45,7 +45,7 @@ def person_of(study: Study, participant: str) -> dict[str, Value]:
 class SimulatedView:
     """Agrees at once and answers at random, somewhat better than the middle."""
 
-    def __init__(self, seed: int, on_status: Callable[[Status], None]) -> None:
+    def __init__(self, seed: int, on_status: Callable[[StudyStatus], None]) -> None:
         """Create with the seed of its answers."""
         self._rng = np.random.default_rng(seed)
         self.status = on_status
@@ -62,7 +62,7 @@ class SimulatedView:
         steps = (high - low) // scale.step
         return [low + scale.step * int(n) for n in self._rng.binomial(steps, 0.55, len(scale.items))]
 
-    def command(self) -> Command | None:
+    def command(self) -> StudyCommand | None:
         """Return None: nobody interferes."""
         return None
 
@@ -71,7 +71,7 @@ def simulate(
     study: Study,
     folder: StudyFolder,
     participant: str,
-    on_status: Callable[[Status], None],
+    on_status: Callable[[StudyStatus], None],
     *,
     record: bool = False,
 ) -> None:
@@ -87,11 +87,11 @@ def simulate(
     data = folder.path / participant
     rows = read_trials(study, data) if (data / TRIALS).exists() else []
     check_simulated(data, about, rows, simulated=True)
-    setup = SiteOptions(record=record, person=person_of(study, participant))
+    options = SiteOptions(record=record, person=person_of(study, participant))
 
     def run(data: StudyFolder) -> None:
         view = SimulatedView(study.seed + study.people.index(participant), on_status)
-        pointit.run_virtually(Session(study, data, participant, view, setup).run())
+        pointit.run_virtually(Session(study, data, participant, view, options).run())
 
     is_finished = bool(about.get("ended"))
     run(folder if is_finished else folder.replayed())

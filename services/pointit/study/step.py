@@ -21,7 +21,7 @@ class Step(Config):
 
     text: str = ""
     image: str = Field(default="", description="picture in the folder of the file: PNG, JPEG, GIF or WebP")
-    alt: str = Field(default="", description="what the picture shows, for those who do not see it")
+    alt: str = Field(default="", description="description of the picture, for people who do not see it")
 
     @model_validator(mode="before")
     @classmethod

@@ -37,7 +37,7 @@ ENCODINGS = (
 REMEDY = "correct or delete the line, or restore the table from a backup"
 
 
-class Table(NamedTuple):
+class TrialTable(NamedTuple):
     """The content of a table."""
 
     rows: list[Row]
@@ -64,7 +64,7 @@ def table_line(values: Iterable[str]) -> bytes:
     return text.getvalue().encode()
 
 
-def parse_table(path: Path, columns: Iterable[str]) -> Table:
+def parse_table(path: Path, columns: Iterable[str]) -> TrialTable:
     """Return the content of a table.
 
     Raises: ConfigError: If the table cannot be read, lacks one of `columns`, or a value is damaged.
@@ -77,7 +77,7 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
     cut = content.rfind(b"\n") + 1 if encoding == "utf-8" and b"\r" not in content else len(content)
     cut = max(begin, cut)
     if not cut and table_line(columns).startswith(content):
-        return Table([], tuple(changes), content)  # the header was cut off
+        return TrialTable([], tuple(changes), content)  # the header was cut off
     text = _decode(path, content[begin:cut], encoding)
     separator, header, records = _split(path, text, columns)
     canonical = b"".join(table_line(record.values) for record in (header, *records)) if header else b""
@@ -89,7 +89,7 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
         text += _decode(path, content[cut:], encoding)
         separator, header, records = _split(path, text, columns)
     if header is None:
-        return Table([], (*changes, *(["no header"] if content else [])), tail)
+        return TrialTable([], (*changes, *(["no header"] if content else [])), tail)
     names = _names(header, records)
     rows, has_commas = _rows(path, names, records)
     if not all(names):
@@ -105,7 +105,7 @@ def parse_table(path: Path, columns: Iterable[str]) -> Table:
         changes.append("other quotes, spaces or numbers")
     if not changes and not _is_in_order(header, records):
         changes.append("rows in another order")
-    return Table(rows, tuple(changes), tail, tuple(filter(None, names)))
+    return TrialTable(rows, tuple(changes), tail, tuple(filter(None, names)))
 
 
 def _encoding(content: bytes) -> tuple[str, list[str], int]:
@@ -129,10 +129,10 @@ def _decode(path: Path, content: bytes, encoding: str) -> str:
         ) from error
 
 
-def _is_sorted_row(header: _Record, records: Sequence[_Record], last: bytes) -> bool:
+def _is_sorted_row(record: _Record, records: Sequence[_Record], last: bytes) -> bool:
     """Return True if the `last` line is a whole row of an earlier attempt: a program has sorted the rows."""
     values = next(csv.reader([last[: csv.field_size_limit()].decode(errors="replace")]), list[str]())
-    return len(values) == len(header.values) and not _is_in_order(header, [*records, _Record(0, values)])
+    return len(values) == len(record.values) and not _is_in_order(record, [*records, _Record(0, values)])
 
 
 def _is_in_order(header: _Record, records: Sequence[_Record]) -> bool:

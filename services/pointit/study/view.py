@@ -35,7 +35,7 @@ class TopView:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Status:
+class StudyStatus:
     """Position in the study."""
 
     participant: str
@@ -60,7 +60,7 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class StudyCommand:
     """A command of the experimenter."""
 
     name: Literal["repeat", "skip", "pause", "stop"]
@@ -78,10 +78,10 @@ class StudyView(Protocol):
         """Return the answer to each item of a questionnaire on `block`; `""`: it has one block."""
         ...
 
-    def status(self, status: Status, /) -> None:
+    def status(self, status: StudyStatus, /) -> None:
         """Show where the study stands. Called at each change."""
         ...
 
-    def command(self) -> Command | None:
+    def command(self) -> StudyCommand | None:
         """Return the next command of the experimenter, if there is one."""
         ...

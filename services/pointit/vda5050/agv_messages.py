@@ -48,7 +48,7 @@ class _MessageWithHeader(TolerantModel):
     serial_number: Text = ""
 
 
-class Connection(_MessageWithHeader):
+class AgvConnection(_MessageWithHeader):
     """Connection of the AGV to its broker. CONNECTIONBROKEN is its last will."""
 
     NEEDED: ClassVar[tuple[str, ...]] = ("connection_state",)
@@ -171,7 +171,7 @@ class SafetyState(TolerantModel):
     e_stop: Word = Field(default="", validation_alias=AliasChoices("eStop", "activeEmergencyStop"))
 
 
-class State(Visualization):
+class AgvState(Visualization):
     """State of the AGV: sent when it changes, else every 30 s at the latest."""
 
     NEEDED: ClassVar[tuple[str, ...]] = ("driving", "operating_mode", "safety_state")
@@ -220,7 +220,7 @@ def parse(kind: type[M], payload: object) -> M | None:
     return message if message and message.model_fields_set else None
 
 
-def blocked_by(state: State) -> str:
+def blocked_by(state: AgvState) -> str:
     """Return an error message with a remedy if the AGV carries out no order, or may not, else `""`."""
     if not state.operating_mode:
         return "the AGV does not state its operatingMode: update its software"

@@ -14,7 +14,7 @@ from mcp import Client, StdioServerParameters
 from mcp.client.streamable_http import streamable_http_client
 
 from pointit.assistants.audit_file import read_audit
-from pointit.launch.page.page_tokens import kept_tokens
+from pointit.launch.page.page_tokens import stored_tokens
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 from tests.support.pace import Patience
@@ -120,7 +120,7 @@ async def test_over_http_it_takes_the_tokens_of_the_page_and_ends_with_ctrl_c(co
     server = commands.start("mcp", "--listen", "127.0.0.1:0", "--connect", nowhere)
     await server.says("tokens in ")
     address, _, _ = server.out.partition(": tokens in ")
-    tokens, _ = kept_tokens("lab")
+    tokens, _ = stored_tokens("lab")
     headers = {"Authorization": f"Bearer {tokens.viewer}"}
     async with (
         httpx2.AsyncClient(headers=headers, timeout=PATIENCE_S) as http,

@@ -221,7 +221,7 @@ async def test_why_a_router_is_lost_is_asked_until_it_answers(
         asked.append(link)
         return refusals(link)
 
-    monkeypatch.setattr(connections, "DOUBT_S", 0.05)
+    monkeypatch.setattr(connections, "SUSPICION_S", 0.05)
     monkeypatch.setattr(connections, "refusals", ask)
     with routed(folder):
         bus = await ZenohBus.open(link_of(folder, "anna"), patience_s=30)

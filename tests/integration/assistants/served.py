@@ -11,9 +11,9 @@ from mcp.client.streamable_http import streamable_http_client
 
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile
-from pointit.assistants.http_door import HttpDoor
+from pointit.assistants.http_door import HttpServer
 from pointit.assistants.server import make_server
-from pointit.assistants.site_door import SiteDoor
+from pointit.assistants.site_door import SiteConnection
 from pointit.assistants.tools import Role, Tools
 from pointit.bridges.web.server.access import Access
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -43,7 +43,7 @@ async def found(_query: FindReferents, _user: str) -> Referents:
 @contextlib.asynccontextmanager
 async def serving(
     most: Role = "operator", *, find: bool = True
-) -> AsyncGenerator[tuple[HttpDoor, MemoryBus]]:
+) -> AsyncGenerator[tuple[HttpServer, MemoryBus]]:
     """Yield a server that begins to listen, and the bus of its site."""
     bus = MemoryBus()
     bus.announce(topics.USER_ALIVE, "anna")
@@ -51,9 +51,9 @@ async def serving(
     if find:
         bus.serve(topics.FIND_REFERENTS, found)
 
-    door = SiteDoor(lambda: Site.on(bus, WallClock()), "site shop")
+    door = SiteConnection(lambda: Site.on(bus, WallClock()), "site shop")
     server = make_server(Tools(door, AuditFile(site_folder(SITE, FOLDER)), most, is_remote=True))
-    http = HttpDoor(server, Access(OPERATOR, VIEWER), "127.0.0.1", 0)
+    http = HttpServer(server, Access(OPERATOR, VIEWER), "127.0.0.1", 0)
     async with door.opened():
         task = asyncio.create_task(http.run())
         try:

@@ -7,9 +7,9 @@ import pytest
 
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
-from pointit.assistants.http_door import MAX_BODY, HttpDoor
+from pointit.assistants.http_door import MAX_BODY, HttpServer
 from pointit.assistants.server import make_server
-from pointit.assistants.site_door import SiteDoor
+from pointit.assistants.site_door import SiteConnection
 from pointit.assistants.tools import Tools
 from pointit.bridges.web.server.access import Access
 from pointit.errors import ConfigError
@@ -95,8 +95,8 @@ async def test_a_large_request_is_refused() -> None:
 
 async def test_no_other_machine_can_reach_it() -> None:
     bus = MemoryBus()
-    door = SiteDoor(lambda: Site.on(bus, WallClock()), "site shop")
+    door = SiteConnection(lambda: Site.on(bus, WallClock()), "site shop")
     server = make_server(Tools(door, AuditFile(site_folder(SITE, FOLDER)), "viewer"))
     with pytest.raises(ConfigError, match="SSH tunnel"):
-        HttpDoor(server, Access(OPERATOR, VIEWER), "0.0.0.0", 0)  # noqa: S104 - refused
+        HttpServer(server, Access(OPERATOR, VIEWER), "0.0.0.0", 0)  # noqa: S104 - refused
     await bus.close()

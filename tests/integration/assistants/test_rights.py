@@ -12,7 +12,7 @@ import pointit
 from pointit.access.site_folder import SiteFolder
 from pointit.assistants.audit_file import FOLDER, AuditFile
 from pointit.assistants.server import make_server
-from pointit.assistants.site_door import SiteDoor
+from pointit.assistants.site_door import SiteConnection
 from pointit.assistants.tools import Tools
 from pointit.errors import ConnectError
 from pointit.runtime.host.state_file import site_folder
@@ -60,7 +60,7 @@ async def allowed(folder: SiteFolder, name: str) -> dict[str, bool]:
         "stop": ("stop_robot", {"robot": "rover"}),
     }
     identity = folder.identity_folder(name)
-    door = SiteDoor(lambda: pointit.connect(credentials=identity, patience_s=None), "site lab")
+    door = SiteConnection(lambda: pointit.connect(credentials=identity, patience_s=None), "site lab")
     tools = Tools(door, AuditFile(site_folder("lab", FOLDER)), "operator")
 
     def is_joined() -> bool:

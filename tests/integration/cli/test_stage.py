@@ -265,7 +265,7 @@ async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyP
         await until(lambda: run.task.done() or len(reports) > 2, PATIENCE_S, "reports")
         assert not run.task.done()
         monkeypatch.setattr("pointit.launch.run.run_site.VIEWER_SILENT_S", 0.0)
-        run.run._onlookers.until_s = 0.0  # the page is closed after its next report
+        run.run._viewers.until_s = 0.0  # the page is closed after its next report
         async with asyncio.timeout(60.0):
             await run.task
         assert run.run.lasted_s > 0.0

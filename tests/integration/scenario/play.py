@@ -14,14 +14,14 @@ import pointit.schemas as models
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import Scenario, read_scenario
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import Launch, run_services
 from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import topics
 from pointit.services.user_sim import service as user_sim
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.person import SimulatedPerson
 from tests.unit.cli_run.drawn import FRAME, shown
 
 T = TypeVar("T")
@@ -101,15 +101,15 @@ class Outcome:
 
 
 @contextlib.contextmanager
-def watched_people(people: list[Person]) -> Generator[None]:
+def watched_people(people: list[SimulatedPerson]) -> Generator[None]:
     """Add to `people` the simulated ones who are born meanwhile: they know where they truly stand."""
 
-    class Watched(Person):
+    class Watched(SimulatedPerson):
         def __init__(self, *arguments: Any) -> None:
             super().__init__(*arguments)
             people.append(self)
 
-    with mock.patch.object(user_sim, "Person", Watched):
+    with mock.patch.object(user_sim, "SimulatedPerson", Watched):
         yield
 
 
@@ -155,7 +155,7 @@ async def _play(plan: Scenario, choices: Choices, duration_s: float, users: Sequ
     bus = MemoryBus(LocalBroker())
     clock = VirtualClock()
     outcome = Outcome()
-    people: list[Person] = []
+    people: list[SimulatedPerson] = []
 
     def on_objects(message: models.TrackedObjects, _name: str) -> None:
         for thing in message.objects:
@@ -195,7 +195,7 @@ async def _play(plan: Scenario, choices: Choices, duration_s: float, users: Sequ
     bus.subscribe(topics.GOAL, on_goal, USER)
     bus.subscribe(topics.POSE, on_pose, USER)
     bus.subscribe(topics.IMU, on_imu, USER)
-    outcome.monitor = Monitor(Score(plan.target_kinds), clock)
+    outcome.monitor = Monitor(RunScore(plan.target_kinds), clock)
     outcome.monitor.attach(bus)
     with watched_people(people):
         async with running(launches, bus, clock) as services:

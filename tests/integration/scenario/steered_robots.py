@@ -10,13 +10,13 @@ from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import Scenario, read_scenario
 from pointit.launch.robots.robot_watcher import RobotsScore, RobotWatcher
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import Feedback, Goal, RobotState
 from pointit.schemas.topics import FEEDBACK, GOAL, ROBOT_STATE
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.person import SimulatedPerson
 from tests.integration.scenario.play import running, watched_people, with_fresh_state
 
 STEP_S = 1.0
@@ -47,7 +47,7 @@ class Flights:
     def texts(self, user: str) -> list[str]:
         return [cue.text for name, cue in self.cues if name == user]
 
-    def on_state(self, robot: str, state: RobotState, people: dict[str, Person]) -> None:
+    def on_state(self, robot: str, state: RobotState, people: dict[str, SimulatedPerson]) -> None:
         before = self._states.get(robot)
         self._states[robot] = state
         self.heights_m[robot] = max(self.heights_m.get(robot, 0.0), state.position_m[2])
@@ -61,11 +61,11 @@ class Flights:
         if before is not None and is_down and before.user:
             self.landed_off_m.append(_off_m(people[before.user], state.position_m))
 
-    def on_goal(self, goal: Goal, person: Person) -> None:
+    def on_goal(self, goal: Goal, person: SimulatedPerson) -> None:
         self.sent_off_m.append(_off_m(person, goal.position_m))
 
 
-def _off_m(person: Person, place_m: Vec3) -> float:
+def _off_m(person: SimulatedPerson, place_m: Vec3) -> float:
     """Return the distance of a place from where the person means to point, level."""
     meant_m = person.goal.point_m
     return math.inf if meant_m is None else math.dist(place_m[:2], meant_m[:2])
@@ -102,8 +102,8 @@ async def _play(
         launches += user_launches(plan, choices, user, index)
     bus = MemoryBus(LocalBroker())
     flights = Flights()
-    born: list[Person] = []
-    people: dict[str, Person] = {}
+    born: list[SimulatedPerson] = []
+    people: dict[str, SimulatedPerson] = {}
 
     def on_state(state: RobotState, robot: str) -> None:
         people.update((person.user, person) for person in born)
@@ -112,7 +112,7 @@ async def _play(
     bus.subscribe(ROBOT_STATE, on_state)
     bus.subscribe(GOAL, lambda goal, user: flights.on_goal(goal, people[user]))
     bus.subscribe(FEEDBACK, lambda cue, user: flights.cues.append((user, cue)))
-    monitor = Monitor(Score(()), VirtualClock(), watchers=[RobotWatcher(flights.robots)])
+    monitor = Monitor(RunScore(()), VirtualClock(), watchers=[RobotWatcher(flights.robots)])
     monitor.attach(bus)
     with watched_people(born):
         async with running(launches, bus, VirtualClock()) as services:

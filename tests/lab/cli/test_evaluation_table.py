@@ -9,10 +9,10 @@ from rich.console import Console
 
 from pointit.cli.common.progress import LineProgress, progress
 from pointit_lab.cli.table import print_rows
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
-ERROR = Spread(median=0.254, p90=0.512, rms=0.333)
-TIME = Spread(median=12.25, p90=20.5, rms=15.0)
+ERROR = MetricSpread(median=0.254, p90=0.512, rms=0.333)
+TIME = MetricSpread(median=12.25, p90=20.5, rms=15.0)
 SOLVERS = ("pointit", "mean-angle-4dof", "mean-angle-z0")
 
 

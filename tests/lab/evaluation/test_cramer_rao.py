@@ -12,7 +12,7 @@ from pointit_lab.evaluation.honesty.honesty import chosen
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m, median_distance
 from pointit_lab.evaluation.localization.localization import ANY, localization_rows
-from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
+from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
 from tests.support import there
 from tests.support.data import data_file
 from tests.support.published_recordings import Stand, unit
@@ -26,7 +26,7 @@ FAN = np.array([[1.5, 0.2, 0.0], [3.0, 0.9, 0.1], [2.5, -0.5, 0.3], [4.0, 0.2, 0
 
 def trial(
     seed: int, noise_deg: float, *, samples: int = 40, step_s: float = 0.5, places: Array = TARGETS
-) -> Trial:
+) -> LocalizationTrial:
     """One independent ray every half second."""
     stand = Stand(x=-0.4, y=0.3, bias_deg=4.0)
     targets = places[np.arange(samples) % len(places)]
@@ -34,18 +34,18 @@ def trial(
     noise = np.random.default_rng(seed).normal(0.0, math.radians(noise_deg), angles.shape)
     noise[:, 0] /= np.cos(angles[:, 1])  # sideways, not in azimuth
     stamps_s, origins_m = np.arange(float(samples)) * step_s, np.tile([0.0, 0.0, stand.eyes_m], (samples, 1))
-    return Trial(
+    return LocalizationTrial(
         set="s", subject="a", condition="c", eye_height_m=stand.eyes_m, x_m=stand.x, y_m=stand.y,
         pointings=Pointings(stamps_s, origins_m, unit(angles + noise), targets),
         yaw_rad=math.radians(stand.yaw_deg),
     )  # fmt: skip
 
 
-def errors_of_least_squares(trials: list[Trial]) -> list[float]:
+def errors_of_least_squares(trials: list[LocalizationTrial]) -> list[float]:
     """Return the position errors of ordinary least squares for x, y, yaw, bias, begun at the truth."""
     from scipy.optimize import least_squares  # noqa: PLC0415 - a second opinion, for this test alone
 
-    def error(one: Trial) -> float:
+    def error(one: LocalizationTrial) -> float:
         rays = one.pointings.directions
         azimuths = np.arctan2(rays[:, 1], rays[:, 0])
         elevations = np.arcsin(rays[:, 2])
@@ -72,7 +72,7 @@ def test_least_squares_reaches_the_bound_and_not_more(places: Array) -> None:
     assert bound_m == pytest.approx(reached_m, rel=0.15)
 
 
-def held(seed: int, count: int, *, bias_deg: float = 0.0, noise_deg: float = 1.0) -> Trial:
+def held(seed: int, count: int, *, bias_deg: float = 0.0, noise_deg: float = 1.0) -> LocalizationTrial:
     """One ray at each of two lamps, in each of `count` equal samples."""
     one = trial(seed, noise_deg, samples=2)
     rows = np.repeat(np.arange(2), count)
@@ -130,11 +130,11 @@ def test_no_solver_is_better_on_simulated_people() -> None:
                 assert reached_m >= bound_m, (condition, settings)
 
 
-def first_windows(person: FollowRecording) -> list[Trial]:
+def first_windows(person: FollowRecording) -> list[LocalizationTrial]:
     return [next(person.trials([window_s])) for window_s in (2.0, 5.0, 10.0)]
 
 
-def error_m(one: Trial, settings: SolverSettings) -> float | None:
+def error_m(one: LocalizationTrial, settings: SolverSettings) -> float | None:
     found = solve(one.pointings, settings)
     if isinstance(found, Refusal):
         return None

@@ -11,7 +11,7 @@ import pytest
 from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.datasets import SETS, read_trials
 from pointit_lab.evaluation.localization.baselines import mean_angle
-from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder
 from tests.support.data import data_file
 from tests.support.published_recordings import Stand, write_acts, write_motion, write_simulated, write_track
@@ -19,7 +19,7 @@ from tests.support.published_recordings import Stand, write_acts, write_motion, 
 STAND = Stand()
 
 
-def miss_rad(trial: Trial) -> float:
+def miss_rad(trial: LocalizationTrial) -> float:
     """Return by how much the rays miss the targets at the true pose."""
     assert trial.yaw_rad is not None
     return mean_angle(trial.pointings, trial.x_m, trial.y_m, 0.0, trial.yaw_rad)

@@ -14,7 +14,7 @@ from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, left_out
 from pointit_lab.evaluation.pointing.drift_courses import courses
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
 from pointit_lab.evaluation.pointing.drift_ratio import ratios
-from pointit_lab.evaluation.pointing.drift_solvers import Trial, YawEstimate, filtered, predictable
+from pointit_lab.evaluation.pointing.drift_solvers import DriftTrial, YawEstimate, filtered, predictable
 from pointit_lab.evaluation.recordings.row import ALL, Row
 from tests.support import there
 from tests.support.data import data_file
@@ -211,7 +211,7 @@ def test_settings_of_a_person_are_chosen_by_the_others(tmp_path: Path) -> None:
     told = left_out({"90 s": trials})["90 s"]
     assert [one for one, _ in told] == trials
 
-    def off_rad(one: Trial, guess: YawEstimate, settings: DriftSettings) -> float:
+    def off_rad(one: DriftTrial, guess: YawEstimate, settings: DriftSettings) -> float:
         other = filtered(one.course, one.anchors, one.told, settings)
         return math.remainder(other.yaw_rad - guess.yaw_rad, math.tau)
 

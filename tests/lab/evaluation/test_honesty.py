@@ -26,7 +26,7 @@ from pointit_lab.evaluation.honesty.sources import Size
 from pointit_lab.evaluation.honesty.targets import TARGETS
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, along, scaled_body
 from pointit_lab.evaluation.localization.localization import judged
-from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
+from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
 from tests.support import there
 from tests.support.invoked import printed
 
@@ -39,12 +39,12 @@ def rows(values: Array) -> list[Vec3]:
     return [(x, y, z) for x, y, z in values.tolist()]
 
 
-def azimuths(trial: Trial) -> Array:
+def azimuths(trial: LocalizationTrial) -> Array:
     rays = trial.pointings.directions
     return np.asarray(np.unwrap(np.arctan2(rays[:, 1], rays[:, 0])), dtype=np.float64)
 
 
-def elevations(trial: Trial) -> Array:
+def elevations(trial: LocalizationTrial) -> Array:
     return np.asarray(np.arcsin(trial.pointings.directions[:, 2]), dtype=np.float64)
 
 
@@ -54,12 +54,12 @@ def follower() -> FollowRecording:
 
 
 @pytest.fixture(scope="module")
-def following(follower: FollowRecording) -> Trial:
+def following(follower: FollowRecording) -> LocalizationTrial:
     return next(follower.trials([10.0]))
 
 
 @pytest.fixture(scope="module")
-def room() -> Trial:
+def room() -> LocalizationTrial:
     return rooms([3])[0]
 
 
@@ -67,7 +67,7 @@ def room() -> Trial:
     ("to_right_m", "hand"), [(injections.BESIDE_M, "right"), (-injections.BESIDE_M, "left")]
 )
 def test_who_knows_of_the_shoulder_finds_the_rays_again(
-    following: Trial, to_right_m: float, hand: Literal["left", "right"]
+    following: LocalizationTrial, to_right_m: float, hand: Literal["left", "right"]
 ) -> None:
     """The service `pointing`, told the measure, undoes what is injected."""
     after = injections.shoulder(following, rng(), to_right_m=to_right_m)
@@ -94,19 +94,19 @@ def test_a_still_body_turns_rays_by_different_angles(seed: int) -> None:
 
 
 @pytest.mark.parametrize("share", [0.05, 0.15])
-def test_a_share_of_the_rays_is_garbage(following: Trial, share: float) -> None:
+def test_a_share_of_the_rays_is_garbage(following: LocalizationTrial, share: float) -> None:
     after = injections.garbage(following, rng(), share=share)
     changed = np.any(after.pointings.directions != following.pointings.directions, axis=1)
     assert np.mean(changed) == pytest.approx(share, rel=0.35)
 
 
-def test_drift_turns_by_one_degree_a_second_about_the_middle(following: Trial) -> None:
+def test_drift_turns_by_one_degree_a_second_about_the_middle(following: LocalizationTrial) -> None:
     turns_rad = (azimuths(injections.drift(following, rng())) - azimuths(following)).tolist()
     assert math.degrees(abs(turns_rad[-1] - turns_rad[0])) == pytest.approx(10.0, abs=0.1)
     assert math.remainder(math.fsum(turns_rad) / len(turns_rad), math.tau) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_sensor_across_does_not_rise_with_the_arm(following: Trial) -> None:
+def test_a_sensor_across_does_not_rise_with_the_arm(following: LocalizationTrial) -> None:
     rises = elevations(following)
     assert np.std(rises) > math.radians(2.0)
     assert abs(np.polyfit(rises, elevations(injections.across(following, rng())), 1)[0]) < 0.5
@@ -125,7 +125,9 @@ def test_late_reports_are_those_of_before(follower: FollowRecording) -> None:
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("wrong_lamp", "expected"), [(False, 0), (True, 1)])
-def test_a_wrong_lamp_was_not_pointed_at(room: Trial, seed: int, *, wrong_lamp: bool, expected: int) -> None:
+def test_a_wrong_lamp_was_not_pointed_at(
+    room: LocalizationTrial, seed: int, *, wrong_lamp: bool, expected: int
+) -> None:
     injection = replace(injections.INJECTIONS[0], wrong_lamp=wrong_lamp)
     trial = chosen(room, 3, np.random.default_rng(seed), injection)
     lamp_of = dict(zip(rows(room.pointings.directions), rows(room.pointings.targets_m), strict=True))
@@ -136,7 +138,7 @@ def test_a_wrong_lamp_was_not_pointed_at(room: Trial, seed: int, *, wrong_lamp: 
     assert sum(one != other for one, other in zip(lit, pointed, strict=True)) == expected
 
 
-def test_lamps_on_one_wall_and_holds_one_after_the_other(room: Trial) -> None:
+def test_lamps_on_one_wall_and_holds_one_after_the_other(room: LocalizationTrial) -> None:
     trial = chosen(room, 4, rng(), replace(injections.INJECTIONS[0], one_wall=True))
     assert np.ptp(trial.pointings.targets_m[:, 0]) < 1e-6
     assert np.ptp(trial.pointings.targets_m[:, 1]) > 0.5
@@ -146,7 +148,7 @@ def test_lamps_on_one_wall_and_holds_one_after_the_other(room: Trial) -> None:
     assert trial.condition == "4 lamps"
 
 
-def test_each_lamp_is_pointed_at_twice_with_the_same_error(room: Trial) -> None:
+def test_each_lamp_is_pointed_at_twice_with_the_same_error(room: LocalizationTrial) -> None:
     twice = replace(injections.INJECTIONS[0], visits=2)
     pointings = chosen(room, 3, rng(), twice).pointings
     first, second = np.split(np.arange(len(pointings)), 2)
@@ -155,7 +157,7 @@ def test_each_lamp_is_pointed_at_twice_with_the_same_error(room: Trial) -> None:
     assert pointings.stamps_s[second[0]] > pointings.stamps_s[first[-1]]
 
 
-def test_each_pass_of_a_person_has_faults_of_its_own(room: Trial) -> None:
+def test_each_pass_of_a_person_has_faults_of_its_own(room: LocalizationTrial) -> None:
     injection = next(each for each in injections.INJECTIONS if each.name == "garbage 15 %")
     passes = [next(iter(trials_of(source))).pointings for source in sources_of([], [room, room], [injection])]
     changed = [
@@ -174,7 +176,9 @@ def pose(x_m: float, y_m: float, sigma_m: float, yaw_sigma_rad: float = 0.1) -> 
 
 
 @pytest.mark.parametrize("narrow", [1.0, 0.7, 0.1])
-def test_honest_ones_meet_targets(monkeypatch: pytest.MonkeyPatch, following: Trial, narrow: float) -> None:
+def test_honest_ones_meet_targets(
+    monkeypatch: pytest.MonkeyPatch, following: LocalizationTrial, narrow: float
+) -> None:
     """Errors drawn from the stated covariance: nominal square, 2 sigma of both, nobody confidently wrong."""
     drawn = np.random.default_rng(1)
     trial = replace(following, x_m=0.0, y_m=0.0, yaw_rad=0.0)
@@ -221,7 +225,7 @@ def test_a_row_counts_who_is_confidently_wrong() -> None:
 
 @pytest.mark.parametrize("turned_rad", [0.0, 0.2])
 def test_the_cursor_misses_what_an_honest_covariance_states(
-    monkeypatch: pytest.MonkeyPatch, following: Trial, turned_rad: float
+    monkeypatch: pytest.MonkeyPatch, following: LocalizationTrial, turned_rad: float
 ) -> None:
     """Poses that are 0.5 m off or turned, and say so: the rows have the cursor's miss and what is stated."""
     assert following.yaw_rad is not None
@@ -267,14 +271,14 @@ def test_windows_of_a_stretch_of_a_recording_are_one_trial(follower: FollowRecor
     assert ends == ["walk 0.0"] * 10
 
 
-def test_a_refused_trial_is_not_taken(following: Trial) -> None:
+def test_a_refused_trial_is_not_taken(following: LocalizationTrial) -> None:
     turned = injections.backwards(following, rng())
     assert isinstance(judged(turned.pointings), Refusal)
     assert not verdict(turned, "mounted backwards").taken
 
 
-def test_other_processes_find_the_same(follower: FollowRecording, room: Trial) -> None:
-    sources = sources_of([follower], [room], injections.INJECTIONS[::6], most=1)
+def test_other_processes_find_the_same(follower: FollowRecording, room: LocalizationTrial) -> None:
+    sources = sources_of([follower], [room], injections.INJECTIONS[::6], max_trials=1)
     alone, together = (judged_sources(sources, jobs=jobs, tick=lambda _done, _of: None) for jobs in (1, 2))
     assert alone == together
 

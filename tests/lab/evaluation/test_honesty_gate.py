@@ -19,7 +19,7 @@ from pointit_lab.evaluation.honesty.targets import (
     FEWEST,
     KNOWN_MISS,
     TARGETS,
-    Limits,
+    HonestyLimits,
     limits_of,
     missed,
     regressions,
@@ -47,8 +47,8 @@ def test_what_misses_the_targets_is_named() -> None:
 
 def test_a_row_worse_than_its_limits_is_a_regression(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = simulated_rows(QUICK.people // 8, ["height +0.2 m"])
-    wide = targets.Limits(within_least=0.0, within_most=1.0, yaw_least=0.0, yaw_most=1.0, square_least=0.0,
-                          square_most=99.0, wrong_most=1.0)  # fmt: skip
+    wide = targets.HonestyLimits(within_least=0.0, within_most=1.0, yaw_least=0.0, yaw_most=1.0,
+                          square_least=0.0, square_most=99.0, wrong_most=1.0)  # fmt: skip
     keys = [(row.set, row.condition) for row in rows]
     monkeypatch.setattr(targets, "stated", lambda: dict.fromkeys(keys, wide))
     assert regressions(rows) == []
@@ -139,10 +139,10 @@ def test_who_takes_nothing_any_more_fails() -> None:
 
 
 def test_limits_become_only_tighter() -> None:
-    wide = Limits(taken_least=0.2, within_least=0.5, wrong_most=0.3)
-    narrow = Limits(taken_least=0.4, within_least=0.8, wrong_most=0.1)
+    wide = HonestyLimits(taken_least=0.2, within_least=0.5, wrong_most=0.3)
+    narrow = HonestyLimits(taken_least=0.4, within_least=0.8, wrong_most=0.1)
     assert wide.tightened(narrow) == narrow.tightened(wide) == narrow
-    assert Limits(within_least=0.5).tightened(TARGETS) == TARGETS
+    assert HonestyLimits(within_least=0.5).tightened(TARGETS) == TARGETS
 
 
 def test_known_misses_are_told() -> None:

@@ -19,7 +19,13 @@ from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets import read_trials
 from pointit_lab.evaluation.localization.localization import BASELINE_TRIALS, OURS, SOLVERS, localization_rows
 from pointit_lab.evaluation.localization.scoring import UNTIL, Key, Outcome, rows_of, until_taken_rows
-from pointit_lab.evaluation.localization.trial import SLACK_S, STRIDE_S, WINDOWS_S, FollowRecording, Reading
+from pointit_lab.evaluation.localization.trial import (
+    SLACK_S,
+    STRIDE_S,
+    WINDOWS_S,
+    FollowRecording,
+    TrialReading,
+)
 from pointit_lab.evaluation.recordings.parallel import map_parallel
 from pointit_lab.evaluation.recordings.row import Row
 from tests.support import there
@@ -202,7 +208,7 @@ def test_no_window_is_lost(times: list[float]) -> None:
 
 
 def test_who_was_too_short_is_noted() -> None:
-    reading = Reading()
+    reading = TrialReading()
     reading.follow(Path("short.csv"), following([0.0, 0.3, 0.6]))
     assert reading.trials == []
     assert reading.notes == [

@@ -15,7 +15,7 @@ from pointit_lab.evaluation.datasets.vr_eyefinger import read_wall_trials
 from pointit_lab.evaluation.localization import baselines
 from pointit_lab.evaluation.localization.localization import OURS, localization_rows
 from pointit_lab.evaluation.localization.priors import PEOPLE, person_biases, prior_rows
-from pointit_lab.evaluation.localization.trial import FollowRecording, Trial
+from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
 from pointit_lab.evaluation.pointing.offset import offset_rows
 from pointit_lab.evaluation.recordings.row import ALL, Row
 from tests.support import there
@@ -169,7 +169,7 @@ def recording(person: str, name: str, bias_deg: float, seed: int) -> FollowRecor
     )  # fmt: skip
 
 
-def trials(*recordings: FollowRecording) -> Iterator[Trial]:
+def trials(*recordings: FollowRecording) -> Iterator[LocalizationTrial]:
     for each in recordings:
         yield from each.trials((1, 2, 10))
 
@@ -194,7 +194,7 @@ def test_the_prior_of_a_person_is_that_of_all_others() -> None:
     assert prior_rows(told, baselines=False, tick=lambda _done: None).rows == []
 
 
-def window(folder: Path, stand: Stand) -> Trial:
+def window(folder: Path, stand: Stand) -> LocalizationTrial:
     write_motion(folder, stand)
     return next(trial for trial in read_trials(folder).trials if trial.condition == "8 s")
 

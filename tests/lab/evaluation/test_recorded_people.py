@@ -31,7 +31,7 @@ from pointit.services.localizer.verification.holds import without_spikes
 from pointit.sim.recordings import OPERATOR, read_imu_csv
 from pointit_lab.evaluation.datasets import motion_relloc, read_trials
 from pointit_lab.evaluation.localization.arm_rays import eye_finger_rays
-from pointit_lab.evaluation.localization.trial import FollowRecording, Reading, Trial
+from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial, TrialReading
 from pointit_lab.evaluation.recordings.data_folder import file_of, read_index
 from tests.support.data import data_file
 from tests.unit.localizer.person import START_NS, config, poses, yaw_difference
@@ -45,7 +45,7 @@ UNLIMITED = SolverSettings().unlimited()
 
 
 @pytest.fixture(scope="module")
-def windows() -> list[Trial]:
+def windows() -> list[LocalizationTrial]:
     """Return every second window of 3 s of recorded people."""
     trials = read_trials(data_file("recordings"), ["proximity_waypoints", "motion_relloc"]).trials
     return [trial for trial in trials if trial.condition == "3 s"][::2]
@@ -73,17 +73,17 @@ def raised(pointings: Pointings, hangs_s: float, seed: int) -> Pointings:
     )
 
 
-def error_m(found: Solution, trial: Trial) -> float:
+def error_m(found: Solution, trial: LocalizationTrial) -> float:
     return math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
 
 
-def test_people_who_follow_are_taken(windows: list[Trial]) -> None:
+def test_people_who_follow_are_taken(windows: list[LocalizationTrial]) -> None:
     found = [followed(trial.pointings, UNLIMITED) for trial in windows]
     assert np.mean([isinstance(each, Solution) for each in found]) > 0.85
 
 
 @pytest.mark.parametrize("hangs_s", [0.3, 0.8, 1.5])
-def test_arm_that_came_late_is_not_taken(windows: list[Trial], hangs_s: float) -> None:
+def test_arm_that_came_late_is_not_taken(windows: list[LocalizationTrial], hangs_s: float) -> None:
     """Without this check every third would be, and most of them more than a metre off."""
     wrong = 0
     for seed, trial in enumerate(windows):
@@ -93,7 +93,7 @@ def test_arm_that_came_late_is_not_taken(windows: list[Trial], hangs_s: float) -
     assert wrong <= 0.03 * len(windows)
 
 
-def test_arm_that_is_held_still_while_the_robot_moves_is_not_taken(windows: list[Trial]) -> None:
+def test_arm_that_is_held_still_while_the_robot_moves_is_not_taken(windows: list[LocalizationTrial]) -> None:
     rng = np.random.default_rng(1)
     for trial in windows:
         rays = trial.pointings.directions
@@ -103,7 +103,7 @@ def test_arm_that_is_held_still_while_the_robot_moves_is_not_taken(windows: list
         assert isinstance(followed(still, UNLIMITED), Refusal)
 
 
-def test_rays_that_leap_are_left_out(windows: list[Trial]) -> None:
+def test_rays_that_leap_are_left_out(windows: list[LocalizationTrial]) -> None:
     """Every seventh ray goes anywhere; the arm's own are kept."""
     rng = np.random.default_rng(2)
     taken = kept = 0
@@ -250,7 +250,7 @@ def test_a_sensor_that_is_rolled_about_the_arm_changes_nothing() -> None:
 # which robot
 
 
-class Recorded(Reading):
+class Recorded(TrialReading):
     """Keeps whole recordings instead of their windows."""
 
     def __init__(self) -> None:

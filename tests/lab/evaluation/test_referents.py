@@ -8,13 +8,13 @@ from click.testing import CliRunner
 from pointit.services.listener.referents import MODEL
 from pointit_lab.cli.referents import referents
 from pointit_lab.evaluation.referents.referents import RULES, SCENES, answers, reliability, rows_of
-from pointit_lab.evaluation.referents.speakers import Scene, speak
+from pointit_lab.evaluation.referents.speakers import SpokenScene, speak
 
-ONE, TWO = (Scene(apart_deg=20.0, words=words) for words in (1, 2))
+ONE, TWO = (SpokenScene(apart_deg=20.0, words=words) for words in (1, 2))
 
 
 @pytest.mark.parametrize("scene", [ONE, TWO], ids=["one word", "two words"])
-def test_things_20_degrees_apart_are_understood_or_asked_about(scene: Scene) -> None:
+def test_things_20_degrees_apart_are_understood_or_asked_about(scene: SpokenScene) -> None:
     model, *rules = rows_of(scene, answers(MODEL, (scene, 4000, 300)))
     assert model.right.value + model.asked.value >= 0.95
     assert model.wrong.value <= 0.02
@@ -31,7 +31,7 @@ def test_a_stated_probability_of_nine_in_ten_is_right_as_often() -> None:
 
 
 def test_a_person_who_means_nothing_starts_nothing() -> None:
-    nothing = Scene(apart_deg=20.0, is_nothing=True)
+    nothing = SpokenScene(apart_deg=20.0, is_nothing=True)
     model, *_ = rows_of(nothing, answers(MODEL, (nothing, 4000, 100)))
     assert model.right.count == 0
     assert model.wrong.value <= 0.02

@@ -10,7 +10,7 @@ import pytest
 from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets.hri_landing import MOVES, TRAJECTORIES, read_moves
-from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.robots import flight as flight_module
 from pointit_lab.evaluation.robots import following
 from pointit_lab.evaluation.robots.flight import FlightScore, fly
@@ -37,7 +37,7 @@ def test_people_who_follow_the_figure_are_found_better_than_by_a_circle_or_a_lin
     assert there(against_circle.ratio).low > 1.0
 
 
-def recorded(subject: str, way_rad: float, seconds: float) -> Trial:
+def recorded(subject: str, way_rad: float, seconds: float) -> LocalizationTrial:
     rng = np.random.default_rng(round(100 * way_rad))
     person = replace(SimulatedFollower.drawn(rng), x_m=0.0, y_m=0.0, yaw_rad=0.0)
     times_s = np.arange(0.0, seconds, 1.0 / RATE_HZ)
@@ -51,7 +51,7 @@ def recorded(subject: str, way_rad: float, seconds: float) -> Trial:
     rays = person.directions(course, times_s + 10.0, rng)
     rays[times_s < 1.0] = rays[times_s >= 1.0][0]
     origins = np.tile([0.0, 0.0, person.eyes_m], (len(times_s), 1))
-    return Trial(
+    return LocalizationTrial(
         set="set", subject=subject, condition=f"{seconds:g} s",
         pointings=Pointings(times_s, origins, rays, course(times_s + 10.0)), eye_height_m=person.eyes_m,
         x_m=0.0, y_m=0.0, yaw_rad=0.0,

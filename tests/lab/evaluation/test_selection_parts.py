@@ -13,7 +13,7 @@ from pointit_lab.evaluation.selection.condition import CONVEYOR, Condition, cond
 from pointit_lab.evaluation.selection.difference import FEWEST, Difference, differences_of
 from pointit_lab.evaluation.selection.method import METHODS, selector_config
 from pointit_lab.evaluation.selection.plot import check_plot, plot
-from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionRow, TimeSpread
+from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionTrialRow, TimeSpread
 from pointit_lab.evaluation.selection.score import Score, figures_of
 from tests.support import there
 
@@ -72,12 +72,12 @@ def test_figures_over_trials() -> None:
     assert figures_of([Score(targets=1)], per_package=False).wrong_rate is None
 
 
-def rows() -> list[SelectionRow]:
+def rows() -> list[SelectionTrialRow]:
     some = SelectionMetrics(n=3, time_s=TimeSpread(median=2.0, p90=3.0), wrong_rate=0.0, missed_rate=None)
     none = SelectionMetrics(n=3, time_s=None)
     return [
-        SelectionRow(bench="a", condition="x", method="hold", figures=some, human={"pointing": some}),
-        SelectionRow(bench="a", condition="y", method="hold", figures=none, human={}),
+        SelectionTrialRow(bench="a", condition="x", method="hold", figures=some, human={"pointing": some}),
+        SelectionTrialRow(bench="a", condition="y", method="hold", figures=none, human={}),
     ]
 
 

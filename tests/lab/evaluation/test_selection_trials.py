@@ -13,7 +13,7 @@ from pointit.services.user_sim.sight.eyes import Eyes, SeenCursor, Span
 from pointit.services.user_sim.sight.pixels import Kind
 from pointit_lab.evaluation.selection.condition import CONVEYOR, LAB, VR, Condition, conditions
 from pointit_lab.evaluation.selection.score import Score
-from pointit_lab.evaluation.selection.selection import Trial, TrialRecorder, run, selection_rows
+from pointit_lab.evaluation.selection.selection import SelectionTrial, TrialRecorder, run, selection_rows
 from pointit_lab.evaluation.selection.stage import stage_of
 from pointit_lab.evaluation.selection.world import START_NS, USUAL
 
@@ -27,8 +27,8 @@ FEW = replace(condition(CONVEYOR, "6 packages"), packages=3, targets=1)
 FAST = replace(condition(VR, "2 m/s"), packages=4, targets=2)
 
 
-def trial(of: Condition, method: str = "gauge", seed: int = 0) -> Trial:
-    return Trial(condition=of, method=method, seed=seed)
+def trial(of: Condition, method: str = "gauge", seed: int = 0) -> SelectionTrial:
+    return SelectionTrial(condition=of, method=method, seed=seed)
 
 
 def outcome(score: Score) -> tuple[object, ...]:

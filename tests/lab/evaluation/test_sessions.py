@@ -22,7 +22,7 @@ from pointit.schemas import Localization, UserPose
 from pointit.schemas.topics import ANCHOR, LOCALIZATION, MAP, OBJECTS, POSE, RAY
 from pointit_lab.evaluation.localization.over_people import over_people
 from pointit_lab.evaluation.localization.recorded import LIVE, read_sessions
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 from tests.support import there
 from tests.support.data import data_file
 from tests.support.invoked import printed
@@ -184,7 +184,7 @@ def test_what_is_missing_is_told_in_one_sentence(tmp_path: Path) -> None:
 
 
 def row(subject: str, solver: str, median_m: float) -> Row:
-    spread = Spread(median=median_m, p90=median_m, rms=median_m)
+    spread = MetricSpread(median=median_m, p90=median_m, rms=median_m)
     return Row(set="recordings", subject=subject, condition="3 lamps", solver=solver, n=5, position_m=spread)
 
 

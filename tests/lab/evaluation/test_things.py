@@ -7,8 +7,8 @@ from click.testing import CliRunner
 
 from pointit.services.selector.config import SelectorConfig
 from pointit_lab.cli.things import things
-from pointit_lab.evaluation.things.ideal import most_right
-from pointit_lab.evaluation.things.things import ROWS, Share, reaches, row_of, strays
+from pointit_lab.evaluation.things.ideal import max_right
+from pointit_lab.evaluation.things.things import ROWS, Share, reaches, row_of, wrong_selections
 
 CONFIG = SelectorConfig(method="estimate")
 LIT, DARK, NEAR_LIT, NEAR_DARK, CALIBRATED = ROWS
@@ -26,12 +26,12 @@ def test_light_lets_people_find_what_is_hard_to_point_at() -> None:
 
 def test_without_light_no_method_beats_the_ideal_judge() -> None:
     found = row_of(DARK, reaches(CONFIG, (DARK, 2000, 60)))
-    at_best = most_right(DARK, 2000, 60, found.wrong.value)
+    at_best = max_right(DARK, 2000, 60, found.wrong.value)
     assert found.right.value <= at_best + 0.05
-    assert most_right(DARK, 2000, 60, 0.0) < at_best <= most_right(DARK, 2000, 60, 1.0) < 1.0
-    assert most_right(NEAR_DARK, 2000, 60, 0.03) < 0.5
-    assert most_right(DARK, 2000, 400, 0.03) == pytest.approx(0.84, abs=0.04)
-    assert most_right(CALIBRATED, 2000, 60, 0.03) == pytest.approx(most_right(DARK, 2000, 60, 0.03), abs=0.1)
+    assert max_right(DARK, 2000, 60, 0.0) < at_best <= max_right(DARK, 2000, 60, 1.0) < 1.0
+    assert max_right(NEAR_DARK, 2000, 60, 0.03) < 0.5
+    assert max_right(DARK, 2000, 400, 0.03) == pytest.approx(0.84, abs=0.04)
+    assert max_right(CALIBRATED, 2000, 60, 0.03) == pytest.approx(max_right(DARK, 2000, 60, 0.03), abs=0.1)
 
 
 def test_the_interval_is_wilsons() -> None:
@@ -41,8 +41,8 @@ def test_the_interval_is_wilsons() -> None:
 
 def test_who_points_elsewhere_fires_less_than_a_method_that_is_never_in_doubt() -> None:
     hasty = SelectorConfig.model_validate({"method": "estimate", "estimate": {"sure": 0.5, "dwell_s": 0.3}})
-    assert strays(CONFIG, ("nothing", 2000, 1.0)) == 0
-    assert strays(hasty, ("strip", 2001, 2.0)) > strays(CONFIG, ("strip", 2001, 2.0))
+    assert wrong_selections(CONFIG, ("nothing", 2000, 1.0)) == 0
+    assert wrong_selections(hasty, ("strip", 2001, 2.0)) > wrong_selections(CONFIG, ("strip", 2001, 2.0))
 
 
 def test_the_command_gives_the_same_rows_as_json() -> None:

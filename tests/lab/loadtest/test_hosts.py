@@ -18,26 +18,26 @@ from pointit_lab.loadtest import hosts
 from pointit_lab.loadtest.hosts import CONTENTS_S, HostsTest
 from pointit_lab.loadtest.measuring import secured_site
 from pointit_lab.loadtest.network.counters import OUTGOING, Contents, Counters, count
-from pointit_lab.loadtest.network.namespaces import Network, Traffic
+from pointit_lab.loadtest.network.namespaces import NamespaceNetwork, NamespaceTraffic
 from pointit_lab.loadtest.network.routers import plain_configuration, router_process, secured_configuration
 from pointit_lab.loadtest.network.tree import tree
-from pointit_lab.loadtest.sight import DRAIN_S, Sight
+from pointit_lab.loadtest.sight import DRAIN_S, LoadTestReceiver
 from pointit_lab.loadtest.usage import UsageSample
 from pointit_lab.loadtest.workers import Group, Worker
-from pointit_lab.loadtest.wrist import Wrist, drive_wrists
+from pointit_lab.loadtest.wrist import LoadTestWrist, drive_wrists
 from tests.support.bench import in_virtual_time
 
 Report = Callable[[], float]
 
 
-class Link(Network):
+class Link(NamespaceNetwork):
     """Two machines whose link carries 1000 bytes per second while wrists are driven."""
 
     driven_s: Report
 
-    def traffic(self) -> dict[int, Traffic]:
+    def traffic(self) -> dict[int, NamespaceTraffic]:
         up_bytes = round(1000 * self.driven_s())
-        return {1: Traffic(up_bytes=up_bytes, up_packets=0, down_bytes=0, down_packets=0)}
+        return {1: NamespaceTraffic(up_bytes=up_bytes, up_packets=0, down_bytes=0, down_packets=0)}
 
 
 class Driven(Worker):
@@ -46,7 +46,7 @@ class Driven(Worker):
     def __init__(self) -> None:
         self.group = Group(name="people 1")
         self.began_s = self.duration_s = 0.0
-        self.sight = Sight(frozenset())
+        self.sight = LoadTestReceiver(frozenset())
 
     def send_line(self, what: dict[str, Any]) -> None:
         self.began_s, self.duration_s = asyncio.get_running_loop().time(), what.get("duration_s", 0.0)
@@ -68,7 +68,7 @@ async def test_routers_and_links_are_read_while_wrists_are_driven() -> None:
     async def started(*_: Any) -> Driven:
         return worker
 
-    async def ready(_: Network) -> Counters:
+    async def ready(_: NamespaceNetwork) -> Counters:
         return Counters({})
 
     async def counted(_self: Counters, duration_s: float) -> dict[int, Contents]:
@@ -117,13 +117,13 @@ async def test_zenohd_that_is_not_installed_is_said(tmp_path: Path, monkeypatch:
             pass
 
 
-class Links(Network):
+class Links(NamespaceNetwork):
     """One link, whose counter is a command of the test."""
 
     program: Sequence[str] = ("false",)
 
-    def traffic(self) -> dict[int, Traffic]:
-        return {1: Traffic(up_bytes=0, up_packets=0, down_bytes=0, down_packets=0)}
+    def traffic(self) -> dict[int, NamespaceTraffic]:
+        return {1: NamespaceTraffic(up_bytes=0, up_packets=0, down_bytes=0, down_packets=0)}
 
     def arguments(self, index: int, *command: str) -> list[str]:
         return [*self.program, f"{index}", *command]
@@ -186,7 +186,7 @@ class Sent:
 async def test_each_wrist_puts_what_its_rate_says_and_never_more() -> None:
     sent = [Sent(), Sent(), Sent()]
     began_s = time.monotonic()
-    await drive_wrists([Wrist(one) for one in sent], 50.0, 1.0)
+    await drive_wrists([LoadTestWrist(one) for one in sent], 50.0, 1.0)
     assert time.monotonic() - began_s >= 0.95
     assert all(10 < len(one.samples) <= 50 for one in sent), "fewer on a busy machine"
     assert [sample.seq for sample in sent[0].samples] == list(range(1, len(sent[0].samples) + 1))
@@ -194,5 +194,5 @@ async def test_each_wrist_puts_what_its_rate_says_and_never_more() -> None:
 
 async def test_what_is_late_is_left_out_and_not_put_in_a_burst() -> None:
     sent = Sent(stall_s=0.5)
-    await drive_wrists([Wrist(sent)], 100.0, 1.0)
+    await drive_wrists([LoadTestWrist(sent)], 100.0, 1.0)
     assert len(sent.samples) <= 52

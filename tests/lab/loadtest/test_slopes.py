@@ -8,7 +8,7 @@ import pytest
 from pointit_lab.loadtest.layout import Load, host_groups
 from pointit_lab.loadtest.load_result import LoadResult, Usage
 from pointit_lab.loadtest.network.tree import router_of, spread, tree
-from pointit_lab.loadtest.slopes import PER_PERSON, PartSlopes, Slope, fit, slopes
+from pointit_lab.loadtest.slopes import PER_PERSON, LoadSlope, PartSlopes, fit, slopes
 
 STEPS = [(hosts, users) for hosts in (1, 2, 4) for users in (4, 8, 16)]
 
@@ -28,7 +28,7 @@ def result(hosts: int, users: int) -> LoadResult:
     )  # fmt: skip
 
 
-def error_of(slope: Slope) -> float:
+def error_of(slope: LoadSlope) -> float:
     assert slope.error is not None
     return slope.error
 
@@ -67,14 +67,14 @@ def test_two_measurements_have_a_slope_without_an_error() -> None:
 @pytest.mark.parametrize(
     ("slope", "people", "shown"),
     [
-        (Slope(value=0.8, error=0.3), (125.0, 100 / 1.1, 200.0), "125 [91, 200]"),
-        (Slope(value=0.8, error=0.9), (125.0, 100 / 1.7, None), "125 [59, ?]"),
-        (Slope(value=0.5, error=None), (200.0, None, None), "200 [?, ?]"),
-        (Slope(value=-0.1, error=0.9), None, None),
+        (LoadSlope(value=0.8, error=0.3), (125.0, 100 / 1.1, 200.0), "125 [91, 200]"),
+        (LoadSlope(value=0.8, error=0.9), (125.0, 100 / 1.7, None), "125 [59, ?]"),
+        (LoadSlope(value=0.5, error=None), (200.0, None, None), "200 [?, ?]"),
+        (LoadSlope(value=-0.1, error=0.9), None, None),
     ],
 )
 def test_people_a_core_is_the_inverse_with_its_interval(
-    slope: Slope, people: tuple[float, float | None, float | None] | None, shown: str | None
+    slope: LoadSlope, people: tuple[float, float | None, float | None] | None, shown: str | None
 ) -> None:
     part = PartSlopes(part="site", points=4, cpu_percent={PER_PERSON: slope}, memory_mb={})
     assert part.people_a_core == (None if people is None else pytest.approx(people))

@@ -17,7 +17,7 @@ from pointit.access.denied_operations import (
     DeniedOperations,
     RecentDenials,
 )
-from pointit.access.limits import KEPT_HZ, LATEST_HZ
+from pointit.access.limits import LATEST_HZ, MAX_RATE_HZ
 from pointit.access.rejected_connections import (
     CLAIMS,
     MAX_CLAIMED,
@@ -169,13 +169,13 @@ def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> N
     name = "12ab34cd" * 4
     known = f"{ANNA.replace('12ab', name)} is authorized to Put (ingress) on pointit/lab/users/anna/claim"
     refused = DeniedOperations()
-    for line in (HEAD + known, *[slowed("12ab34cd")] * int(SLOWED * KEPT_HZ)):
+    for line in (HEAD + known, *[slowed("12ab34cd")] * int(SLOWED * MAX_RATE_HZ)):
         refused.take(line)
     (told,) = refused.take_sentences(1.0).values()
     assert told == MANY.format("claim 201")
     assert refused.rates_hz == {"lab/anna": 201.0}
     assert refused.take_sentences(1.0) == {}
-    burst = [slowed("12ab34cd")] * int(SLOWED * KEPT_HZ - 1)
+    burst = [slowed("12ab34cd")] * int(SLOWED * MAX_RATE_HZ - 1)
     assert sentences(known, *burst) == [], "of a burst, some is fetched again"
     stalled = [slowed("12ab34cd", "users/anna/imu")] * int(SLOWED * LATEST_HZ)
     assert sentences(known, *stalled) == [], "a wrist behind a link that stalls and goes on"

@@ -10,23 +10,23 @@ from pointit.access.limits import (
     MAX_CONNECTIONS,
     MAX_HZ,
     MIN_UNREAD,
-    PATIENCE,
-    Connection,
-    Limits,
+    TIMEOUT,
+    ConnectionLimits,
+    LimitedConnection,
 )
 
 ROLES = {"lab/anna": "user", "lab/ben": "user", "lab/services": "services", "lab/operator": "operator"}
 
 
-def connections(identity: str, count: int, first: int = 0) -> list[Connection]:
+def connections(identity: str, count: int, first: int = 0) -> list[LimitedConnection]:
     return [
-        Connection(identity=identity, session=f"{number:x}", address=f"tls/10.0.0.7:{40_000 + number}")
+        LimitedConnection(identity=identity, session=f"{number:x}", address=f"tls/10.0.0.7:{40_000 + number}")
         for number in range(first, first + count)
     ]
 
 
 def test_newest_connections_of_an_identity_that_has_too_many_are_cut_and_named() -> None:
-    limits = Limits()
+    limits = ConnectionLimits()
     old, ben = connections("lab/anna", MAX_CONNECTIONS), connections("lab/ben", 3, 5000)
     assert limits.excess([*old, *ben], ROLES, {}, 0.0) == ([], {})
     new = connections("lab/anna", 1000, 100)
@@ -40,15 +40,15 @@ def test_newest_connections_of_an_identity_that_has_too_many_are_cut_and_named()
 
 @pytest.mark.parametrize("identity", ["lab/services", "lab/operator", "", "lab/nobody"])
 def test_identities_that_serve_all_and_unknown_ones_have_no_limit(identity: str) -> None:
-    limits = Limits(1)
+    limits = ConnectionLimits(1)
     rates = {identity: 100 * MAX_HZ}
-    for now_s in range(2 * PATIENCE):
+    for now_s in range(2 * TIMEOUT):
         assert limits.excess(connections(identity, 50), ROLES, rates, float(now_s)) == ([], {})
 
 
 def test_connection_whose_identity_becomes_known_late_is_as_old_as_it_is() -> None:
     """On sites by passwords the name is known after the first decision on a connection."""
-    limits, (first, second) = Limits(1), connections("lab/anna", 2)
+    limits, (first, second) = ConnectionLimits(1), connections("lab/anna", 2)
     unknown = dataclasses.replace(first, identity="")
     assert limits.excess([unknown], ROLES, {}, 0.0) == ([], {})
     assert limits.excess([unknown, second], ROLES, {}, 1.0) == ([], {})
@@ -56,7 +56,7 @@ def test_connection_whose_identity_becomes_known_late_is_as_old_as_it_is() -> No
 
 
 def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cut() -> None:
-    limits, roles = Limits(1), {"lab/dashboard1": "dashboard"}
+    limits, roles = ConnectionLimits(1), {"lab/dashboard1": "dashboard"}
     own = [
         dataclasses.replace(each, address=each.address.replace("tls/", "quic/"))
         for each in connections("lab/dashboard1", 2)
@@ -70,7 +70,7 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
 
 
 def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
-    limits, own = Limits(), connections("lab/anna", 2)
+    limits, own = ConnectionLimits(), connections("lab/anna", 2)
     everybody = [*own, *connections("lab/ben", 2, 50)]
     looks = 4
     rates = {"lab/anna": MAX_HZ + BURST / looks, "lab/ben": 1400.0}
@@ -86,7 +86,7 @@ def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
 
 def test_burst_after_a_link_stood_still_is_not_cut_off() -> None:
     """An IMU of 200 Hz and all that follows from it, 7 topics, held up for a lease again and again."""
-    limits, own = Limits(), connections("lab/anna", 1)
+    limits, own = ConnectionLimits(), connections("lab/anna", 1)
     for now_s in range(60):
         rate_hz = 3 * 1400.0 + 1400.0 if now_s % 4 == 0 else 1400.0
         assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
@@ -97,37 +97,37 @@ def test_burst_after_a_link_stood_still_is_not_cut_off() -> None:
 
 @pytest.mark.parametrize(("rate_hz", "cut_after"), [(3000.0, 20), (4900.0, 5), (10_000.0, 2)])
 def test_flood_counts_by_rate_and_time(rate_hz: float, cut_after: int) -> None:
-    limits, own = Limits(), connections("lab/anna", 1)
+    limits, own = ConnectionLimits(), connections("lab/anna", 1)
     looks = [bool(limits.excess(own, ROLES, {"lab/anna": rate_hz}, now_s)[0]) for now_s in range(cut_after)]
     assert looks == [False] * (cut_after - 1) + [True]
 
 
 def test_flood_that_pauses_for_a_second_is_cut_off() -> None:
-    limits, own = Limits(), connections("lab/anna", 1)
+    limits, own = ConnectionLimits(), connections("lab/anna", 1)
     rates = [{} if now_s % 4 == 3 else {"lab/anna": MAX_HZ + BURST / 4} for now_s in range(20)]
     assert any(limits.excess(own, ROLES, rate, float(now_s))[0] for now_s, rate in enumerate(rates))
 
 
 def test_reader_that_takes_nothing_is_named_and_a_slow_one_is_not() -> None:
-    limits = Limits()
+    limits = ConnectionLimits()
     (stuck,), (slow,) = connections("lab/anna", 1), connections("lab/ben", 1, 9)
     told: dict[str, str] = {}
-    for look in range(PATIENCE):
+    for look in range(TIMEOUT):
         told = limits.stuck({stuck: 4_000_000, slow: 4_000_000 + look})
-        assert bool(told) == (look == PATIENCE - 1)
+        assert bool(told) == (look == TIMEOUT - 1)
     assert "reads nothing" in told["lab/anna"]
     assert "from tls/10.0.0.7:40000, 4000 kB wait" in told["lab/anna"]
-    for _ in range(2 * PATIENCE):
+    for _ in range(2 * TIMEOUT):
         assert limits.stuck({stuck: MIN_UNREAD - 1}) == {}
-    looks = [limits.stuck({stuck: MIN_UNREAD}) for _ in range(PATIENCE)]
-    assert [list(each) for each in looks] == [[]] * (PATIENCE - 1) + [["lab/anna"]]
+    looks = [limits.stuck({stuck: MIN_UNREAD}) for _ in range(TIMEOUT)]
+    assert [list(each) for each in looks] == [[]] * (TIMEOUT - 1) + [["lab/anna"]]
 
 
-ANNA = Connection(identity="lab/anna", session="a1", address="tls/10.0.0.7:40000")
+ANNA = LimitedConnection(identity="lab/anna", session="a1", address="tls/10.0.0.7:40000")
 ONE_ROLE = {"lab/anna": "user"}
 
 
-def look(limits: Limits, now_s: float, rate_hz: float = 0.0) -> bool:
+def look(limits: ConnectionLimits, now_s: float, rate_hz: float = 0.0) -> bool:
     """Look once. Return True if the connection is cut."""
     cut, told = limits.excess([ANNA], ONE_ROLE, {"lab/anna": rate_hz}, now_s)
     assert (cut, list(told)) in (([], []), ([ANNA], ["lab/anna"]))
@@ -136,19 +136,19 @@ def look(limits: Limits, now_s: float, rate_hz: float = 0.0) -> bool:
 
 @pytest.mark.parametrize("change", [-1, 1])
 def test_backlog_that_grows_or_shrinks_is_of_a_slow_reader(change: int) -> None:
-    limits = Limits()
-    assert not any(limits.stuck({ANNA: 4_000_000 + change * number}) for number in range(4 * PATIENCE))
+    limits = ConnectionLimits()
+    assert not any(limits.stuck({ANNA: 4_000_000 + change * number}) for number in range(4 * TIMEOUT))
 
 
 def test_looks_at_which_a_backlog_stands_still_count_in_a_row() -> None:
-    limits = Limits()
+    limits = ConnectionLimits()
     waits = (900_000, 900_000, 800_000, 800_000, 900_000, 900_000)
     assert not any(limits.stuck({ANNA: each}) for each in waits)
     assert list(limits.stuck({ANNA: 900_000})) == ["lab/anna"]
 
 
 def test_identity_that_flooded_is_let_in_again_when_it_has_ended_to() -> None:
-    limits = Limits()
+    limits = ConnectionLimits()
     assert look(limits, 0.0, MAX_HZ + 10 * BURST)
     for second in range(1, int(HOLD_S)):
         assert look(limits, float(second))

@@ -8,7 +8,7 @@ from collections.abc import AsyncGenerator, Iterator
 import pytest
 
 from pointit.api.loop_thread import LoopThread
-from pointit.api.reactions import MOST_AT_ONCE, is_reaction
+from pointit.api.reactions import MAX_AT_ONCE, is_reaction
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.errors import BusClosedError, ConfigError, NoMessageError
@@ -138,10 +138,10 @@ async def test_slow_function_delays_no_other_and_leaves_out_what_exceeds_eight_c
         for stamp_ns in range(100):
             point(bench, "screws", stamp_ns=stamp_ns)
         await settled()
-        assert begun == list(range(MOST_AT_ONCE))
+        assert begun == list(range(MAX_AT_ONCE))
         assert others == list(range(100))
         warnings = [each.getMessage() for each in caplog.records if each.levelno == logging.WARNING]
-        assert len(warnings) == 100 - MOST_AT_ONCE
+        assert len(warnings) == 100 - MAX_AT_ONCE
         assert warnings[0].endswith("prints still runs 8 times: left out screws")
         await asyncio.sleep(3600)
         point(bench, "screws", stamp_ns=200)

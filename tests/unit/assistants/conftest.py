@@ -15,7 +15,7 @@ from mcp.types import CallToolResult, TextContent
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
 from pointit.assistants.server import make_server
-from pointit.assistants.site_door import SiteDoor
+from pointit.assistants.site_door import SiteConnection
 from pointit.assistants.tools import Role, Tools
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import RefusedError
@@ -134,7 +134,7 @@ async def assistant_of(
 ) -> AsyncGenerator[Assistant]:
     """Yield a client of a server on the site."""
 
-    door = SiteDoor(lambda: Site.on(played.bus, VirtualClock()), "site shop")
+    door = SiteConnection(lambda: Site.on(played.bus, VirtualClock()), "site shop")
     audit = AuditFile(site_folder(SITE, FOLDER) if folder is None else folder)
     tools = Tools(door, audit, role, is_remote=is_remote)
     async with door.opened(), Client(make_server(tools)) as client:
@@ -142,7 +142,7 @@ async def assistant_of(
         yield Assistant(client, played)
 
 
-async def settled(door: SiteDoor, played: Played) -> None:
+async def settled(door: SiteConnection, played: Played) -> None:
     """Return when the site is joined, and the rover has reported."""
     await asyncio.sleep(0.01)
     played.bus.publisher(topics.ROBOT_STATE, "rover").put(ROVER)

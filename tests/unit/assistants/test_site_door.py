@@ -7,7 +7,7 @@ from collections.abc import AsyncGenerator
 import pytest
 
 from pointit.api.site import Site
-from pointit.assistants.site_door import SiteDoor
+from pointit.assistants.site_door import SiteConnection
 from pointit.errors import ConnectError, PointItError, WrongSiteError
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import VirtualClock
@@ -23,7 +23,7 @@ class Joiner:
         self.is_there = asyncio.Event()
         self.failures: list[PointItError] = []
         self.bus: MemoryBus | None = None
-        self.door = SiteDoor(self.join, "site lab at tcp/hall:7447")
+        self.door = SiteConnection(self.join, "site lab at tcp/hall:7447")
 
     @contextlib.asynccontextmanager
     async def join(self) -> AsyncGenerator[Site]:

@@ -188,7 +188,7 @@ def test_an_anchor_in_one_sentence() -> None:
 
 
 def test_a_seat_in_words() -> None:
-    found = calibrate_mounting.Mounting(
+    found = calibrate_mounting.FittedMounting(
         arm_from_true=(0.0, 0.0, 0.0, 1.0), about_arm_rad=math.radians(-92.0),
         off_axis_rad=math.radians(5.0), forward_before_rad=math.radians(-3.0),
         up_before_rad=math.radians(-4.0), forward_after_rad=-1e-9, up_after_rad=0.0, heading_change_rad=0.0,
@@ -208,7 +208,7 @@ slight = st.floats(-0.1, 0.1)
 
 def held(
     azimuth: float, elevation: float, worn: Quaternion, *, noise_deg: float = 0.0, roll: float = 0.0
-) -> calibrate_mounting.Hold:
+) -> calibrate_mounting.MountingHold:
     """Return the readings of an arm in that pose, with the sensor worn so that arm_from_true is `worn`."""
     arm = rotation.from_azimuth_elevation(azimuth, elevation, roll)
     read = Rotation.from_quat(rotation.multiply(arm, rotation.inverse(worn)))
@@ -249,7 +249,7 @@ def test_the_mean_does_not_mind_the_quaternions_signs() -> None:
     assert_same(found.mean_xyzw, (0.0, 0.0, math.sin(0.0332), math.cos(0.0332)), 0.1)
 
 
-def solved(worn: Quaternion) -> calibrate_mounting.Mounting:
+def solved(worn: Quaternion) -> calibrate_mounting.FittedMounting:
     return calibrate_mounting.solve_mounting(held(0.2, 0.0, worn), held(0.2, math.pi / 2, worn))
 
 

@@ -72,7 +72,7 @@ def package(
         "\n".join(f"{name} = found_devices:{name.upper()}" for name in names.split())
         for names in (*request.param, "nothing")[:3]
     )
-    monkeypatch.setattr(device_search, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(device_search, "TIMEOUT_S", 1.0)
     with installed(
         tmp_path, "found_devices", STRANGERS, found_wrists=wrists, found_lights=lights, found_robots=robots
     ):
@@ -114,7 +114,7 @@ def test_found_devices_are_shown_with_the_option_that_uses_them() -> None:
 def test_what_was_found_while_a_terminal_stood_still_counts(
     package: dict[str, PluginGroup[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(device_search, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(device_search, "TIMEOUT_S", 0.0)
 
     def tell(_done: int) -> None:
         """Return when all have answered, which is later than they may."""
@@ -188,7 +188,7 @@ def test_without_devices_it_says_so_and_why_a_search_could_not_run() -> None:
 @pytest.mark.parametrize("package", [("blocks", "interrupts")], indirect=True)
 @pytest.mark.usefixtures("package")
 def test_ctrl_c_ends_it_while_searches_hang(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device_search, "PATIENCE_S", 3600.0)
+    monkeypatch.setattr(device_search, "TIMEOUT_S", 3600.0)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         assert run("--seconds", "60").exit_code == 1  # `run_command` makes it 130

@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
 from pointit.cli.common import installed_commands
 from pointit.cli.common.installed_commands import HEADING, LAB
-from pointit.cli.common.lazy import Entry, LazyGroup
+from pointit.cli.common.lazy import LazyEntry, LazyGroup
 from pointit.cli.main import EXAMPLES, PATHS, command, front, main
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
@@ -189,7 +189,7 @@ def test_the_help_of_a_service_teaches_before_its_extra_is_installed(name: str, 
 
 def test_underscores_do_for_hyphens() -> None:
     bare = click.Command("led-driver")
-    group = LazyGroup(entries=[Entry(name="led-driver", about="", load=lambda: bare)])
+    group = LazyGroup(entries=[LazyEntry(name="led-driver", about="", load=lambda: bare)])
     assert group.resolve_command(click.Context(group), ["led_driver", "-x"]) == ("led-driver", bare, ["-x"])
 
 

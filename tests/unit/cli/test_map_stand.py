@@ -107,7 +107,7 @@ def test_ends_that_do_not_tell_where_the_person_stands_are_refused(file: Path) -
     rng = np.random.default_rng(1)
     rays = {name: rays_at(end, rng, n * 1_000_000_000) for n, (name, end) in enumerate(ends.items())}
     with pytest.raises(RefusedError, match="one more target, below the waist or far to the side"):
-        point.stood(rays, ends, STOOD[2])
+        point.poses_of(rays, ends, STOOD[2])
 
 
 def test_a_map_with_more_than_a_scan_finds_is_refused(file: Path) -> None:

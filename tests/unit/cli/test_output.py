@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from rich.text import Text
 
-from pointit.cli.common.output import ROOMY_WIDTH, Section, cell, print_table, to_json, to_line
+from pointit.cli.common.output import ROOMY_WIDTH, OutputSection, cell, print_table, to_json, to_line
 from pointit.cli.inspect.echo import format_message
 from pointit.schemas import Message, StripFrame, StripsFrame
 from pointit.schemas.topics import STRIPS_FRAME, TOPICS
@@ -98,13 +98,13 @@ def test_what_others_wrote_commands_no_terminal() -> None:
     screen = Console(record=True, width=80, force_terminal=True, color_system=None)
     rows = ({"plain": "a\x1b[2Jb", "styled": Text("c\x9b2Jd", style="red"), "two lines": "e\nf"},)
     with screen.capture() as shown:
-        print_table(screen, Section(name="findings", about="", rows=rows))
+        print_table(screen, OutputSection(name="findings", about="", rows=rows))
     assert all(each in shown.get() for each in ("a?[2Jb", "c?2Jd", "e", "f"))
     assert "\x9b" not in shown.get()
     assert "\x1b[2J" not in shown.get()
 
 
-SECTION = Section(
+SECTION = OutputSection(
     name="things", about="of a test", rows=({"name": "a", "detail": "b"},), roomy=frozenset({"detail"})
 )
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.outputs import output_add
-from pointit.cli.outputs.output_add import PrintedHealth, SiteFrames
+from pointit.cli.outputs.output_add import PrintedWarnings, SiteFrames
 from pointit.schemas import LampColor, StripFrame, StripsFrame
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.guarded_output import GuardedOutput
@@ -40,7 +40,7 @@ def test_all_is_dark_while_no_led_driver_runs() -> None:
 
 
 def test_warnings_are_printed_whenever_they_change(capsys: pytest.CaptureFixture[str]) -> None:
-    health = PrintedHealth("all is well", as_json=True)
+    health = PrintedWarnings("all is well", as_json=True)
     for topic, sentence in (("a", "dark"), ("a", "dark"), ("b", "slow"), ("c", ""), ("a", ""), ("b", "")):
         health.warn(topic, sentence)
     lines = [json.loads(line)["warnings"] for line in capsys.readouterr().out.splitlines()]

@@ -7,7 +7,7 @@ import pytest
 
 import pointit.schemas as models
 from pointit.api.press import press
-from pointit.cli.people.anchoring import Anchoring
+from pointit.cli.people.anchoring import AnchorRequester
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import topics
@@ -100,7 +100,9 @@ async def test_who_gives_up_leaves_no_lamp(phase: Literal["idle", "sampling"], c
         bench.bus.serve(topics.POINT_ANCHOR, point, ANNA)
         bench.bus.serve(topics.CANCEL_LOCALIZATION, cancel, ANNA)
         bench.put(topics.LOCALIZATION, models.Localization(stamp_ns=1, phase=phase, since_ns=1), ANNA)
-        pointing = asyncio.create_task(Anchoring(bench.bus, ANNA).point("led_1", 5.0, lambda _text: None))
+        pointing = asyncio.create_task(
+            AnchorRequester(bench.bus, ANNA).point("led_1", 5.0, lambda _text: None)
+        )
         await until(lambda: asked == ["anchor"])
         pointing.cancel()
         with pytest.raises(asyncio.CancelledError):

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.cli.common import site_link
-from pointit.cli.common.site_link import CONNECT_PATIENCE_S, REFUSED_PATIENCE_S, join_site
+from pointit.cli.common.site_link import CONNECT_TIMEOUT_S, REFUSED_TIMEOUT_S, join_site
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.virtual_time import run_virtually
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -42,18 +42,18 @@ def looked_s(monkeypatch: pytest.MonkeyPatch, *connect: str, is_refusing: bool =
 @pytest.mark.parametrize("protocol", ["tcp", "tls", "ws"])
 def test_it_is_short_where_nobody_listens(monkeypatch: pytest.MonkeyPatch, protocol: str) -> None:
     found_s = looked_s(monkeypatch, f"{protocol}/127.0.0.1:{free_port()}")
-    assert found_s == pytest.approx(REFUSED_PATIENCE_S)
+    assert found_s == pytest.approx(REFUSED_TIMEOUT_S)
 
 
 def test_it_is_long_where_somebody_listens_at_one_of_the_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         busy, dead = f"tcp/127.0.0.1:{server.getsockname()[1]}", f"tcp/127.0.0.1:{free_port()}"
-        assert looked_s(monkeypatch, dead, busy) == pytest.approx(CONNECT_PATIENCE_S)
+        assert looked_s(monkeypatch, dead, busy) == pytest.approx(CONNECT_TIMEOUT_S)
 
 
 @pytest.mark.parametrize("endpoint", ["udp/127.0.0.1:9", "quic/127.0.0.1:9", "unixsock-stream//nowhere"])
 def test_it_is_long_where_tcp_cannot_tell(monkeypatch: pytest.MonkeyPatch, endpoint: str) -> None:
-    assert looked_s(monkeypatch, endpoint) == pytest.approx(CONNECT_PATIENCE_S)
+    assert looked_s(monkeypatch, endpoint) == pytest.approx(CONNECT_TIMEOUT_S)
 
 
 def test_a_refusal_of_credentials_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,9 +5,9 @@ from typing import Any
 
 from rich.console import Console
 
-from pointit.cli.display.view import View
+from pointit.cli.display.view import ConsoleView
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.clock import WallClock
 from pointit.schemas import Cursor, Environment, Strip, StripFrame, StripsFrame
 
@@ -28,7 +28,7 @@ def frame(pixels: list[tuple[int, int, int]], name: str = "0") -> StripsFrame:
 
 
 def monitor_of(*strips: Strip, targets: tuple[str, ...] = ("red",)) -> Monitor:
-    monitor = Monitor(Score(targets), WallClock())
+    monitor = Monitor(RunScore(targets), WallClock())
     if strips:
         monitor.environment = Environment(stamp_ns=1, name="test", strips=strips)
     return monitor
@@ -47,7 +47,9 @@ def shown(
     console = Console(
         file=io.StringIO(), width=width, height=height, color_system="truecolor", force_terminal=True
     )
-    lines = console.render_lines(View(monitor, "PointIt test", lambda: left_s, **about), console.options)
+    lines = console.render_lines(
+        ConsoleView(monitor, "PointIt test", lambda: left_s, **about), console.options
+    )
     texts = ["".join(segment.text for segment in line) for line in lines]
     assert all(len(text) == width for text in texts), texts
     return texts

@@ -17,10 +17,18 @@ from pointit.cli.main import command
 from pointit.cli.page import dashboard
 from pointit.cli.page.run_page import PAGE_PART, RunPage
 from pointit.launch.page import page
-from pointit.launch.page.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, kept_link, page_of, where
+from pointit.launch.page.page import (
+    PORT,
+    PORTS_TO_TRY,
+    Page,
+    is_asked_of_page,
+    page_link_file,
+    page_of,
+    where,
+)
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import Pose, read_scenario
+from pointit.launch.plan.scenario import FloorPose, read_scenario
 from pointit.launch.plan.scenario_catalog import PLACES, places
 from pointit.launch.plan.settings import Settings
 from pointit.launch.run.service_group import redact_secrets
@@ -130,7 +138,7 @@ def test_an_ipv6_host_stands_in_brackets() -> None:
 
 def test_people_are_where_the_scenario_or_the_command_line_puts_them() -> None:
     scenario = read_scenario("scenario_4")
-    told = places(scenario, Choices(poses=[None, Pose(x_m=1.0, y_m=2.0, yaw_deg=30.0)], localize=True))
+    told = places(scenario, Choices(poses=[None, FloorPose(x_m=1.0, y_m=2.0, yaw_deg=30.0)], localize=True))
     assert told["user1"] == scenario.places[0].model_dump()
     assert told["user2"] == {"position_m": (1.0, 2.0, 0.0), "yaw_deg": 30.0}
     assert told["user5"] == scenario.places[0].model_dump()
@@ -310,7 +318,7 @@ LINK = "http://127.0.0.1:8090/?token=of-the-operator"
 
 
 def test_link_file_is_there_as_long_as_the_page_and_leads_to_the_first_of_its_links() -> None:
-    with kept_link("lab", LINK, "", "https://192.168.1.5:8443/?token=x") as path:
+    with page_link_file("lab", LINK, "", "https://192.168.1.5:8443/?token=x") as path:
         assert path is not None
         text = path.read_text(encoding="utf-8")
         assert text.count("<a href=") == 2
@@ -334,7 +342,7 @@ def test_link_that_cannot_be_kept_is_a_warning(
 ) -> None:
     (tmp_path / "file").write_text("no folder")
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "file"))
-    with kept_link("lab", LINK) as path:
+    with page_link_file("lab", LINK) as path:
         assert path is None
     assert "the link of the page could not be written to a file" in caplog.text
     assert "of-the-operator" not in caplog.text

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.display.view import View
+from pointit.cli.display.view import ConsoleView
 from pointit.cli.robots.robots_view import ROBOTS_DISPLAY
 from pointit.launch.robots.robot_watcher import RobotMonitor, RobotWatcher
 from pointit.launch.run.monitor import Monitor
@@ -73,7 +73,7 @@ def row(monitor: Monitor, name: str, width: int = 80) -> str:
 
 def styled(monitor: Monitor, text: str, width: int = 100) -> list[Segment]:
     console = Console(width=width, color_system="truecolor", force_terminal=True)
-    lines = console.render_lines(View(monitor, "", lambda: 0.0), console.options)
+    lines = console.render_lines(ConsoleView(monitor, "", lambda: 0.0), console.options)
     return [segment for line in lines for segment in line if text in segment.text]
 
 

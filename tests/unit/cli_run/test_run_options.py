@@ -14,7 +14,7 @@ from pointit.cli.run import run_options
 from pointit.cli.run.run_options import OPTIONAL, choices_of, pose, shared_options
 from pointit.launch.plan.launches import Choices, robot_of, user_launches
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import Pose, read_scenario
+from pointit.launch.plan.scenario import FloorPose, read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
@@ -118,9 +118,9 @@ def person(choices: Choices, index: int = 0, scenario: str = "scenario_2") -> di
 
 
 def test_a_pose_is_read_in_metres_and_degrees() -> None:
-    assert pose("2,0.5") == Pose(x_m=2.0, y_m=0.5)
-    assert pose("-1.5, 3e0,-90") == Pose(x_m=-1.5, y_m=3.0, yaw_deg=-90.0)
-    assert pose("450000,-5000.5") == Pose(x_m=450_000.0, y_m=-5000.5)  # as far as in a map
+    assert pose("2,0.5") == FloorPose(x_m=2.0, y_m=0.5)
+    assert pose("-1.5, 3e0,-90") == FloorPose(x_m=-1.5, y_m=3.0, yaw_deg=-90.0)
+    assert pose("450000,-5000.5") == FloorPose(x_m=450_000.0, y_m=-5000.5)  # as far as in a map
 
 
 @pytest.mark.parametrize("text", ["", "1", "1,2,3,4", "a,b", "nan,0", "inf,1", "1000001,0", "0,0,361", "1;2"])
@@ -133,33 +133,33 @@ def test_options_as_typed() -> None:
     arguments = "--targets 3 --pose -1,2 --pose 3,4,5 --hand left --stature 1.6"
     typed: Choices = CliRunner().invoke(command, arguments, standalone_mode=False).return_value
     assert (typed.targets, typed.hand, typed.stature_m) == (3, "left", 1.6)
-    assert typed.poses == (Pose(x_m=-1.0, y_m=2.0), Pose(x_m=3.0, y_m=4.0, yaw_deg=5.0))
+    assert typed.poses == (FloorPose(x_m=-1.0, y_m=2.0), FloorPose(x_m=3.0, y_m=4.0, yaw_deg=5.0))
 
 
 def test_people_stand_where_they_are_told_in_turn_and_the_rest_where_the_scenario_says() -> None:
-    choices = Choices(poses=(Pose(x_m=1.0, y_m=-2.0, yaw_deg=30.0), Pose(x_m=0.5, y_m=0.0)))
+    choices = Choices(poses=(FloorPose(x_m=1.0, y_m=-2.0, yaw_deg=30.0), FloorPose(x_m=0.5, y_m=0.0)))
     for index, (place, yaw_deg) in enumerate([((1.0, -2.0, 0.0), 30.0), ((0.5, 0.0, 0.0), 0.0)]):
         services = person(choices, index)
         for name in ("localizer", "user-sim"):
             assert (services[name]["position_m"], services[name]["yaw_deg"]) == (place, yaw_deg)
         assert services["localizer"]["method"] == "fixed"
     assert person(choices, 2)["localizer"] == person(Choices(), 2)["localizer"]
-    one = Choices(imu=("simulated",), poses=(Pose(x_m=7.0, y_m=8.0),)).of_one(2)
+    one = Choices(imu=("simulated",), poses=(FloorPose(x_m=7.0, y_m=8.0),)).of_one(2)
     assert person(one, 2)["localizer"]["position_m"] == (7.0, 8.0, 0.0)
     assert person(one, 2)["imu-bridge"]["source"] == "simulated"
     assert Choices().of_one(2) == Choices()
 
 
 def test_who_is_localized_is_simulated_there_and_nobody_is_told() -> None:
-    choices = Choices(localize=True, poses=(Pose(x_m=1.0, y_m=2.0),))
+    choices = Choices(localize=True, poses=(FloorPose(x_m=1.0, y_m=2.0),))
     services = person(choices)
     assert services["user-sim"]["position_m"] == (1.0, 2.0, 0.0)
     assert services["user-sim"]["yaw_deg"] is None
     assert services["localizer"]["position_m"] != (1.0, 2.0, 0.0)
-    given = Choices(localize=True, poses=(Pose(x_m=1.0, y_m=2.0, yaw_deg=40.0),))
+    given = Choices(localize=True, poses=(FloorPose(x_m=1.0, y_m=2.0, yaw_deg=40.0),))
     assert person(given)["user-sim"]["yaw_deg"] == 40.0
     with pytest.raises(ConfigError, match=r"--pose 1,2: --localize finds the pose"):
-        person(Choices(localize=True, imu=("serial:/dev/x",), poses=(Pose(x_m=1.0, y_m=2.0),)))
+        person(Choices(localize=True, imu=("serial:/dev/x",), poses=(FloorPose(x_m=1.0, y_m=2.0),)))
 
 
 def test_targets_go_to_the_localizer() -> None:

@@ -12,8 +12,8 @@ from rich.segment import Segment
 from pointit.cli.display.view import (
     MAX_STRIPS,
     NAME_WIDTH,
-    Block,
-    View,
+    ConsoleView,
+    TextBlock,
     Worth,
     drop_to_height,
     figures,
@@ -49,7 +49,7 @@ from tests.unit.cli_run.drawn import BLUE, DARK, FRAME, RED, cursor, frame, moni
 def cells(monitor: Monitor, name: str = "0", width: int = 100) -> list[tuple[object, object]]:
     """Return the colours of a strip's cells: of the left pixel and of the right one."""
     console = Console(file=io.StringIO(), width=width, color_system="truecolor", force_terminal=True)
-    for line in console.render_lines(View(monitor, "", lambda: 0.0), console.options):
+    for line in console.render_lines(ConsoleView(monitor, "", lambda: 0.0), console.options):
         if "".join(segment.text for segment in line)[FRAME:].startswith(f"{name:<{NAME_WIDTH}}"):
             return [_colours(segment) for segment in line for _ in segment.text if "▌" in segment.text]
     raise AssertionError("the strip is not shown")
@@ -320,11 +320,11 @@ def test_a_lost_router_is_one_sentence_instead_of_every_service_by_name() -> Non
     assert "look at" not in text
 
 
-def block(text: str, worth: Worth, height: int = 1) -> Block:
-    return Block([[Segment(text)]] * height, worth)
+def block(text: str, worth: Worth, height: int = 1) -> TextBlock:
+    return TextBlock([[Segment(text)]] * height, worth)
 
 
-def texts(blocks: list[Block], room: int) -> str:
+def texts(blocks: list[TextBlock], room: int) -> str:
     return "".join(segment.text for line in drop_to_height(blocks, room) for segment in line)
 
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import pointit.schemas as models
 from pointit.cli.main import command
-from pointit.conversion.acts import Act, ActDetector, SelectionRow
+from pointit.conversion.acts import Act, ActDetector, SelectionCsvRow
 from pointit.conversion.columns import columns_of
 from pointit.conversion.export_csv import FILES, export_csv
 from pointit.recording import container
@@ -231,7 +231,7 @@ def only_act(found: ActDetector) -> Act:
     return act
 
 
-def only_selection(found: ActDetector) -> SelectionRow:
+def only_selection(found: ActDetector) -> SelectionCsvRow:
     found.end()
     (row,) = found.selections
     return row

@@ -25,7 +25,7 @@ from pointit.schemas import (
 from pointit.services.conveyor_sim.config import ConveyorSimConfig, TrackingConfig
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.conveyor_sim.service import ConveyorSim
-from pointit.services.conveyor_sim.tracking import Tracker
+from pointit.services.conveyor_sim.tracking import PackageTracker
 from pointit.services.registry import process
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.conveyor_sim.rooms import FORK, S, lanes, plant
@@ -225,7 +225,7 @@ def pairs(
     seconds: float, **faults: float
 ) -> tuple[Plant, list[tuple[TrackedObjects, TrackedObjects | None]]]:
     belts = plant(lanes(20.0), feeder={"interval_s": 1.0})
-    tracker = Tracker(TrackingConfig(**faults), belts.network.lines, seed=1)
+    tracker = PackageTracker(TrackingConfig(**faults), belts.network.lines, seed=1)
     belts.step(30 * S)
     seen: list[tuple[TrackedObjects, TrackedObjects | None]] = []
     for step in range(round(seconds * 25)):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pointit.diagnosis.observation import Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Observation
 from pointit.diagnosis.stopped_processes import StoppedProcess
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
@@ -67,7 +67,7 @@ class Site:
     """Further fields of the observation."""
 
     def seen(self) -> Observation:
-        reports: dict[str, list[Report]] = {}
+        reports: dict[str, list[DiagnosisReport]] = {}
         present: set[str] = set()
         for process in self.processes.values():
             if process.is_present:
@@ -91,7 +91,7 @@ class Site:
             **values,
         )
 
-    def _report(self, process: Process, instance: str, number: int, at_s: float) -> Report:
+    def _report(self, process: Process, instance: str, number: int, at_s: float) -> DiagnosisReport:
         service, _ = split_instance(instance)
         ways = (("in", READS), ("out", WRITES))
         keys = [
@@ -107,7 +107,7 @@ class Site:
             uptime_s=max(process.uptime_s - (NOW_S - at_s), 0.0),
             warnings=(*process.warnings, *self.warnings.get(instance, ())),
         )  # fmt: skip
-        return Report(received_s=at_s, health=health, arrived_ns=stamp_ns)
+        return DiagnosisReport(received_s=at_s, health=health, arrived_ns=stamp_ns)
 
     def _key(self, instance: str, topic: Topic[Any], way: str, number: int) -> KeyHealth:
         age_s = self.ages_s.get((instance, topic, way), 0.01)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose, is_healthy
-from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
 from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic
@@ -38,10 +38,12 @@ def observation(*newest: Health, before: Sequence[Health] = (), **fields: Any) -
 
     If they are of people, what people need is present.
     """
-    reports: dict[str, list[Report]] = {}
+    reports: dict[str, list[DiagnosisReport]] = {}
     for time_s, messages in ((NOW_S - 1.1, before), (NOW_S - 0.1, newest)):
         for message in messages:
-            reports.setdefault(message.instance, []).append(Report(received_s=time_s, health=message))
+            reports.setdefault(message.instance, []).append(
+                DiagnosisReport(received_s=time_s, health=message)
+            )
     shared = SHARED if any(map(person_of, reports)) else ()
     values: dict[str, Any] = {"present": frozenset((*reports, *shared)), **fields}
     return Observation(began_s=BEGAN_S, now_s=NOW_S, reports=reports, **values)
@@ -174,7 +176,7 @@ def test_stale_is_said_of_the_first_cause_only() -> None:
 
 def test_stale_because_the_writer_is_silent_is_the_writers_finding() -> None:
     heard = (health("pui", key(RAY, "in", 3.0)), health("selector"))
-    reports = {each.instance: [Report(received_s=BEGAN_S + 3, health=each)] for each in heard}
+    reports = {each.instance: [DiagnosisReport(received_s=BEGAN_S + 3, health=each)] for each in heard}
     present = frozenset({*reports, "pointing.anna"})
     seen = Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.4, present=present, reports=reports)
     assert only(seen).code == "silent"

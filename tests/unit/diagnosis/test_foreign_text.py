@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
 from pointit.diagnosis.writers import start_command
 from pointit.schemas import Deployment, ExpectedService, Health
 
@@ -20,7 +20,7 @@ def health(instance: str, **fields: object) -> Health:
 
 
 def found(*newest: Health, deployments: dict[str, Deployment] | None = None) -> list[Finding]:
-    reports = {each.instance: [Report(received_s=NOW_S, health=each)] for each in newest}
+    reports = {each.instance: [DiagnosisReport(received_s=NOW_S, health=each)] for each in newest}
     seen = Observation(began_s=NOW_S - 3.0, now_s=NOW_S, present=frozenset(reports), reports=reports)
     return diagnose(replace(seen, deployments=deployments or {}))
 
@@ -95,8 +95,8 @@ def test_warning_of_a_persons_service_is_quoted_on_one_plain_line() -> None:
 
 def test_name_of_the_machine_is_one_plain_line() -> None:
     reports = [
-        Report(received_s=NOW_S - 1, health=health("pui", pid=8, host=f"a\n{'b' * 100}")),
-        Report(received_s=NOW_S, health=health("pui", pid=9)),
+        DiagnosisReport(received_s=NOW_S - 1, health=health("pui", pid=8, host=f"a\n{'b' * 100}")),
+        DiagnosisReport(received_s=NOW_S, health=health("pui", pid=9)),
     ]
     seen = Observation(began_s=NOW_S - 3.0, now_s=NOW_S, present=frozenset({"pui"}), reports={"pui": reports})
     (twice,) = (finding for finding in diagnose(seen) if finding.code == "twice")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose, find_clock_skew, is_healthy
-from pointit.diagnosis.observation import Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Observation
 from pointit.diagnosis.writers import present_writers, silence_reason
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
 from pointit.schemas.topics import CLOCK, CURSOR, IMU, MAP, POSE, RAY, SELECTION
@@ -62,18 +62,18 @@ def test_a_missing_shard_is_named_with_its_command() -> None:
 NOW_NS = 1_700_000_000 * NS_PER_S
 
 
-def reports(instance: str, host: str, ahead_s: float, *warnings: str) -> Sequence[Report]:
+def reports(instance: str, host: str, ahead_s: float, *warnings: str) -> Sequence[DiagnosisReport]:
     who = {"service": instance, "instance": instance, "pid": 1, "host": host, "warnings": warnings}
 
-    def report(second: int) -> Report:
+    def report(second: int) -> DiagnosisReport:
         now_ns = NOW_NS + second * NS_PER_S
         said = Health.model_validate({"stamp_ns": now_ns + int((ahead_s - 0.002) * 1e9), **who})
-        return Report(received_s=100.0 + second, arrived_ns=now_ns, health=said)
+        return DiagnosisReport(received_s=100.0 + second, arrived_ns=now_ns, health=said)
 
     return list(map(report, range(3)))
 
 
-def seen(**by_instance: Sequence[Report]) -> Observation:
+def seen(**by_instance: Sequence[DiagnosisReport]) -> Observation:
     return Observation(
         began_s=100.0, now_s=102.5, host="desk", present=frozenset(by_instance), reports=by_instance
     )

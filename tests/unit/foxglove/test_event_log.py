@@ -2,7 +2,7 @@
 
 from foxglove.messages import LogLevel
 
-from pointit.bridges.foxglove.event_log import HISTORY, EventLog, Line
+from pointit.bridges.foxglove.event_log import HISTORY, EventLog, LogLine
 from pointit.schemas import Feedback, Health, Interaction, Localization, RobotState, SelectionEvent
 from pointit.schemas.system import KeyHealth
 from tests.integration.foxglove.protobuf import read
@@ -15,7 +15,7 @@ def health(*warnings: str, errors: int = 0, lost: int = 0, invalid: int = 0) -> 
     )
 
 
-def said(lines: list[Line]) -> list[tuple[LogLevel, str, str]]:
+def said(lines: list[LogLine]) -> list[tuple[LogLevel, str, str]]:
     return [(line.level, line.source, line.text) for line in lines]
 
 
@@ -93,7 +93,7 @@ def test_newcomers_read_the_last_lines_only() -> None:
 
 
 def test_a_line_is_a_log_message() -> None:
-    line = Line(3_000_000_007, LogLevel.Warning, "pui", "odd")
+    line = LogLine(3_000_000_007, LogLevel.Warning, "pui", "odd")
     assert read(line.log()) == {
         "timestamp": {"seconds": 3, "nanos": 7},
         "level": 3,

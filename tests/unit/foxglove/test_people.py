@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.foxglove import people
-from pointit.bridges.foxglove.people import Person
+from pointit.bridges.foxglove.people import DrawnPerson
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures, Cursor, UserPose, UserProfile
@@ -27,14 +27,14 @@ def pose(covariance: tuple[float, ...] = (0.0,) * 9) -> UserPose:
     )
 
 
-def shown(person: Person) -> dict[str, dict[str, Any]]:
+def shown(person: DrawnPerson) -> dict[str, dict[str, Any]]:
     drawn = people.entities("anna", person, 5)
     entities = read(SceneUpdate(entities=[each.entity for each in drawn])).get("entities", [])
     return {entity["id"]: entity for entity in entities}
 
 
-def standing(covariance: tuple[float, ...] = (0.0,) * 9, cursor: Cursor | None = None) -> Person:
-    person = Person(profile=PROFILE, cursor=cursor)
+def standing(covariance: tuple[float, ...] = (0.0,) * 9, cursor: Cursor | None = None) -> DrawnPerson:
+    person = DrawnPerson(profile=PROFILE, cursor=cursor)
     person.stand(pose(covariance))
     return person
 
@@ -126,7 +126,7 @@ def test_the_ray_ends_at_the_cursor() -> None:
         origin_m=EYES,
         direction=(0.0, 1.0, 0.0),
     )
-    seen = shown(Person(profile=PROFILE, cursor=cursor))  # where they stand is not known
+    seen = shown(DrawnPerson(profile=PROFILE, cursor=cursor))  # where they stand is not known
     assert set(seen) == {"ray anna", "cursor anna"}
     (arrow,) = seen["ray anna"]["arrows"]
     length_m = arrow["shaft_length"] + arrow["head_length"]
@@ -138,6 +138,6 @@ def test_the_ray_ends_at_the_cursor() -> None:
 
 def test_a_ray_into_the_void_is_paler() -> None:
     cursor = Cursor(stamp_ns=1, origin_m=EYES, direction=(0.0, 1.0, 0.0))
-    seen = shown(Person(profile=PROFILE, cursor=cursor))
+    seen = shown(DrawnPerson(profile=PROFILE, cursor=cursor))
     assert set(seen) == {"ray anna"}
     assert seen["ray anna"]["arrows"][0]["color"]["a"] < 0.5

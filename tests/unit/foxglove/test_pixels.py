@@ -7,7 +7,7 @@ import pytest
 
 import pointit.schemas as models
 from pointit.bridges.foxglove.room import Lines
-from pointit.bridges.foxglove.scene import FLOOR, FREE, Part, Pixels, Scene
+from pointit.bridges.foxglove.scene import FLOOR, FREE, FoxgloveScene, Part, Pixels
 from pointit.schemas import Environment, Strip, StripsFrame
 from pointit.schemas.environment import StripFrame
 from tests.integration.foxglove.protobuf import read
@@ -85,14 +85,14 @@ QUAD = models.RobotState(
 PLAN = models.RobotPlan(stamp_ns=1, line_m=((2.0, 2.0, 0.5), (3.0, 2.0, 0.2)), user="anna")
 
 
-def scene(*heard: tuple[models.Message, str]) -> Scene:
-    made = Scene({}, 1.0)
+def scene(*heard: tuple[models.Message, str]) -> FoxgloveScene:
+    made = FoxgloveScene({}, 1.0)
     for message, name in ((models.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"), *heard):
         made.take(message, name, 0.0)
     return made
 
 
-def shown(made: Scene, part: Part = "robots") -> dict[str, dict[str, Any]]:
+def shown(made: FoxgloveScene, part: Part = "robots") -> dict[str, dict[str, Any]]:
     return {entity["id"]: entity for entity in read(made.draw(part, 5)).get("entities", [])}
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 import pointit.schemas as models
-from pointit.bridges.foxglove.scene import PARTS, Part, Scene
+from pointit.bridges.foxglove.scene import PARTS, FoxgloveScene, Part
 from pointit.geometry import vector
 from pointit.schemas.environment import Bay, BayCount, StripFrame
 from pointit.schemas.selection import ReservedObject, SelectedObject
@@ -38,15 +38,15 @@ def objects(*items: models.TrackedObject) -> models.TrackedObjects:
     return models.TrackedObjects(stamp_ns=1, objects=items)
 
 
-def scene(*heard: tuple[models.Message, str]) -> Scene:
-    made = Scene({"red": RED}, 1.0)
+def scene(*heard: tuple[models.Message, str]) -> FoxgloveScene:
+    made = FoxgloveScene({"red": RED}, 1.0)
     made.take(MAP, "", 0.0)
     for message, name in heard:
         made.take(message, name, 0.0)
     return made
 
 
-def shown(made: Scene, part: Part) -> dict[str, dict[str, Any]]:
+def shown(made: FoxgloveScene, part: Part) -> dict[str, dict[str, Any]]:
     return {entity["id"]: entity for entity in read(made.draw(part, 5)).get("entities", [])}
 
 

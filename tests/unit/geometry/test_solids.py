@@ -14,7 +14,7 @@ from pointit.geometry.closest import Measure
 from pointit.geometry.cylinder import CylinderSolid
 from pointit.geometry.plane import PlaneSolid, plane_axes
 from pointit.geometry.ray_cast import SolidCaster
-from pointit.geometry.solids import MOST_EYES, BoxSolid, Solid, SphereSolid
+from pointit.geometry.solids import MAX_EYES, BoxSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
 from tests.support.known import known
 from tests.unit.geometry.test_cloud_tree import misses
@@ -110,7 +110,7 @@ def test_a_box_is_passed_at_its_outline_from_any_number_of_eyes_that_come_back(s
     rng = random.Random(seed)
     solid, skin = some_solid(rng, "box")
     assert isinstance(solid, BoxSolid)
-    eyes = [some_point(rng) for _ in range(MOST_EYES + 1)]
+    eyes = [some_point(rng) for _ in range(MAX_EYES + 1)]
     for origin in (*eyes, *eyes[:3]):
         for direction in (some_direction(rng), vector.normalized(vector.subtract(some_point(rng), origin))):
             passed = solid.passed_at(origin, direction)

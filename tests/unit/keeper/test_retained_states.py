@@ -20,7 +20,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.record import KeptState, Record
+from pointit.services.keeper.record import StateRecord, StoredState
 from pointit.services.keeper.retained_states import RetainedStates, retained
 
 NOW_NS = 1_000 * NS_PER_S
@@ -211,14 +211,14 @@ def test_unusable_records_are_counted_and_skipped() -> None:
     good.take(topics.PROFILE, "anna", profile(3), NOW_NS)
     payload = good.record(NOW_NS).states[0].payload
     states = (
-        KeptState(key=topics.PROFILE.key, name="anna", schema_name="UserProfile.v1", payload=b"\xc1"),
-        KeptState(key=topics.PROFILE.key, name="a/b", schema_name="UserProfile.v1", payload=payload),
-        KeptState(key="of/another/version", name="", schema_name="X.v1", payload=payload),
-        KeptState(key=topics.CLOCK.key, name="", schema_name="ClockTick.v1", payload=payload),
-        KeptState(key=topics.SELECTION.key, name="", schema_name="Selection.v1", payload=payload),
+        StoredState(key=topics.PROFILE.key, name="anna", schema_name="UserProfile.v1", payload=b"\xc1"),
+        StoredState(key=topics.PROFILE.key, name="a/b", schema_name="UserProfile.v1", payload=payload),
+        StoredState(key="of/another/version", name="", schema_name="X.v1", payload=payload),
+        StoredState(key=topics.CLOCK.key, name="", schema_name="ClockTick.v1", payload=payload),
+        StoredState(key=topics.SELECTION.key, name="", schema_name="Selection.v1", payload=payload),
     )
     kept = shelf()
-    assert kept.restore(Record(stamp_ns=1, states=states), NOW_NS) == 5
+    assert kept.restore(StateRecord(stamp_ns=1, states=states), NOW_NS) == 5
     assert len(kept) == 0
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.schemas import SelectionEvent
 from pointit.schemas.topics import SELECTION_EVENTS
 from tests.support.bench import ManualClock, memory_bench
@@ -21,7 +21,7 @@ from tests.support.bench import ManualClock, memory_bench
 async def test_a_button_that_is_over_is_not_printed(event: str, cause: str, line: str | None) -> None:
     told: list[str] = []
     async with memory_bench(ManualClock()) as bench:
-        Monitor(Score(()), bench.clock, tell=told.append).attach(bench.bus)
+        Monitor(RunScore(()), bench.clock, tell=told.append).attach(bench.bus)
         await bench.settle()
         fields = {"stamp_ns": 1, "event": event, "object_id": "screws", "user": "anna", "cause": cause}
         bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields | {"kind": "screws"}))

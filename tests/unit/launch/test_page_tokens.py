@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.launch.page.page_tokens import kept_tokens
+from pointit.launch.page.page_tokens import stored_tokens
 
 
 def kept_at(state: Path, site: str = "lab") -> Path:
@@ -12,33 +12,33 @@ def kept_at(state: Path, site: str = "lab") -> Path:
 
 
 def test_they_stay_the_same_for_a_site_and_nobody_else_reads_them(own_state: Path) -> None:
-    tokens, notes = kept_tokens("lab")
+    tokens, notes = stored_tokens("lab")
     assert not notes
-    assert kept_tokens("lab") == (tokens, ())
+    assert stored_tokens("lab") == (tokens, ())
     assert kept_at(own_state).stat().st_mode & 0o777 == 0o600
     assert kept_at(own_state).parent.stat().st_mode & 0o777 == 0o700
     assert [path.name for path in kept_at(own_state).parent.iterdir()] == ["tokens.json"]
-    other, _ = kept_tokens("other")
+    other, _ = stored_tokens("other")
     assert len({tokens.operator, tokens.viewer, other.operator, other.viewer}) == 4
     assert min(len(tokens.operator), len(tokens.viewer)) >= 22
 
 
 def test_they_can_be_forgotten() -> None:
-    tokens, _ = kept_tokens("lab")
-    new, notes = kept_tokens("lab", renew=True)
+    tokens, _ = stored_tokens("lab")
+    new, notes = stored_tokens("lab", renew=True)
     assert not {new.operator, new.viewer} & {tokens.operator, tokens.viewer}
     assert not notes
-    assert kept_tokens("lab") == (new, ())
+    assert stored_tokens("lab") == (new, ())
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o602])
 def test_those_that_others_could_read_or_change_are_made_anew(own_state: Path, mode: int) -> None:
-    tokens, _ = kept_tokens("lab")
+    tokens, _ = stored_tokens("lab")
     kept_at(own_state).chmod(mode)
-    new, (note,) = kept_tokens("lab")
+    new, (note,) = stored_tokens("lab")
     assert not {new.operator, new.viewer} & {tokens.operator, tokens.viewer}
     assert note.endswith(f"{kept_at(own_state)} could be read by others")
-    assert kept_tokens("lab") == (new, ())
+    assert stored_tokens("lab") == (new, ())
     assert kept_at(own_state).stat().st_mode & 0o777 == 0o600
 
 
@@ -54,15 +54,15 @@ def test_those_that_others_could_read_or_change_are_made_anew(own_state: Path, m
     ],
 )
 def test_a_broken_file_is_made_anew_and_not_shown(own_state: Path, text: str) -> None:
-    kept_tokens("lab")
+    stored_tokens("lab")
     kept_at(own_state).write_text(text)
-    new, (note,) = kept_tokens("lab")
+    new, (note,) = stored_tokens("lab")
     assert note.endswith("does not hold two tokens")
-    assert kept_tokens("lab") == (new, ())
+    assert stored_tokens("lab") == (new, ())
 
 
 def test_where_nothing_can_be_kept_it_is_said(own_state: Path) -> None:
     own_state.write_text("no folder")
-    tokens, notes = kept_tokens("lab")
+    tokens, notes = stored_tokens("lab")
     assert tokens.operator
     assert "the link of the page is valid for this run only" in notes[-1]

@@ -10,7 +10,7 @@ from pointit.launch.plan.launches import CURSOR_COLORS
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import USUAL
 from pointit.launch.recorder import recorded, recorder_launch
-from pointit.launch.run.run_site import LISTEN_S, Onlookers, check_names, surroundings
+from pointit.launch.run.run_site import LISTEN_S, ViewerPresence, check_names, surroundings
 from pointit.launch.run.running_scenario import DeploymentPublisher
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
@@ -84,7 +84,7 @@ def health(viewers: float | None, service: str = "web") -> Health:
 
 
 def test_who_has_a_page_open_looks_on_until_it_was_not_heard_for_a_while() -> None:
-    onlookers = Onlookers()
+    onlookers = ViewerPresence()
     assert not onlookers.are_there(0.0)
     assert onlookers.on_health(health(2.0), 10.0)
     assert onlookers.are_there(10.0 + SILENT_S - 0.1)

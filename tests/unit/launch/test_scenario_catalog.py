@@ -8,7 +8,7 @@ import pytest
 
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import Pose, read_scenario, scenario_names
+from pointit.launch.plan.scenario import FloorPose, read_scenario, scenario_names
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
@@ -97,7 +97,7 @@ def test_what_was_set_is_set_again_where_it_fits() -> None:
 
 
 def test_devices_stay_with_their_persons_and_poses_with_their_room() -> None:
-    poses = [Pose(x_m=-1.0, y_m=-1.0), Pose(x_m=-2.0, y_m=-1.0)]
+    poses = [FloorPose(x_m=-1.0, y_m=-1.0), FloorPose(x_m=-2.0, y_m=-1.0)]
     choices = Choices(imu=["sim", "serial:/dev/ttyUSB7"], poses=poses)
     plan = wish("scenario_2", choices, people=2)
     assert config_of(plan, "imu-bridge.user2")["serial"]["port"] == "/dev/ttyUSB7"

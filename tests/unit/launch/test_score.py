@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.cli.display.summary import summary_lines
-from pointit.launch.run.score import MAX_OBJECTS, MAX_TRACKERS, Latency, Score
+from pointit.launch.run.score import MAX_OBJECTS, MAX_TRACKERS, Latency, RunScore
 from pointit.schemas import (
     Cursor,
     SelectedObject,
@@ -34,7 +34,7 @@ def event(what: str, object_id: str, kind: str = "", user: str = "") -> Selectio
 
 
 def of_reds(*messages: TrackedObjects | SelectionEvent, kinds: tuple[str, ...] = ("red",)) -> dict[str, int]:
-    score = Score(kinds)
+    score = RunScore(kinds)
     for message in messages:
         if isinstance(message, TrackedObjects):
             score.on_objects("conveyor", message)
@@ -84,14 +84,14 @@ def test_counts_of_red_targets(
 
 
 def test_refusals_count_as_such_alone() -> None:
-    score = Score(("red",))
+    score = RunScore(("red",))
     for reason in ("it is too late", "anna has it"):
         score.on_event(event("refused", "a").model_copy(update={"reason": reason}))
     assert (score.refused, score.refusal) == (2, "anna has it")
 
 
 def test_what_came_out_counts_by_for_whom_it_went_there_whatever_was_selected() -> None:
-    score = Score(("red",))
+    score = RunScore(("red",))
     for message in (SELECTED, dispatched("a", "red", "3"), SELECTED):  # the selector's may come later
         score.on_event(message)
     score.on_selection(selection("a"))
@@ -100,7 +100,7 @@ def test_what_came_out_counts_by_for_whom_it_went_there_whatever_was_selected() 
 
 
 def test_what_left_while_the_selector_was_down_counts_as_the_conveyor_sent_it() -> None:
-    score = Score(("red",))
+    score = RunScore(("red",))
     score.on_objects("conveyor", things(("a", "red"), ("b", "red"), ("c", "blue")))
     for name in ("a", "c"):
         score.on_event(event("selected", name))
@@ -116,7 +116,7 @@ def test_what_left_while_the_selector_was_down_counts_as_the_conveyor_sent_it() 
 
 
 def test_bays_count_what_came_out_once_however_often_it_is_told() -> None:
-    score = Score(("red",))
+    score = RunScore(("red",))
     for told in (dispatched("a", "red", "1", "anna"), dispatched("b", "blue", "3")):
         score.on_event(told)
         score.on_event(told)  # the conveyor was killed between telling and noting that it had told
@@ -132,7 +132,7 @@ def selection(*names: str) -> Selection:
 
 
 def test_a_selector_that_begins_anew_has_nothing_selected() -> None:
-    score = Score(("red",))
+    score = RunScore(("red",))
     score.on_objects("conveyor", things(("a", "red"), ("b", "red"), ("c", "blue")))
     for message in (event("selected", "a"), event("selected", "b"), event("selected", "c")):
         score.on_event(message)
@@ -145,7 +145,7 @@ def test_a_selector_that_begins_anew_has_nothing_selected() -> None:
 
 
 def test_names_without_number_are_counted_and_not_remembered() -> None:
-    score = Score(("red",))
+    score = RunScore(("red",))
     for number in range(MAX_OBJECTS + 30):
         score.on_objects(f"t{number}", things((f"x{number}", "red" if number % 3 else "blue")))
         score.on_event(event("selected" if number % 2 else "left", f"x{number}"))

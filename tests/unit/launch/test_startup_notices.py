@@ -5,8 +5,8 @@ import time
 import pytest
 
 from pointit.launch.plan.launches import Choices, user_launches
-from pointit.launch.plan.scenario import Pose, read_scenario
-from pointit.launch.plan.startup_notices import assumed_places, kept_mountings, kept_offsets
+from pointit.launch.plan.scenario import FloorPose, read_scenario
+from pointit.launch.plan.startup_notices import assumed_places, stored_mounting_notices, stored_offset_notices
 from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig
@@ -45,7 +45,7 @@ def test_who_wears_a_device_is_told_where_they_are_taken_to_stand(index: int) ->
     [
         Choices(),
         Choices(imu=["sim"]),
-        Choices(imu=[SERIAL], poses=[Pose(x_m=1.0, y_m=2.0)]),
+        Choices(imu=[SERIAL], poses=[FloorPose(x_m=1.0, y_m=2.0)]),
         Choices(imu=[SERIAL], localize=True),
         Choices(imu=[SERIAL], settings=["localizer.yaw_deg=30"]),
     ],
@@ -57,7 +57,7 @@ def test_nobody_is_told_what_was_said_or_is_simulated(choices: Choices, index: i
 
 def test_what_is_kept_and_in_use_is_said() -> None:
     launches = user_launches(read_scenario("scenario_3"), Choices(imu=[SERIAL]), "anna")
-    assert [*kept_mountings(launches), *kept_offsets(launches)] == []
+    assert [*stored_mounting_notices(launches), *stored_offset_notices(launches)] == []
     StateFile(PointingOffset, "anna", OFFSET_PURPOSE).write(PointingOffset(rung="pitch", fitted_ns=FITTED_NS))
     (bridge,) = (launch.config for launch in launches if isinstance(launch.config, ImuBridgeConfig))
     same = (0.0, 0.0, 0.0, 1.0)
@@ -65,9 +65,11 @@ def test_what_is_kept_and_in_use_is_said() -> None:
     mountings = StateFile(StoredMountings, "anna", PURPOSE)
     mountings.write(StoredMountings(by_source={"serial": own}))
     since = "of 2026-11-20 11:05 is in use; `pointit person calibrate"
-    assert [*kept_offsets(launches)] == [f"anna: an offset {since} user anna --erase` forgets it"]
-    assert [*kept_mountings(launches)] == [f"anna: a mounting {since} mounting anna --erase` forgets it"]
+    assert [*stored_offset_notices(launches)] == [f"anna: an offset {since} user anna --erase` forgets it"]
+    assert [*stored_mounting_notices(launches)] == [
+        f"anna: a mounting {since} mounting anna --erase` forgets it"
+    ]
     mountings.write(StoredMountings(by_source={"replay": own}))  # of another device
-    assert list(kept_mountings(launches)) == []
+    assert list(stored_mounting_notices(launches)) == []
     mountings.path.write_text("{", encoding="utf-8")  # the service complains of it
-    assert list(kept_mountings(launches)) == []
+    assert list(stored_mounting_notices(launches)) == []

@@ -41,12 +41,12 @@ slots = st.binary(min_size=1, max_size=512)
 
 def test_e131_packet_matches_the_golden_bytes() -> None:
     packet = e131_protocol.data_packet(
-        e131_protocol.Sender(CID, "PointIt"), 0x1234, 7, bytes.fromhex("0a0b0c")
+        e131_protocol.E131Sender(CID, "PointIt"), 0x1234, 7, bytes.fromhex("0a0b0c")
     )
     assert packet.hex() == E131_GOLDEN.replace(" ", "")
 
 
-senders = st.builds(e131_protocol.Sender, st.just(CID), st.text(), st.integers(0, 200))
+senders = st.builds(e131_protocol.E131Sender, st.just(CID), st.text(), st.integers(0, 200))
 
 
 @given(
@@ -57,7 +57,7 @@ senders = st.builds(e131_protocol.Sender, st.just(CID), st.text(), st.integers(0
     ended=st.booleans(),
 )
 def test_e131_packet_is_read_by_an_independent_decoder(
-    *, sender: e131_protocol.Sender, data: bytes, universe: int, number: int, ended: bool
+    *, sender: e131_protocol.E131Sender, data: bytes, universe: int, number: int, ended: bool
 ) -> None:
     packet = e131_protocol.data_packet(sender, universe, number, data, ended=ended)
     assert len(packet) == 126 + len(data)
@@ -130,15 +130,15 @@ def test_several_universes_are_shown_at_once_by_a_sync_packet() -> None:
 
 
 def test_node_that_answers_is_read() -> None:
-    node = artnet_protocol.Node("192.168.1.7", "A node in the attic", "#0001 [1] ok", (0x125, 0x126))
+    node = artnet_protocol.ArtnetNode("192.168.1.7", "A node in the attic", "#0001 [1] ok", (0x125, 0x126))
     assert artnet_protocol.read_reply(REPLY) == node
 
 
 def test_a_node_that_replies_for_each_four_ports_is_one_node_with_all_universes() -> None:
-    nodes: dict[str, artnet_protocol.Node] = {}
+    nodes: dict[str, artnet_protocol.ArtnetNode] = {}
     for name, universes in (("wall", (4, 5)), ("", (0, 1, 2, 3)), ("wall", (4, 5))):
-        merge_reply(nodes, artnet_protocol.Node("10.0.0.7", name, "", universes))
-    merge_reply(nodes, artnet_protocol.Node("10.0.0.8", "wall", "", (0,)))
+        merge_reply(nodes, artnet_protocol.ArtnetNode("10.0.0.7", name, "", universes))
+    merge_reply(nodes, artnet_protocol.ArtnetNode("10.0.0.8", "wall", "", (0,)))
     assert [(each.address, each.universes) for each in nodes.values()] == [
         ("10.0.0.7", (0, 1, 2, 3, 4, 5)), ("10.0.0.8", (0,))
     ]  # fmt: skip

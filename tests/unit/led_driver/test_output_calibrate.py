@@ -15,14 +15,14 @@ from pointit.cli.outputs.output_calibrate import pointed, report
 from pointit.runtime.errors import PointItError
 from pointit.runtime.service.surroundings import NullHealth
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.head import HOME, Angles, ManualAim, Mounting
+from pointit.services.led_driver.output.spotlight.head import HOME, Angles, HeadMounting, ManualAim
 from pointit.services.led_driver.output.spotlight.pose_fit import FittedPose, fit_pose
 from pointit.testing import UdpDevice
 from pointit_lab.devices.harnesses.led import e131_frames
 from tests.support.bench import until
 
 LAMPS = {"a": (0.0, 0.0, 0.5), "b": (4.0, 0.3, 1.0), "c": (3.5, 3.0, 0.0), "d": (0.4, 3.2, 2.0)}
-TRUTH = Mounting.from_degrees((2.0, 1.5, 3.0), 30.0, 3.0, 176.0)
+TRUTH = HeadMounting.from_degrees((2.0, 1.5, 3.0), 30.0, 3.0, 176.0)
 STEP_RAD = math.radians(0.25)
 FINER = b"-" * 4
 """From the first step to that one."""

@@ -19,14 +19,14 @@ from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import Cursor
 from pointit.services.led_driver.output.spotlight.beam import (
     DARK,
-    Aim,
     Beam,
+    BeamAim,
     BeamOwnership,
     BeamState,
     Fixture,
 )
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Limits, Mounting, moved
+from pointit.services.led_driver.output.spotlight.head import HOME, Angles, HeadLimits, HeadMounting, moved
 from pointit.services.led_driver.output.spotlight.pose_fit import FittedPose, fit_pose
 from pointit.services.led_driver.output.spotlight.spotlight import Spotlight
 from pointit.testing import UdpDevice
@@ -35,17 +35,17 @@ from tests.support.bench import until
 from tests.support.running_source import Health
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
-WIDE = Limits(math.radians(540), math.radians(270), math.radians(180), math.radians(90))
-HANGING = Mounting.from_degrees((0.0, 0.0, 3.0), 0.0, 0.0, 180.0)
+WIDE = HeadLimits(math.radians(540), math.radians(270), math.radians(180), math.radians(90))
+HANGING = HeadMounting.from_degrees((0.0, 0.0, 3.0), 0.0, 0.0, 180.0)
 metres = st.floats(-10, 10)
 degrees = st.floats(-180, 180)
-mountings = st.builds(Mounting.from_degrees, st.tuples(metres, metres, metres), degrees, degrees, degrees)
+mountings = st.builds(HeadMounting.from_degrees, st.tuples(metres, metres, metres), degrees, degrees, degrees)
 points = st.tuples(metres, metres, metres)
 reached = st.builds(Angles, st.floats(-4.7, 4.7), st.floats(-2.3, 2.3))
 
 
 @given(mountings, points, reached)
-def test_beam_at_the_angles_of_a_point_meets_it(mounting: Mounting, point_m: Vec3, start: Angles) -> None:
+def test_beam_at_the_angles_of_a_point_meets_it(mounting: HeadMounting, point_m: Vec3, start: Angles) -> None:
     way_m = vector.subtract(point_m, mounting.position_m)
     assume(vector.norm(way_m) > 0.01)
     angles = mounting.angles(point_m, start, WIDE)
@@ -119,9 +119,9 @@ def test_beam_belongs_to_who_began_to_point_last() -> None:
     people.set_cursor("ann", (1, 0, 0), RED)
     people.set_cursor("bob", (2, 0, 0), BLUE)
     people.set_cursor("ann", (3, 0, 0), RED)  # she goes on
-    assert people.aim == Aim("bob", (2, 0, 0), BLUE)
+    assert people.aim == BeamAim("bob", (2, 0, 0), BLUE)
     people.set_cursor("bob", None, BLUE)
-    assert people.aim == Aim("ann", (3, 0, 0), RED)
+    assert people.aim == BeamAim("ann", (3, 0, 0), RED)
     people.set_cursor("ann", None, RED)
     assert people.aim is None
 
@@ -131,7 +131,7 @@ def test_beam_of_a_named_person_follows_nobody_else() -> None:
     people.set_cursor("bob", (2, 0, 0), BLUE)
     assert people.aim is None
     people.set_cursor("ann", (1, 0, 0), RED)
-    assert people.aim == Aim("ann", (1, 0, 0), RED)
+    assert people.aim == BeamAim("ann", (1, 0, 0), RED)
 
 
 def slots_of(angles: Angles, **values: Any) -> bytes:
@@ -242,19 +242,19 @@ LAMPS = ((0.0, 0.0, 0.5), (4.0, 0.3, 1.0), (3.5, 3.0, 0.0), (0.4, 3.2, 2.0))
 SEEDS = range(20)
 
 
-def mounting(chance: random.Random) -> Mounting:
+def mounting(chance: random.Random) -> HeadMounting:
     """Return a fixture about two metres around the room's middle, which stands, hangs or is on a wall."""
     place = (chance.uniform(0, 4), chance.uniform(0, 4), chance.uniform(1.0, 4.0))
     base = chance.choice((0.0, 90.0, 180.0))
-    return Mounting.from_degrees(
+    return HeadMounting.from_degrees(
         place, chance.uniform(-180, 180), chance.uniform(-15, 15), base + chance.uniform(-15, 15)
     )
 
 
 def pointed(
-    truth: Mounting, places: tuple[Vec3, ...], chance: random.Random, noise_rad: float
+    truth: HeadMounting, places: tuple[Vec3, ...], chance: random.Random, noise_rad: float
 ) -> list[Angles]:
-    unlimited = Limits(math.radians(540), math.tau, 1.0, 1.0)
+    unlimited = HeadLimits(math.radians(540), math.tau, 1.0, 1.0)
     found = [truth.angles(place, HOME, unlimited) for place in places]
     assert None not in found
     return [
@@ -264,11 +264,11 @@ def pointed(
     ]
 
 
-def fitted(fit: FittedPose) -> Mounting:
-    return Mounting.from_degrees(fit.position_m, fit.yaw_deg, fit.pitch_deg, fit.roll_deg)
+def fitted(fit: FittedPose) -> HeadMounting:
+    return HeadMounting.from_degrees(fit.position_m, fit.yaw_deg, fit.pitch_deg, fit.roll_deg)
 
 
-def turn_rad(a: Mounting, b: Mounting) -> float:
+def turn_rad(a: HeadMounting, b: HeadMounting) -> float:
     w = rotation.multiply(rotation.inverse(a.world_from_fixture), b.world_from_fixture)[3]
     return 2.0 * math.acos(min(abs(w), 1.0))
 
@@ -285,7 +285,7 @@ def test_pose_is_found_from_four_places_pointed_at_to_a_fifth_of_a_degree(seed: 
     assert turn_rad(found, truth) < math.radians(3.0)
     for place in ((2.0, 2.0, 0.0), (1.0, 3.0, 1.0)):  # where nobody pointed
         way = vector.subtract(place, truth.position_m)
-        angles = found.angles(place, HOME, Limits(math.radians(540), math.tau, 1.0, 1.0))
+        angles = found.angles(place, HOME, HeadLimits(math.radians(540), math.tau, 1.0, 1.0))
         assert angles is not None
         assert vector.angle_between(truth.beam(angles), way) * vector.norm(way) < 0.05
 

@@ -7,7 +7,7 @@ import yaml
 
 from pointit.geometry.polyline import Array, Polyline
 from pointit.maps.checks.check import check_map
-from pointit.maps.checks.finding import Finding
+from pointit.maps.checks.finding import MapFinding
 from pointit.maps.file import map_path, read_clouds, read_map_file, shipped_maps
 from pointit.maps.model import ENTRIES, MapFile
 from pointit.runtime.config.validation_message import field_names
@@ -16,7 +16,7 @@ from tests.support.data import data_file
 LAMPS = "lamps: {a: {position: [0, 3, 1]}, b: {position: [3, 3, 2]}}\n"
 
 
-def found(folder: Path, text: str, person: tuple[float, float] | None = None) -> list[Finding]:
+def found(folder: Path, text: str, person: tuple[float, float] | None = None) -> list[MapFinding]:
     path = folder / "site.yaml"
     path.write_text(text, encoding="utf-8")
     file = read_map_file(path)

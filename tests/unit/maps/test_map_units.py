@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.check import check_map
-from pointit.maps.checks.finding import Finding
+from pointit.maps.checks.finding import MapFinding
 from pointit.maps.checks.lamps import SAME_PLACE_M, check_lamps
 from pointit.maps.file import parse_map_file, read_map_file
 from pointit.maps.model import LampEntry, MapFile
@@ -51,7 +51,7 @@ def in_unit(room: dict[str, Any], factor: float) -> MapFile:
     )
 
 
-def units_said(findings: list[Finding]) -> list[str]:
+def units_said(findings: list[MapFinding]) -> list[str]:
     return [each.text.rpartition(" ")[2] for each in findings if each.where == "map"]
 
 

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from matplotlib.collections import QuadMesh
 
 from pointit.cli.main import command
-from pointit.maps.checks.things import told_apart
+from pointit.maps.checks.things import separability
 from pointit.maps.file import load_map, parse_map_file
 from pointit.maps.picture.picture import map_figure
 from pointit.maps.things import things_of
@@ -24,7 +24,7 @@ things:
 
 
 def test_things_are_told_apart_from_near_and_from_the_right_side() -> None:
-    share = told_apart(things_of(parse_map_file(TWO_AND_ONE.encode(), Path("two.yaml"))))
+    share = separability(things_of(parse_map_file(TWO_AND_ONE.encode(), Path("two.yaml"))))
     apart_m = 0.6 - 0.2
     assert share(3.0 - apart_m / math.tan(math.radians(7.0)) + 0.1, 0.0) == 1.0
     assert share(-2.5, 0.0) == pytest.approx(1 / 3), "the two are 4 degrees apart"
@@ -39,7 +39,7 @@ def test_the_floor_is_coloured_by_it(tmp_path: Path) -> None:
     def share(x: float, _y: float) -> float:
         return 1.0 if x > 0.0 else 0.0
 
-    figure = map_figure(load_map(str(path), 0), {}, "two", told_apart=share)
+    figure = map_figure(load_map(str(path), 0), {}, "two", separability=share)
     (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
     shares = np.asarray(mesh.get_array())
     assert set(shares[:, 0].ravel()) == {0.0}
@@ -62,4 +62,4 @@ def test_a_map_of_nothing_but_a_tracked_object_is_checked_and_drawn(
 
 def test_a_map_without_things_that_have_a_place_is_one_sentence() -> None:
     with pytest.raises(ConfigError, match="add a section `things`"):
-        told_apart(())
+        separability(())

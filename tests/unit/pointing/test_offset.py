@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.schemas import Anchor
-from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
+from pointit.services.pointing.offset import OffsetFit, OffsetSighting, fit, sighting
 from pointit.services.pointing.pointer import apply
 from tests.support.known import known
 
@@ -19,10 +19,10 @@ DEG = math.radians(1.0)
 Rng = np.random.Generator
 
 
-def seen(azimuth_deg: float, elevation_deg: float, turn_deg: float, raise_deg: float) -> Sighting:
+def seen(azimuth_deg: float, elevation_deg: float, turn_deg: float, raise_deg: float) -> OffsetSighting:
     """Return a pointing at a place whose ray must be turned by what it is off to meet it."""
     azimuth_rad, elevation_rad = (azimuth_deg - turn_deg) * DEG, (elevation_deg - raise_deg) * DEG
-    return Sighting(azimuth_rad, elevation_rad, azimuth_deg * DEG, elevation_deg * DEG)
+    return OffsetSighting(azimuth_rad, elevation_rad, azimuth_deg * DEG, elevation_deg * DEG)
 
 
 def spread_out(count: int, rng: Rng) -> list[tuple[float, float]]:
@@ -30,7 +30,7 @@ def spread_out(count: int, rng: Rng) -> list[tuple[float, float]]:
     return [(rng.uniform(-40.0, 40.0), rng.uniform(-40.0, 5.0)) for _ in range(count)]
 
 
-def left_deg(fitted: OffsetFit, held_out: Sequence[Sighting]) -> tuple[float, float]:
+def left_deg(fitted: OffsetFit, held_out: Sequence[OffsetSighting]) -> tuple[float, float]:
     """Return the rms of what is left of azimuth and elevation, deg, heading set right."""
     offset = known(fitted.offset)
     errors: list[tuple[float, float]] = []
@@ -152,7 +152,7 @@ def test_two_that_disagree_are_both_kept_and_doubted() -> None:
     assert known(torn.offset).sigma_rad > 1.5 * known(agreed.offset).sigma_rad
 
 
-def bent(place: tuple[float, float], rng: Rng, noise_deg: float = 0.5) -> Sighting:
+def bent(place: tuple[float, float], rng: Rng, noise_deg: float = 0.5) -> OffsetSighting:
     """Return a pointing of somebody whose error grows to the sides and downwards."""
     azimuth, elevation = place
     a, e = azimuth * DEG, elevation * DEG

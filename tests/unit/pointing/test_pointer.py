@@ -26,7 +26,7 @@ def sample(azimuth_rad: float, stamp_ns: int, device_time_ns: int | None = None)
 
 
 def test_the_offset_is_added_before_the_filter_and_told() -> None:
-    pointer = Pointer(UserProfile(stamp_ns=0, offset=UP), smoothing=OneEuro())
+    pointer = Pointer(UserProfile(stamp_ns=0, offset=UP), one_euro=OneEuro())
     rays = [pointer.ray(sample(azimuth, at), at) for azimuth, at in ((0.3, 0), (0.4, 20 * MS))]
     first, second = rays
     assert first is not None
@@ -43,7 +43,7 @@ def test_the_offset_is_added_before_the_filter_and_told() -> None:
 
 
 def test_new_profile_resets_the_filter() -> None:
-    pointer = Pointer(smoothing=OneEuro())
+    pointer = Pointer(one_euro=OneEuro())
     assert pointer.ray(sample(0.0, 0), 0) is not None
     pointer.set_profile(UserProfile(stamp_ns=0, offset=UP))
     ray = known(pointer.ray(sample(0.5, 20 * MS), 20 * MS))
@@ -52,7 +52,7 @@ def test_new_profile_resets_the_filter() -> None:
 
 def test_repeats_do_not_hold_the_filter_back() -> None:
     """A repeat is not taken for a halt: the same movement with repeats comes out the same."""
-    plain, repeating = Pointer(smoothing=OneEuro()), Pointer(smoothing=OneEuro())
+    plain, repeating = Pointer(one_euro=OneEuro()), Pointer(one_euro=OneEuro())
     for index in range(50):
         at = index * 20 * MS
         azimuth = 0.02 * index
@@ -141,7 +141,7 @@ def test_any_profile_and_samples_give_valid_rays(
     profile: UserProfile, samples: list[ImuSample], yaw_rad: float
 ) -> None:
     """Nobody else checks them: in tests they are validated."""
-    pointer = Pointer(profile, smoothing=OneEuro())
+    pointer = Pointer(profile, one_euro=OneEuro())
     pointer.set_yaw(yaw_rad)
     for each in samples:
         assert pointer.ray(each, each.stamp_ns) is not None or pointer.verdict != "fresh"

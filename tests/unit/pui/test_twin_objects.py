@@ -2,7 +2,7 @@
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects
-from pointit.services.pui.tracked_objects import Twin, TwinFinder
+from pointit.services.pui.tracked_objects import DuplicateFinder, DuplicateObject
 
 BEGIN_NS = 1000 * NS_PER_S
 
@@ -21,12 +21,12 @@ class Room:
     """Two trackers that report five times a second, the second one 100 ms later."""
 
     def __init__(self) -> None:
-        self.finder = TwinFinder()
+        self.finder = DuplicateFinder()
         self.now_ns = BEGIN_NS
 
     def report(
         self, camera: tuple[TrackedObject, ...], robot: tuple[TrackedObject, ...], seconds: float = 0.4
-    ) -> tuple[Twin, ...]:
+    ) -> tuple[DuplicateObject, ...]:
         for _ in range(round(seconds * 5)):
             self.finder.on_objects("camera", TrackedObjects(stamp_ns=self.now_ns, objects=camera))
             self.finder.on_objects(
@@ -38,7 +38,7 @@ class Room:
 
 def test_one_id_in_two_trackers_is_told_at_once_wherever_it_is() -> None:
     (twin,) = Room().report((thing("cup", 0.0), thing("box", 1.0)), (thing("cup", 5.0),), 0.4)
-    assert twin == Twin("camera", "cup", "robot", "cup")
+    assert twin == DuplicateObject("camera", "cup", "robot", "cup")
     assert twin.sentence.startswith("the trackers camera and robot both report cup: leave it out of one")
 
 

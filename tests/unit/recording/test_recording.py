@@ -207,7 +207,7 @@ def test_reading_goes_on_behind_zeros(path: Path) -> None:
         assert "it is damaged between two chunks" in recording.problem
 
 
-def chunks(path: Path) -> list[container.Place]:
+def chunks(path: Path) -> list[container.RecordLocation]:
     with path.open("rb") as file:
         return [place for place in container.records(file) if place.opcode == 6]
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from pointit.cli.recordings.replay import first_lines
-from pointit.replay.comparison.comparison import Comparison, Report, TopicReport
+from pointit.replay.comparison.comparison import Comparison, ComparisonReport, TopicReport
 from pointit.replay.comparison.samples import Leaf, Sample, differences
 
 MS = 1_000_000
@@ -17,7 +17,9 @@ def sample(key: str, at_ms: int, stamp_ms: int | None = None, **content: Any) ->
     return Sample(key, at_ms * MS, stamp_ns, {"stamp_ns": stamp_ns, **content})
 
 
-def report(recorded: list[Sample], replayed: list[Sample], *, time_tolerance_s: float = 0.1) -> Report:
+def report(
+    recorded: list[Sample], replayed: list[Sample], *, time_tolerance_s: float = 0.1
+) -> ComparisonReport:
     comparison = Comparison(time_tolerance_s=time_tolerance_s)
     there = [each.time_ns for each in (*recorded, *replayed)]
     for time_ns in sorted(set(there)):

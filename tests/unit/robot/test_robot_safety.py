@@ -8,7 +8,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Interaction, RobotState, UserPose
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
-from pointit.services.robot.safety.people import People
+from pointit.services.robot.safety.people import PeopleNearRobot
 from pointit.services.robot.safety.safety import Safety
 from tests.unit.robot.flight import cursor_at
 from tests.unit.robot.steered_robot import START_NS, Steered, fence
@@ -197,7 +197,7 @@ def test_who_is_beside_a_quadrotor_by_an_estimate_is_told_its_sigma_and_who_is_t
 def test_the_age_of_a_cursor_from_before_a_localization_is_no_sign_of_a_lost_wrist(
     cursor_s: float | None, pointing_s: float, text: str | None
 ) -> None:
-    people, now_ns = People(RobotConfig(cursor_timeout_s=0.3), "quad"), START_NS + 20 * NS_PER_S
+    people, now_ns = PeopleNearRobot(RobotConfig(cursor_timeout_s=0.3), "quad"), START_NS + 20 * NS_PER_S
 
     def state_ago(state: str, seconds: float) -> Interaction:
         stamp_ns = now_ns - round(seconds * NS_PER_S)

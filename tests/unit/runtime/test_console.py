@@ -11,10 +11,10 @@ import pytest
 from rich.table import Table
 from rich.text import Text
 
-from pointit.cli.common.output import Section, print_table, say
-from pointit.cli.display.view import View
+from pointit.cli.common.output import OutputSection, print_table, say
+from pointit.cli.display.view import ConsoleView
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plain_console import PlainConsole
@@ -51,7 +51,7 @@ def test_control_characters_are_question_marks_wherever_they_are(console: PlainC
     table.add_row(Text(EVIL, style="red"))
     console.print(Text(EVIL))
     console.print(table)
-    print_table(console, Section(name="s", about="x", rows=({"who": EVIL},)))
+    print_table(console, OutputSection(name="s", about="x", rows=({"who": EVIL},)))
     text = written(console)
     assert text.count(TAME) == 3
     assert text.replace("\n", "").isprintable()
@@ -74,9 +74,9 @@ def test_markup_of_others_is_text(console: PlainConsole) -> None:
 
 def test_view_shows_names_of_surfaces_as_they_are() -> None:
     console = PlainConsole(file=io.StringIO(), force_terminal=True, width=100)
-    monitor = Monitor(Score(()), WallClock())
+    monitor = Monitor(RunScore(()), WallClock())
     monitor.cursors["anna"] = Cursor(stamp_ns=1, surface="strip", surface_id="[/x]\x1bc", position_m=1.0)
-    console.print(View(monitor, "PointIt", lambda: 0.0))
+    console.print(ConsoleView(monitor, "PointIt", lambda: 0.0))
     assert "strip [/x]?c" in written(console)
 
 

@@ -105,7 +105,7 @@ async def test_plugin_that_ends_is_named_and_restarted_until_it_runs(
 def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_up_the_end(
     guard: PluginGuard, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(plugin_guard, "END_PATIENCE_S", 0.01)
+    monkeypatch.setattr(plugin_guard, "END_TIMEOUT_S", 0.01)
     stubborn_ends = asyncio.Event()
 
     async def stubborn() -> None:
@@ -166,7 +166,7 @@ def find_culprit_in(block: Callable[[Callable[[], object]], None]) -> tuple[str,
     found: list[tuple[str, str] | None] = []
 
     def look() -> bool:
-        found.append(plugin_guard.find_culprit(sys._getframe(), {"strangers_blocking"}))
+        found.append(plugin_guard.find_blocking_package(sys._getframe(), {"strangers_blocking"}))
         return True
 
     block(look)

@@ -20,8 +20,8 @@ from pointit.runtime.config.parameters import iter_parameters
 from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.service import process
 from pointit.runtime.service.process import (
-    ASKED_CLOCK_PATIENCE_S,
-    CLOCK_PATIENCE_S,
+    CLOCK_REQUEST_TIMEOUT_S,
+    CLOCK_TIMEOUT_S,
     run_command,
     service_command,
 )
@@ -239,7 +239,7 @@ def test_port_0_is_none_to_connect_to(capsys: pytest.CaptureFixture[str]) -> Non
 
 @pytest.mark.parametrize(
     ("arguments", "patience_s"),
-    [((), CLOCK_PATIENCE_S), (("--clock", "site"), ASKED_CLOCK_PATIENCE_S), (("--clock", "wall"), None)],
+    [((), CLOCK_TIMEOUT_S), (("--clock", "site"), CLOCK_REQUEST_TIMEOUT_S), (("--clock", "wall"), None)],
 )
 def test_the_sites_time_is_followed_unless_wall_time_is_asked_for(
     arguments: tuple[str, ...], patience_s: float | None, monkeypatch: pytest.MonkeyPatch

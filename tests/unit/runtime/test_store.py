@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.host.store import RETRY_EVERY_NS, SHOWN_NS, Layout, Store, read_rows
+from pointit.runtime.host.store import RETRY_EVERY_NS, SHOWN_NS, Store, StoreLayout, read_rows
 from tests.support.pace import within
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
 WORDS = "CREATE TABLE IF NOT EXISTS words (word TEXT NOT NULL)"
-LAYOUT = Layout(tables=WORDS, writer="clerk", loss="words are lost")
+LAYOUT = StoreLayout(tables=WORDS, writer="clerk", loss="words are lost")
 
 
 def read(db: sqlite3.Connection) -> list[str]:
@@ -155,7 +155,7 @@ def test_damaged_file_is_set_aside_and_told_for_a_day(store: Store, damage: Call
 
 
 def test_file_of_a_newer_version_is_left_as_it_is(store: Store) -> None:
-    newer = Store(store.path, Layout(tables=LAYOUT.tables, version=2, writer="clerk", loss=""))
+    newer = Store(store.path, StoreLayout(tables=LAYOUT.tables, version=2, writer="clerk", loss=""))
     newer.open(NOW, read)
     write(newer, "a")
     newer.close()

@@ -17,8 +17,8 @@ from pointit.runtime.zenoh.subscribers import (
     MAX_NAMES,
     MAX_USERS,
     SILENT_S,
+    NameAllowlist,
     NameLimiter,
-    Places,
     max_names_for,
 )
 from pointit.runtime.zenoh.wire_format import decoded, encoding_of
@@ -87,7 +87,7 @@ async def test_a_failing_item_does_not_stop_the_next(caplog: pytest.LogCaptureFi
 
 
 def names() -> NameLimiter:
-    return NameLimiter("user", lambda key: key.removeprefix("users/"), Places())
+    return NameLimiter("user", lambda key: key.removeprefix("users/"), NameAllowlist())
 
 
 def test_a_flood_of_new_names_does_not_evict_active_names() -> None:
@@ -112,7 +112,7 @@ def test_a_flood_of_new_names_does_not_evict_active_names() -> None:
 
 
 def test_names_of_the_map_have_a_place_whatever_others_make_up() -> None:
-    places = Places()
+    places = NameAllowlist()
     heard = NameLimiter("led", lambda key: key, places)
     places.keep("led", ["lamp"])
     for index in range(MAX_NAMES):
@@ -140,7 +140,7 @@ def test_a_name_that_is_refused_takes_no_place() -> None:
             raise KeyNameError(key)
         return key
 
-    heard = NameLimiter("user", refuse, Places())
+    heard = NameLimiter("user", refuse, NameAllowlist())
     for index in range(MAX_USERS):
         with pytest.raises(KeyNameError):
             heard.admit(f"bad{index}", 0.0)
@@ -161,8 +161,8 @@ def test_never_more_than_the_limit_whatever_comes(arrivals: list[tuple[int, floa
         try:
             assert heard.admit(f"users/x{number}", now_s) == f"x{number}"
         except KeyNameError:
-            assert len(heard._heard) == MAX_USERS
-        assert len(heard._heard) <= MAX_USERS
+            assert len(heard._received) == MAX_USERS
+        assert len(heard._received) <= MAX_USERS
 
 
 def test_many_threads_do_not_exceed_it() -> None:
@@ -178,7 +178,7 @@ def test_many_threads_do_not_exceed_it() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(heard._heard) == MAX_USERS
+    assert len(heard._received) == MAX_USERS
 
 
 TICK = ClockTick(stamp_ns=1, sim_ns=2, speed=3.0)

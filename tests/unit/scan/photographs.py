@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.scan.views import LampSpec, Sighting, StripSpec, View
+from pointit.scan.views import CameraView, LampSpec, StripSighting, StripSpec
 
 Array = NDArray[np.float64]
 
@@ -43,26 +43,26 @@ def photograph(
     gravity: bool = True,
     marks: int = 14,
     names: Mapping[str, str] | None = None,
-) -> View:
+) -> CameraView:
     """Return a view from `at` towards the room's middle, 0.5 px noise; `names` replaces names of strips."""
     forward = np.array([1.5, 2.4, 1.1]) - np.array(at)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     rotation = np.array([right, np.cross(forward, right), forward])
-    sightings: list[Sighting] = []
+    sightings: list[StripSighting] = []
     for spec in specs(lines):
         pixels = np.unique(np.linspace(0, spec.count - 1, marks).round())
         line = _line(lines[spec.name])
         points = line.points_at((pixels + 0.5) * line.length_m / spec.count)
         for pixel, (u, v) in zip(pixels, _images(points, at, rotation, rng), strict=True):
             number = int(rng.choice(pixels)) if rng.random() < wrong else int(pixel)
-            sightings.append(Sighting((names or {}).get(spec.name, spec.name), number, u, v))
+            sightings.append(StripSighting((names or {}).get(spec.name, spec.name), number, u, v))
     if lines is LINES:
         ((u, v),) = _images(np.array([LAMP]), at, rotation, rng)
-        sightings.append(Sighting("lamp", 0, u, v))
+        sightings.append(StripSighting("lamp", 0, u, v))
     down = rotation @ [0.0, 0.0, -1.0]
-    return View(
+    return CameraView(
         *SIZE_PX, tuple(sightings), (float(down[0]), float(down[1]), float(down[2])) if gravity else None
     )
 
@@ -79,7 +79,7 @@ def _images(points: Array, at: Vec3, rotation: Array, rng: np.random.Generator) 
 
 def photographs(
     count: int, seed: int = 1, *, wrong: float = 0.0, gravity: bool = True, marks: int = 14
-) -> list[View]:
+) -> list[CameraView]:
     """Return views of the room from the first `count` places."""
     rng = np.random.default_rng(seed)
     return [photograph(at, rng, wrong=wrong, gravity=gravity, marks=marks) for at in PLACES[:count]]

@@ -12,7 +12,7 @@ from pointit.cli.maps.point import CORNERS, PointingSession, target_name
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import NoMessageError, RefusedError
 from pointit.scan.as_map import pointed_text
-from pointit.scan.by_pointing import Pointing, box_of, locate, pointing_of, screen_of
+from pointit.scan.by_pointing import TargetRay, box_of, locate, pointing_of, screen_of
 from pointit.schemas import ButtonEvent, PointingRay, UserPose
 from pointit.schemas.topics import BUTTON, POSE, RAY
 from tests.support.bench import memory_bench
@@ -29,10 +29,10 @@ def pointed(lamp: Vec3, eyes: Vec3, azimuth_rad: float = 0.0, elevation_rad: flo
     return (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
 
 
-def survey(places: int, bias: tuple[float, float] = (0.0, 0.0), people: int = 1) -> list[Pointing]:
+def survey(places: int, bias: tuple[float, float] = (0.0, 0.0), people: int = 1) -> list[TargetRay]:
     """Return rays to all lamps from the first `places` places."""
     return [
-        Pointing(name, f"p{person}", str(place), eyes, pointed(lamp, eyes, *bias))
+        TargetRay(name, f"p{person}", str(place), eyes, pointed(lamp, eyes, *bias))
         for person in range(people)
         for place, eyes in enumerate(EYES[:places])
         for name, lamp in LAMPS.items()
@@ -48,7 +48,9 @@ def test_a_common_bias_of_a_person_is_found_and_taken_out(azimuth: float, elevat
 
 def test_places_60_degrees_apart_suffice_and_nearer_ones_need_a_third() -> None:
     assert not locate(survey(2))["a"].reason
-    near = [Pointing("a", "p", str(x), (x, 0.0, 1.6), pointed(LAMPS["a"], (x, 0.0, 1.6))) for x in (0.0, 0.5)]
+    near = [
+        TargetRay("a", "p", str(x), (x, 0.0, 1.6), pointed(LAMPS["a"], (x, 0.0, 1.6))) for x in (0.0, 0.5)
+    ]
     assert "third place" in locate(near)["a"].reason
 
 
@@ -62,7 +64,7 @@ def test_sigma_falls_with_a_further_place() -> None:
 
 def test_rays_to_different_things_are_noticed() -> None:
     rays = survey(2)
-    rays[0] = Pointing("a", "p0", "0", EYES[0], pointed((3.0, 2.0, 3.0), EYES[0]))
+    rays[0] = TargetRay("a", "p0", "0", EYES[0], pointed((3.0, 2.0, 3.0), EYES[0]))
     assert locate(rays)["a"].reason
 
 

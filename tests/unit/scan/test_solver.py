@@ -14,7 +14,7 @@ from pointit.scan.advice import next_view
 from pointit.scan.as_map import map_text
 from pointit.scan.result import Scan, ScanError
 from pointit.scan.solver import solve
-from pointit.scan.views import KnownLength, Mark, Sighting, StripSpec, View
+from pointit.scan.views import CameraView, KnownLength, Mark, StripSighting, StripSpec
 from tests.unit.scan.photographs import LAMP, LAMPS, LINES, PITCH_M, PLACES, photograph, photographs, specs
 
 
@@ -167,11 +167,11 @@ def test_a_strip_that_is_swapped_with_one_of_another_pitch_is_not_identified() -
     count = {spec.name: spec.count for spec in strips}
     swap = {"left": "post", "post": "left"}
     views = [
-        View(
+        CameraView(
             1280,
             720,
             tuple(
-                Sighting(seen.name, min(seen.pixel, count.get(seen.name, 1) - 1), seen.u, seen.v)
+                StripSighting(seen.name, min(seen.pixel, count.get(seen.name, 1) - 1), seen.u, seen.v)
                 for seen in photograph(at, rng, names=swap).sightings
             ),
         )
@@ -227,10 +227,10 @@ def test_no_advice_is_left_when_the_scan_is_complete() -> None:
 def test_a_picture_of_something_else_is_refused_in_a_sentence() -> None:
     rng = np.random.default_rng(5)
     noise = [
-        View(
+        CameraView(
             1280,
             720,
-            tuple(Sighting("left", int(n), *rng.uniform(0, 700, 2)) for n in rng.integers(0, 90, 30)),
+            tuple(StripSighting("left", int(n), *rng.uniform(0, 700, 2)) for n in rng.integers(0, 90, 30)),
         )
         for _ in range(3)
     ]
@@ -246,7 +246,7 @@ def test_one_view_or_none_is_refused() -> None:
 
 def test_strips_without_any_pitch_are_refused() -> None:
     with pytest.raises(ScanError, match="pitch"):
-        solve([StripSpec("left", 90)], [], photographs(0) + [View(1280, 720, ())] * 2)
+        solve([StripSpec("left", 90)], [], photographs(0) + [CameraView(1280, 720, ())] * 2)
 
 
 def test_a_pixel_beyond_the_strips_count_is_an_error_that_names_it() -> None:

@@ -16,9 +16,11 @@ from pointit.study.page.view import MAX_REASON, Page, PageView
 from pointit.study.questionnaires import SUS
 from pointit.study.session import StoppedError
 from pointit.study.step import Picture, Step
-from pointit.study.view import Command, Status
+from pointit.study.view import StudyCommand, StudyStatus
 
-STATUS = Status(participant="P01", trial=2, block=1, condition="hold", left=3, state="pointing", trials=4)
+STATUS = StudyStatus(
+    participant="P01", trial=2, block=1, condition="hold", left=3, state="pointing", trials=4
+)
 
 
 def shown(view: PageView) -> dict[str, Any]:
@@ -116,7 +118,7 @@ async def test_experimenter_can_only_stop_while_the_participant_reads() -> None:
     view = PageView("small", "P01")
     view.status(STATUS)
     assert view.hear("experimenter", '{"command": "skip", "reason": " a\\n b "}') == ""
-    assert view.command() == Command("skip", "a b")
+    assert view.command() == StudyCommand("skip", "a b")
     telling = await begun(view.tell(Step(text="Read."), go="begin"))
     assert view.hear("experimenter", '{"command": "pause"}').startswith("pause: the participant reads")
     assert view.command() is None

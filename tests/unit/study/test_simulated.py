@@ -18,7 +18,7 @@ from pointit.study.plan import plan_of
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
 from pointit.study.site.study_site import SiteOptions
-from pointit.study.view import Command, Status
+from pointit.study.view import StudyCommand, StudyStatus
 from tests.unit.study.studies import SMALL, simulate_all, small
 
 
@@ -122,7 +122,7 @@ def test_interrupted_participant_goes_on_with_the_same_bytes_where_a_person_diff
 def test_participant_whom_an_experimenter_stopped_is_finished_when_simulated(tmp_path: Path) -> None:
     study, folder = small(tmp_path)
     with pytest.raises(StoppedError):
-        pointit.run_virtually(_session(study, folder, [(3, "pointing", Command("stop"))]).run())
+        pointit.run_virtually(_session(study, folder, [(3, "pointing", StudyCommand("stop"))]).run())
     simulate(study, folder, "P01", lambda _status: None)
     rows = read_table(folder.path / "P01/trials.csv")
     assert [(row["trial"], row["attempt"]) for row in rows if not row["reason"]] == [
@@ -134,20 +134,20 @@ def test_participant_whom_an_experimenter_stopped_is_finished_when_simulated(tmp
 class _Experimenter(SimulatedView):
     """Gives commands by trial number, each at its first status `pointing` or else at any."""
 
-    def __init__(self, commands: list[tuple[int, str, Command]]) -> None:
+    def __init__(self, commands: list[tuple[int, str, StudyCommand]]) -> None:
         super().__init__(0, self._on_status)
         self._plan = commands
-        self._now: list[Command] = []
+        self._now: list[StudyCommand] = []
 
-    def _on_status(self, status: Status) -> None:
+    def _on_status(self, status: StudyStatus) -> None:
         if self._plan and self._plan[0][:2] == (status.trial, status.state):
             self._now.append(self._plan.pop(0)[2])
 
-    def command(self) -> Command | None:
+    def command(self) -> StudyCommand | None:
         return self._now.pop(0) if self._now else None
 
 
-def _session(study: Study, folder: StudyFolder, commands: list[tuple[int, str, Command]]) -> Session:
+def _session(study: Study, folder: StudyFolder, commands: list[tuple[int, str, StudyCommand]]) -> Session:
     return Session(study, folder, "P01", _Experimenter(commands), SiteOptions(person=person_of(study, "P01")))
 
 
@@ -161,11 +161,11 @@ def test_participant_who_was_begun_by_a_person_is_not_simulated_on(tmp_path: Pat
 def test_experimenter_repeats_skips_pauses_and_stops(tmp_path: Path) -> None:
     study, folder = small(tmp_path)
     commands = [
-        (1, "pointing", Command("repeat")),
-        (2, "pause", Command("repeat")),  # the trial before
-        (2, "pointing", Command("pause")),
-        (2, "paused", Command("skip", "sneezed")),
-        (3, "pointing", Command("stop")),
+        (1, "pointing", StudyCommand("repeat")),
+        (2, "pause", StudyCommand("repeat")),  # the trial before
+        (2, "pointing", StudyCommand("pause")),
+        (2, "paused", StudyCommand("skip", "sneezed")),
+        (3, "pointing", StudyCommand("stop")),
     ]
     with pytest.raises(StoppedError, match="P01 is stopped at trial 3; the same command goes on there"):
         pointit.run_virtually(_session(study, folder, commands).run())

@@ -8,9 +8,11 @@ import pytest
 from pointit.cli.study.run import TerminalView
 from pointit.study.questionnaires import Scale
 from pointit.study.step import Step
-from pointit.study.view import Command, Status
+from pointit.study.view import StudyCommand, StudyStatus
 
-STATUS = Status(participant="P01", trial=3, block=1, condition="hold", left=9, target="", state="pointing")
+STATUS = StudyStatus(
+    participant="P01", trial=3, block=1, condition="hold", left=9, target="", state="pointing"
+)
 
 
 async def typed(view: TerminalView, *lines: str) -> None:
@@ -29,10 +31,10 @@ async def test_keys_are_commands_and_a_skip_pauses_until_its_reason_is_typed(
     view.on_bytes(b"slippd\x7fed, q\nq")
     commands = [view.command() for _ in range(5)]
     assert commands == [
-        Command("repeat"),
-        Command("pause"),
-        Command("skip", "slipped, q"),
-        Command("stop"),
+        StudyCommand("repeat"),
+        StudyCommand("pause"),
+        StudyCommand("skip", "slipped, q"),
+        StudyCommand("stop"),
         None,
     ]
     assert "P01  trial 3, 9 left  hold  pointing" in capsys.readouterr().out
@@ -42,7 +44,7 @@ async def test_skip_during_a_pause_does_not_end_the_pause() -> None:
     view = TerminalView()
     view.status(replace(STATUS, state="paused"))
     view.on_bytes(b"sslipped\n")
-    assert [view.command() for _ in range(2)] == [Command("skip", "slipped"), None]
+    assert [view.command() for _ in range(2)] == [StudyCommand("skip", "slipped"), None]
 
 
 async def test_participant_is_asked_until_the_answer_is_one(capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,8 +28,14 @@ from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.user_sim.config import AimConfig, ArmConfig, MindConfig, UserSimConfig, WristbandConfig
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.config import (
+    AimConfig,
+    ArmConfig,
+    DecisionConfig,
+    UserSimConfig,
+    WristbandConfig,
+)
+from pointit.services.user_sim.person import SimulatedPerson
 from pointit.sim.aim import Stance
 
 PERIOD_NS = NS_PER_S // 50
@@ -47,7 +53,7 @@ State = Literal["idle", "localizing", "pointing"]
 PRECISE = UserSimConfig(
     arm=ArmConfig(hold_yaw_sd_deg=0.0, hold_pitch_sd_deg=0.0, tremor_rms_deg=0.0, reach_spread=0.0),
     aim=AimConfig(skill=1.0, correction_spread=0.0, content_deg=0.0),
-    mind=MindConfig(search_base_s=0.0, search_per_item_s=0.0, decide_per_bit_s=0.0),
+    mind=DecisionConfig(search_base_s=0.0, search_per_item_s=0.0, decide_per_bit_s=0.0),
     wristband=WristbandConfig(yaw_rate_bias_sd_degps=0.0, yaw_rate_walk_sd_degps=0.0, noise_sd_deg=0.0),
     yaw_deg=0.0,
 )
@@ -58,7 +64,7 @@ class Life:
 
     def __init__(self, config: UserSimConfig, seed: int = 1) -> None:
         self.now_ns = 0
-        self.person = Person(config, "anna", np.random.default_rng(seed))
+        self.person = SimulatedPerson(config, "anna", np.random.default_rng(seed))
         self.presses: list[int] = []
         self.doubles: list[int] = []
         self.last: ImuSample | None = None

@@ -21,7 +21,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.person import SimulatedPerson
 from pointit.services.user_sim.sight.sight import Sight
 from tests.unit.schemas.strategies import messages
 
@@ -90,7 +90,7 @@ def test_no_message_ends_a_person(
     seen: list[tuple[Message, str, float, bool]], behaviour: str, cue: Literal["target", "started"]
 ) -> None:
     config = UserSimConfig.model_validate({"behaviour": behaviour, "target_kinds": ("red",)})
-    person = Person(config, "a", np.random.default_rng(1))
+    person = SimulatedPerson(config, "a", np.random.default_rng(1))
     now_ns = 1_700_000_000 * S
     person.see(now_ns, Feedback(stamp_ns=0, cue=cue))
     for message, name, passed_s, is_now in seen:

@@ -25,7 +25,7 @@ from pointit.services.led_driver.light_state import LightState
 from pointit.services.pui.things import listing
 from pointit.services.user_sim.config import AimConfig
 from pointit.services.user_sim.decision.correction import Correction
-from pointit.services.user_sim.decision.goal import Goal
+from pointit.services.user_sim.decision.goal import PersonGoal
 from pointit.services.user_sim.decision.perception import Perception
 from pointit.services.user_sim.sight.observed_appearance import ObservedAppearance
 from pointit.services.user_sim.sight.sight import Sight
@@ -47,7 +47,7 @@ ROOM = Environment(
     ),
 )
 STEP_NS = NS_PER_S // 50
-NEXT = Goal("next", point_m=JAR, closed_loop=True)
+NEXT = PersonGoal("next", point_m=JAR, closed_loop=True)
 """A goal with a cursor, which shows what was learned."""
 
 
@@ -72,7 +72,7 @@ class Look:
     def aim(self, name: str) -> None:
         self.run(0.02, NEXT)
         item = self.thing(name)
-        self.goal = Goal(
+        self.goal = PersonGoal(
             f"object {name}", item.position_m, closed_loop=True, object_id=name, on_line=False, lit=item.lit
         )
         self.correction.settle(NEXT, self.goal)
@@ -85,7 +85,7 @@ class Look:
         hover = Hover(stamp_ns=self.now_ns, object_id=name, progress=0.2)
         self.lights.content.set_hover("anna", hover, self.now_ns)
 
-    def run(self, duration_s: float, goal: Goal | None = None) -> None:
+    def run(self, duration_s: float, goal: PersonGoal | None = None) -> None:
         for _ in range(round(duration_s * 50)):
             self.now_ns += STEP_NS
             tracked = listing(ROOM, self.now_ns)

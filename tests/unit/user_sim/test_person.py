@@ -21,8 +21,8 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, PROFILE
 from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig
-from pointit.services.user_sim.decision.goal import REST, Goal, on_object
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
+from pointit.services.user_sim.person import SimulatedPerson
 from pointit.services.user_sim.service import UserSim
 from pointit.services.user_sim.sight.eyes import Eyes, SeenCursor, Span
 from pointit.services.user_sim.sight.pixels import Kind
@@ -112,7 +112,7 @@ def test_the_cursor_takes_the_person_to_the_target_although_everything_errs() ->
 class Staring:
     """Wants to point at the only thing there is."""
 
-    def goal(self, now_ns: int, sight: Sight) -> Goal:
+    def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         seen = sight.find("a", now_ns)
         return REST if seen is None else on_object(seen, sight, closed_loop=True)
 
@@ -187,7 +187,7 @@ class Laser(Eyes):
 @functools.cache
 def pointing_at_the_floor(number: int) -> tuple[tuple[float, ...], float]:
     """Return the distance from the light to the target, m, at every step, and the reach, rad."""
-    person = Person(
+    person = SimulatedPerson(
         UserSimConfig(position_m=(0.0, 0.0, 0.0), target_kinds=("spot",)), "a", np.random.default_rng(number)
     )
     laser = Laser()

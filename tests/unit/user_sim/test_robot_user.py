@@ -10,7 +10,7 @@ from pointit.schemas import NS_PER_S, Feedback, RobotState
 from pointit.schemas.cues import SIGNS, Cue
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
-from pointit.services.user_sim.decision.goal import REST, Goal
+from pointit.services.user_sim.decision.goal import REST, PersonGoal
 from pointit.services.user_sim.decision.robot_user import GroundRobotUser, QuadrotorUser
 from pointit.services.user_sim.sight.sight import Sight
 
@@ -26,7 +26,7 @@ class Carol:
         self.mind = behaviour(SPOTS, DecisionTimes(config, 0.0, np.random.default_rng(1)))
         self.sight = Sight(0.0)
         self.now_ns = 0
-        self.goal: Goal = REST
+        self.goal: PersonGoal = REST
         self.robots: dict[str, dict[str, Any]] = {
             "quad": {"kind": "quadrotor", "phase": "landed", "position_m": (1.0, 2.0, 0.0)},
             "rover": {"kind": "ground", "phase": "idle", "position_m": (2.0, 2.0, 0.0)},

@@ -17,7 +17,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.user_sim.config import MindConfig, UserSimConfig
+from pointit.services.user_sim.config import DecisionConfig, UserSimConfig
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 from tests.unit.user_sim.life import PRECISE, Life, living, thing
 
@@ -167,7 +167,7 @@ def test_time_is_left_until_the_point_of_no_return(
 
 
 def clumsy(share: float, skill: float = 0.0) -> UserSimConfig:
-    mind = MindConfig(lapse_share=share)
+    mind = DecisionConfig(lapse_share=share)
     aim = PRECISE.aim.model_copy(update={"skill": skill})
     return PRECISE.model_copy(update={"mind": mind, "aim": aim})
 

@@ -15,7 +15,7 @@ from pointit.bridges.web.scan.wire import ScanThing
 from pointit.geometry.vector import Vec3, scale
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
-from pointit.scan.views import LampSpec, Sighting, StripSpec, Survey, View
+from pointit.scan.views import CameraView, LampSpec, StripSighting, StripSpec, Survey
 
 FOCAL_PX = 900.0
 WIDTH, HEIGHT = 1280, 720
@@ -38,17 +38,17 @@ def image_of(at_m: Vec3, place_m: Vec3) -> tuple[float, float]:
     return float(FOCAL_PX * x / z + WIDTH / 2), float(FOCAL_PX * y / z + HEIGHT / 2)
 
 
-def view_from(at_m: Vec3, seed: int) -> View:
+def view_from(at_m: Vec3, seed: int) -> CameraView:
     """Return the view of that camera."""
     rng = np.random.default_rng(seed)
     axes = axes_of(at_m)
-    seen = list[Sighting]()
+    seen = list[StripSighting]()
     for strip in ROOM.strips:
         for pixel in marked_pixels(len(strip.places_m)):
             u, v = image_of(at_m, strip.places_m[pixel]) + rng.normal(0.0, 0.3, 2)
-            seen.append(Sighting(strip.name, pixel, float(u), float(v)))
+            seen.append(StripSighting(strip.name, pixel, float(u), float(v)))
     down_x, down_y, down_z = (float(value) for value in -axes[:, 2])
-    return View(WIDTH, HEIGHT, tuple(seen), (down_x, down_y, down_z))
+    return CameraView(WIDTH, HEIGHT, tuple(seen), (down_x, down_y, down_z))
 
 
 def survey(views: int) -> Survey:
@@ -164,6 +164,6 @@ async def test_a_process_of_its_own_solves_and_says_what_hinders() -> None:
         solution = await solver.solve(survey(3))
         assert len(solution.strips) == len(COUNTS)
         with pytest.raises(PointItError):
-            await solver.solve(Survey(survey(1).strips, (), (View(WIDTH, HEIGHT, ()),) * 2))
+            await solver.solve(Survey(survey(1).strips, (), (CameraView(WIDTH, HEIGHT, ()),) * 2))
     finally:
         solver.close()

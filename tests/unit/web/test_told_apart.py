@@ -11,7 +11,7 @@ from matplotlib.collections import QuadMesh
 from pointit.bridges.web.model import told_apart
 from pointit.bridges.web.model.told_apart import Floor, ToldApart
 from pointit.maps.checks.things import TESTED
-from pointit.maps.checks.things import told_apart as share_of
+from pointit.maps.checks.things import separability as share_of
 from pointit.maps.file import load_map
 from pointit.maps.picture.picture import map_figure
 from pointit.runtime.errors import RefusedError
@@ -21,7 +21,7 @@ SHELF = load_map("shelf", 0)
 
 
 def test_the_page_has_the_squares_and_the_numbers_of_the_command() -> None:
-    figure = map_figure(SHELF, {}, "shelf", told_apart=share_of(SHELF.things))
+    figure = map_figure(SHELF, {}, "shelf", separability=share_of(SHELF.things))
     (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
     floor, count = told_apart.floor(SHELF), len(SHELF.things)
     x_m, y_m = np.asarray(mesh.get_coordinates(), dtype=np.float64).transpose(2, 0, 1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.schemas import NS_PER_S, TrackedObject
-from pointit.vda5050.agv_messages import LOST_CONNECTIONS, Connection, Visualization, parse
+from pointit.vda5050.agv_messages import LOST_CONNECTIONS, AgvConnection, Visualization, parse
 from pointit.vda5050.agv_topic import AgvTopic, agv_of_topic
 from pointit.vda5050.header_check import HeaderCheck
 from pointit.vda5050.map_velocity import LastPose, MapVelocity
@@ -63,7 +63,7 @@ class Fleet:
         source = agv_of_topic(topic)
         if source is None:
             return False
-        kinds: dict[str, type[Connection | Visualization]] = {"connection": Connection}
+        kinds: dict[str, type[AgvConnection | Visualization]] = {"connection": AgvConnection}
         message = parse(kinds.get(source.kind, Visualization), payload)
         agv, kind = self._agv(source, message), source.kind
         if agv is None or agv.prefix != source.prefix:
@@ -74,7 +74,7 @@ class Fleet:
             agv.problems[kind] = f"{topic[:200]}: a message is not one of VDA 5050: update the AGV"
             return False
         agv.problems[kind] = agv.unreadable.setdefault(kind, UnreadableFields()).describe(topic, message)
-        if isinstance(message, Connection):
+        if isinstance(message, AgvConnection):
             agv.headers.clear()
             if message.connection_state in LOST_CONNECTIONS:
                 agv.place = None
@@ -97,14 +97,14 @@ class Fleet:
         """Forget all of them, since the broker is not connected."""
         self._agvs.clear()
 
-    def _agv(self, source: AgvTopic, message: Connection | Visualization | None) -> _Agv | None:
+    def _agv(self, source: AgvTopic, message: AgvConnection | Visualization | None) -> _Agv | None:
         """Return the sender of a message, a new one if the message shows that it is an AGV, or None."""
         name = source.name
         if name in self._left_out:
             return None
         if name not in self._agvs and len(self._agvs) < MAX_AGVS:
             is_agv = isinstance(message, Visualization) and message.agv_position is not None
-            if is_agv or (source.major and not isinstance(message, Connection)):
+            if is_agv or (source.major and not isinstance(message, AgvConnection)):
                 self._agvs[name] = _Agv(source.prefix)
         return self._agvs.get(name)
 

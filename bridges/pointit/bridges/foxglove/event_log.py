@@ -18,7 +18,7 @@ _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LogLine:
     """One log line with its time and source."""
 
     at_ns: int
@@ -45,7 +45,7 @@ class EventLog:
     """Turns messages into log lines. Each change is reported once."""
 
     def __init__(self) -> None:
-        self.history: deque[Line] = deque(maxlen=HISTORY)
+        self.history: deque[LogLine] = deque(maxlen=HISTORY)
         self._accounts: dict[str, _Account] = {}
         self._phases: dict[str, tuple[str, str]] = {}
         self._states: dict[str, str] = {}
@@ -60,33 +60,33 @@ class EventLog:
             RobotState: self._robot,
         }
 
-    def take(self, message: Message, name: str, now_ns: int) -> list[Line]:
+    def take(self, message: Message, name: str, now_ns: int) -> list[LogLine]:
         """Return the new lines from `message`, whose key has `name`."""
         writer = self._writers.get(type(message))
-        return [] if writer is None else self._said(writer(message, name), name or "selection", now_ns)
+        return [] if writer is None else self._lines_of(writer(message, name), name or "selection", now_ns)
 
-    def presence(self, instance: str, now_ns: int, *, present: bool) -> list[Line]:
+    def presence(self, instance: str, now_ns: int, *, present: bool) -> list[LogLine]:
         """Return the line that says that a service has started or ended."""
         if not present:
             self._accounts.pop(instance, None)
-        said = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
-        return self._said(iter([said]), instance, now_ns)
+        sentences = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
+        return self._lines_of(iter([sentences]), instance, now_ns)
 
     def leave(self, user: str) -> None:
         """Forget the states of a person who has left."""
         self._phases.pop(user, None)
         self._states.pop(user, None)
 
-    def active_warnings(self, now_ns: int) -> list[Line]:
+    def active_warnings(self, now_ns: int) -> list[LogLine]:
         """Return the warnings that are active now."""
         return [
-            Line(now_ns, LogLevel.Warning, instance, sentence)
+            LogLine(now_ns, LogLevel.Warning, instance, sentence)
             for instance, account in self._accounts.items()
             for sentence in account.warnings.values()
         ]
 
-    def _said(self, said: Iterator[tuple[LogLevel, str]], source: str, now_ns: int) -> list[Line]:
-        lines = [Line(now_ns, level, source, text) for level, text in said]
+    def _lines_of(self, sentences: Iterator[tuple[LogLevel, str]], source: str, now_ns: int) -> list[LogLine]:
+        lines = [LogLine(now_ns, level, source, text) for level, text in sentences]
         self.history += lines
         return lines
 
@@ -122,27 +122,30 @@ class EventLog:
     def _feedback(self, cue: Feedback, _user: str) -> Iterator[tuple[LogLevel, str]]:
         yield LogLevel.Info, f"cue {cue.cue}: {cue.text}" if cue.text else f"cue {cue.cue}"
 
-    def _localization(self, told: Localization, user: str) -> Iterator[tuple[LogLevel, str]]:
-        phase = (told.phase, told.target_id)
+    def _localization(self, message: Localization, user: str) -> Iterator[tuple[LogLevel, str]]:
+        phase = (message.phase, message.target_id)
         before = self._phases.get(user)
         self._phases[user] = phase
-        if phase == before or (before is None and told.phase == "idle"):
+        if phase == before or (before is None and message.phase == "idle"):
             return
-        level = LogLevel.Warning if told.phase == "refused" else LogLevel.Info
-        target = f" {told.target_id}" if told.target_id else ""
-        yield level, f"localization {told.phase}{target}" + (f": {told.reason}" if told.reason else "")
+        level = LogLevel.Warning if message.phase == "refused" else LogLevel.Info
+        target = f" {message.target_id}" if message.target_id else ""
+        yield (
+            level,
+            f"localization {message.phase}{target}" + (f": {message.reason}" if message.reason else ""),
+        )
 
-    def _interaction(self, told: Interaction, user: str) -> Iterator[tuple[LogLevel, str]]:
-        if self._states.get(user) == told.state:
+    def _interaction(self, message: Interaction, user: str) -> Iterator[tuple[LogLevel, str]]:
+        if self._states.get(user) == message.state:
             return
-        self._states[user] = told.state
-        yield LogLevel.Info, f"is {told.state}" + (f": {told.reason}" if told.reason else "")
+        self._states[user] = message.state
+        yield LogLevel.Info, f"is {message.state}" + (f": {message.reason}" if message.reason else "")
 
-    def _robot(self, told: RobotState, name: str) -> Iterator[tuple[LogLevel, str]]:
-        now = (told.user, _NUMBER.sub("#", told.reason))
+    def _robot(self, message: RobotState, name: str) -> Iterator[tuple[LogLevel, str]]:
+        now = (message.user, _NUMBER.sub("#", message.reason))
         user, reason = self._robots.get(name, ("", ""))
         self._robots[name] = now
-        if told.user != user:
-            yield LogLevel.Info, f"{told.user or 'nobody'} steers it"
+        if message.user != user:
+            yield LogLevel.Info, f"{message.user or 'nobody'} steers it"
         if now[1] and now[1] != reason:
-            yield LogLevel.Warning, f"{told.phase.replace('_', ' ')}: {told.reason}"
+            yield LogLevel.Warning, f"{message.phase.replace('_', ' ')}: {message.reason}"

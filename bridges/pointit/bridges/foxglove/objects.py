@@ -46,14 +46,14 @@ class ObjectOwnership:
     @classmethod
     def of(cls, selection: Selection | None, hovers: Mapping[str, Hover]) -> "ObjectOwnership":
         """Return the claims in `selection` and in what each user hovers."""
-        claims = cls()
+        ownership = cls()
         if selection is not None:
-            claims.owners = {each.id: each.user for each in selection.objects}
-            claims.reservers = {each.id: each.user for each in selection.reserved}
+            ownership.owners = {each.id: each.user for each in selection.objects}
+            ownership.reservers = {each.id: each.user for each in selection.reserved}
         for user in sorted(hovers):
             if hovers[user].object_id:
-                claims.hovers.setdefault(hovers[user].object_id, []).append((user, hovers[user]))
-        return claims
+                ownership.hovers.setdefault(hovers[user].object_id, []).append((user, hovers[user]))
+        return ownership
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,15 +78,20 @@ class ObjectRenderer:
         self,
         tracker: str,
         objects: Iterable[TrackedObject],
-        claims: ObjectOwnership,
+        ownership: ObjectOwnership,
         colors: Mapping[str, Rgb],
         now_ns: int,
     ) -> list[NamedEntity]:
         """Return an entity for each of the `objects` of `tracker`; `colors` are those of people."""
-        return [self._entity(f"{tracker} {item.id}", item, claims, colors, now_ns) for item in objects]
+        return [self._entity(f"{tracker} {item.id}", item, ownership, colors, now_ns) for item in objects]
 
     def _entity(
-        self, name: str, item: TrackedObject, claims: ObjectOwnership, colors: Mapping[str, Rgb], now_ns: int
+        self,
+        name: str,
+        item: TrackedObject,
+        ownership: ObjectOwnership,
+        colors: Mapping[str, Rgb],
+        now_ns: int,
     ) -> NamedEntity:
         rgb = self._kind_colors.get(item.kind, OTHER_COLOR)
         facts = {"id": item.id, "kind": item.kind}
@@ -101,10 +106,10 @@ class ObjectRenderer:
             rise_m = size_m[2] / 2.0 if item.surface == "belt" else 0.0
             center = vector.add(item.position_m, (0.0, 0.0, rise_m))
         box = _Box(center, size_m, turned)
-        lines, texts = self._claimed(item, claims, colors, box, facts)
+        lines, texts = self._claimed(item, ownership, colors, box, facts)
         drawn: dict[str, Any] = {"lines": lines, "texts": texts}
         if line is not None:
-            color = shapes.color(rgb, 1.0 if item.id in claims.owners else 0.85)
+            color = shapes.color(rgb, 1.0 if item.id in ownership.owners else 0.85)
             pose, size = shapes.pose(center, turned), shapes.size(*size_m)
             drawn["cubes"] = [CubePrimitive(pose=pose, size=size, color=color)]
         else:
@@ -131,7 +136,7 @@ class ObjectRenderer:
     def _claimed(
         self,
         item: TrackedObject,
-        claims: ObjectOwnership,
+        ownership: ObjectOwnership,
         colors: Mapping[str, Rgb],
         box: _Box,
         facts: dict[str, str],
@@ -139,7 +144,7 @@ class ObjectRenderer:
         """Return outlines and labels of owners, the owner's outline the thickest. Adds them to `facts`."""
         outlines: list[tuple[Rgb, float]] = []
         words: list[str] = []
-        owner, reserver = claims.owners.get(item.id), claims.reservers.get(item.id)
+        owner, reserver = ownership.owners.get(item.id), ownership.reservers.get(item.id)
         if owner is not None:
             outlines.append((colors.get(owner, shapes.WHITE), SELECTED_PIXELS))
             words.append(owner)
@@ -147,7 +152,7 @@ class ObjectRenderer:
         elif reserver is not None:
             outlines.append((colors.get(reserver, shapes.WHITE), RESERVED_PIXELS))
             facts["reserved by"] = reserver
-        for user, hover in claims.hovers.get(item.id, ()):
+        for user, hover in ownership.hovers.get(item.id, ()):
             outlines.append((colors.get(user, shapes.WHITE), HOVERED_PIXELS))
             facts[f"hovered by {user}"] = f"{hover.progress:.0%} {hover.action}".rstrip()
             if hover.progress > 0.0:

@@ -15,7 +15,7 @@ from pointit.schemas.topics import POSE
 from pointit.sim.aim import Stance
 
 LIFETIME_S = 2.0
-NOBODY = UserProfile(stamp_ns=0)
+NO_PROFILE = UserProfile(stamp_ns=0)
 """Profile of a person who has not published one."""
 
 SIGMAS = 2.0
@@ -34,10 +34,10 @@ _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 
 @dataclass(slots=True)
-class Person:
+class DrawnPerson:
     """Last messages of one person."""
 
-    profile: UserProfile = NOBODY
+    profile: UserProfile = NO_PROFILE
     pose: UserPose | None = None
     cursor: Cursor | None = None
     goal: Goal | None = None
@@ -86,19 +86,19 @@ def ellipse(pose: UserPose) -> Places | None:
     return rim
 
 
-def entities(user: str, person: Person, now_ns: int) -> list[NamedEntity]:
+def entities(user: str, person: DrawnPerson, now_ns: int) -> list[NamedEntity]:
     """Return the body of `user` if the position is known, ray and cursor while pointing, and the goal."""
-    found: list[NamedEntity] = []
+    entities: list[NamedEntity] = []
     if person.pose is not None:
-        found.append(_body(user, person, person.pose, now_ns))
+        entities.append(_body(user, person, person.pose, now_ns))
     if person.cursor is not None:
-        found += _pointing(user, person.cursor, person.color, now_ns)
+        entities += _pointing(user, person.cursor, person.color, now_ns)
     if person.goal is not None:
-        found.append(_goal(user, person.goal, person.color, now_ns))
-    return found
+        entities.append(_goal(user, person.goal, person.color, now_ns))
+    return entities
 
 
-def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> NamedEntity:
+def _body(user: str, person: DrawnPerson, pose: UserPose, now_ns: int) -> NamedEntity:
     profile, rgb = person.profile, person.color
     stance = Stance(profile.body, profile.hand, pose.position_m, ray_model=profile.ray_model)
     neck_m = profile.body.footprint_to_neck_m
@@ -123,22 +123,24 @@ def _body(user: str, person: Person, pose: UserPose, now_ns: int) -> NamedEntity
 
 
 def _pointing(user: str, cursor: Cursor, rgb: Rgb, now_ns: int) -> list[NamedEntity]:
-    found: list[NamedEntity] = []
+    entities: list[NamedEntity] = []
     point_m: Vec3 | None = cursor.point_m
     if cursor.origin_m is not None and cursor.direction is not None:
         way = vector.scale(cursor.direction, FREE_RAY_M if point_m is None else max(cursor.range_m, 0.1))
         alpha = 0.3 if point_m is None else 0.8
         ray = shapes.arrow(cursor.origin_m, way, rgb, width_m=RAY_M, alpha=alpha)
         facts = {"user": user}
-        found.append(shapes.entity(f"ray {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, arrows=[ray]))
+        entities.append(
+            shapes.entity(f"ray {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, arrows=[ray])
+        )
     if point_m is not None:
         on = cursor.solid or cursor.surface
         facts = {"user": user, "on": f"{on} {cursor.surface_id}", "miss_m": f"{cursor.miss_m:.3f}"}
         ball = shapes.sphere(point_m, CURSOR_M, rgb)
-        found.append(
+        entities.append(
             shapes.entity(f"cursor {user}", now_ns, lifetime_s=LIFETIME_S, facts=facts, spheres=[ball])
         )
-    return found
+    return entities
 
 
 def _goal(user: str, goal: Goal, rgb: Rgb, now_ns: int) -> NamedEntity:

@@ -46,11 +46,11 @@ class Lines:
             if line := self._line("strip", strip):
                 self.strips[strip.id] = (line, strip)
 
-    def _line(self, what: str, thing: Belt | Strip) -> Polyline | None:
+    def _line(self, what: str, line: Belt | Strip) -> Polyline | None:
         try:
-            return Polyline(thing.line_m)
+            return Polyline(line.line_m)
         except ValueError as error:
-            self.problems.append(f"{what} {thing.id!r} cannot be drawn ({error}); correct the map")
+            self.problems.append(f"{what} {line.id!r} cannot be drawn ({error}); correct the map")
             return None
 
 
@@ -185,8 +185,8 @@ def lamps(all_lamps: Iterable[Lamp], colors: Mapping[str, LampColor], now_ns: in
     """Return a labelled ball per lamp in its commanded colour."""
     entities: list[NamedEntity] = []
     for lamp in all_lamps:
-        told = colors.get(lamp.id)
-        r, g, b = (0, 0, 0) if told is None else told.color
+        color = colors.get(lamp.id)
+        r, g, b = (0, 0, 0) if color is None else color.color
         facts = {"kind": "lamp", "id": lamp.id, "color": f"{r} {g} {b}"}
         x, y, z = lamp.position_m
         ball = shapes.sphere((x, y, z), LAMP_M, (max(r, OFF), max(g, OFF), max(b, OFF)))

@@ -19,7 +19,7 @@ from foxglove.messages import (
 
 from pointit.bridges.foxglove import people, shapes
 from pointit.bridges.foxglove.objects import ObjectOwnership, ObjectRenderer
-from pointit.bridges.foxglove.people import Person
+from pointit.bridges.foxglove.people import DrawnPerson
 from pointit.bridges.foxglove.room import Lines, bays, lamps, room
 from pointit.bridges.foxglove.shapes import NamedEntity, Places
 from pointit.geometry import vector
@@ -190,12 +190,12 @@ T = TypeVar("T")
 
 
 @dataclass(slots=True)
-class _Heard(Generic[T]):
+class _LastMessage(Generic[T]):
     at_s: float
     message: T
 
 
-class Scene:
+class FoxgloveScene:
     """Keeps the newest of everything; `changed` are the parts to be drawn again."""
 
     def __init__(self, kind_colors: Mapping[str, Rgb], forget_s: float) -> None:
@@ -203,11 +203,11 @@ class Scene:
         self._kind_colors = kind_colors
         self._forget_s = forget_s
         self.changed: set[Part] = set()
-        self._people: dict[str, Person] = {}
+        self._people: dict[str, DrawnPerson] = {}
         self._pointed_s: dict[str, float] = {}
-        self._hovers: dict[str, _Heard[Hover]] = {}
-        self._objects: dict[str, _Heard[TrackedObjects]] = {}
-        self._robots: dict[str, _Heard[RobotState]] = {}
+        self._hovers: dict[str, _LastMessage[Hover]] = {}
+        self._objects: dict[str, _LastMessage[TrackedObjects]] = {}
+        self._robots: dict[str, _LastMessage[RobotState]] = {}
         self._plans: dict[str, RobotPlan] = {}
         self._steering: dict[str, Steering] = {}
         self._colors: dict[str, LampColor] = {}
@@ -305,7 +305,7 @@ class Scene:
         return [
             each
             for tracker, heard in self._objects.items()
-            for each in self._looks.entities(
+            for each in self._renderer.entities(
                 tracker,
                 [item for item in heard.message.objects if item.id not in self._robots],
                 claims,
@@ -315,18 +315,18 @@ class Scene:
         ]
 
     def _drawn_robots(self, colors: dict[str, Rgb], now_ns: int) -> list[NamedEntity]:
-        drawn = [
+        entities = [
             robot(name, heard.message, self._plans.get(name), colors, now_ns)
             for name, heard in self._robots.items()
         ]
         routes = [(user, each) for user, each in self._steering.items() if each.waypoints_m]
-        return drawn + [
+        return entities + [
             waypoints(user, each, colors.get(user, shapes.WHITE), now_ns) for user, each in routes
         ]
 
-    def _update(self, part: Part, drawn: list[NamedEntity], now_ns: int) -> SceneUpdate:
-        """Return `drawn` and deletions of what was drawn before and is missing from it."""
-        names = {each.name for each in drawn}
+    def _update(self, part: Part, entities: list[NamedEntity], now_ns: int) -> SceneUpdate:
+        """Return `entities` and deletions of what was drawn before and is missing from it."""
+        names = {each.name for each in entities}
         gone = sorted(self._names.get(part, set()) - names)
         self._names[part] = names
         kind = SceneEntityDeletionType.MatchingId
@@ -335,13 +335,13 @@ class Scene:
         at = shapes.timestamp(now_ns)
         return SceneUpdate(
             deletions=[SceneEntityDeletion(timestamp=at, type=kind, id=name) for name in gone],
-            entities=[each.entity for each in drawn],
+            entities=[each.entity for each in entities],
         )
 
     def _set_room(self, environment: Environment) -> None:
         self._map = environment
         self._lines = Lines(environment)
-        self._looks = ObjectRenderer(self._lines, self._kind_colors)
+        self._renderer = ObjectRenderer(self._lines, self._kind_colors)
         self._pixels = Pixels(self._lines.strips)
         self._is_lit = False
         self.changed |= {"room", "pixels", "lamps", "bays", "objects"}
@@ -361,18 +361,18 @@ class Scene:
         self.changed.add("pixels")
 
     def _on_objects(self, objects: TrackedObjects, tracker: str, now_s: float) -> None:
-        self._objects[tracker] = _Heard(now_s, objects)
+        self._objects[tracker] = _LastMessage(now_s, objects)
         self.changed.add("objects")
 
     def _on_robot(self, state: RobotState, name: str, now_s: float) -> None:
         if name not in self._robots:
             self.changed.add("objects")
-        self._robots[name] = _Heard(now_s, state)
+        self._robots[name] = _LastMessage(now_s, state)
         self.changed.add("robots")
 
     def _on_hover(self, hover: Hover, user: str, now_s: float) -> None:
         before = self._hovers.get(user)
-        self._hovers[user] = _Heard(now_s, hover)
+        self._hovers[user] = _LastMessage(now_s, hover)
         if hover.object_id or (before is not None and before.message.object_id):
             self.changed.add("objects")
 
@@ -393,5 +393,5 @@ class Scene:
         self._person(user).goal = goal
         self.changed.add("people")
 
-    def _person(self, user: str) -> Person:
-        return self._people.setdefault(user, Person())
+    def _person(self, user: str) -> DrawnPerson:
+        return self._people.setdefault(user, DrawnPerson())

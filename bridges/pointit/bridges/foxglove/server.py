@@ -22,7 +22,7 @@ import foxglove
 from foxglove.channels import FrameTransformsChannel, LogChannel, PointCloudChannel, SceneUpdateChannel
 from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
 
-from pointit.bridges.foxglove.event_log import Line
+from pointit.bridges.foxglove.event_log import LogLine
 from pointit.bridges.foxglove.scene import PARTS, Part
 from pointit.runtime.address_config import format_address
 from pointit.runtime.errors import ListenError
@@ -187,10 +187,10 @@ PictureChannel = Any
 class Viewers(ServerListener):
     """Counts the viewers per channel and reports changes."""
 
-    def __init__(self, hand_over: HandOver, tell: SubscriptionCallback) -> None:
+    def __init__(self, hand_over: HandOver, callback: SubscriptionCallback) -> None:
         """Call `tell(topic, begins=…)` in the loop when a viewer subscribes or unsubscribes."""
         self._hand_over = hand_over
-        self._tell = tell
+        self._tell = callback
         self._counts = Counter[str]()
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002 - the SDK's signature
@@ -223,8 +223,8 @@ class Viewers(ServerListener):
 class Server:
     """Channels and a read-only server: it offers no capability to clients."""
 
-    def __init__(self, hand_over: HandOver, tell: SubscriptionCallback) -> None:
-        self.viewers = Viewers(hand_over, tell)
+    def __init__(self, hand_over: HandOver, callback: SubscriptionCallback) -> None:
+        self.viewers = Viewers(hand_over, callback)
         self._context = foxglove.Context()
         self._server: WebSocketServer | None = None
         self._relay: SubprotocolRelay | None = None
@@ -265,7 +265,7 @@ class Server:
         """Send a picture of `part` to its viewers."""
         self._pictures[part].log(picture, log_time=now_ns)
 
-    def say(self, line: Line) -> None:
+    def say(self, line: LogLine) -> None:
         """Send a line to the viewers of the log."""
         self._log.log(line.log(), log_time=line.at_ns)
 

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 from foxglove import Channel
 
 from pointit.bridges.foxglove.config import FoxgloveConfig
-from pointit.bridges.foxglove.event_log import EventLog, Line
-from pointit.bridges.foxglove.scene import PARTS, Scene
+from pointit.bridges.foxglove.event_log import EventLog, LogLine
+from pointit.bridges.foxglove.scene import PARTS, FoxgloveScene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.bus.contract import Subscription
@@ -64,7 +64,7 @@ class Foxglove(Service[FoxgloveConfig]):
 
     def __init__(self, config: FoxgloveConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._scene = Scene(config.kind_colors, config.forget_s)
+        self._scene = FoxgloveScene(config.kind_colors, config.forget_s)
         self._event_log = EventLog()
         self._loop = asyncio.get_running_loop()
         self._plains = {topic.key: JsonChannel(topic.message) for topic in SHOWN}
@@ -73,7 +73,7 @@ class Foxglove(Service[FoxgloveConfig]):
         self._frame_timer = Timer(self.bus.call_later, self._send_frame)
         self._fade_timer = Timer(self.bus.call_later, self._schedule_frame)
         self._sent_s = 0.0
-        self._fast: list[Subscription] = []
+        self._fast_subscriptions: list[Subscription] = []
         self._rest_timer = Timer(self.bus.call_later, self._rest)
         for topic in SHOWN:
             if topic not in FAST:
@@ -107,17 +107,17 @@ class Foxglove(Service[FoxgloveConfig]):
 
     def _read_fast_topics(self) -> None:
         """Subscribe to the fast topics while viewers are connected, or long enough to learn the keys."""
-        if not self._fast:
-            self._fast = [self._subscribe(topic) for topic in FAST]
+        if not self._fast_subscriptions:
+            self._fast_subscriptions = [self._subscribe(topic) for topic in FAST]
         self._rest_timer.cancel()
         self._rest_timer.start(LOOK_S)
 
     def _rest(self) -> None:
         if self._server.viewers.any:
             return
-        for subscription in self._fast:
+        for subscription in self._fast_subscriptions:
             subscription.close()
-        self._fast.clear()
+        self._fast_subscriptions.clear()
 
     def _hand_over(self, call: Callable[[], None]) -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended, and the server is about to
@@ -139,9 +139,9 @@ class Foxglove(Service[FoxgloveConfig]):
             if len(self._mirrored) >= MAX_CHANNELS:
                 self.bus.warn("keys", f"only {MAX_CHANNELS} keys are shown; end what writes so many")
                 return
-            plain = self._plains[topic.key]
-            channel = self._server.channel(channel_name(key), plain.schema)
-            mirrored = _Mirrored(channel, plain, topic, name, message)
+            json_channel = self._plains[topic.key]
+            channel = self._server.channel(channel_name(key), json_channel.schema)
+            mirrored = _Mirrored(channel, json_channel, topic, name, message)
             self._mirrored[key] = mirrored
         mirrored.message, mirrored.is_new = message, True
         if topic.delivery is Delivery.EVENT:  # each event counts, not only the newest
@@ -152,7 +152,7 @@ class Foxglove(Service[FoxgloveConfig]):
         if mirrored.channel.has_sinks():
             mirrored.channel.log(mirrored.plain.to_json(mirrored.message), log_time=now_ns)
 
-    def _send_log(self, lines: Sequence[Line]) -> None:
+    def _send_log(self, lines: Sequence[LogLine]) -> None:
         if self._server.viewers.of(LOG):
             for line in lines:
                 self._server.say(line)

@@ -170,7 +170,7 @@ def entity(
     **primitives: Any,
 ) -> NamedEntity:
     """Return an entity in {W}. `facts` are shown on a click, lifetime 0 is for ever."""
-    made = SceneEntity(
+    entity = SceneEntity(
         timestamp=timestamp(now_ns),
         frame_id=WORLD,
         id=name,
@@ -178,7 +178,7 @@ def entity(
         metadata=[KeyValuePair(key=key, value=value) for key, value in (facts or {}).items()],
         **primitives,
     )
-    return NamedEntity(name, made)
+    return NamedEntity(name, entity)
 
 
 def box_edges(center_m: Vec3, size_m: Vec3, orientation: rotation.Quaternion) -> list[Vec3]:

@@ -27,7 +27,7 @@ class BackendConfig(Config):
 
     kind: Literal["rmw_zenoh", "dds"] = Field(
         default="rmw_zenoh",
-        description="how the ROS nodes speak: rmw_zenoh, RMW_IMPLEMENTATION=rmw_zenoh_cpp; dds, DDS or "
+        description="middleware of the ROS nodes: rmw_zenoh, RMW_IMPLEMENTATION=rmw_zenoh_cpp; dds, DDS or "
         "any other middleware of the ROS that is installed and sourced here, by its rclpy (mode and endpoint "
         "do not matter then)",
     )
@@ -39,7 +39,7 @@ class BackendConfig(Config):
     )
     endpoint: str = Field(
         default="tcp/127.0.0.1:7447",
-        description="where the ROS router listens, or where to listen as the router",
+        description="address of the ROS router, or the one to listen at as the router",
     )
     domain_id: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID of the ROS nodes")
     distro: Distro = Field(
@@ -65,7 +65,7 @@ class Ros2Config(Config):
     """The ROS graph, and the routes to and from it."""
 
     backend: BackendConfig = Field(
-        default=BackendConfig(), description="how the bridge joins the ROS graph, and as whom"
+        default=BackendConfig(), description="connection of the bridge to the ROS graph, and its name there"
     )
     routes: Path | None = Field(
         default=None,

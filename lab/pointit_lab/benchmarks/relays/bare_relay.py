@@ -29,7 +29,7 @@ SETTLE_S = 0.5
 
 
 @dataclass(frozen=True)
-class Ends:
+class RelayEnds:
     """Both ends of a relay, and its process."""
 
     source: zenoh.Session
@@ -38,38 +38,38 @@ class Ends:
 
 
 @contextlib.asynccontextmanager
-async def relaying() -> AsyncGenerator[Ends]:
+async def relaying() -> AsyncGenerator[RelayEnds]:
     """Yield the ends of a relay that has started."""
     endpoints = [f"tcp/127.0.0.1:{free_port()}" for _ in range(2)]
-    source, sink = (opened(listen=endpoint, mode="router") for endpoint in endpoints)
+    source, session = (opened(listen=endpoint, mode="router") for endpoint in endpoints)
     child = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "pointit_lab.benchmarks.relays.bare_relay", *endpoints
     )
-    arrived: list[zenoh.Sample] = []
+    samples: list[zenoh.Sample] = []
     try:
-        for near, far, key in ((source, sink, THERE), (sink, source, BACK)):
-            reader = far.declare_subscriber(key, Callback(arrived.append, indirect=False))
+        for near, far, key in ((source, session, THERE), (session, source, BACK)):
+            reader = far.declare_subscriber(key, Callback(samples.append, indirect=False))
             async with asyncio.timeout(READY_S):
-                while not arrived:
+                while not samples:
                     near.put(key, PAYLOAD, attachment=ATTACHMENT)
                     await asyncio.sleep(0.1)
             reader.undeclare()
-            arrived.clear()
+            samples.clear()
         await asyncio.sleep(SETTLE_S)
-        yield Ends(source, sink, psutil.Process(child.pid))
+        yield RelayEnds(source, session, psutil.Process(child.pid))
     finally:
         child.kill()
         await child.wait()
         source.close()
-        sink.close()
+        session.close()
 
 
 async def cost(rate_hz: float, duration_s: float, at_once: int = 1) -> dict[str, Any]:
     """Return the CPU share and losses of the relay, with bursts of `at_once` messages."""
-    arrived: list[zenoh.Sample] = []
+    samples: list[zenoh.Sample] = []
     async with relaying() as ends:
         publisher = ends.source.declare_publisher(THERE)
-        reader = ends.sink.declare_subscriber(THERE, Callback(arrived.append, indirect=False))
+        reader = ends.sink.declare_subscriber(THERE, Callback(samples.append, indirect=False))
         await asyncio.sleep(SETTLE_S)
 
         def put(_turn: int) -> None:
@@ -77,7 +77,7 @@ async def cost(rate_hz: float, duration_s: float, at_once: int = 1) -> dict[str,
 
         count, figures = await relay_cost(ends.process, put, rate_hz, duration_s, at_once=at_once)
         reader.undeclare()
-    return {**figures, "lost": count - len(arrived)}
+    return {**figures, "lost": count - len(samples)}
 
 
 async def round_trip(rate_hz: float, count: int) -> dict[str, Any]:
@@ -104,9 +104,9 @@ async def round_trip(rate_hz: float, count: int) -> dict[str, Any]:
     return result
 
 
-def main(source: str, sink: str) -> None:
+def main(source: str, session: str) -> None:
     """Relay until terminated."""
-    near, far = opened(connect=source), opened(connect=sink)
+    near, far = opened(connect=source), opened(connect=session)
     there, back = far.declare_publisher(THERE), near.declare_publisher(BACK)
 
     def relay(sample: zenoh.Sample) -> None:

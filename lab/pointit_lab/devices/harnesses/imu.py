@@ -16,7 +16,7 @@ from pointit_lab.devices.serial_formats import bno085_orientation, witmotion_qua
 RECORDED_S = 60
 
 
-class Recording(FakeDevice):
+class ImuRecording(FakeDevice):
     """A file with a recording of a sensor at rest, 10 samples a second."""
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ SERIAL_XIMU3_HARNESS = replace(SERIAL_HARNESS, encode=ximu3_quaternion)
 SIMULATED_HARNESS = ImuHarness(plugin=SIMULATED, virtual_time=True)
 REPLAY_HARNESS = ImuHarness(
     plugin=REPLAY,
-    device=Recording,
+    device=ImuRecording,
     parameters=lambda device: {"recording": str(device.path)},
     wrong_parameters=({"recording": ""}, {"recording": "missing.csv"}),
     virtual_time=True,

@@ -39,7 +39,7 @@ class SimulatedWrist:
         raise NotImplementedError
 
 
-class Listener(Protocol):
+class WristListener(Protocol):
     """A scan of the program."""
 
     def hear(self) -> None:
@@ -47,7 +47,7 @@ class Listener(Protocol):
         ...
 
 
-class Link(Protocol):
+class WristLink(Protocol):
     """The program's end of a connection."""
 
     def notify(self, characteristic: str, data: bytes) -> None:
@@ -66,7 +66,7 @@ class Peripheral:
     wrist: SimulatedWrist
     address: str
     is_there: bool = False
-    listeners: set[Listener] = field(default_factory=set[Listener])
-    link: Link | None = None
+    listeners: set[WristListener] = field(default_factory=set[WristListener])
+    link: WristLink | None = None
     received: bytearray = field(default_factory=bytearray)
     """Bytes from the program since it last connected."""

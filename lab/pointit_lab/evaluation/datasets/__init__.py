@@ -5,16 +5,16 @@ from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.datasets import motion_relloc, proximity_waypoints, synth_two_led, vr_arm_pointing
-from pointit_lab.evaluation.localization.trial import Reading
+from pointit_lab.evaluation.localization.trial import TrialReading
 
-SETS: dict[str, Callable[[Path, Reading], None]] = {
+SETS: dict[str, Callable[[Path, TrialReading], None]] = {
     module.NAME: module.read
     for module in (motion_relloc, proximity_waypoints, vr_arm_pointing, synth_two_led)
 }
 """Readers by the name of the folder."""
 
 
-def read_trials(recordings: Path, names: Sequence[str] = (), subjects: Sequence[str] = ()) -> Reading:
+def read_trials(recordings: Path, names: Sequence[str] = (), subjects: Sequence[str] = ()) -> TrialReading:
     """Return the trials of the sets `names` (empty: all present ones) and `subjects` (empty: all).
 
     Missing sets and files are noted and skipped.
@@ -27,7 +27,7 @@ def read_trials(recordings: Path, names: Sequence[str] = (), subjects: Sequence[
     Raises:
         ConfigError: If a file is damaged, no set is present, or there is no data of these subjects.
     """
-    reading = Reading()
+    reading = TrialReading()
     wanted = tuple(names) or tuple(SETS)
     there = [name for name in wanted if (recordings / name).is_dir()]
     if not there:
@@ -38,10 +38,10 @@ def read_trials(recordings: Path, names: Sequence[str] = (), subjects: Sequence[
         else:
             reading.skip(recordings / name, "there is no such folder")
     known = dict.fromkeys(trial.subject for trial in reading.trials)
-    strangers = [subject for subject in subjects if subject not in known]
-    if strangers:
+    unknown_subjects = [subject for subject in subjects if subject not in known]
+    if unknown_subjects:
         raise ConfigError(
-            f"{recordings}: has no subject {strangers[0]!r}; there are {', '.join(known) or 'none'}"
+            f"{recordings}: has no subject {unknown_subjects[0]!r}; there are {', '.join(known) or 'none'}"
         )
     if subjects:
         reading.trials = [trial for trial in reading.trials if trial.subject in subjects]

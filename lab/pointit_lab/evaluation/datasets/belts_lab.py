@@ -47,7 +47,7 @@ class Toggle:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class BeltRun:
     """One run of a person, until all targets are selected."""
 
     subject: str
@@ -68,7 +68,7 @@ class Run:
         return None if self.missed or not self.toggles else self.toggles[-1].at_s
 
 
-def read_runs(folder: Path) -> list[Run]:
+def read_runs(folder: Path) -> list[BeltRun]:
     """Return all runs in `folder`, in the order of the file.
 
     Raises:
@@ -78,12 +78,12 @@ def read_runs(folder: Path) -> list[Run]:
     return [_run(path, line, run) for line, run in read_lines(path, _Run)]
 
 
-def _run(path: Path, line: int, run: _Run) -> Run:
+def _run(path: Path, line: int, run: _Run) -> BeltRun:
     check_text(f"{path}, line {line}, 'subject'", run.subject)
     check_samples(path, line, run.t)
     toggles = [toggle for package in run.packages for toggle in _toggles(path, line, run, package)]
     targets = [package for package in run.packages if package.target]
-    return Run(
+    return BeltRun(
         subject=run.subject,
         interface=run.interface,
         motion=run.motion,

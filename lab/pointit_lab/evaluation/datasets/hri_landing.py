@@ -59,7 +59,7 @@ def read_moves(folder: Path) -> list[LandingTrial]:
     moves = list(read_lines(path, _Move))
     table = read_table(folder / TRAJECTORIES, numbers=("move", "t", "x", "y"))
     samples = _by_move(table)
-    found: list[LandingTrial] = []
+    trials: list[LandingTrial] = []
     for line, move in moves:
         check_text(f"{path}, line {line}, 'subject'", move.subject)
         check_samples(path, line, tuple(at_s for at_s, _ in move.states))
@@ -75,7 +75,7 @@ def read_moves(folder: Path) -> list[LandingTrial]:
                 "take the line out"
             )
         way_m = float(np.sum(np.hypot(*np.diff(steered[:, 1:], axis=0).T)))
-        found.append(
+        trials.append(
             LandingTrial(
                 subject=move.subject,
                 mode=move.mode,
@@ -84,7 +84,7 @@ def read_moves(folder: Path) -> list[LandingTrial]:
                 detour=way_m / distance_m,
             )
         )
-    return found
+    return trials
 
 
 def _by_move(table: Table) -> dict[int, Array]:

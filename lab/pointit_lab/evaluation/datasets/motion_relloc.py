@@ -10,7 +10,7 @@ from pointit.services.localizer.estimation.estimator import Pointings
 from pointit.sim.recordings import OPERATOR, read_imu_csv
 from pointit_lab.evaluation.datasets.plausible import check_reach, check_times
 from pointit_lab.evaluation.localization.arm_rays import eye_finger_rays, eye_height_m
-from pointit_lab.evaluation.localization.trial import FollowRecording, Reading
+from pointit_lab.evaluation.localization.trial import FollowRecording, TrialReading
 from pointit_lab.evaluation.recordings.data_folder import file_of, read_index, text_of, yaw_of
 
 NAME = "motion_relloc"
@@ -19,7 +19,7 @@ MOUNTING = "minus_x"
 """Mounting of a Myo: the arm lies along the sensor's minus x axis."""
 
 
-def read(folder: Path, reading: Reading) -> None:
+def read(folder: Path, reading: TrialReading) -> None:
     """Add the windows of all files of `folder` whose kind is `KIND`.
 
     Raises:
@@ -34,7 +34,7 @@ def read(folder: Path, reading: Reading) -> None:
                 _add(path, text_of(folder, entry, "subject"), yaw_of(folder, entry), reading)
 
 
-def _add(path: Path, subject: str, yaw_rad: float | None, reading: Reading) -> None:
+def _add(path: Path, subject: str, yaw_rad: float | None, reading: TrialReading) -> None:
     recorded = read_imu_csv(path)
     if recorded.robot_m is None or recorded.head_m is None:
         reading.skip(path, "it has no positions of robot and head")

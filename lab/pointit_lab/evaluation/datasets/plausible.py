@@ -60,7 +60,7 @@ def check_times(path: Path, times_s: Array, name: str = "column 't'") -> None:
 
 
 def check_reach(
-    path: Path, targets_m: Array, people_m: Array, what: str, lines: Sequence[int] | None = None
+    path: Path, targets_m: Array, people_m: Array, quantity: str, lines: Sequence[int] | None = None
 ) -> None:
     """Check that targets are close enough for a person to point at.
 
@@ -68,7 +68,7 @@ def check_reach(
         path: file, for the message.
         targets_m: n x k, k of 2 or 3.
         people_m: n x k, positions of the people who point at them.
-        what: target and person, with the names of their columns.
+        quantity: target and person, with the names of their columns.
         lines: n, lines of the file, if known.
 
     Raises:
@@ -80,8 +80,8 @@ def check_reach(
         i = int(far[0])
         line = f", line {lines[i]}" if lines is not None else ""
         raise ConfigError(
-            f"{path}{line}: {what} are {away_m[i]:g} m apart and at most {FARTHEST_M:g} m were expected; are "
-            "they in metres, in one frame?"
+            f"{path}{line}: {quantity} are {away_m[i]:g} m apart and at most {FARTHEST_M:g} m were expected; "
+            "are they in metres, in one frame?"
         )
 
 

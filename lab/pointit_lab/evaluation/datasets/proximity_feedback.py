@@ -90,7 +90,7 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
             )
         seen.add(number)
         length_s = _length_s(table, first, end)
-        phases, recorded_s = _phases(table, points_m, range(first, end), start_s)
+        stretches, recorded_s = _phases(table, points_m, range(first, end), start_s)
         if recorded_s > length_s + 1.0:
             raise table.refuse(
                 first,
@@ -103,7 +103,7 @@ def _trials(path: Path) -> Iterator[FloorTrial]:
             target_id=table.texts["target_id"][first],
             target_m=(float(table.numbers["target_x"][first]), float(table.numbers["target_y"][first])),
             start_s=start_s,
-            phases=phases,
+            phases=stretches,
         )
         start_s += length_s
 

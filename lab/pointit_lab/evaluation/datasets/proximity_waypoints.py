@@ -7,7 +7,7 @@ import numpy as np
 from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets.plausible import check_floor, check_reach, check_times
-from pointit_lab.evaluation.localization.trial import FollowRecording, Reading
+from pointit_lab.evaluation.localization.trial import FollowRecording, TrialReading
 from pointit_lab.evaluation.recordings.data_folder import (
     EYE_HEIGHTS_M,
     Entry,
@@ -27,7 +27,7 @@ MARKER_OVER_EYES_M = 0.115
 """Height of the head's marker over the eyes."""
 
 
-def read(folder: Path, reading: Reading) -> None:
+def read(folder: Path, reading: TrialReading) -> None:
     """Add the windows of all files of `folder` whose names start with `PREFIX`.
 
     Raises:
@@ -43,7 +43,7 @@ def read(folder: Path, reading: Reading) -> None:
                 _add(folder, path, entry, reading)
 
 
-def _add(folder: Path, path: Path, entry: Entry, reading: Reading) -> None:
+def _add(folder: Path, path: Path, entry: Entry, reading: TrialReading) -> None:
     pierced = ("px", "py")
     table = read_table(
         path,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets.plausible import check_reach, check_times
-from pointit_lab.evaluation.localization.trial import Array, Reading, Trial
+from pointit_lab.evaluation.localization.trial import Array, LocalizationTrial, TrialReading
 from pointit_lab.evaluation.recordings.data_folder import EYE_HEIGHTS_M, MAX_YAW_DEG
 from pointit_lab.evaluation.recordings.table_file import (
     FARTHEST,
@@ -49,7 +49,7 @@ MAX_VALUES = 10_000_000
 _DTYPES: dict[Kind, str] = {"number": "iuf", "text": "U"}
 
 
-def read(folder: Path, reading: Reading) -> None:
+def read(folder: Path, reading: TrialReading) -> None:
     """Add all trials; the condition is the name of the scenario.
 
     Raises:
@@ -69,7 +69,7 @@ def read(folder: Path, reading: Reading) -> None:
     stamps_s = _with_pauses(data["t_s"], lamps)
     for i in range(len(azimuths)):
         reading.trials.append(
-            Trial(
+            LocalizationTrial(
                 set=NAME,
                 subject=SUBJECT,
                 condition=str(names[int(data["scenario"][i])]),
@@ -146,13 +146,13 @@ def _check_values(path: Path, data: Mapping[str, Array], names: Sequence[str]) -
         "led_of_sample": (0, len(data["led_xyz"]) - 1, "that count the lamps"),
         "scenario": (0, len(names) - 1, "that count 'scenario_names'"),
     }
-    for name, (least, most, unit) in bounds.items():
+    for name, (least, max_bytes, unit) in bounds.items():
         values = data[name].reshape(-1)
         counts = unit.startswith("that")
-        wrong = (values < least) | (values > most) | (counts & (values != np.floor(values)))
+        wrong = (values < least) | (values > max_bytes) | (counts & (values != np.floor(values)))
         if np.any(wrong):
             raise ConfigError(
-                f"{path}, array {name!r}: numbers from {least:.4g} to {most:.4g} {unit} were expected, "
+                f"{path}, array {name!r}: numbers from {least:.4g} to {max_bytes:.4g} {unit} were expected, "
                 f"got {values[wrong][0]:g}"
             )
     check_times(path, data["t_s"], "array 't_s'")
@@ -178,7 +178,7 @@ def read_arrays(path: Path, kinds: Mapping[str, Kind]) -> dict[str, NDArray[Any]
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds on damaged bytes
         raise ConfigError(
-            f"{path}: not a readable file of arrays ({_told(error)}); save it with numpy.savez"
+            f"{path}: not a readable file of arrays ({_error_text(error)}); save it with numpy.savez"
         ) from error
 
 
@@ -196,13 +196,15 @@ def _arrays(path: Path, file: zipfile.ZipFile, kinds: Mapping[str, Kind]) -> dic
             raise
         except Exception as error:  # as above
             raise ConfigError(
-                f"{path}, array {name!r}: is damaged ({_told(error)}); save the file again"
+                f"{path}, array {name!r}: is damaged ({_error_text(error)}); save the file again"
             ) from error
         left -= arrays[name].size
     return arrays
 
 
-def _array(where: str, file: zipfile.ZipFile, info: zipfile.ZipInfo, kind: Kind, most: int) -> NDArray[Any]:
+def _array(
+    where: str, file: zipfile.ZipFile, info: zipfile.ZipInfo, kind: Kind, max_bytes: int
+) -> NDArray[Any]:
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ConfigError(f"{where}: unsupported compression; save it with numpy.savez")
     with file.open(info) as stream:
@@ -216,7 +218,7 @@ def _array(where: str, file: zipfile.ZipFile, info: zipfile.ZipInfo, kind: Kind,
             wanted = "real numbers" if kind == "number" else f"texts of at most {MAX_CHARACTERS} characters"
             raise ConfigError(f"{where}: {wanted} were expected, got {truncate(str(dtype))}; convert them")
         count = math.prod(shape)
-        if min(shape, default=0) < 0 or count > most:
+        if min(shape, default=0) < 0 or count > max_bytes:
             raise ConfigError(
                 f"{where}: has the shape {truncate(shape)} and at most {MAX_VALUES:g} values are read "
                 "from one file; cut it into pieces"
@@ -235,7 +237,7 @@ def _array(where: str, file: zipfile.ZipFile, info: zipfile.ZipInfo, kind: Kind,
     return values
 
 
-def _told(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     """Return the first line of `error`, shortened, since it may be long or empty."""
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) <= 120 else f"{text[:117]}..."

@@ -18,7 +18,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets.plausible import check_reach
 from pointit_lab.evaluation.localization.arm_rays import along, eye_finger_rays, eye_height_m, scaled_body
-from pointit_lab.evaluation.localization.trial import Array, Reading, Trial
+from pointit_lab.evaluation.localization.trial import Array, LocalizationTrial, TrialReading
 from pointit_lab.evaluation.recordings.table_file import Table, is_file, read_table
 
 NAME = "vr_arm_pointing"
@@ -71,7 +71,9 @@ class _Acts:
     """Mean angle of the rays to the left of the targets, since forearms are not parallel to them."""
 
 
-def read(folder: Path, reading: Reading, counts: Sequence[int] = TARGETS, subsets: int = SUBSETS) -> None:
+def read(
+    folder: Path, reading: TrialReading, counts: Sequence[int] = TARGETS, subsets: int = SUBSETS
+) -> None:
     """Add random subsets of the targets of each subject, the same ones in each run.
 
     Args:
@@ -146,7 +148,7 @@ def _acts(table: Table, subject: str) -> _Acts:
     )
 
 
-def _add(acts: _Acts, count: int, subsets: int, reading: Reading) -> None:
+def _add(acts: _Acts, count: int, subsets: int, reading: TrialReading) -> None:
     kinds = int(acts.kinds.max()) + 1
     if kinds < count:
         reading.notes.append(
@@ -161,7 +163,7 @@ def _add(acts: _Acts, count: int, subsets: int, reading: Reading) -> None:
         yaw_rad = float(random.uniform(-math.pi, math.pi))
         origin_m = random.uniform(-ROOM_M, ROOM_M, 2)
         reading.trials.append(
-            Trial(
+            LocalizationTrial(
                 set=NAME,
                 subject=acts.subject,
                 condition=f"{count} targets",

@@ -1,1 +1,1 @@
-"""Whether stated uncertainties hold, also where an assumption of the solver is broken on purpose."""
+"""Check that stated uncertainties hold, also where an assumption of the solver is broken on purpose."""

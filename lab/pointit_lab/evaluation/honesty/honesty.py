@@ -14,13 +14,13 @@ from pointit_lab.evaluation.honesty.injections import INJECTIONS, Injection
 from pointit_lab.evaluation.honesty.row import MEDIAN_SQUARE, UNIT_S, WITHIN_SQUARE, Judged
 from pointit_lab.evaluation.honesty.sources import SIMULATED, Size, people
 from pointit_lab.evaluation.localization.localization import judged
-from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
+from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
 from pointit_lab.evaluation.recordings.parallel import map_parallel
 
 WINDOWS_S = (2.0, 3.0, 5.0, 10.0)
 """Durations of following."""
 
-MOST_DRAWN = 12
+MAX_DRAWN = 12
 """Largest number of times that simulated people are drawn: some conditions have hardly a taken pose."""
 
 CHUNK = 8
@@ -37,14 +37,14 @@ WALL_M = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class PeopleSource:
     """One person, and what is done with them."""
 
     injection: Injection
     number: int
     """Index of the recording, or of the pass through a room, in its set."""
     followed: FollowRecording | None = None
-    room: Trial | None = None
+    room: LocalizationTrial | None = None
     most: int | None = None
     """Largest number of windows of each duration, evenly taken. None if all are."""
 
@@ -57,38 +57,40 @@ class Source:
 
 def sources_of(
     followed: Sequence[FollowRecording],
-    rooms: Sequence[Trial],
+    trials: Sequence[LocalizationTrial],
     injections: Iterable[Injection] = INJECTIONS,
-    most: int | None = None,
-) -> list[Source]:
+    max_trials: int | None = None,
+) -> list[PeopleSource]:
     """Return the work: each person under each condition that fits, set by set.
 
     Args:
         followed: people who follow a robot.
-        rooms: people who have pointed at each lamp of a room.
+        trials: people who have pointed at each lamp of a room.
         injections: conditions.
-        most: largest number of windows of each recording and duration, one of simulated people. None if all.
+        max_trials: maximum windows of each recording and duration, one of simulated people. None: all.
     """
     conditions = list(injections)
-    found: list[Source] = []
-    for name in dict.fromkeys([*(each.set for each in followed), *(each.set for each in rooms)]):
-        windows = 1 if name == simulated_people.SET else most  # another person tells more than another window
+    sources: list[PeopleSource] = []
+    for name in dict.fromkeys([*(each.set for each in followed), *(each.set for each in trials)]):
+        windows = (
+            1 if name == simulated_people.SET else max_trials
+        )  # another person tells more than another window
         for injection in conditions:
             if injection.follows:
-                found += [
-                    Source(injection=injection, number=number, followed=each, most=windows)
+                sources += [
+                    PeopleSource(injection=injection, number=number, followed=each, most=windows)
                     for number, each in enumerate(each for each in followed if each.set == name)
                 ]
             if injection.points:
-                found += [
-                    Source(injection=injection, number=number, room=each)
-                    for number, each in enumerate(each for each in rooms if each.set == name)
+                sources += [
+                    PeopleSource(injection=injection, number=number, room=each)
+                    for number, each in enumerate(each for each in trials if each.set == name)
                 ]
-    return found
+    return sources
 
 
 def drawn_again(
-    verdicts: Sequence[Judged],
+    judged: Sequence[Judged],
     injections: Sequence[Injection],
     size: Size,
     seed: int,
@@ -96,12 +98,12 @@ def drawn_again(
     jobs: int,
     tick: Callable[[int, int], None],
 ) -> list[Judged]:
-    """Return `verdicts` and those of further simulated people, as many as rows need.
+    """Return `judged` and those of further simulated people, as many as rows need.
 
-    A row needs `size.taken` people with a taken pose. It ends with `MOST_DRAWN` times the people of `size`.
+    A row needs `size.taken` people with a taken pose. It ends with `MAX_DRAWN` times the people of `size`.
 
     Args:
-        verdicts: those of people from `seed` on.
+        judged: those of people from `seed` on.
         injections: conditions.
         size: amount of trials.
         seed: of the first simulated person.
@@ -111,8 +113,8 @@ def drawn_again(
     Raises:
         PointItError: If a process ended unexpectedly.
     """
-    found = list(verdicts)
-    for turn in range(1, MOST_DRAWN):
+    found = list(judged)
+    for turn in range(1, MAX_DRAWN):
         taken: dict[tuple[str, str], set[str]] = {
             (each.set, each.condition): set() for each in found if each.set in SIMULATED
         }
@@ -128,7 +130,9 @@ def drawn_again(
     return found
 
 
-def judged_sources(sources: Sequence[Source], *, jobs: int, tick: Callable[[int, int], None]) -> list[Judged]:
+def judged_sources(
+    sources: Sequence[PeopleSource], *, jobs: int, tick: Callable[[int, int], None]
+) -> list[Judged]:
     """Return the verdicts on `sources`.
 
     Args:
@@ -151,12 +155,12 @@ def judged_sources(sources: Sequence[Source], *, jobs: int, tick: Callable[[int,
     return [each for _, piece in sorted(results.items()) for each in piece]
 
 
-def verdicts(sources: Sequence[Source]) -> list[Judged]:
+def verdicts(sources: Sequence[PeopleSource]) -> list[Judged]:
     """Return the verdicts on all trials of `sources`. Runs in other processes."""
     return [verdict(trial, source.injection.name) for source in sources for trial in trials_of(source)]
 
 
-def trials_of(source: Source) -> Iterator[Trial]:
+def trials_of(source: PeopleSource) -> Iterator[LocalizationTrial]:
     """Yield the trials of `source` under its condition, the same ones in each run."""
     injection = source.injection
     for number, trial in enumerate(_plain(source)):
@@ -165,7 +169,7 @@ def trials_of(source: Source) -> Iterator[Trial]:
         yield trial if injection.change is None else injection.change(trial, rng)
 
 
-def _plain(source: Source) -> Iterator[Trial]:
+def _plain(source: PeopleSource) -> Iterator[LocalizationTrial]:
     injection = source.injection
     if source.followed is not None:
         recording = source.followed
@@ -180,7 +184,7 @@ def _plain(source: Source) -> Iterator[Trial]:
             yield chosen(source.room, count, rng, injection)
 
 
-def verdict(trial: Trial, condition: str) -> Judged:
+def verdict(trial: LocalizationTrial, condition: str) -> Judged:
     """Return the verdict on the pose of `trial`: if the localizer takes it, and if its uncertainty holds."""
     found = judged(trial.pointings)
     one = Judged(
@@ -215,7 +219,7 @@ def verdict(trial: Trial, condition: str) -> Judged:
     )
 
 
-def _miss_m(trial: Trial, off_m: Array, turned_rad: float) -> float:
+def _miss_m(trial: LocalizationTrial, off_m: Array, turned_rad: float) -> float:
     """Return the rms miss of cursors at the targets of `trial` by a pose that is off and turned."""
     east, north = (trial.pointings.targets_m[:, :2] - (trial.x_m, trial.y_m)).T
     cosine, sine = math.cos(turned_rad) - 1.0, math.sin(turned_rad)
@@ -225,25 +229,27 @@ def _miss_m(trial: Trial, off_m: Array, turned_rad: float) -> float:
     return math.sqrt(float(np.mean(squares)))
 
 
-def _stated_miss_m(trial: Trial, found: Solution) -> float:
-    """Return the rms miss of cursors at the targets of `trial` by the covariance of the pose `found`."""
-    east, north = (trial.pointings.targets_m[:, :2] - (found.x_m, found.y_m)).T
-    (xx, _, x_turn), (_, yy, y_turn), (_, _, turn) = found.covariance.tolist()
+def _stated_miss_m(trial: LocalizationTrial, solution: Solution) -> float:
+    """Return the rms miss of cursors at the targets of `trial` by the covariance of the pose `solution`."""
+    east, north = (trial.pointings.targets_m[:, :2] - (solution.x_m, solution.y_m)).T
+    (xx, _, x_turn), (_, yy, y_turn), (_, _, turn) = solution.covariance.tolist()
     squares: Array = xx + yy + (east**2 + north**2) * turn + 2.0 * (east * y_turn - north * x_turn)
     return math.sqrt(max(0.0, float(np.mean(squares))))
 
 
-def chosen(room: Trial, count: int, rng: np.random.Generator, injection: Injection = INJECTIONS[0]) -> Trial:
-    """Return the pointing at `count` random lamps of `room`, one hold after the other.
+def chosen(
+    trial: LocalizationTrial, count: int, rng: np.random.Generator, injection: Injection = INJECTIONS[0]
+) -> LocalizationTrial:
+    """Return the pointing at `count` random lamps of `trial`, one hold after the other.
 
     Args:
-        room: a hold at each of more than `count` lamps.
+        trial: a hold at each of more than `count` lamps.
         count: number of lamps.
         rng: for the choice.
         injection: `wrong_lamp` if the person pointed at another lamp than one that was lit, which was not lit
             otherwise; `one_wall` to choose lamps of equal x; `visits` of each lamp.
     """
-    pointings = room.pointings
+    pointings = trial.pointings
     starts = np.append(True, np.any(np.diff(pointings.targets_m, axis=0) != 0.0, axis=1))
     holds: list[NDArray[np.intp]] = np.split(np.arange(len(pointings)), np.flatnonzero(starts)[1:])
     lamps_m = pointings.targets_m[np.flatnonzero(starts)]
@@ -267,7 +273,7 @@ def chosen(room: Trial, count: int, rng: np.random.Generator, injection: Injecti
     rows = np.concatenate(held)
     targets_m = np.repeat(lit_m, [len(each) for each in held], axis=0)
     return replace(
-        room,
+        trial,
         condition=f"{count} lamps",
         pointings=Pointings(
             np.concatenate(stamps_s), pointings.origins_m[rows], pointings.directions[rows], targets_m

@@ -15,9 +15,9 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures
 from pointit.sim.aim import Stance
 from pointit_lab.evaluation.localization.arm_rays import STATURE_M, eye_height_m, scaled_body
-from pointit_lab.evaluation.localization.trial import Array, Trial
+from pointit_lab.evaluation.localization.trial import Array, LocalizationTrial
 
-Change = Callable[[Trial, np.random.Generator], Trial]
+Change = Callable[[LocalizationTrial, np.random.Generator], LocalizationTrial]
 
 BESIDE_M = 0.2
 """Distance of the shoulder from the assumed one."""
@@ -56,7 +56,7 @@ class Injection:
     """Number of times that each lamp is pointed at, with the same error."""
 
 
-def arm_directions(trial: Trial, beside_m: Array | None = None) -> Array:
+def arm_directions(trial: LocalizationTrial, beside_m: Array | None = None) -> Array:
     """Return the straight arms (n x 3, unit, {H}) whose fingers are on the rays of `trial`.
 
     Args:
@@ -75,11 +75,11 @@ def arm_directions(trial: Trial, beside_m: Array | None = None) -> Array:
     return np.asarray(arms / np.linalg.norm(arms, axis=1)[:, None], dtype=np.float64)
 
 
-def _body(trial: Trial) -> BodyMeasures:
+def _body(trial: LocalizationTrial) -> BodyMeasures:
     return scaled_body(STATURE_M * trial.eye_height_m / eye_height_m(BodyMeasures()))
 
 
-def with_arms(trial: Trial, arms: Array) -> Trial:
+def with_arms(trial: LocalizationTrial, arms: Array) -> LocalizationTrial:
     """Return `trial` with the rays that the localizer's model makes of `arms` (n x 3, unit, {H})."""
     body = _body(trial)
     reach = (body.shoulder_to_wrist_m + body.wrist_to_finger_m) * arms
@@ -87,7 +87,7 @@ def with_arms(trial: Trial, arms: Array) -> Trial:
     return _turned(trial, reach / np.linalg.norm(reach, axis=1)[:, None])
 
 
-def _turned(trial: Trial, directions: Array) -> Trial:
+def _turned(trial: LocalizationTrial, directions: Array) -> LocalizationTrial:
     """Return `trial` with `directions`; what they are turned by on average turns the true yaw back."""
     before = trial.pointings.directions
     turns = np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(before[:, 1], before[:, 0])
@@ -97,18 +97,18 @@ def _turned(trial: Trial, directions: Array) -> Trial:
     return replace(trial, pointings=replace(trial.pointings, directions=directions), yaw_rad=yaw_rad)
 
 
-def shoulder(trial: Trial, rng: np.random.Generator, *, to_right_m: float) -> Trial:
+def shoulder(trial: LocalizationTrial, rng: np.random.Generator, *, to_right_m: float) -> LocalizationTrial:
     """Move the shoulder `to_right_m` beside the assumed one; the body turns with the arm."""
     del rng
     return _beside(trial, to_right_m)
 
 
-def shoulder_unknown(trial: Trial, rng: np.random.Generator) -> Trial:
+def shoulder_unknown(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Move the shoulder up to `BESIDE_M` to either side."""
     return _beside(trial, float(rng.uniform(-BESIDE_M, BESIDE_M)))
 
 
-def _beside(trial: Trial, to_right_m: float) -> Trial:
+def _beside(trial: LocalizationTrial, to_right_m: float) -> LocalizationTrial:
     hand = "right" if to_right_m > 0.0 else "left"
     body = _body(trial).model_copy(update={"neck_to_shoulder_m": abs(to_right_m)})
     stance = Stance(body, hand)
@@ -117,7 +117,7 @@ def _beside(trial: Trial, to_right_m: float) -> Trial:
     return with_arms(trial, np.array([vector.direction(*each) for each in aims], dtype=np.float64))
 
 
-def shoulder_still(trial: Trial, rng: np.random.Generator) -> Trial:
+def shoulder_still(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Move the shoulder to the right of a body that does not turn, and faces the middle of all rays."""
     del rng
     facing = trial.pointings.directions.mean(axis=0)
@@ -125,14 +125,14 @@ def shoulder_still(trial: Trial, rng: np.random.Generator) -> Trial:
     return with_arms(trial, arm_directions(trial, BESIDE_M * right))
 
 
-def height(trial: Trial, rng: np.random.Generator, *, taller_m: float) -> Trial:
+def height(trial: LocalizationTrial, rng: np.random.Generator, *, taller_m: float) -> LocalizationTrial:
     """State the person `taller_m` taller than they are."""
     del rng
     origins_m = trial.pointings.origins_m + np.array([0.0, 0.0, taller_m])
     return replace(trial, pointings=replace(trial.pointings, origins_m=origins_m))
 
 
-def garbage(trial: Trial, rng: np.random.Generator, *, share: float) -> Trial:
+def garbage(trial: LocalizationTrial, rng: np.random.Generator, *, share: float) -> LocalizationTrial:
     """Turn a `share` of the rays to any directions."""
     count = len(trial.pointings)
     anywhere = rng.normal(size=(count, 3))
@@ -142,7 +142,7 @@ def garbage(trial: Trial, rng: np.random.Generator, *, share: float) -> Trial:
     return replace(trial, pointings=replace(trial.pointings, directions=directions))
 
 
-def drift(trial: Trial, rng: np.random.Generator) -> Trial:
+def drift(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Turn the rays at `DRIFT_RADPS` to either side; the true yaw is that of the middle."""
     stamps_s = trial.pointings.stamps_s
     turn = np.exp(1j * float(rng.choice([-1.0, 1.0])) * DRIFT_RADPS * (stamps_s - stamps_s.mean()))
@@ -152,7 +152,7 @@ def drift(trial: Trial, rng: np.random.Generator) -> Trial:
     return replace(trial, pointings=replace(trial.pointings, directions=directions))
 
 
-def across(trial: Trial, rng: np.random.Generator) -> Trial:
+def across(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Mount the sensor across the arm: its pitch is the arm's roll."""
     arms = arm_directions(trial)
     level = np.maximum(np.hypot(arms[:, 0], arms[:, 1]), 1e-6)
@@ -162,7 +162,7 @@ def across(trial: Trial, rng: np.random.Generator) -> Trial:
     return with_arms(trial, float(rng.choice([-1.0, 1.0])) * sideways)
 
 
-def backwards(trial: Trial, rng: np.random.Generator) -> Trial:
+def backwards(trial: LocalizationTrial, rng: np.random.Generator) -> LocalizationTrial:
     """Mount the sensor with its axis towards the elbow."""
     del rng
     return with_arms(trial, -arm_directions(trial))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from pointit_lab.evaluation.recordings.row import Spread
+from pointit_lab.evaluation.recordings.row import MetricSpread
 from pointit_lab.evaluation.robots.identification import share
 from pointit_lab.evaluation.selection.difference import Interval
 
@@ -71,7 +71,7 @@ class HonestyRow:
     n: int
     taken: float
     """Share of trials whose pose the localizer takes."""
-    error_m: Spread | None
+    error_m: MetricSpread | None
     within_2_sigma: float | None
     yaw_within_2_sigma: float | None
     square: float | None
@@ -100,10 +100,10 @@ class HonestyRow:
         return asdict(self)
 
 
-def rows_of(verdicts: Iterable[Judged]) -> list[HonestyRow]:
+def rows_of(judged: Iterable[Judged]) -> list[HonestyRow]:
     """Return a row for each set, condition and duration, each after the row over all durations."""
     groups: dict[tuple[str, str, str], list[Judged]] = {}
-    for each in verdicts:
+    for each in judged:
         for duration in (EVERY, each.duration):
             groups.setdefault((each.set, each.condition, duration), []).append(each)
     rows = [_row(*names, group) for names, group in groups.items()]
@@ -112,27 +112,27 @@ def rows_of(verdicts: Iterable[Judged]) -> list[HonestyRow]:
 
 
 def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> HonestyRow:
-    taken = [each for each in group if each.taken]
-    independent = len({each.unit or each.subject for each in taken})
-    yaws = [each.in_yaw for each in taken if each.in_yaw is not None]
+    judged = [each for each in group if each.taken]
+    independent = len({each.unit or each.subject for each in judged})
+    yaws = [each.in_yaw for each in judged if each.in_yaw is not None]
     return HonestyRow(
         set=name,
         condition=condition,
         duration=duration,
         n=len(group),
-        taken=len(taken) / len(group),
-        error_m=Spread.of(each.error_m for each in taken),
-        within_2_sigma=_mean([each.in_place for each in taken]),
+        taken=len(judged) / len(group),
+        error_m=MetricSpread.of(each.error_m for each in judged),
+        within_2_sigma=_mean([each.in_place for each in judged]),
         yaw_within_2_sigma=_mean(yaws),
-        square=_median([each.square for each in taken]),
-        wrong=share(sum(each.is_wrong for each in taken), len(taken)) if taken else None,
-        far=share(sum(each.error_m > FAR_M for each in taken), len(taken)) if taken else None,
-        miss_m=_median([each.miss_m for each in taken if each.miss_m is not None]),
-        miss_sigma_m=_median([each.miss_sigma_m for each in taken if each.miss_sigma_m is not None]),
+        square=_median([each.square for each in judged]),
+        wrong=share(sum(each.is_wrong for each in judged), len(judged)) if judged else None,
+        far=share(sum(each.error_m > FAR_M for each in judged), len(judged)) if judged else None,
+        miss_m=_median([each.miss_m for each in judged if each.miss_m is not None]),
+        miss_sigma_m=_median([each.miss_sigma_m for each in judged if each.miss_sigma_m is not None]),
         independent=independent,
         provable=1.0 - 0.05 ** (1.0 / independent) if independent else None,
-        without_one=_without_one(taken, lambda each: each.in_place),
-        wrong_without_one=_without_one(taken, lambda each: each.is_wrong),
+        without_one=_without_one(judged, lambda each: each.in_place),
+        wrong_without_one=_without_one(judged, lambda each: each.is_wrong),
     )
 
 
@@ -144,10 +144,10 @@ def _mean(hits: Sequence[bool]) -> float | None:
     return float(np.mean(hits)) if hits else None
 
 
-def _without_one(taken: Sequence[Judged], hits: Callable[[Judged], bool]) -> tuple[float, float] | None:
+def _without_one(judged: Sequence[Judged], hits: Callable[[Judged], bool]) -> tuple[float, float] | None:
     """Return the range of the share of `hits` without one person; None of fewer than three people."""
-    people = {each.subject for each in taken}
+    people = {each.subject for each in judged}
     if len(people) < 3:
         return None
-    shares = [np.mean([hits(each) for each in taken if each.subject != one]) for one in people]
+    shares = [np.mean([hits(each) for each in judged if each.subject != one]) for one in people]
     return float(min(shares)), float(max(shares))

@@ -12,7 +12,7 @@ import numpy as np
 
 from pointit.geometry import vector
 from pointit.services.localizer.estimation.estimator import Pointings
-from pointit_lab.evaluation.localization.trial import Array, FollowRecording, Trial
+from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
 from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, REACH_S, Course, SimulatedFollower
 
 SET = "simulated"
@@ -60,7 +60,7 @@ def followers(seeds: Iterable[int]) -> list[FollowRecording]:
     return [_follower(seed) for seed in seeds]
 
 
-def rooms(seeds: Iterable[int]) -> list[Trial]:
+def rooms(seeds: Iterable[int]) -> list[LocalizationTrial]:
     """Return people who have pointed once at each lamp of a room, in random order."""
     return [_room(seed) for seed in seeds]
 
@@ -74,53 +74,53 @@ def _person(rng: np.random.Generator) -> SimulatedFollower:
     )
 
 
-def _body(person: SimulatedFollower, rng: np.random.Generator) -> SimulatedFollower:
-    """Return the eyes of `person`, where they really are."""
+def _body(follower: SimulatedFollower, rng: np.random.Generator) -> SimulatedFollower:
+    """Return the eyes of `follower`, where they really are."""
     x_m, y_m = rng.normal(0.0, BODY_SIGMA_M, 2)
     return replace(
-        person,
-        x_m=person.x_m + float(x_m),
-        y_m=person.y_m + float(y_m),
-        eyes_m=person.eyes_m + float(rng.normal(0.0, HEIGHT_SIGMA_M)),
+        follower,
+        x_m=follower.x_m + float(x_m),
+        y_m=follower.y_m + float(y_m),
+        eyes_m=follower.eyes_m + float(rng.normal(0.0, HEIGHT_SIGMA_M)),
     )
 
 
 def _follower(seed: int) -> FollowRecording:
     rng = np.random.default_rng([seed, 1])
-    person = _person(rng)
+    follower = _person(rng)
     times_s = np.arange(0.0, REACH_S + FOLLOWED_S + 0.5 / RATE_HZ, 1.0 / RATE_HZ)
-    course = _course(person, rng)
-    directions = _body(person, rng).directions(course, times_s, rng)
+    course = _course(follower, rng)
+    directions = _body(follower, rng).directions(course, times_s, rng)
     counts = times_s >= REACH_S
     times_s, directions = times_s[counts], directions[counts]
     return FollowRecording(
         set=SET,
         subject=f"seed {seed}",
         pointings=Pointings(
-            times_s - times_s[0], _origins(person, len(times_s)), directions, course(times_s)
+            times_s - times_s[0], _origins(follower, len(times_s)), directions, course(times_s)
         ),
-        heads_m=np.tile([person.x_m, person.y_m, person.eyes_m], (len(times_s), 1)),
-        eye_height_m=person.eyes_m,
-        yaw_rad=_yaw_rad(person),
+        heads_m=np.tile([follower.x_m, follower.y_m, follower.eyes_m], (len(times_s), 1)),
+        eye_height_m=follower.eyes_m,
+        yaw_rad=_yaw_rad(follower),
         name=f"seed {seed}",
     )
 
 
-def _yaw_rad(person: SimulatedFollower) -> float:
+def _yaw_rad(follower: SimulatedFollower) -> float:
     """Return the yaw of pointing, which includes the constant error of the azimuth."""
-    return math.remainder(person.yaw_rad - person.aim_rad, math.tau)
+    return math.remainder(follower.yaw_rad - follower.aim_rad, math.tau)
 
 
-def _origins(person: SimulatedFollower, count: int) -> Array:
-    return np.tile([0.0, 0.0, person.eyes_m], (count, 1))
+def _origins(follower: SimulatedFollower, count: int) -> Array:
+    return np.tile([0.0, 0.0, follower.eyes_m], (count, 1))
 
 
-def _course(person: SimulatedFollower, rng: np.random.Generator) -> Course:
+def _course(follower: SimulatedFollower, rng: np.random.Generator) -> Course:
     """Return a circle or a figure of eight at `SPEED_MPS` on average."""
     way, phase = rng.uniform(-math.pi, math.pi, 2)
     radius_m, away_m = float(rng.uniform(*COURSE_M)), float(rng.uniform(*AWAY_M))
     is_eight, is_flying = rng.random(2) < 0.5
-    middle = (person.x_m + away_m * math.cos(way), person.y_m + away_m * math.sin(way))
+    middle = (follower.x_m + away_m * math.cos(way), follower.y_m + away_m * math.sin(way))
     rate_radps = SPEED_MPS / radius_m / (1.5 if is_eight else 1.0)
 
     def at(times_s: Array) -> Array:
@@ -133,18 +133,18 @@ def _course(person: SimulatedFollower, rng: np.random.Generator) -> Course:
     return at
 
 
-def _room(seed: int) -> Trial:
+def _room(seed: int) -> LocalizationTrial:
     rng = np.random.default_rng([seed, 2])
-    person = _person(rng)
-    eyes = _body(person, rng)
+    follower = _person(rng)
+    eyes = _body(follower, rng)
     lamps_m = rng.permutation(_lamps(rng))
     count = len(lamps_m)
     away = lamps_m - (eyes.x_m, eyes.y_m, eyes.eyes_m)
     azimuths = np.arctan2(away[:, 1], away[:, 0])  # the room is in front: no wrapping
     elevations = np.arctan2(away[:, 2], np.hypot(away[:, 0], away[:, 1]))
-    azimuths += person.azimuth_slope * np.clip(azimuths - azimuths.mean(), -TURNS_RAD, TURNS_RAD)
-    azimuths += person.aim_rad - person.yaw_rad + rng.normal(0.0, rng.uniform(*ACT_RAD), count)
-    elevations += person.elevation_slope * elevations + person.bias_rad
+    azimuths += follower.azimuth_slope * np.clip(azimuths - azimuths.mean(), -TURNS_RAD, TURNS_RAD)
+    azimuths += follower.aim_rad - follower.yaw_rad + rng.normal(0.0, rng.uniform(*ACT_RAD), count)
+    elevations += follower.elevation_slope * elevations + follower.bias_rad
     elevations += rng.normal(0.0, rng.uniform(*ACT_UP_RAD), count)
     wander = rng.normal(0.0, HOLD_WANDER_RAD, (2, count * HOLD_RAYS))
     rays = vector_rows(
@@ -152,17 +152,17 @@ def _room(seed: int) -> Trial:
     )
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
     stamps_s = (np.arange(count) * (HOLD_S + PAUSE_S))[:, None] + within_s
-    return Trial(
+    return LocalizationTrial(
         set=LAMPS_SET,
         subject=f"seed {seed}",
         condition=f"{count} targets",
         pointings=Pointings(
-            stamps_s.reshape(-1), _origins(person, len(rays)), rays, np.repeat(lamps_m, HOLD_RAYS, axis=0)
+            stamps_s.reshape(-1), _origins(follower, len(rays)), rays, np.repeat(lamps_m, HOLD_RAYS, axis=0)
         ),
-        eye_height_m=person.eyes_m,
-        x_m=person.x_m,
-        y_m=person.y_m,
-        yaw_rad=_yaw_rad(person),
+        eye_height_m=follower.eyes_m,
+        x_m=follower.x_m,
+        y_m=follower.y_m,
+        yaw_rad=_yaw_rad(follower),
     )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pointit_lab.evaluation.datasets import motion_relloc, proximity_waypoints, vr_arm_pointing
 from pointit_lab.evaluation.honesty import simulated_people
-from pointit_lab.evaluation.localization.trial import FollowRecording, Reading, Trial
+from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial, TrialReading
 
 FOLLOWED = {module.NAME: module.read for module in (motion_relloc, proximity_waypoints)}
 RECORDED = (*FOLLOWED, vr_arm_pointing.NAME)
@@ -33,16 +33,16 @@ QUICK = Size(people=16, rooms=4, windows=4)
 
 
 @dataclass
-class People:
+class SimulatedPeople:
     """People of all sets."""
 
     followed: list[FollowRecording] = field(default_factory=list[FollowRecording])
-    rooms: list[Trial] = field(default_factory=list[Trial])
+    rooms: list[LocalizationTrial] = field(default_factory=list[LocalizationTrial])
     notes: list[str] = field(default_factory=list[str])
     """Messages about skipped data."""
 
 
-def people(recordings: Path | None, sets: Sequence[str], size: Size, seed: int = 0) -> People:
+def people(recordings: Path | None, sets: Sequence[str], size: Size, seed: int = 0) -> SimulatedPeople:
     """Return the people of `sets` (empty: all).
 
     Args:
@@ -55,7 +55,7 @@ def people(recordings: Path | None, sets: Sequence[str], size: Size, seed: int =
         ConfigError: If a file is damaged.
     """
     wanted = tuple(sets) or SETS
-    reading = Reading()
+    reading = TrialReading()
     for name in RECORDED:
         if recordings is None or name not in wanted:
             continue
@@ -67,10 +67,10 @@ def people(recordings: Path | None, sets: Sequence[str], size: Size, seed: int =
     if recordings is not None and vr_arm_pointing.NAME in wanted:
         folder = recordings / vr_arm_pointing.NAME
         vr_arm_pointing.read(folder, reading, counts=(vr_arm_pointing.ALL_TARGETS,), subsets=size.rooms)
-    found = People(followed=reading.followed, rooms=list(reading.trials), notes=reading.notes)
+    people = SimulatedPeople(followed=reading.followed, rooms=list(reading.trials), notes=reading.notes)
     seeds = range(seed, seed + size.people)
     if simulated_people.SET in wanted:
-        found.followed += simulated_people.followers(seeds)
+        people.followed += simulated_people.followers(seeds)
     if simulated_people.LAMPS_SET in wanted:
-        found.rooms += simulated_people.rooms(seeds)
-    return found
+        people.rooms += simulated_people.rooms(seeds)
+    return people

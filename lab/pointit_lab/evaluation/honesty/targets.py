@@ -28,7 +28,7 @@ STEP = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class HonestyLimits:
     """Range of each figure of a row."""
 
     taken_least: float = 0.0
@@ -59,13 +59,15 @@ class Limits:
             broken.append(f"squared error {row.square:.2f}")
         return broken
 
-    def tightened(self, other: "Limits") -> "Limits":
+    def tightened(self, other: "HonestyLimits") -> "HonestyLimits":
         """Return the range within both."""
         both = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
-        return Limits(**{name: (max if name.endswith("least") else min)(pair) for name, pair in both.items()})
+        return HonestyLimits(
+            **{name: (max if name.endswith("least") else min)(pair) for name, pair in both.items()}
+        )
 
 
-TARGETS = Limits()
+TARGETS = HonestyLimits()
 """Targets of every row."""
 
 
@@ -75,7 +77,7 @@ def missed(rows: Iterable[HonestyRow]) -> list[tuple[HonestyRow, list[str]]]:
     return [(row, broken) for row, broken in found if broken]
 
 
-def limits_of(row: HonestyRow) -> Limits:
+def limits_of(row: HonestyRow) -> HonestyLimits:
     """Return limits that `row` keeps with some slack, nowhere within the targets."""
     count = round(row.taken * row.n)
     if row.wrong is None or row.square is None or row.within_2_sigma is None or count < FEWEST:
@@ -83,7 +85,7 @@ def limits_of(row: HonestyRow) -> Limits:
     one = 1.0 / count
     place = row.within_2_sigma
     yaw = place if row.yaw_within_2_sigma is None else row.yaw_within_2_sigma
-    return Limits(
+    return HonestyLimits(
         taken_least=0.0 if row.wrong.value > KNOWN_MISS else max(_down(row.taken - TAKEN_SLACK), 0.0),
         within_least=min(max(_down(place - one), 0.0), TARGETS.within_least),
         within_most=max(min(_up(place + one), 1.0), TARGETS.within_most),
@@ -123,11 +125,11 @@ def regressions(rows: Sequence[HonestyRow], asked: Collection[tuple[str, str]] =
     return told
 
 
-def stated() -> dict[tuple[str, str], Limits]:
+def stated() -> dict[tuple[str, str], HonestyLimits]:
     """Return the limits of `LIMITS_FILE` by set and condition."""
     text = resources.files(__package__ or "").joinpath(LIMITS_FILE).read_text(encoding="utf-8")
-    names = [each.name for each in fields(Limits)]
+    names = [each.name for each in fields(HonestyLimits)]
     return {
-        (line["set"], line["condition"]): Limits(**{name: float(line[name]) for name in names})
+        (line["set"], line["condition"]): HonestyLimits(**{name: float(line[name]) for name in names})
         for line in csv.DictReader(text.splitlines())
     }

@@ -28,7 +28,7 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.special import gammaincinv
 
 from pointit.services.localizer.estimation.sample_blocks import BLOCK_S, STILL_M, blocks
-from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 
 Array = NDArray[np.float64]
 
@@ -39,13 +39,13 @@ COLUMNS = 7
 LARGE_SIGMAS = np.array([math.radians(20.0), 0.5, 0.5, 0.3])
 """Standard deviations of these that keep what a recording does not tell at 0."""
 
-LEAST_RAD = 1e-5
+MIN_RAD = 1e-5
 """Lower bound of a scatter."""
 
-LEAST_AWAY_M = 0.1
+MIN_AWAY_M = 0.1
 """Lower bound of the distance of places from the targets."""
 
-MOST_ALIKE = 0.999
+MAX_CORRELATION = 0.999
 """Upper bound of the correlation of errors at two lamps."""
 
 ROUNDING = 1e-9
@@ -89,14 +89,14 @@ class _Errors:
     """2 x lags: autocorrelation of the rest within a hold at multiples of `step_s`, sideways and upwards. Of
     lamps: of one with itself, and with another."""
 
-    def rest(self, trial: _Linearized) -> Array:
-        """Return the errors (2 x m) of `trial` without the constant ones."""
-        left = trial.misses - trial.slopes[:, :, BIAS:] @ self.constants
+    def rest(self, linearized: _Linearized) -> Array:
+        """Return the errors (2 x m) of `linearized` without the constant ones."""
+        left = linearized.misses - linearized.slopes[:, :, BIAS:] @ self.constants
         left[0] -= self.turned_rad
         return left
 
 
-def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
+def median_bounds_m(trials: Sequence[LocalizationTrial]) -> list[float]:
     """Return for each of `trials`, all of one set, the median position error of an ideal solver.
 
     NaN if the true yaw is unknown.
@@ -105,7 +105,7 @@ def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
     linear = {i: _linearized(trial) for i, trial in enumerate(trials) if trial.yaw_rad is not None}
     if not linear:
         return found
-    place = 2.0 / max(float(np.mean([each.away_m**2 for each in linear.values()])), LEAST_AWAY_M**2)
+    place = 2.0 / max(float(np.mean([each.away_m**2 for each in linear.values()])), MIN_AWAY_M**2)
     groups: dict[tuple[str, ...], list[int]] = {}
     for i, each in linear.items():
         trial = trials[i]
@@ -118,7 +118,7 @@ def median_bounds_m(trials: Sequence[Trial]) -> list[float]:
     return found
 
 
-def _linearized(trial: Trial) -> _Linearized:
+def _linearized(trial: LocalizationTrial) -> _Linearized:
     summary = blocks(trial.pointings)
     means, hold = summary.pointings, summary.hold.astype(np.intp)
     if summary.is_still:  # the bound takes visits of one lamp as independent
@@ -161,14 +161,14 @@ def _linearized(trial: Trial) -> _Linearized:
     return _Linearized(misses, mean / count[:, None], np.zeros_like(hold[: len(count)]), 0.0, 0.0, away_m)
 
 
-def _errors(trials: Sequence[_Linearized]) -> _Errors:
-    """Return the errors of a person from the longest of `trials` whose blocks are short."""
-    short = [each for each in trials if each.step_s <= SAME_STEP * BLOCK_S] or list(trials)
+def _errors(linearized: Sequence[_Linearized]) -> _Errors:
+    """Return the errors of a person from the longest of `linearized` whose blocks are short."""
+    short = [each for each in linearized if each.step_s <= SAME_STEP * BLOCK_S] or list(linearized)
     longest_s = max(each.span_s for each in short)
     chosen = [each for each in short if each.span_s >= LONG * longest_s]
     slopes = np.concatenate([each.slopes[:, :, 2:].reshape(-1, COLUMNS - 2) for each in chosen])
     misses = np.concatenate([each.misses.ravel() for each in chosen])
-    scatter_rad = max(float(np.std(misses)), LEAST_RAD)
+    scatter_rad = max(float(np.std(misses)), MIN_RAD)
     prior = np.append(0.0, LARGE_SIGMAS**-2.0)
     normal = slopes.T @ slopes / scatter_rad**2 + np.diag(prior)
     turned, *constants = np.linalg.solve(normal, slopes.T @ misses / scatter_rad**2).tolist()
@@ -178,18 +178,18 @@ def _errors(trials: Sequence[_Linearized]) -> _Errors:
     return _Errors(found.constants, found.turned_rad, step_s, _correlation(chosen, found))
 
 
-def _correlation(trials: Sequence[_Linearized], errors: _Errors) -> Array:
+def _correlation(linearized: Sequence[_Linearized], errors: _Errors) -> Array:
     """Return the autocorrelation (2 x lags) of the rest; the biased estimate, which is positive definite."""
     if not errors.step_s:
-        return _between(np.stack([errors.rest(each) for each in trials]))
-    sums = np.zeros((2, max(int(np.bincount(each.hold).max()) for each in trials)))
-    for each in trials:
+        return _between(np.stack([errors.rest(each) for each in linearized]))
+    sums = np.zeros((2, max(int(np.bincount(each.hold).max()) for each in linearized)))
+    for each in linearized:
         rest = errors.rest(each)
         for hold in range(int(each.hold[-1]) + 1):
             own = rest[:, each.hold == hold]
             for axis in range(2):
                 sums[axis, : own.shape[1]] += np.correlate(own[axis], own[axis], "full")[own.shape[1] - 1 :]
-    sums[:, 0] += LEAST_RAD**2
+    sums[:, 0] += MIN_RAD**2
     return np.asarray(sums / sums[:, :1], dtype=np.float64)
 
 
@@ -199,23 +199,23 @@ def _between(rest: Array) -> Array:
     Args:
         rest: errors, k x 2 x m, of k trials.
     """
-    squares = np.mean(rest**2, axis=(0, 2)) + LEAST_RAD**2
+    squares = np.mean(rest**2, axis=(0, 2)) + MIN_RAD**2
     lamps = rest.shape[2]
     products = (lamps * np.mean(rest, axis=2) ** 2).mean(axis=0) - squares
-    shared = np.clip(products / max(lamps - 1, 1) / squares, 0.0, MOST_ALIKE)
+    shared = np.clip(products / max(lamps - 1, 1) / squares, 0.0, MAX_CORRELATION)
     return np.stack([np.ones(2), shared], axis=1)
 
 
-def _median_m(trial: _Linearized, errors: _Errors, place: float) -> float:
+def _median_m(linearized: _Linearized, errors: _Errors, place: float) -> float:
     """Return the median error; `place` is the information about the place before any ray, 1/m²."""
-    squares = np.mean(errors.rest(trial) ** 2, axis=1) + LEAST_RAD**2
-    own = trial.slopes[:, :, BIAS:] @ errors.constants[:, None]  # the person's, of which a share shows
-    columns = np.concatenate([trial.slopes[:, :, :3], own], axis=2)
+    squares = np.mean(errors.rest(linearized) ** 2, axis=1) + MIN_RAD**2
+    own = linearized.slopes[:, :, BIAS:] @ errors.constants[:, None]  # the person's, of which a share shows
+    columns = np.concatenate([linearized.slopes[:, :, :3], own], axis=2)
     information: Array = np.diag([place, place, 0.0, 1.0])
-    for hold in range(int(trial.hold[-1]) + 1):
-        is_own = trial.hold == hold
+    for hold in range(int(linearized.hold[-1]) + 1):
+        is_own = linearized.hold == hold
         for axis in range(2):
-            alike = _alike(errors, axis, int(np.sum(is_own)), trial.step_s)
+            alike = _alike(errors, axis, int(np.sum(is_own)), linearized.step_s)
             slopes = columns[axis, is_own]
             information += slopes.T @ _solved(squares[axis] * toeplitz(alike), slopes)
     covariance = np.linalg.inv(information)[:2, :2]

@@ -20,7 +20,7 @@ from pointit.services.localizer.verification.holds import held
 from pointit_lab.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m
 from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
-from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.parallel import map_parallel
 from pointit_lab.evaluation.recordings.row import Row, arranged
 
@@ -61,13 +61,13 @@ BASELINE_TRIALS = 400
 class Task:
     """A trial, and its solvers."""
 
-    trial: Trial
+    trial: LocalizationTrial
     bound_m: float = math.nan
     solvers: tuple[str, ...]
 
 
 def localization_rows(
-    trials: Sequence[Trial], *, baselines: bool, jobs: int, tick: Callable[[int, int], None]
+    trials: Sequence[LocalizationTrial], *, baselines: bool, jobs: int, tick: Callable[[int, int], None]
 ) -> list[Row]:
     """Return the results of each solver on `trials`.
 
@@ -99,7 +99,7 @@ def solved(tasks: Sequence[Task]) -> list[Outcome]:
     return [outcome(task.trial, task.bound_m, name, SOLVERS[name]) for task in tasks for name in task.solvers]
 
 
-def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
+def _tasks(trials: Sequence[LocalizationTrial], *, baselines: bool) -> Iterator[Task]:
     sizes = Counter((trial.set, trial.condition) for trial in trials)
     seen: Counter[tuple[str, str]] = Counter()
     for trial, bound_m in zip(trials, _bounds(trials), strict=True):
@@ -109,7 +109,7 @@ def _tasks(trials: Sequence[Trial], *, baselines: bool) -> Iterator[Task]:
         yield Task(trial=trial, bound_m=bound_m, solvers=tuple(SOLVERS) if with_others else (OURS,))
 
 
-def _bounds(trials: Sequence[Trial]) -> list[float]:
+def _bounds(trials: Sequence[LocalizationTrial]) -> list[float]:
     """Return the bound of each trial, from the errors of its person in their other trials, too."""
     sets: dict[str, list[int]] = {}
     for number, trial in enumerate(trials):
@@ -121,7 +121,7 @@ def _bounds(trials: Sequence[Trial]) -> list[float]:
     return found
 
 
-def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
+def outcome(trial: LocalizationTrial, bound_m: float, name: str, solver: Solver) -> Outcome:
     """Return the outcome of `solver`, called `name`, on `trial`."""
     began_ns = time.process_time_ns()
     found = solver(trial.pointings)
@@ -167,17 +167,17 @@ def outcome(trial: Trial, bound_m: float, name: str, solver: Solver) -> Outcome:
     )
 
 
-def _off_m(found: Solution | BaselineEstimate, trial: Trial) -> float:
-    off_m = math.hypot(found.x_m - trial.x_m, found.y_m - trial.y_m)
+def _off_m(solution: Solution | BaselineEstimate, trial: LocalizationTrial) -> float:
+    off_m = math.hypot(solution.x_m - trial.x_m, solution.y_m - trial.y_m)
     return min(off_m, FARTHEST_M) if math.isfinite(off_m) else FARTHEST_M
 
 
-def judged(pointings: Pointings, trust: SolverSettings = LIMITS) -> Solution | Refusal:
+def judged(pointings: Pointings, settings: SolverSettings = LIMITS) -> Solution | Refusal:
     """Return the pose that the localizer takes from `pointings`, or its refusal."""
     if not len(pointings):
-        return solve(pointings, trust)
+        return solve(pointings, settings)
     if blocks(pointings).is_still:
-        return held(pointings, trust)
-    found = followed(pointings, trust)
-    wrong = mounting_fault(pointings, found, trust, 0.0)
+        return held(pointings, settings)
+    found = followed(pointings, settings)
+    wrong = mounting_fault(pointings, found, settings, 0.0)
     return Refusal(wrong, found.residual_rad) if wrong else found

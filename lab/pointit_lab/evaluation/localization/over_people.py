@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 from pointit_lab.evaluation.selection.difference import Interval
 
 CONFIDENCE = 0.95
@@ -20,7 +20,7 @@ CONFIDENCE = 0.95
 MIN_PEOPLE = 3
 """Smallest number of people for an interval."""
 
-LEAST = 1e-4
+MIN_P = 1e-4
 """Smallest error (m or degrees) in a logarithm."""
 
 
@@ -57,17 +57,17 @@ def over_people(rows: Iterable[Row], reference: str) -> list[OverPeople]:
     medians: dict[tuple[str, str, str], dict[str, float]] = {}
     for row in rows:
         for unit, spread in (("m", row.position_m), ("°", row.angle_deg)):
-            if row.subject != ALL and isinstance(spread, Spread):
+            if row.subject != ALL and isinstance(spread, MetricSpread):
                 of = medians.setdefault((row.condition, row.solver, unit), {})
-                of[row.subject] = math.log(max(spread.median, LEAST))
-    found: list[OverPeople] = []
+                of[row.subject] = math.log(max(spread.median, MIN_P))
+    over_people: list[OverPeople] = []
     for (condition, solver, unit), logs in medians.items():
         if len(logs) < MIN_PEOPLE:
             continue
         others = {} if solver == reference else medians.get((condition, reference, unit), {})
         differences = [logs[person] - others[person] for person in logs if person in others]
         is_compared = len(differences) >= MIN_PEOPLE
-        found.append(
+        over_people.append(
             OverPeople(
                 condition=condition,
                 solver=solver,
@@ -79,7 +79,7 @@ def over_people(rows: Iterable[Row], reference: str) -> list[OverPeople]:
                 without_one=_without_one(differences) if is_compared else None,
             )
         )
-    return found
+    return over_people
 
 
 def _interval(logs: Sequence[float]) -> Interval:

@@ -9,7 +9,7 @@ from pointit.services.localizer.estimation.estimator import Solution, SolverSett
 from pointit_lab.evaluation.datasets.synth_two_led import NAME as SIMULATED
 from pointit_lab.evaluation.localization.localization import STATED, Solver, outcome
 from pointit_lab.evaluation.localization.scoring import Outcome, rows_of
-from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.row import Row
 
 PEOPLE = "people"
@@ -37,7 +37,9 @@ class Priors:
     remarks: list[str]
 
 
-def prior_rows(trials: Sequence[Trial], *, baselines: bool, tick: Callable[[int], None]) -> Priors:
+def prior_rows(
+    trials: Sequence[LocalizationTrial], *, baselines: bool, tick: Callable[[int], None]
+) -> Priors:
     """Return, with `baselines`, the rows with the prior of other people."""
     rows, remarks = list[Row](), list[str]()
     biases = person_biases(trials) if baselines else {}
@@ -56,7 +58,9 @@ def prior_rows(trials: Sequence[Trial], *, baselines: bool, tick: Callable[[int]
 
 
 def people_rows(
-    trials: Sequence[Trial], biases: Mapping[Person, float], tick: Callable[[int], None] = lambda _: None
+    trials: Sequence[LocalizationTrial],
+    biases: Mapping[Person, float],
+    tick: Callable[[int], None] = lambda _: None,
 ) -> list[Row]:
     """Return the rows of poses whose prior is that of the `biases` of all other people."""
     outcomes: list[Outcome] = []
@@ -69,9 +73,9 @@ def people_rows(
     return rows_of(outcomes)
 
 
-def person_biases(trials: Sequence[Trial]) -> dict[Person, float]:
+def person_biases(trials: Sequence[LocalizationTrial]) -> dict[Person, float]:
     """Return the median elevation bias (rad) that is found of each person, in their longest trials."""
-    longest: dict[Person, list[Trial]] = {}
+    longest: dict[Person, list[LocalizationTrial]] = {}
     for trial in trials:
         if trial.set == SIMULATED:
             continue
@@ -95,10 +99,10 @@ def people_prior(biases: Sequence[float]) -> tuple[float, float]:
 
 def _expecting(mean: float, sigma: float) -> Solver:
     limit = STATED.bias_sigma_limit * STATED.bias_sigma_rad / sigma  # the same angle
-    trust: SolverSettings = replace(STATED, bias_rad=mean, bias_sigma_rad=sigma, bias_sigma_limit=limit)
-    return lambda pointings: solve(pointings, trust)
+    settings: SolverSettings = replace(STATED, bias_rad=mean, bias_sigma_rad=sigma, bias_sigma_limit=limit)
+    return lambda pointings: solve(pointings, settings)
 
 
-def _duration_s(trial: Trial) -> float:
+def _duration_s(trial: LocalizationTrial) -> float:
     """Return the length of a window by its condition, as samples may be missing at its end; 0 for lamps."""
     return float(trial.condition.removesuffix(" s")) if trial.recording else 0.0

@@ -30,8 +30,8 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.pointing.pointer import ArmRay
 from pointit_lab.evaluation.localization.recorded_person import SET, Course, PersonInSession
 from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of
-from pointit_lab.evaluation.localization.trial import Trial
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
 LIVE = "live"
 """Solver of the rows of poses as they were found in the session."""
@@ -56,7 +56,7 @@ DEFAULT_ARM = ArmRay()
 class Sessions:
     """Parts of recorded sessions that can be scored."""
 
-    trials: list[Trial] = field(default_factory=list[Trial])
+    trials: list[LocalizationTrial] = field(default_factory=list[LocalizationTrial])
     """Localizations, to be solved again."""
     outcomes: list[Outcome] = field(default_factory=list[Outcome])
     """Poses that were found in the sessions."""
@@ -89,22 +89,22 @@ def read_sessions(paths: Sequence[Path], tick: Callable[[str], None] = lambda _:
     Raises:
         ConfigError: If one is no recording, or none has anything to score.
     """
-    found = Sessions()
+    sessions = Sessions()
     for path in paths:
         tick(f"reading {path.name}")
         with Recording.open(path) as recording:
             if recording.problem:
-                found.notes.append(recording.problem)
+                sessions.notes.append(recording.problem)
             keys = set(recording.counts)
             entries = recording.entries(lambda key: any(_fits(row, key) for row in READ))
             reader = _Reader({row.key: {row.name_in(key) for key in keys} for row in READ})
             for entry in entries:
                 reader.add(entry.name, entry.body)
-            if why := reader.end(found):
-                found.notes.append(f"{path}: {why}")
-    if not (found.trials or found.outcomes or found.anchors):
-        raise ConfigError("; ".join(found.notes))
-    return found
+            if why := reader.end(sessions):
+                sessions.notes.append(f"{path}: {why}")
+    if not (sessions.trials or sessions.outcomes or sessions.anchors):
+        raise ConfigError("; ".join(sessions.notes))
+    return sessions
 
 
 def _fits(row: Topic[Any], key: str) -> bool:
@@ -136,22 +136,22 @@ class _Reader:
             case ImuSample():
                 self._move(name, body)
             case _:
-                self._hear(name, body)
+                self._on_message(name, body)
 
-    def end(self, found: Sessions) -> str:
-        """Add what there is to score to `found`. Return what is missing, or `""`."""
+    def end(self, sessions: Sessions) -> str:
+        """Add what there is to score to `sessions`. Return what is missing, or `""`."""
         for person in self._people.values():
             trials = list(person.trials(self._targets))
-            found.trials += trials
-            found.outcomes += _live(person, {trial.yaw_rad for trial in trials})
-        found.anchors += self._anchors
+            sessions.trials += trials
+            sessions.outcomes += _live(person, {trial.yaw_rad for trial in trials})
+        sessions.anchors += self._anchors
         true = [person for person in self._people.values() if len(person.truth)]
         if not true and not self._anchors:
             return UNTRUE
         idle = [person.user for person in true if not person.was_localized]
         return UNUSED.format(users=", ".join(idle)) if idle else ""
 
-    def _hear(self, name: str, body: object) -> None:
+    def _on_message(self, name: str, body: object) -> None:
         person = self._people.get(name)
         match body:
             case Localization() if person:
@@ -223,6 +223,6 @@ def _anchors(subject: str, anchors: Sequence[Anchor]) -> Row:
         condition=ANCHORS,
         solver=LIVE,
         n=len(anchors),
-        pitch_deg=Spread.of(map(math.degrees, upwards)),
-        angle_deg=Spread.of(map(math.degrees, angles)),
+        pitch_deg=MetricSpread.of(map(math.degrees, upwards)),
+        angle_deg=MetricSpread.of(map(math.degrees, angles)),
     )

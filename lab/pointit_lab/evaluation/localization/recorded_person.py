@@ -14,7 +14,7 @@ from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import Pointings
 from pointit.services.localizer.procedures.lamp_procedure import Hold
 from pointit.services.localizer.procedures.static_targets import MIN_LAMPS
-from pointit_lab.evaluation.localization.trial import FollowRecording, Trial
+from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
 
 Array = NDArray[np.float64]
 
@@ -124,7 +124,7 @@ class PersonInSession:
         elif target:
             self._sessions[self._since_ns][-1][0].add(ray)
 
-    def trials(self, tracks: dict[str, Course]) -> Iterator[Trial]:
+    def trials(self, tracks: dict[str, Course]) -> Iterator[LocalizationTrial]:
         """Yield the trials whose truth is known. `tracks`: positions (3) of moving targets."""
         for target, course in self.follows.items():
             if target in tracks:
@@ -133,7 +133,7 @@ class PersonInSession:
             if sum(bool(hold.rays) for hold, _ in holds) >= MIN_LAMPS:
                 yield from self._lamps(holds)
 
-    def _following(self, course: Course, track: Course) -> Iterator[Trial]:
+    def _following(self, course: Course, track: Course) -> Iterator[LocalizationTrial]:
         times_ns, rays = course.times_ns, course.values
         targets, heads = track.at(times_ns), self.truth.at(times_ns)
         fresh = np.append(True, np.any(np.diff(rays, axis=0) != 0.0, axis=1))
@@ -151,7 +151,7 @@ class PersonInSession:
             yaw_rad=self._yaw_rad(times_ns, pointings, heads),
         ).trials()
 
-    def _lamps(self, holds: list[tuple[Hold, Vec3]]) -> Iterator[Trial]:
+    def _lamps(self, holds: list[tuple[Hold, Vec3]]) -> Iterator[LocalizationTrial]:
         rays = [ray for hold, _ in holds for ray in hold.rays]
         places = np.array([place for hold, place in holds for _ in hold.rays], dtype=np.float64)
         times_ns = np.array([ray.stamp_ns for ray in rays], dtype=np.int64)
@@ -161,7 +161,7 @@ class PersonInSession:
         pointings = Pointings(
             (times_ns - times_ns[0]) / NS_PER_S, ray_math.origins(rays), ray_math.directions(rays), places
         )
-        yield Trial(
+        yield LocalizationTrial(
             set=SET,
             subject=self.user,
             condition=f"{len(np.unique(places, axis=0))} lamps",
@@ -175,10 +175,10 @@ class PersonInSession:
     def _yaw_rad(self, times_ns: NDArray[np.int64], pointings: Pointings, heads: Array) -> float:
         """Return the true yaw of {H}: a tracker's, else that in which rays meet their targets on average."""
         if len(self.yaws):
-            told = self.yaws.at(times_ns)
-            told = told[np.isfinite(told).all(axis=1)]
-            if len(told):
-                return math.atan2(float(told[:, 1].mean()), float(told[:, 0].mean()))
+            yaw_rad = self.yaws.at(times_ns)
+            yaw_rad = yaw_rad[np.isfinite(yaw_rad).all(axis=1)]
+            if len(yaw_rad):
+                return math.atan2(float(yaw_rad[:, 1].mean()), float(yaw_rad[:, 0].mean()))
         away = pointings.targets_m - heads
         aims = pointings.directions
         turned = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(aims[:, 1], aims[:, 0])

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit_lab.evaluation.localization.trial import Trial
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread, arranged
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row, arranged
 
 WRONG_M = 1.0
 """Position error above which a pose is wrong."""
@@ -33,7 +33,7 @@ class Key:
     condition: str
 
     @classmethod
-    def of(cls, trial: Trial) -> "Key":
+    def of(cls, trial: LocalizationTrial) -> "Key":
         """Return the group of the outcomes of `trial`."""
         return cls(set=trial.set, subject=trial.subject, condition=trial.condition)
 
@@ -108,7 +108,7 @@ def _until_taken(name: str, subject: str, solver: str, outcomes: Sequence[Outcom
         solver=solver,
         n=len(first),
         taken=len(found) / len(first),
-        taken_m=Spread.of(found),
+        taken_m=MetricSpread.of(found),
         until_taken_s=until_s if math.isfinite(until_s) else None,
     )
 
@@ -130,9 +130,9 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
         condition=condition,
         solver=solver,
         n=len(outcomes),
-        position_m=Spread.of(errors),
-        every_m=Spread.of(everything[np.isfinite(everything)]),
-        yaw_deg=Spread.of(turned[np.isfinite(turned)]),
+        position_m=MetricSpread.of(errors),
+        every_m=MetricSpread.of(everything[np.isfinite(everything)]),
+        yaw_deg=MetricSpread.of(turned[np.isfinite(turned)]),
         share_above_1m=_share(errors > WRONG_M),
         misled=float(np.sum((errors > WRONG_M) & (sigmas < SURE_M))) / len(accepted) if states else None,
         within_2_sigma=_share(errors <= 2.0 * sigmas) if states else None,
@@ -141,10 +141,10 @@ def _row(name: str, condition: str, subject: str, solver: str, outcomes: Sequenc
         else None,
         refused=len(outcomes) - len(accepted),
         taken=_share(np.isfinite(takes)),
-        taken_m=Spread.of(taken_m),
+        taken_m=MetricSpread.of(taken_m),
         taken_above_1m=_share(taken_m > WRONG_M),
         unsure=sum(not outcome.is_sure for outcome in accepted) if states else None,
-        solve_ms=Spread.of(outcome.solve_ms for outcome in outcomes if math.isfinite(outcome.solve_ms)),
+        solve_ms=MetricSpread.of(outcome.solve_ms for outcome in outcomes if math.isfinite(outcome.solve_ms)),
         bound_m=float(np.median(bounds)) if bounds else None,
     )
 

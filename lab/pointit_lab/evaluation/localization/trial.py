@@ -23,7 +23,7 @@ SLACK_S = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
+class LocalizationTrial:
     """One localization trial, and the truth."""
 
     set: str
@@ -64,16 +64,16 @@ class FollowRecording:
         stamps_s = pointings.stamps_s
         then_s = stamps_s - shift_s
         after = np.clip(np.searchsorted(stamps_s, then_s), 1, len(stamps_s) - 1)
-        kept = (then_s >= stamps_s[0]) & (then_s <= stamps_s[-1])
-        kept &= stamps_s[after] - stamps_s[after - 1] <= GAP_S
+        within = (then_s >= stamps_s[0]) & (then_s <= stamps_s[-1])
+        within &= stamps_s[after] - stamps_s[after - 1] <= GAP_S
         targets_m = np.stack(
             [np.interp(then_s, stamps_s, pointings.targets_m[:, axis]) for axis in range(3)], axis=1
         )
         return replace(
-            self, pointings=replace(pointings, targets_m=targets_m).only(kept), heads_m=self.heads_m[kept]
+            self, pointings=replace(pointings, targets_m=targets_m).only(within), heads_m=self.heads_m[within]
         )
 
-    def trials(self, windows_s: Iterable[float] = WINDOWS_S) -> Iterator[Trial]:
+    def trials(self, windows_s: Iterable[float] = WINDOWS_S) -> Iterator[LocalizationTrial]:
         """Yield windows of each length, one every `STRIDE_S`; the truth is the mean position of the head.
 
         Windows with fewer than two samples, as in a gap of any length, are skipped.
@@ -89,7 +89,7 @@ class FollowRecording:
                 if end - begin < 2:
                     continue
                 head = self.heads_m[part].mean(axis=0)
-                yield Trial(
+                yield LocalizationTrial(
                     set=self.set,
                     subject=self.subject,
                     condition=f"{length_s:g} s",
@@ -117,18 +117,18 @@ def _starts(stamps_s: Array, length_s: float) -> Array:
 
 
 @dataclass
-class Reading:
+class TrialReading:
     """Trials read from recordings."""
 
-    trials: list[Trial] = field(default_factory=list[Trial])
+    trials: list[LocalizationTrial] = field(default_factory=list[LocalizationTrial])
     followed: list[FollowRecording] = field(default_factory=list[FollowRecording])
     """Recordings of following, from which trials were read."""
     notes: list[str] = field(default_factory=list[str])
     """Messages about skipped data, with the reason."""
 
-    def skip(self, path: Path, why: str) -> None:
+    def skip(self, path: Path, reason: str) -> None:
         """Note that `path` was skipped."""
-        self.notes.append(f"{path} is skipped: {why}")
+        self.notes.append(f"{path} is skipped: {reason}")
 
     def follow(self, path: Path, following: FollowRecording) -> None:
         """Add the trials of `following`, read from `path`, or a note if there are none."""

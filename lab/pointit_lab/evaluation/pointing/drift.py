@@ -28,8 +28,14 @@ from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
 from pointit_lab.evaluation.pointing.drift_ratio import PLAIN, ratios
 from pointit_lab.evaluation.pointing.drift_simulated import normal_row, simulated_rows
-from pointit_lab.evaluation.pointing.drift_solvers import SOLVERS, Trial, YawEstimate, filtered, predictable
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.pointing.drift_solvers import (
+    SOLVERS,
+    DriftTrial,
+    YawEstimate,
+    filtered,
+    predictable,
+)
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
 PEOPLE = 300
 
@@ -98,16 +104,19 @@ def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> 
 
 
 def _rows(
-    condition: str, trials: Sequence[Trial], others: Sequence[tuple[Trial, YawEstimate]], sigma_rad: float
+    condition: str,
+    trials: Sequence[DriftTrial],
+    others: Sequence[tuple[DriftTrial, YawEstimate]],
+    sigma_rad: float,
 ) -> list[Row]:
     """Return a row for each person and solver, and for all people together."""
     rows: list[Row] = []
-    told = {
+    by_solver = {
         name: [(one, solver(one.course, one.anchors, one.told)) for one in trials]
         for name, solver in SOLVERS.items()
     } | {LEFT_OUT: others}
-    for name, guesses in told.items():
-        rows += _solver_rows(condition, name, guesses, told[PLAIN], sigma_rad)
+    for name, estimates in by_solver.items():
+        rows += _solver_rows(condition, name, estimates, by_solver[PLAIN], sigma_rad)
     if trials:
         rows.append(
             normal_row(proximity_feedback.NAME, condition, "scatter of one hold", len(trials), sigma_rad)
@@ -118,14 +127,14 @@ def _rows(
 def _solver_rows(
     condition: str,
     solver: str,
-    guesses: Sequence[tuple[Trial, YawEstimate]],
-    plain: Sequence[tuple[Trial, YawEstimate]],
+    estimates: Sequence[tuple[DriftTrial, YawEstimate]],
+    plain_estimates: Sequence[tuple[DriftTrial, YawEstimate]],
     sigma_rad: float,
 ) -> list[Row]:
-    errors = [(one.course.subject, one.error_rad(guess), guess.sigma_rad) for one, guess in guesses]
+    errors = [(one.course.subject, one.error_rad(guess), guess.sigma_rad) for one, guess in estimates]
     rows: list[Row] = []
-    again = [one.error_rad(guess) for one, guess in plain]
-    over = ratios([s for s, _, _ in errors], [e for _, e, _ in errors], again) if guesses else None
+    again = [one.error_rad(guess) for one, guess in plain_estimates]
+    over = ratios([s for s, _, _ in errors], [e for _, e, _ in errors], again) if estimates else None
     for subject in (*dict.fromkeys(one[0] for one in errors), ALL):
         mine = [one for one in errors if subject in (one[0], ALL)]
         inside = [abs(e) <= 2.0 * math.hypot(s, sigma_rad) for _, e, s in mine if s is not None]
@@ -136,7 +145,7 @@ def _solver_rows(
                 condition=condition,
                 solver=solver,
                 n=len(mine),
-                yaw_deg=Spread.of(math.degrees(e) for _, e, _ in mine),
+                yaw_deg=MetricSpread.of(math.degrees(e) for _, e, _ in mine),
                 yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
                 times_plain=over if subject == ALL and solver != PLAIN else None,
             )
@@ -154,7 +163,7 @@ def candidates() -> Iterator[DriftSettings]:
         )
 
 
-def left_out(trials: Mapping[str, Sequence[Trial]]) -> dict[str, list[tuple[Trial, YawEstimate]]]:
+def left_out(trials: Mapping[str, Sequence[DriftTrial]]) -> dict[str, list[tuple[DriftTrial, YawEstimate]]]:
     """Return each trial's prediction with the settings that others chose, by condition.
 
     The settings are those of the least error: absolute, averaged over conditions of each person, then over
@@ -163,7 +172,7 @@ def left_out(trials: Mapping[str, Sequence[Trial]]) -> dict[str, list[tuple[Tria
     Args:
         trials: by condition.
     """
-    told = [
+    estimates = [
         {
             name: [(one, filtered(one.course, one.anchors, one.told, settings)) for one in some]
             for name, some in trials.items()
@@ -172,7 +181,9 @@ def left_out(trials: Mapping[str, Sequence[Trial]]) -> dict[str, list[tuple[Tria
     ]
     people = {one.course.subject for some in trials.values() for one in some}
     best = {
-        person: min(told, key=lambda each: np.mean([_error_rad(each, other) for other in people - {person}]))
+        person: min(
+            estimates, key=lambda each: np.mean([_error_rad(each, other) for other in people - {person}])
+        )
         for person in people
         if len(people) > 1
     }
@@ -186,10 +197,10 @@ def left_out(trials: Mapping[str, Sequence[Trial]]) -> dict[str, list[tuple[Tria
     }
 
 
-def _error_rad(told: Mapping[str, Sequence[tuple[Trial, YawEstimate]]], person: str) -> float:
+def _error_rad(estimates: Mapping[str, Sequence[tuple[DriftTrial, YawEstimate]]], person: str) -> float:
     """Return the person's mean absolute error, averaged over conditions."""
     errors = [
         [abs(one.error_rad(guess)) for one, guess in some if one.course.subject == person]
-        for some in told.values()
+        for some in estimates.values()
     ]
     return float(np.mean([np.mean(some) for some in errors if some]))

@@ -24,7 +24,7 @@ MAX_CHAINED = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hold:
+class CourseHold:
     """A person points steadily at a known position without a cursor."""
 
     at_s: float
@@ -43,7 +43,7 @@ class Hold:
         """Return the yaw of {H}, for a person at 0."""
         return vector.azimuth(self.target_m) - vector.azimuth(self.direction_h)
 
-    def turned(self, yaw_rad: float, later_s: float) -> "Hold":
+    def turned(self, yaw_rad: float, later_s: float) -> "CourseHold":
         """Return this hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
         moved = replace(
             self, at_s=self.at_s + later_s, direction_h=vector.rotate_z(self.direction_h, -yaw_rad)
@@ -59,7 +59,7 @@ class HoldSequence:
     """Holds with a common heading reference, set by the first one."""
 
     subject: str
-    holds: tuple[Hold, ...]
+    holds: tuple[CourseHold, ...]
 
     def nearest(self, at_s: float) -> int:
         """Return the index of the hold nearest to `at_s` after the first one."""
@@ -70,7 +70,7 @@ class HoldSequence:
 def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
     """Return the runs: the heading was measured again whenever the first target was repeated."""
     out: list[HoldSequence] = []
-    held: list[Hold] = []
+    held: list[CourseHold] = []
     seen: set[str] = set()
     subject = ""
     for trial in trials:
@@ -89,29 +89,29 @@ def courses(trials: Sequence[FloorTrial]) -> list[HoldSequence]:
     return out
 
 
-def chained(runs: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
+def chained(sequences: Iterable[HoldSequence]) -> Iterator[HoldSequence]:
     """Yield each person's runs joined in every order of the first `MAX_CHAINED`."""
     people: dict[str, list[HoldSequence]] = {}
-    for run in runs:
+    for run in sequences:
         people.setdefault(run.subject, []).append(run)
     for mine in people.values():
         for order in permutations(mine[:MAX_CHAINED]):
             yield _joined(order)
 
 
-def _joined(runs: Sequence[HoldSequence]) -> HoldSequence:
-    chain = runs[0]
-    for run in runs[1:]:
+def _joined(sequences: Sequence[HoldSequence]) -> HoldSequence:
+    chain = sequences[0]
+    for run in sequences[1:]:
         last, first = chain.holds[-1], run.holds[0]
         turn, later_s = last.yaw_rad - first.yaw_rad, last.at_s - first.at_s
         chain = replace(chain, holds=chain.holds + tuple(h.turned(turn, later_s) for h in run.holds[1:]))
     return chain
 
 
-def hold_sigma_rad(runs: Sequence[HoldSequence]) -> float:
+def hold_sigma_rad(sequences: Sequence[HoldSequence]) -> float:
     """Return one sigma of a hold's azimuth, from the deviation of three in a row from a constant rate."""
     beside: list[float] = []
-    for run in runs:
+    for run in sequences:
         for a, b, c in zip(run.holds, run.holds[1:], run.holds[2:], strict=False):
             share = (b.at_s - a.at_s) / (c.at_s - a.at_s)
             step = math.remainder(b.yaw_rad - a.yaw_rad, math.tau)
@@ -120,7 +120,7 @@ def hold_sigma_rad(runs: Sequence[HoldSequence]) -> float:
     return MAD_TO_SIGMA * float(np.median(np.abs(beside))) if beside else 0.0
 
 
-def _hold(trial: FloorTrial) -> Hold | None:
+def _hold(trial: FloorTrial) -> CourseHold | None:
     """Return the trial's hold without a cursor, or None if it was not recorded."""
     stretch = trial.phases.get("open_loop_hold")
     if stretch is None or len(stretch.times_s) < 10:
@@ -131,14 +131,14 @@ def _hold(trial: FloorTrial) -> Hold | None:
     # the middle of the hold, whatever single samples do
     azimuth, elevation = float(np.median(azimuths)), float(np.median(elevations))
     rate = float(linregress(stretch.times_s, azimuths).slope)
-    stillness = RestDetector()
+    rest_detector = RestDetector()
     rests = [
-        stillness.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))
+        rest_detector.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))
         for a, e, t in zip(azimuths, elevations, stretch.times_s, strict=True)
     ]
-    rests.append(stillness.end())
+    rests.append(rest_detector.end())
     about = np.hypot((azimuths - azimuth) * math.cos(elevation), elevations - elevation)
-    return Hold(
+    return CourseHold(
         at_s=float(np.mean(stretch.times_s[[0, -1]])),
         target_m=(*trial.target_m, 0.0),
         direction_h=vector.direction(azimuth, elevation),

@@ -18,7 +18,7 @@ from scipy.stats import theilslopes
 from pointit_lab.evaluation.datasets import proximity_feedback
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial, Phase, Stretch
 from pointit_lab.evaluation.pointing.drift_courses import HoldSequence
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
 Array = NDArray[np.float64]
 
@@ -40,12 +40,12 @@ POINTED: tuple[tuple[str, Phase], ...] = (
 RESTED = "rest"
 
 
-def innovation_rows(trials: Sequence[FloorTrial], runs: Sequence[HoldSequence]) -> list[Row]:
+def innovation_rows(trials: Sequence[FloorTrial], sequences: Sequence[HoldSequence]) -> list[Row]:
     """Return a row for each kind of measurement, over all people.
 
     Args:
         trials: of all people.
-        runs: the same as sequences of holds.
+        sequences: the same as sequences of holds.
     """
     rows: list[Row] = []
     for condition, phase in POINTED:
@@ -55,14 +55,14 @@ def innovation_rows(trials: Sequence[FloorTrial], runs: Sequence[HoldSequence]) 
             if "open_loop_hold" in trial.phases and (stretch := trial.phases.get(phase)) is not None
         ]
         rows += _slope_row(condition, both)
-    return rows + _slope_row(RESTED, _rests(runs))
+    return rows + _slope_row(RESTED, _rests(sequences))
 
 
 def _slope_row(condition: str, both: Sequence[tuple[float, float]]) -> list[Row]:
     if len(both) < 3:
         return []
     true, seen = np.array(both).T
-    slope, intercept, least, most = theilslopes(seen, true)
+    slope, intercept, lower, upper = theilslopes(seen, true)
     return [
         Row(
             set=proximity_feedback.NAME,
@@ -71,8 +71,8 @@ def _slope_row(condition: str, both: Sequence[tuple[float, float]]) -> list[Row]
             solver="innovation",
             n=len(both),
             slope=float(slope),
-            slope_sigma=0.25 * float(most - least),
-            yaw_deg=Spread.of(np.degrees(seen - intercept - slope * true)),
+            slope_sigma=0.25 * float(upper - lower),
+            yaw_deg=MetricSpread.of(np.degrees(seen - intercept - slope * true)),
         )
     ]
 
@@ -102,10 +102,10 @@ def _first_stop_rad(times_s: Array, azimuths: Array) -> float:
     return float(smooth[peak + int(np.argmax(speed[peak:] < STOPPED * speed[peak]))])
 
 
-def _rests(runs: Sequence[HoldSequence]) -> list[tuple[float, float]]:
+def _rests(sequences: Sequence[HoldSequence]) -> list[tuple[float, float]]:
     """Return rates of the yaw between two holds and of the rests in them, rad/s."""
     found: list[tuple[float, float]] = []
-    for run in runs:
+    for run in sequences:
         for before, after in pairwise(run.holds):
             turned = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
             rate = turned / (after.at_s - before.at_s)

@@ -41,11 +41,11 @@ def ratios(
     for share in (0.5, 0.9):
         ours, others = np.quantile(sizes, share, axis=1)
         below, rest = np.divmod(share * last, 1.0)  # as `np.nanquantile` does, which takes a row at a time
-        least, next_ = (
+        smallest, next_ = (
             np.take_along_axis(resampled, np.minimum(below.astype(np.int64) + more, last), axis=2)[:, :, 0]
             for more in (0, 1)
         )
-        redrawn = least + rest[:, :, 0] * (next_ - least)
+        redrawn = smallest + rest[:, :, 0] * (next_ - smallest)
         low, high = np.quantile(redrawn[0] / redrawn[1], (0.025, 0.975))
         both.append(Interval(value=float(ours / others), low=float(low), high=float(high)))
     return both[0], both[1]

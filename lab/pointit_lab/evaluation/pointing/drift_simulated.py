@@ -14,7 +14,7 @@ from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, Fix
 from pointit.services.localizer.drift.rest_detection import RestDetector
 from pointit_lab.evaluation.pointing.drift_ratio import PLAIN, ratios
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ NAME = "simulated_drift"
 ANCHORS_S = (60.0, 120.0)
 """Times of anchors after the localization at 0 s."""
 
-TOLD_S = 180.0
+LEARNING_S = 180.0
 
 REST_PAUSE_S = 1.0
 """Time between a rest and the anchor after it."""
@@ -83,14 +83,14 @@ class DriftPersonModel:
 class DriftingPerson:
     """One person with one IMU; deterministic for a seed."""
 
-    def __init__(self, seed: int, ways: DriftPersonModel, length_s: float) -> None:
+    def __init__(self, seed: int, person_model: DriftPersonModel, length_s: float) -> None:
         """Draw the person's pose and the IMU's drift for `length_s`."""
         self._rng = np.random.default_rng(seed)
-        self._ways = ways
+        self._ways = person_model
         rng = self._rng
         steps = math.ceil(length_s / STEP_S) + 1
-        walk = rng.normal(0.0, ways.rate_walk_radps * math.sqrt(STEP_S), steps)
-        rates = rng.normal(0.0, ways.rate_sigma_radps) + np.cumsum(walk)
+        walk = rng.normal(0.0, person_model.rate_walk_radps * math.sqrt(STEP_S), steps)
+        rates = rng.normal(0.0, person_model.rate_sigma_radps) + np.cumsum(walk)
         self._times = np.arange(steps + 1) * STEP_S
         self._drifts = np.append(0.0, np.cumsum(rates) * STEP_S)
         self._yaw_rad = float(rng.uniform(-math.pi, math.pi))
@@ -98,11 +98,15 @@ class DriftingPerson:
         rng = np.random.default_rng([seed, 1])
         self._leap_rad = float(rng.uniform(*LEAP_RAD) * rng.choice((-1.0, 1.0)))
         self._leap_s = math.inf
-        if ways.leap == "at rest":
-            self._leap_s = float(rng.choice(ANCHORS_S) - REST_PAUSE_S - rng.uniform(0.1, 0.9) * ways.rest_s)
-        elif ways.leap:
-            is_late = ways.leap == "after the last anchor"
-            self._leap_s = float(rng.uniform(*((ANCHORS_S[1], TOLD_S) if is_late else (0.0, ANCHORS_S[1]))))
+        if person_model.leap == "at rest":
+            self._leap_s = float(
+                rng.choice(ANCHORS_S) - REST_PAUSE_S - rng.uniform(0.1, 0.9) * person_model.rest_s
+            )
+        elif person_model.leap:
+            is_late = person_model.leap == "after the last anchor"
+            self._leap_s = float(
+                rng.uniform(*((ANCHORS_S[1], LEARNING_S) if is_late else (0.0, ANCHORS_S[1])))
+            )
 
     def yaw_rad(self, at_s: float) -> float:
         """Return the true yaw of {H} in {W}."""
@@ -111,8 +115,10 @@ class DriftingPerson:
 
     def fix(self) -> Fix:
         """Return the localization at 0 s."""
-        ways = self._ways
-        sigmas = np.array([ways.place_sigma_m, ways.place_sigma_m, ways.start_sigma_rad])
+        person_model = self._ways
+        sigmas = np.array(
+            [person_model.place_sigma_m, person_model.place_sigma_m, person_model.start_sigma_rad]
+        )
         x, y, yaw = np.array([self.x_m, self.y_m, self.yaw_rad(0.0)]) + sigmas * self._rng.standard_normal(3)
         return Fix(x_m=x, y_m=y, yaw_rad=yaw, covariance=np.diag(sigmas**2), stamp_ns=0)
 
@@ -123,22 +129,24 @@ class DriftingPerson:
             at_s: time of the pointing.
             beside_rad: additional error to the left.
         """
-        ways, rng = self._ways, self._rng
+        person_model, rng = self._ways, self._rng
         around, away, high = rng.uniform(-math.pi, math.pi), rng.uniform(1.5, 4.0), rng.uniform(0.0, 1.2)
         target = (self.x_m + away * math.cos(around), self.y_m + away * math.sin(around), high)
-        azimuth = around + rng.normal(0.0, ways.azimuth_sigma_rad) + beside_rad
-        if rng.random() < ways.bent_arm_share:
-            azimuth += rng.uniform(*ways.bent_arm_rad) * (1.0 if rng.random() < 0.5 else -1.0)
-        elevation = math.atan2(high - ways.eye_m, away) + rng.normal(0.0, ways.elevation_sigma_rad)
+        azimuth = around + rng.normal(0.0, person_model.azimuth_sigma_rad) + beside_rad
+        if rng.random() < person_model.bent_arm_share:
+            azimuth += rng.uniform(*person_model.bent_arm_rad) * (1.0 if rng.random() < 0.5 else -1.0)
+        elevation = math.atan2(high - person_model.eye_m, away) + rng.normal(
+            0.0, person_model.elevation_sigma_rad
+        )
         return target, vector.direction(azimuth - self.yaw_rad(at_s), elevation)
 
     def rest(self, from_s: float) -> list[tuple[rotation.Quaternion, int]]:
         """Return the IMU's samples from `from_s` on, while the arm hangs down: orientation and time in ns."""
-        ways = self._ways
-        times = from_s + np.arange(round(ways.rest_s * ways.rest_hz)) / ways.rest_hz
-        yaw = self._wander(len(times), ways.hold_yaw_sigma_rad)
-        pitch = self._wander(len(times), ways.hold_pitch_sigma_rad)
-        noise = self._rng.normal(0.0, ways.noise_rad, (2, len(times)))
+        person_model = self._ways
+        times = from_s + np.arange(round(person_model.rest_s * person_model.rest_hz)) / person_model.rest_hz
+        yaw = self._wander(len(times), person_model.hold_yaw_sigma_rad)
+        pitch = self._wander(len(times), person_model.hold_pitch_sigma_rad)
+        noise = self._rng.normal(0.0, person_model.noise_rad, (2, len(times)))
         facing = float(self._rng.uniform(-math.pi, math.pi)) - self._yaw_rad
         drifts = np.interp(times, self._times, self._drifts) - self._leap_rad * (times > self._leap_s)
         return [
@@ -162,24 +170,24 @@ class DriftingPerson:
         return out
 
 
-def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Row]:
+def simulated_rows(people: int, person_model: DriftPersonModel | None = None) -> list[Row]:
     """Return the rows of `people` simulated people, the same ones each time."""
-    ways = ways if ways is not None else DriftPersonModel()
+    person_model = person_model if person_model is not None else DriftPersonModel()
     rows: list[Row] = []
-    after_s = (*ANCHORS_S, TOLD_S)
-    quiet = replace(ways, rate_sigma_radps=math.radians(0.02))
+    after_s = (*ANCHORS_S, LEARNING_S)
+    quiet = replace(person_model, rate_sigma_radps=math.radians(0.02))
     conditions = [
-        (USUAL, ANCHORS_S, ways, 0.0),
-        (f"{USUAL}, after it", after_s, ways, 0.0),
-        (f"{USUAL}, 5° scatter", ANCHORS_S, replace(ways, azimuth_sigma_rad=math.radians(5.0)), 0.0),
+        (USUAL, ANCHORS_S, person_model, 0.0),
+        (f"{USUAL}, after it", after_s, person_model, 0.0),
+        (f"{USUAL}, 5° scatter", ANCHORS_S, replace(person_model, azimuth_sigma_rad=math.radians(5.0)), 0.0),
         (f"{USUAL}, quiet IMU", ANCHORS_S, quiet, 0.0),
-        (WRONG_ANCHOR, ANCHORS_S, ways, BESIDE_RAD),
-        (f"{WRONG_ANCHOR}, after it", after_s, ways, BESIDE_RAD),
+        (WRONG_ANCHOR, ANCHORS_S, person_model, BESIDE_RAD),
+        (f"{WRONG_ANCHOR}, after it", after_s, person_model, BESIDE_RAD),
     ]
     for leap in get_args(Leap)[1:]:
         conditions += [
-            (f"{USUAL}, leap {leap}", ANCHORS_S, replace(ways, leap=leap), 0.0),
-            (f"{USUAL}, leap {leap}, after it", after_s, replace(ways, leap=leap), 0.0),
+            (f"{USUAL}, leap {leap}", ANCHORS_S, replace(person_model, leap=leap), 0.0),
+            (f"{USUAL}, leap {leap}, after it", after_s, replace(person_model, leap=leap), 0.0),
             (f"{USUAL}, quiet IMU, leap {leap}", ANCHORS_S, replace(quiet, leap=leap), 0.0),
         ]
     for condition, anchors_s, how, beside_rad in conditions:
@@ -196,7 +204,7 @@ def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Ro
                     condition=condition,
                     solver=solver,
                     n=people,
-                    yaw_deg=Spread.of(math.degrees(error) for error, _ in mine),
+                    yaw_deg=MetricSpread.of(math.degrees(error) for error, _ in mine),
                     yaw_within_2_sigma=float(np.mean(inside)) if inside else None,
                     times_plain=None if solver == PLAIN else over,
                 )
@@ -205,23 +213,25 @@ def simulated_rows(people: int, ways: DriftPersonModel | None = None) -> list[Ro
     return rows
 
 
-def outcome(seed: int, ways: DriftPersonModel, anchors_s: Sequence[float], jump_rad: float = 0.0) -> Outcome:
-    """Return the yaw error of each solver at `TOLD_S`.
+def outcome(
+    seed: int, person_model: DriftPersonModel, anchors_s: Sequence[float], jump_rad: float = 0.0
+) -> Outcome:
+    """Return the yaw error of each solver at `LEARNING_S`.
 
     Args:
         seed: seed of the person.
-        ways: model of people and IMUs.
+        person_model: model of people and IMUs.
         anchors_s: times at which they point at a lamp.
         jump_rad: error of the second anchor.
     """
-    person = DriftingPerson(seed, ways, TOLD_S)
+    person = DriftingPerson(seed, person_model, LEARNING_S)
     fix = person.fix()
     plain, rested = DriftFilter(fix), DriftFilter(fix)
-    told = [(0.0, fix.yaw_rad)]
+    anchors = [(0.0, fix.yaw_rad)]
     for number, at_s in enumerate(anchors_s):
-        stillness = RestDetector()
-        samples = person.rest(at_s - ways.rest_s - REST_PAUSE_S)
-        for rest in (*(stillness.add(*sample) for sample in samples), stillness.end()):
+        rest_detector = RestDetector()
+        samples = person.rest(at_s - person_model.rest_s - REST_PAUSE_S)
+        for rest in (*(rest_detector.add(*sample) for sample in samples), rest_detector.end()):
             if rest is not None:
                 rested.update_rest_rate(
                     rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
@@ -229,35 +239,35 @@ def outcome(seed: int, ways: DriftPersonModel, anchors_s: Sequence[float], jump_
         target, direction = person.pointing(at_s, jump_rad if number == 1 else 0.0)
         for drift in (plain, rested):
             drift.update_anchor(
-                round(at_s * NS_PER_S), target, (0.0, 0.0, ways.eye_m), direction,
-                spread_rad=ways.hold_yaw_sigma_rad, samples=50,
+                round(at_s * NS_PER_S), target, (0.0, 0.0, person_model.eye_m), direction,
+                spread_rad=person_model.hold_yaw_sigma_rad, samples=50,
             )  # fmt: skip
         seen = vector.azimuth((target[0] - fix.x_m, target[1] - fix.y_m, 0.0))
-        told.append((at_s, seen - vector.azimuth(direction)))
-    (first_s, first), (last_s, last) = told[0], told[-1]
-    pose, better = (drift.predict(round(TOLD_S * NS_PER_S)) for drift in (plain, rested))
-    truth = person.yaw_rad(TOLD_S)
+        anchors.append((at_s, seen - vector.azimuth(direction)))
+    (first_s, first), (last_s, last) = anchors[0], anchors[-1]
+    pose, better = (drift.predict(round(LEARNING_S * NS_PER_S)) for drift in (plain, rested))
+    truth = person.yaw_rad(LEARNING_S)
     rate = math.remainder(last - first, math.tau) / (last_s - first_s)
     return {
         "raw": (_wrap(first - truth), None),
         "re-anchored": (_wrap(last - truth), None),
-        "re-anchored, constant rate": (_wrap(last + rate * (TOLD_S - last_s) - truth), None),
+        "re-anchored, constant rate": (_wrap(last + rate * (LEARNING_S - last_s) - truth), None),
         "pointit": (_wrap(pose.yaw_rad - truth), pose.yaw_sigma_rad),
         "pointit, rests": (_wrap(better.yaw_rad - truth), better.yaw_sigma_rad),
     }
 
 
-def bound_rad(ways: DriftPersonModel, anchors_s: Sequence[float]) -> float:
-    """Return one sigma of the best estimate of the yaw at `TOLD_S` without rests (Cramér and Rao).
+def bound_rad(person_model: DriftPersonModel, anchors_s: Sequence[float]) -> float:
+    """Return one sigma of the best estimate of the yaw at `LEARNING_S` without rests (Cramér and Rao).
 
     For a constant rate with the prior of IMUs, and anchors with independent errors. Rate walk, bent arms
     and an unknown position would increase it.
     """
-    information = np.diag([1.0 / ways.start_sigma_rad**2, 1.0 / ways.rate_sigma_radps**2])
+    information = np.diag([1.0 / person_model.start_sigma_rad**2, 1.0 / person_model.rate_sigma_radps**2])
     for at_s in anchors_s:
         slope = np.array([1.0, at_s])
-        information += np.outer(slope, slope) / ways.azimuth_sigma_rad**2
-    slope = np.array([1.0, TOLD_S])
+        information += np.outer(slope, slope) / person_model.azimuth_sigma_rad**2
+    slope = np.array([1.0, LEARNING_S])
     return math.sqrt(float(slope @ np.linalg.solve(information, slope)))
 
 
@@ -270,7 +280,7 @@ def normal_row(name: str, condition: str, solver: str, n: int, sigma_rad: float)
         condition=condition,
         solver=solver,
         n=n,
-        yaw_deg=Spread(median=NORMAL_MEDIAN * sigma, p90=NORMAL_P90 * sigma, rms=sigma),
+        yaw_deg=MetricSpread(median=NORMAL_MEDIAN * sigma, p90=NORMAL_P90 * sigma, rms=sigma),
     )
 
 

@@ -24,7 +24,7 @@ class YawEstimate:
 
 
 @dataclass(frozen=True)
-class Trial:
+class DriftTrial:
     """A later hold's yaw is to be predicted."""
 
     course: HoldSequence
@@ -33,26 +33,28 @@ class Trial:
     told: int
     """Index of the hold to predict."""
 
-    def error_rad(self, guess: YawEstimate) -> float:
+    def error_rad(self, estimate: YawEstimate) -> float:
         """Return the error of a prediction."""
-        return math.remainder(guess.yaw_rad - self.course.holds[self.told].yaw_rad, math.tau)
+        return math.remainder(estimate.yaw_rad - self.course.holds[self.told].yaw_rad, math.tau)
 
 
-def predictable(some: Sequence[HoldSequence], anchors_s: Sequence[float], told_s: float) -> list[Trial]:
-    """Return the trials of sequences that have a hold near `told_s` and the anchors before it.
+def predictable(
+    sequences: Sequence[HoldSequence], anchors_s: Sequence[float], known_s: float
+) -> list[DriftTrial]:
+    """Return the trials of sequences that have a hold near `known_s` and the anchors before it.
 
     Args:
-        some: sequences.
+        sequences: sequences.
         anchors_s: times of the anchors after the first hold.
-        told_s: time of the hold to predict.
+        known_s: time of the hold to predict.
     """
-    trials: list[Trial] = []
-    for course in some:
-        told = course.nearest(told_s)
-        anchors = tuple(sorted({course.nearest(at_s) for at_s in anchors_s}))
-        away_s = course.holds[told].at_s - course.holds[0].at_s - told_s
-        if anchors[-1] < told and abs(away_s) <= 0.25 * told_s:
-            trials.append(Trial(course, anchors, told))
+    trials: list[DriftTrial] = []
+    for holds in sequences:
+        known_holds = holds.nearest(known_s)
+        anchors = tuple(sorted({holds.nearest(at_s) for at_s in anchors_s}))
+        away_s = holds.holds[known_holds].at_s - holds.holds[0].at_s - known_s
+        if anchors[-1] < known_holds and abs(away_s) <= 0.25 * known_s:
+            trials.append(DriftTrial(holds, anchors, known_holds))
     return trials
 
 
@@ -60,43 +62,48 @@ Solver = Callable[[HoldSequence, Sequence[int], int], YawEstimate]
 """Arguments: course, indices of the anchors (including 0, none the last), index of the hold to predict."""
 
 
-def _raw(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
-    del anchors, told
-    return YawEstimate(course.holds[0].yaw_rad)
+def _raw(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
+    del anchors, known_holds
+    return YawEstimate(holds.holds[0].yaw_rad)
 
 
-def _re_anchored(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
-    del told
-    return YawEstimate(course.holds[anchors[-1]].yaw_rad)
+def _re_anchored(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
+    del known_holds
+    return YawEstimate(holds.holds[anchors[-1]].yaw_rad)
 
 
-def _rate_of_holds(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
-    last = course.holds[anchors[-1]]
-    rate = float(np.mean([hold.rate_radps for hold in course.holds[:told]]))
-    return YawEstimate(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
+def _rate_of_holds(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
+    last = holds.holds[anchors[-1]]
+    rate = float(np.mean([hold.rate_radps for hold in holds.holds[:known_holds]]))
+    return YawEstimate(last.yaw_rad + rate * (holds.holds[known_holds].at_s - last.at_s))
 
 
-def _constant_rate(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
-    first, last = course.holds[0], course.holds[anchors[-1]]
+def _constant_rate(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
+    first, last = holds.holds[0], holds.holds[anchors[-1]]
     if first is last:
         return YawEstimate(last.yaw_rad)
     rate = math.remainder(last.yaw_rad - first.yaw_rad, math.tau) / (last.at_s - first.at_s)
-    return YawEstimate(last.yaw_rad + rate * (course.holds[told].at_s - last.at_s))
+    return YawEstimate(last.yaw_rad + rate * (holds.holds[known_holds].at_s - last.at_s))
 
 
-def _filter(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
-    return filtered(course, anchors, told, DriftSettings(), rests=False)
+def _filter(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
+    return filtered(holds, anchors, known_holds, DriftSettings(), rests=False)
 
 
-def _filter_and_rests(course: HoldSequence, anchors: Sequence[int], told: int) -> YawEstimate:
-    return filtered(course, anchors, told, DriftSettings())
+def _filter_and_rests(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
+    return filtered(holds, anchors, known_holds, DriftSettings())
 
 
 def filtered(
-    course: HoldSequence, anchors: Sequence[int], told: int, settings: DriftSettings, *, rests: bool = True
+    holds: HoldSequence,
+    anchors: Sequence[int],
+    known_holds: int,
+    settings: DriftSettings,
+    *,
+    rests: bool = True,
 ) -> YawEstimate:
     """Return the prediction of `DriftFilter` with these settings, with or without rests."""
-    first = course.holds[0]
+    first = holds.holds[0]
     level = math.cos(vector.elevation(first.direction_h))
     drift = DriftFilter(
         Fix(
@@ -108,7 +115,7 @@ def filtered(
         ),
         settings,
     )
-    for number, hold in enumerate(course.holds[:told]):
+    for number, hold in enumerate(holds.holds[:known_holds]):
         if number in anchors[1:]:
             drift.update_anchor(
                 round(hold.at_s * NS_PER_S),
@@ -123,7 +130,7 @@ def filtered(
             drift.update_rest_rate(
                 rest.stamp_ns, rest.yaw_rate_radps, rest.sigma_radps, is_raised=rest.is_raised
             )
-    pose: DriftPose = drift.predict(round(course.holds[told].at_s * NS_PER_S))
+    pose: DriftPose = drift.predict(round(holds.holds[known_holds].at_s * NS_PER_S))
     return YawEstimate(pose.yaw_rad, pose.yaw_sigma_rad)
 
 

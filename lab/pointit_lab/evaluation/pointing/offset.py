@@ -23,12 +23,12 @@ from pathlib import Path
 import numpy as np
 
 from pointit.geometry import vector
-from pointit.services.pointing.offset import OffsetFit, Sighting, fit
+from pointit.services.pointing.offset import OffsetFit, OffsetSighting, fit
 from pointit.services.pointing.pointer import apply
 from pointit_lab.evaluation.datasets import proximity_feedback, vr_eyefinger
 from pointit_lab.evaluation.datasets.proximity_feedback import read_floor_trials
 from pointit_lab.evaluation.datasets.vr_eyefinger import read_wall_trials
-from pointit_lab.evaluation.recordings.row import ALL, Row, Spread
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
 ANCHORS = (1, 2, 4, 8)
 DRAWS = 40
@@ -45,14 +45,14 @@ SOLVERS = ("none", "pitch", "ladder")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Person:
+class MeasuredPerson:
     """Pointings of a person without a cursor."""
 
     set: str
     subject: str
     seen: str = ""
     """Suffix of the conditions."""
-    sightings: Sequence[Sighting]
+    sightings: Sequence[OffsetSighting]
     targets: Sequence[int]
     is_heading_known: bool = True
 
@@ -95,7 +95,7 @@ def offset_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
     return sorted(rows, key=lambda row: (row.set, row.condition, row.subject == ALL))
 
 
-def people(data: Path) -> Iterator[Person]:
+def people(data: Path) -> Iterator[MeasuredPerson]:
     """Yield the people recorded under `data`.
 
     Raises:
@@ -104,7 +104,7 @@ def people(data: Path) -> Iterator[Person]:
     if (data / vr_eyefinger.NAME).is_dir():
         for trials in read_wall_trials(data / vr_eyefinger.NAME):
             if trials.feedback in SEEN:
-                yield Person(
+                yield MeasuredPerson(
                     set=vr_eyefinger.NAME,
                     subject=trials.subject,
                     seen=SEEN[trials.feedback],
@@ -120,7 +120,7 @@ def people(data: Path) -> Iterator[Person]:
         yield from _on_the_floor(data / proximity_feedback.NAME)
 
 
-def scored(person: Person) -> Iterator[tuple[str, str, _Errors]]:
+def scored(person: MeasuredPerson) -> Iterator[tuple[str, str, _Errors]]:
     """Yield condition, solver and errors of one person."""
     pointed = np.array([_is_pointing(sighting) for sighting in person.sightings], dtype=np.bool_)
     targets = np.array(person.targets)
@@ -150,7 +150,7 @@ def scored(person: Person) -> Iterator[tuple[str, str, _Errors]]:
 
 
 def _corrected(
-    person: Person, condition: str, draws: Sequence[tuple[list[int], list[int]]]
+    person: MeasuredPerson, condition: str, draws: Sequence[tuple[list[int], list[int]]]
 ) -> Iterator[tuple[str, str, _Errors]]:
     """Yield the errors of each solver, given the sightings used as anchors and those scored."""
     errors = {solver: _Errors() for solver in SOLVERS}
@@ -167,15 +167,20 @@ def _corrected(
 
 
 def _score(
-    person: Person, sighting: Sighting, fitted: OffsetFit | None, errors: _Errors, *, is_turned: bool = False
+    person: MeasuredPerson,
+    sighting: OffsetSighting,
+    fit: OffsetFit | None,
+    errors: _Errors,
+    *,
+    is_turned: bool = False,
 ) -> None:
     azimuth, elevation = sighting.azimuth_rad, sighting.elevation_rad
-    if fitted is not None and fitted.offset is not None:
-        azimuth += fitted.heading_rad if is_turned else 0.0
-        by_azimuth, by_elevation = apply(fitted.offset, azimuth, elevation)
+    if fit is not None and fit.offset is not None:
+        azimuth += fit.heading_rad if is_turned else 0.0
+        by_azimuth, by_elevation = apply(fit.offset, azimuth, elevation)
         azimuth, elevation = azimuth + by_azimuth, elevation + by_elevation
         pitch = elevation - sighting.target_elevation_rad
-        errors.is_within.append(abs(pitch) <= 2.0 * fitted.offset.sigma_rad)
+        errors.is_within.append(abs(pitch) <= 2.0 * fit.offset.sigma_rad)
     errors.pitch_rad.append(elevation - sighting.target_elevation_rad)
     if person.is_heading_known:
         errors.yaw_rad.append(vector.wrap(azimuth - sighting.target_azimuth_rad))
@@ -195,16 +200,16 @@ def _row(key: tuple[str, str, str, str], errors: _Errors) -> Row:
         condition=condition,
         solver=solver,
         n=len(errors.pitch_rad),
-        pitch_deg=Spread.of(map(math.degrees, errors.pitch_rad)),
-        yaw_deg=Spread.of(map(math.degrees, errors.yaw_rad)),
-        angle_deg=Spread.of(map(math.degrees, errors.angle_rad)),
+        pitch_deg=MetricSpread.of(map(math.degrees, errors.pitch_rad)),
+        yaw_deg=MetricSpread.of(map(math.degrees, errors.yaw_rad)),
+        angle_deg=MetricSpread.of(map(math.degrees, errors.angle_rad)),
         within_2_sigma=float(np.mean(errors.is_within)) if errors.is_within else None,
         refused=errors.refused if solver in ("pitch", "ladder") else None,
     )
 
 
-def _on_the_floor(folder: Path) -> Iterator[Person]:
-    found: dict[str, tuple[list[Sighting], list[int]]] = {}
+def _on_the_floor(folder: Path) -> Iterator[MeasuredPerson]:
+    errors: dict[str, tuple[list[OffsetSighting], list[int]]] = {}
     for trial in read_floor_trials(folder):
         hold = trial.phases.get("open_loop_hold")
         if hold is None:
@@ -213,11 +218,11 @@ def _on_the_floor(folder: Path) -> Iterator[Person]:
         if not len(points_m):
             continue
         x, y = (float(value) for value in np.median(points_m, axis=0))
-        sightings, targets = found.setdefault(trial.subject, ([], []))
+        sightings, targets = errors.setdefault(trial.subject, ([], []))
         sightings.append(_sighting((x, y, -EYE_M), (*trial.target_m, -EYE_M)))
         targets.append(zlib.crc32(trial.target_id.encode()))
-    for subject, (sightings, targets) in found.items():
-        yield Person(
+    for subject, (sightings, targets) in errors.items():
+        yield MeasuredPerson(
             set=proximity_feedback.NAME,
             subject=subject,
             sightings=sightings,
@@ -226,9 +231,11 @@ def _on_the_floor(folder: Path) -> Iterator[Person]:
         )
 
 
-def _sighting(ray: vector.Vec3, way: vector.Vec3) -> Sighting:
-    return Sighting(vector.azimuth(ray), vector.elevation(ray), vector.azimuth(way), vector.elevation(way))
+def _sighting(ray: vector.Vec3, way: vector.Vec3) -> OffsetSighting:
+    return OffsetSighting(
+        vector.azimuth(ray), vector.elevation(ray), vector.azimuth(way), vector.elevation(way)
+    )
 
 
-def _is_pointing(sighting: Sighting) -> bool:
+def _is_pointing(sighting: OffsetSighting) -> bool:
     return abs(sighting.elevation_rad - sighting.target_elevation_rad) < NOT_POINTING_RAD

@@ -48,10 +48,10 @@ def recordings_folder(data: Path | None) -> Path:
         ConfigError: If it is not given, or not a folder.
     """
     if data is None:
-        told = os.environ.get(VARIABLE, "")
-        if not told:
+        folder = os.environ.get(VARIABLE, "")
+        if not folder:
             raise ConfigError(f"there is nothing to evaluate: give --data DIR or set {VARIABLE}")
-        data = Path(told)
+        data = Path(folder)
     try:
         if not data.is_dir():
             raise ConfigError(f"{data}: not a folder; give --data DIR with the recordings")
@@ -129,14 +129,14 @@ def number_of(folder: Path, entry: Entry, key: str, bounds: tuple[float, float],
     Raises:
         ConfigError: If it is not a number within the `bounds`, in `unit`.
     """
-    least, most = bounds
+    lower, upper = bounds
     value = entry.get(key)
     if value is None:
         return None
     # compared before it is converted: an integer may be beyond any float
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not lower <= value <= upper:
         raise ConfigError(
-            f"{_where(folder, entry, key)}: a number from {least:g} to {most:g} {unit} was expected, "
+            f"{_where(folder, entry, key)}: a number from {lower:g} to {upper:g} {unit} was expected, "
             f"got {truncate(value)}"
         )
     return float(value)

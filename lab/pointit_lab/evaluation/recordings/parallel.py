@@ -17,7 +17,7 @@ from pointit.runtime.errors import PointItError
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
-END_PATIENCE_S = 1.0
+END_TIMEOUT_S = 1.0
 """Time to wait for a terminated process."""
 
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -60,7 +60,7 @@ def map_parallel(
             for process in ours:
                 process.terminate()
             for process in ours:
-                process.join(END_PATIENCE_S)
+                process.join(END_TIMEOUT_S)
                 if process.is_alive():
                     process.kill()
                     process.join()

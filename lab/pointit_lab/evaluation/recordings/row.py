@@ -14,7 +14,7 @@ ALL = "all"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
+class MetricSpread:
     """Spread of errors, all in one unit."""
 
     median: float
@@ -22,7 +22,7 @@ class Spread:
     rms: float
 
     @classmethod
-    def of(cls, values: Iterable[float]) -> "Spread | None":
+    def of(cls, values: Iterable[float]) -> "MetricSpread | None":
         """Return the spread of the absolute `values`, or None without values."""
         sizes = np.abs(np.array(list(values), dtype=np.float64))
         if not len(sizes):
@@ -45,13 +45,13 @@ class Row:
     solver: str
     n: int
     """Number of trials, including refused ones."""
-    position_m: Spread | None = None
+    position_m: MetricSpread | None = None
     """Position errors of the accepted poses."""
-    every_m: Spread | None = None
+    every_m: MetricSpread | None = None
     """Position errors of all trials; of refused ones, of the best fit."""
-    yaw_deg: Spread | None = None
-    pitch_deg: Spread | None = None
-    angle_deg: Spread | None = None
+    yaw_deg: MetricSpread | None = None
+    pitch_deg: MetricSpread | None = None
+    angle_deg: MetricSpread | None = None
     """Angle between ray and target."""
     share_above_1m: float | None = None
     misled: float | None = None
@@ -68,7 +68,7 @@ class Row:
     """Trials without a pose."""
     taken: float | None = None
     """Share of the trials whose pose the running localizer takes."""
-    taken_m: Spread | None = None
+    taken_m: MetricSpread | None = None
     """Position errors of the taken poses."""
     taken_above_1m: float | None = None
     """Share of the taken poses that are more than 1 m off."""
@@ -76,7 +76,7 @@ class Row:
     """Median of the shortest window whose pose is taken, over all starts. None if most are never."""
     unsure: int | None = None
     """Trials whose stated sigma exceeds the localizer's limit; their errors count."""
-    solve_ms: Spread | None = None
+    solve_ms: MetricSpread | None = None
     bound_m: float | None = None
     """Median position error of an ideal solver of the trials with a pose (`cramer_rao`)."""
 

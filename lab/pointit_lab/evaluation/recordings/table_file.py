@@ -66,9 +66,9 @@ class Table:
             groups.setdefault(key, []).append(row)
         return groups
 
-    def refuse(self, row: int, what: str) -> ConfigError:
-        """Return the error for `row`; `what` names column, value and remedy."""
-        return ConfigError(f"{self.path}, line {self.lines[row]}, {what}")
+    def refuse(self, row: int, quantity: str) -> ConfigError:
+        """Return the error for `row`; `quantity` names column, value and remedy."""
+        return ConfigError(f"{self.path}, line {self.lines[row]}, {quantity}")
 
 
 def is_file(path: Path) -> bool:
@@ -82,15 +82,17 @@ def is_file(path: Path) -> bool:
     except (FileNotFoundError, NotADirectoryError):
         return False
     except (OSError, ValueError) as error:
-        what = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f"{shown_path(path)}: cannot be accessed ({what}); give it another name") from error
+        quantity = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(
+            f"{shown_path(path)}: cannot be accessed ({quantity}); give it another name"
+        ) from error
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise ConfigError(f"{path}: a file was expected, and this is {kind}; put the recording there")
     return True
 
 
-def check_file(path: Path, most_bytes: int = MAX_BYTES) -> None:
+def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
     """Check that the file can be read as a whole.
 
     Raises:
@@ -99,9 +101,9 @@ def check_file(path: Path, most_bytes: int = MAX_BYTES) -> None:
     if not is_file(path):
         raise ConfigError(f"{path}: cannot be read (there is no such file)")
     size = path.stat().st_size
-    if size > most_bytes:
+    if size > max_bytes:
         raise ConfigError(
-            f"{path}: has {size / 1e6:.0f} MB, limit {most_bytes / 1e6:.0f} MB; cut it into pieces"
+            f"{path}: has {size / 1e6:.0f} MB, limit {max_bytes / 1e6:.0f} MB; cut it into pieces"
         )
 
 

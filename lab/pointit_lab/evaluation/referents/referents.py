@@ -14,14 +14,14 @@ from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.listener.decision import decide
 from pointit.services.listener.referents import MODEL, ReferentModel, Spoken, referents
 from pointit.services.listener.room import Target
-from pointit_lab.evaluation.referents.speakers import NOTHING, WORD_S, Scene, Utterance, speak
+from pointit_lab.evaluation.referents.speakers import NOTHING, WORD_S, SpokenScene, Utterance, speak
 from pointit_lab.evaluation.things.things import Share
 
 NEAR_RAD = math.radians(15.0)
 """Angle within which the simpler rules take the nearest thing."""
 SCENES = (
-    *(Scene(apart_deg=apart, words=words) for words in (1, 2) for apart in (5.0, 10.0, 20.0, 40.0)),
-    Scene(apart_deg=20.0, is_nothing=True),
+    *(SpokenScene(apart_deg=apart, words=words) for words in (1, 2) for apart in (5.0, 10.0, 20.0, 40.0)),
+    SpokenScene(apart_deg=20.0, is_nothing=True),
 )
 End = Literal["right", "wrong", "asked", "asked wrongly", "nothing"]
 """Result for one word. `asked wrongly`: what was meant is not among the candidates."""
@@ -29,7 +29,7 @@ BINS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 
 
 @dataclass(frozen=True)
-class Answer:
+class ReferentAnswer:
     """Result for one word by the model and the simpler rules."""
 
     end: End
@@ -46,22 +46,22 @@ class Answer:
 RULES = ("cursor at the onset", "nearest at the end", "button")
 
 
-def answers(model: ReferentModel, piece: tuple[Scene, int, int]) -> list[Answer]:
+def answers(model: ReferentModel, piece: tuple[SpokenScene, int, int]) -> list[ReferentAnswer]:
     """Return the answers for the words of so many people, from a seed on."""
     scene, first, count = piece
     return [each for seed in range(first, first + count) for each in answer(scene, seed, model)]
 
 
-def answer(scene: Scene, seed: int, model: ReferentModel = MODEL) -> list[Answer]:
+def answer(scene: SpokenScene, seed: int, model: ReferentModel = MODEL) -> list[ReferentAnswer]:
     """Return the answers for the words of one person."""
-    said, targets = speak(scene, seed), scene.targets()
+    utterance, targets = speak(scene, seed), scene.targets()
     words: tuple[Literal["that", "there"], ...] = ("that", "there")
-    found: list[Answer] = []
-    for index, (goal, at_ns) in enumerate(zip(said.goals, said.words_ns, strict=True)):
-        others_ns = [each for other, each in enumerate(said.words_ns) if other != index]
+    answers: list[ReferentAnswer] = []
+    for index, (goal, at_ns) in enumerate(zip(utterance.goals, utterance.words_ns, strict=True)):
+        others_ns = [each for other, each in enumerate(utterance.words_ns) if other != index]
         spoken = Spoken(at_ns=at_ns, word=words[index], others_ns=others_ns)
         first_ns, last_ns = spoken.span_ns
-        near = [cursor for cursor in said.cursors if first_ns <= cursor.stamp_ns <= last_ns]
+        near = [cursor for cursor in utterance.cursors if first_ns <= cursor.stamp_ns <= last_ns]
         started_s = time.thread_time()
         reply = referents(near, targets, spoken, model)
         decision = decide(reply, ("thing",))
@@ -76,15 +76,15 @@ def answer(scene: Scene, seed: int, model: ReferentModel = MODEL) -> list[Answer
             end = "right" if names == [goal] else "wrong"
         elif decision.do == "ask":
             end = "asked" if goal in names else "asked wrongly"
-        found.append(Answer(end, stated, is_best, took_s, _by_rules(said, index, targets)))
-    return found
+        answers.append(ReferentAnswer(end, stated, is_best, took_s, _by_rules(utterance, index, targets)))
+    return answers
 
 
-def _by_rules(said: Utterance, index: int, targets: Sequence[Target]) -> tuple[End, ...]:
+def _by_rules(utterance: Utterance, index: int, targets: Sequence[Target]) -> tuple[End, ...]:
     half_ns = round(WORD_S / 2.0 * NS_PER_S)
-    middle_ns, goal = said.words_ns[index], said.goals[index]
-    times_ns = (middle_ns - half_ns, middle_ns + half_ns, said.presses_ns[index])
-    return tuple(_nearest(said.cursors, targets, at_ns, goal) for at_ns in times_ns)
+    middle_ns, goal = utterance.words_ns[index], utterance.goals[index]
+    times_ns = (middle_ns - half_ns, middle_ns + half_ns, utterance.presses_ns[index])
+    return tuple(_nearest(utterance.cursors, targets, at_ns, goal) for at_ns in times_ns)
 
 
 def _nearest(cursors: Sequence[Cursor], targets: Sequence[Target], at_ns: int, goal: str) -> End:
@@ -125,11 +125,11 @@ class ReliabilityRow:
     right: Share
 
 
-def rows_of(scene: Scene, found: Sequence[Answer]) -> list[ReferentRow]:
+def rows_of(scene: SpokenScene, answers: Sequence[ReferentAnswer]) -> list[ReferentRow]:
     """Return the row of the model and of each simpler rule."""
-    ends: list[tuple[str, list[End]]] = [("referents", [each.end for each in found])]
+    ends: list[tuple[str, list[End]]] = [("referents", [each.end for each in answers])]
     for index, rule in enumerate(RULES):
-        ends.append((rule, [each.others[index] for each in found]))
+        ends.append((rule, [each.others[index] for each in answers]))
 
     def share(of: Sequence[End], *which: End) -> Share:
         return Share(sum(end in which for end in of), len(of))
@@ -147,11 +147,11 @@ def rows_of(scene: Scene, found: Sequence[Answer]) -> list[ReferentRow]:
     ]
 
 
-def reliability(found: Sequence[Answer]) -> list[ReliabilityRow]:
+def reliability(answers: Sequence[ReferentAnswer]) -> list[ReliabilityRow]:
     """Return the share of most probable answers that are right, by their stated probability."""
     rows: list[ReliabilityRow] = []
     for low, high in pairwise(BINS):
-        there = [each for each in found if low <= each.stated < high or (high == 1.0 == each.stated)]
+        there = [each for each in answers if low <= each.stated < high or (high == 1.0 == each.stated)]
         if there:
             stated = math.fsum(each.stated for each in there) / len(there)
             right = Share(sum(each.is_best for each in there), len(there))
@@ -159,7 +159,7 @@ def reliability(found: Sequence[Answer]) -> list[ReliabilityRow]:
     return rows
 
 
-def times_ms(found: Sequence[Answer]) -> tuple[float, float]:
+def times_ms(answers: Sequence[ReferentAnswer]) -> tuple[float, float]:
     """Return the median and the 99th percentile of the CPU time of an answer, ms."""
-    median, p99 = np.percentile([1e3 * each.took_s for each in found], (50, 99)).tolist()
+    median, p99 = np.percentile([1e3 * each.took_s for each in answers], (50, 99)).tolist()
     return median, p99

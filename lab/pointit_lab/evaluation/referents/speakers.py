@@ -9,7 +9,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.listener.room import Target
-from pointit_lab.evaluation.things.reach import RATE_HZ, Reach
+from pointit_lab.evaluation.things.reach import RATE_HZ, ArmReach
 from pointit_lab.evaluation.things.things import BESIDE_RAD, EYES_M, START_NS
 
 LAG_S = (-0.1, 0.3)
@@ -32,7 +32,7 @@ NOTHING = "nothing"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
+class SpokenScene:
     """Things before a person, at equal angles."""
 
     apart_deg: float
@@ -73,7 +73,7 @@ class Utterance:
     cursors: tuple[Cursor, ...]
 
 
-def speak(scene: Scene, seed: int) -> Utterance:
+def speak(scene: SpokenScene, seed: int) -> Utterance:
     """Return the words and gestures of one person, whose seed is `seed`.
 
     Who says two words waits with the second one until the arm can be there.
@@ -86,38 +86,38 @@ def speak(scene: Scene, seed: int) -> Utterance:
         places_m[NOTHING] = _beside(list(places_m.values()), rng)
         goals = [NOTHING] * scene.words
     places_m["rest"] = vector.add(EYES_M, vector.direction(rng.uniform(-0.5, 0.5), -0.6))
-    arm = Reach(EYES_M, places_m, "rest", rng)
+    reach = ArmReach(EYES_M, places_m, "rest", rng)
     cursors: list[Cursor] = []
     words_s: list[float] = []
     presses_s: list[float] = []
     now_s, ready_s, word_s = 0.0, 1.5, 2.5
     for index, goal in enumerate(goals):
-        probe = Reach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), arm)
+        next_reach = ArmReach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), reach)
         lag_s = float(rng.normal(*LAG_S))
-        leaves_s = max(word_s + lag_s - probe.took_s, ready_s)
-        now_s = _move(arm, now_s, leaves_s, cursors)
-        arm = Reach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), arm)
-        arrived_s = now_s + arm.took_s
+        leaves_s = max(word_s + lag_s - next_reach.took_s, ready_s)
+        now_s = _move(reach, now_s, leaves_s, cursors)
+        reach = ArmReach(EYES_M, places_m, goal, np.random.default_rng([*key, index]), reach)
+        arrived_s = now_s + reach.took_s
         words_s.append(arrived_s - lag_s)
         presses_s.append(arrived_s + float(rng.normal(*PRESS_S)))
         ready_s = arrived_s + float(rng.uniform(*HOLD_S))
         word_s = words_s[-1] + float(rng.uniform(*NEXT_S))
-    now_s = _move(arm, now_s, ready_s, cursors)
-    _move(Reach(EYES_M, places_m, "rest", rng, arm), now_s, now_s + 1.5, cursors)
-    told_s = [each + float(rng.normal(0.0, RECOGNISER_S)) for each in words_s]
+    now_s = _move(reach, now_s, ready_s, cursors)
+    _move(ArmReach(EYES_M, places_m, "rest", rng, reach), now_s, now_s + 1.5, cursors)
+    recognised_s = [each + float(rng.normal(0.0, RECOGNISER_S)) for each in words_s]
     return Utterance(
         goals=tuple(goals),
-        words_ns=tuple(_ns(each) for each in told_s),
+        words_ns=tuple(_ns(each) for each in recognised_s),
         presses_ns=tuple(_ns(each) for each in presses_s),
         cursors=tuple(cursors),
     )
 
 
-def _move(arm: Reach, from_s: float, to_s: float, cursors: list[Cursor]) -> float:
-    """Add the cursors of `arm`, which began at `from_s`, until `to_s`. Return the time of the end."""
+def _move(reach: ArmReach, from_s: float, to_s: float, cursors: list[Cursor]) -> float:
+    """Add the cursors of `reach`, which began at `from_s`, until `to_s`. Return the time of the end."""
     steps = max(round((to_s - from_s) * RATE_HZ), 0)
     for step in range(steps):
-        direction = arm.direction(step / RATE_HZ)
+        direction = reach.direction(step / RATE_HZ)
         stamp_ns = _ns(from_s + step / RATE_HZ)
         cursors.append(Cursor(stamp_ns=stamp_ns, origin_m=EYES_M, direction=direction))
     return from_s + steps / RATE_HZ

@@ -122,8 +122,8 @@ def reliabilities(results: Sequence[Choice]) -> list[Reliability]:
 
 
 def _row(name: str, group: Sequence[Choice]) -> Reliability:
-    meant = [each.result == "right" for each in group if not each.is_beside]
-    right, wrong = sum(meant), sum(each.result == "wrong" and not each.is_beside for each in group)
+    is_right = [each.result == "right" for each in group if not each.is_beside]
+    right, wrong = sum(is_right), sum(each.result == "wrong" and not each.is_beside for each in group)
     started = sum(each.result != "none" and each.is_beside for each in group)
     sure = [each.is_right for each in group if each.stated >= SURE]
     taken = [right + wrong + started * beside / (1.0 - beside) for beside in SHARES]
@@ -134,37 +134,37 @@ def _row(name: str, group: Sequence[Choice]) -> Reliability:
         right=share(sum(sure), len(sure)) if sure else None,
         stated=len(sure),
         taken_right=tuple(right / count if count else None for count in taken),
-        at_once=share(at_once, len(meant)),
-        taken=share(right, len(meant)),
-        started=share(started, len(group) - len(meant)),
+        at_once=share(at_once, len(is_right)),
+        taken=share(right, len(is_right)),
+        started=share(started, len(group) - len(is_right)),
     )
 
 
 def _chosen(seed: int, layout: Layout, count: int, *, is_beside: bool) -> Choice:
     rng = np.random.default_rng([seed, *layout.encode(), count, is_beside])
-    person = SimulatedFollower.drawn(rng)
+    follower = SimulatedFollower.drawn(rng)
     aim_deg = float(np.random.default_rng(seed).uniform(*AIM_SIGMA_DEG))
-    person = replace(
-        person,
+    follower = replace(
+        follower,
         aim_rad=math.radians(float(rng.normal(0.0, aim_deg))),
         bias_rad=math.radians(float(rng.normal(0.0, UPWARDS * aim_deg))),
     )
-    places = _places(person, layout, count, rng)
-    meant = int(rng.integers(count))
-    place = _beside(places, meant, rng) if is_beside else places[meant]
+    places = _places(follower, layout, count, rng)
+    is_right = int(rng.integers(count))
+    place = _beside(places, is_right, rng) if is_beside else places[is_right]
     times_s = np.arange(0.0, PRESS_S + PENDING_NS / NS_PER_S + 0.1, 1.0 / RATE_HZ)
-    directions = person.directions(lambda at: np.tile(place, (len(at), 1)), times_s, rng)
+    directions = follower.directions(lambda at: np.tile(place, (len(at), 1)), times_s, rng)
     choice = RobotChoice("press", 1.0)
-    x_m, y_m = (float(value) for value in rng.normal((person.x_m, person.y_m), POSITION_SIGMA_M))
+    x_m, y_m = (float(value) for value in rng.normal((follower.x_m, follower.y_m), POSITION_SIGMA_M))
     covariance = np.diag([POSITION_SIGMA_M**2, POSITION_SIGMA_M**2, YAW_SIGMA_RAD**2]).ravel().tolist()
-    yaw_rad = float(rng.normal(person.yaw_rad, YAW_SIGMA_RAD))
+    yaw_rad = float(rng.normal(follower.yaw_rad, YAW_SIGMA_RAD))
     pose = UserPose(stamp_ns=0, position_m=(x_m, y_m, 0.0), yaw_rad=yaw_rad, covariance=tuple(covariance))
     choice.on_pose(pose)
     stated, likeliest, robot, next_s, again_s = 0.0, "", "", PRESS_S, math.inf
     is_asked = False
     for time_s, direction in zip(times_s.tolist(), directions, strict=True):
         now_ns = BEGIN_NS + round(time_s * NS_PER_S)
-        ray = PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, person.eyes_m), direction=_vec3(direction))
+        ray = PointingRay(stamp_ns=now_ns, origin_m=(0.0, 0.0, follower.eyes_m), direction=_vec3(direction))
         choice.on_ray(ray)
         if time_s < next_s:
             continue
@@ -186,26 +186,26 @@ def _chosen(seed: int, layout: Layout, count: int, *, is_beside: bool) -> Choice
         next_s += STEP_S
         if robot:
             break
-    is_meant = not is_beside and robot == str(meant)
+    is_intended = not is_beside and robot == str(is_right)
     return Choice(
         seed=seed,
         layout=layout,
         robots=count,
         is_beside=is_beside,
         stated=stated,
-        is_right=not is_beside and likeliest == str(meant),
-        result="none" if not robot else "right" if is_meant else "wrong",
+        is_right=not is_beside and likeliest == str(is_right),
+        result="none" if not robot else "right" if is_intended else "wrong",
         is_asked=is_asked,
     )
 
 
-def _places(person: SimulatedFollower, layout: Layout, count: int, rng: np.random.Generator) -> list[Array]:
+def _places(follower: SimulatedFollower, layout: Layout, count: int, rng: np.random.Generator) -> list[Array]:
     """Return the places of robots on the floor."""
     way, reach_m = rng.uniform(-math.pi, math.pi), rng.uniform(NEAREST_M, FARTHEST_M)
     apart_m = rng.uniform(*APART_M)
     ahead = np.array([math.cos(way), math.sin(way), 0.0])
     aside = np.array([-ahead[1], ahead[0], 0.0])
-    feet = np.array([person.x_m, person.y_m, 0.0])
+    feet = np.array([follower.x_m, follower.y_m, 0.0])
     if layout == "circle":
         radius_m = 0.5 * apart_m / math.sin(math.pi / count)
         turns = rng.uniform(0.0, math.tau) + math.tau * np.arange(count) / count

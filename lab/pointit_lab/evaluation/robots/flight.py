@@ -26,7 +26,7 @@ from pointit.services.robot.robot_messages import RobotMessages
 from pointit.services.robot.robot_pilot import RobotPilot
 from pointit.services.robot.safety.safety import Safety
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.person import SimulatedPerson
 from pointit_lab.evaluation.robots.flight_setup import HEIGHT_M, PLANE_M, RANGE_M, Flight
 
 START_NS = 1_000 * NS_PER_S
@@ -85,9 +85,9 @@ class _World:
         )
         self.now_ns = START_NS
         self._flight = flight
-        self._person = Person(config, PERSON, np.random.default_rng(person_seed))
+        self._person = SimulatedPerson(config, PERSON, np.random.default_rng(person_seed))
         self._pointer = Pointer(
-            stale_after_s=PointingConfig().stale_after_s, smoothing=PointingConfig().smoothing()
+            stale_after_s=PointingConfig().stale_after_s, one_euro=PointingConfig().smoothing()
         )
         self._cursors = PersonCursor(Surfaces(ROOM, ("plane",)), start=_workspace(flight))
         self._steering = RobotSteering(GoalConfig(steer="robots"), PERSON)
@@ -102,7 +102,7 @@ class _World:
         robot_config = _robot_config(flight)
         self._safety = Safety(robot_config, ROBOT)
         self._pilot = RobotPilot(robot_config, ROBOT, self._safety)
-        self._publication = RobotMessages(robot_config, ROBOT, self._pilot)
+        self._messages = RobotMessages(robot_config, ROBOT, self._pilot)
         self._begin(self._pose())
 
     @property
@@ -160,7 +160,7 @@ class _World:
 
     def _begin(self, pose: UserPose) -> None:
         now_ns = self.now_ns
-        pointing = Interaction(stamp_ns=now_ns, state="pointing")
+        interaction = Interaction(stamp_ns=now_ns, state="pointing")
         self._person.see(now_ns, ROOM)
         self._person.see(now_ns, Feedback(stamp_ns=now_ns, cue="started"), PERSON)
         self._pointer.set_yaw(pose.yaw_rad)
@@ -168,10 +168,10 @@ class _World:
         self._pilot.on_map(ROOM)
         self._pilot.on_presence(PERSON, present=True)
         self._safety.on_pose(PERSON, pose)
-        self._safety.on_interaction(PERSON, pointing)
+        self._safety.on_interaction(PERSON, interaction)
         self._steering.on_map(ROOM)
         self._steering.on_pose(PERSON, pose)
-        self._route(self._steering.on_interaction(pointing, now_ns))
+        self._route(self._steering.on_interaction(interaction, now_ns))
 
     def _move(self) -> None:
         """Move the robot, and report its pose."""
@@ -195,7 +195,7 @@ class _World:
             self._taken_ns = self.now_ns
         if isinstance(command, Land):
             self._end()
-        state = self._publication.state(self.now_ns)
+        state = self._messages.state(self.now_ns)
         if state is not None:
             self._person.see(self.now_ns, state, ROBOT)
             self._route(self._steering.on_robot(ROBOT, state, self.now_ns))

@@ -11,13 +11,13 @@ from scipy import stats
 from pointit_lab.evaluation.datasets import hri_landing
 from pointit_lab.evaluation.robots.flight import FlightScore
 from pointit_lab.evaluation.robots.flight_setup import Bench, FlightCondition
-from pointit_lab.evaluation.selection.difference import DOUBT
+from pointit_lab.evaluation.selection.difference import SIGNIFICANCE
 
 SIMULATED = "simulated"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quantiles:
+class FlightQuantiles:
     """Median with its confidence interval, and 90th percentile."""
 
     median: float
@@ -26,7 +26,7 @@ class Quantiles:
     p90: float
 
     @classmethod
-    def of(cls, values: Sequence[float | None]) -> "Quantiles | None":
+    def of(cls, values: Sequence[float | None]) -> "FlightQuantiles | None":
         """Return those of the `values` that are known, or None if there are none.
 
         The interval is between order statistics and assumes no distribution (binomial, at least 95 %).
@@ -35,7 +35,7 @@ class Quantiles:
         count = len(known)
         if not count:
             return None
-        rank = max(int(stats.binom.ppf(DOUBT / 2.0, count, 0.5)) - 1, 0)
+        rank = max(int(stats.binom.ppf(SIGNIFICANCE / 2.0, count, 0.5)) - 1, 0)
         return cls(
             median=float(np.median(known)),
             low=float(known[rank]),
@@ -57,15 +57,15 @@ class FlightRow:
     people: int
     failed: int
     """Flights that had not ended after the time limit."""
-    error_m: Quantiles | None
+    error_m: FlightQuantiles | None
     """Distance from the spot at the end."""
-    ordered_error_m: Quantiles | None
+    ordered_error_m: FlightQuantiles | None
     """Distance from the spot as the landing is ordered: all that is recorded of people."""
-    time_s: Quantiles | None
+    time_s: FlightQuantiles | None
     """Time of steering."""
-    detour: Quantiles | None
+    detour: FlightQuantiles | None
     """Flown way, divided by the distance of start and spot."""
-    taking_s: Quantiles | None = None
+    taking_s: FlightQuantiles | None = None
     """Time of taking the robot before."""
 
     def as_json(self) -> dict[str, Any]:
@@ -82,11 +82,11 @@ def flight_row(condition: FlightCondition, scores: Sequence[FlightScore]) -> Fli
         n=len(scores),
         people=len(scores),
         failed=sum(score.error_m is None for score in scores),
-        error_m=Quantiles.of([score.error_m for score in scores]),
-        ordered_error_m=Quantiles.of([score.ordered_error_m for score in scores]),
-        time_s=Quantiles.of([score.time_s for score in scores]),
-        detour=Quantiles.of([score.detour for score in scores]),
-        taking_s=Quantiles.of([score.taking_s for score in scores]),
+        error_m=FlightQuantiles.of([score.error_m for score in scores]),
+        ordered_error_m=FlightQuantiles.of([score.ordered_error_m for score in scores]),
+        time_s=FlightQuantiles.of([score.time_s for score in scores]),
+        detour=FlightQuantiles.of([score.detour for score in scores]),
+        taking_s=FlightQuantiles.of([score.taking_s for score in scores]),
     )
 
 
@@ -110,9 +110,9 @@ def recorded_rows(folder: Path) -> list[FlightRow]:
                     people=len({move.subject for move in flown}),
                     failed=0,
                     error_m=None,
-                    ordered_error_m=Quantiles.of([move.error_m for move in flown]),
-                    time_s=Quantiles.of([move.time_s for move in flown]),
-                    detour=Quantiles.of([move.detour for move in flown]),
+                    ordered_error_m=FlightQuantiles.of([move.error_m for move in flown]),
+                    time_s=FlightQuantiles.of([move.time_s for move in flown]),
+                    detour=FlightQuantiles.of([move.detour for move in flown]),
                 )
             )
     return rows

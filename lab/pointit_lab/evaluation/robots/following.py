@@ -17,7 +17,7 @@ from pointit.services.robot.figure_flight import EYES_M, AssumedPerson, figures
 from pointit_lab.evaluation.localization.localization import OURS, Task, solved
 from pointit_lab.evaluation.localization.over_people import OverPeople, over_people
 from pointit_lab.evaluation.localization.scoring import Outcome, rows_of
-from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.row import Row
 from pointit_lab.evaluation.robots.simulated_follower import (
     RATE_HZ,
@@ -54,7 +54,7 @@ def simulated_rows(seeds: Iterable[int]) -> list[Row]:
     return rows_of([outcome for seed in seeds for outcome in _outcomes(seed)])
 
 
-def recorded_rows(trials: Sequence[Trial]) -> list[Row]:
+def recorded_rows(trials: Sequence[LocalizationTrial]) -> list[Row]:
     """Return the errors of recorded people who followed a robot for `DURATION_S`; nothing is fitted."""
     chosen = [trial for trial in trials if trial.condition == CONDITION]
     return rows_of(solved([Task(trial=trial, solvers=(OURS,)) for trial in chosen]))
@@ -72,23 +72,23 @@ def intervals(rows: Sequence[Row]) -> list[OverPeople]:
 def of_every_set(rows: Sequence[Row]) -> list[OverPeople]:
     """Return the intervals of each set of `rows`."""
     sets = dict.fromkeys(row.set for row in rows)
-    return [found for name in sets for found in intervals([row for row in rows if row.set == name])]
+    return [outcomes for name in sets for outcomes in intervals([row for row in rows if row.set == name])]
 
 
 def _outcomes(seed: int) -> list[Outcome]:
-    found: list[Outcome] = []
+    outcomes: list[Outcome] = []
     for kind, height_m in zip(("ground", "quadrotor"), HEIGHTS_M, strict=True):
         rng = np.random.default_rng([seed, round(10 * height_m)])
         way = float(rng.uniform(-math.pi, math.pi))
         reach_m = float(rng.uniform(NEAREST_M, FARTHEST_M))
         start: Vec3 = (reach_m * math.cos(way), reach_m * math.sin(way), height_m)
         x_m, y_m = rng.normal(0.0, ASSUMED_SIGMA_M, 2)
-        person = replace(SimulatedFollower.drawn(rng), x_m=float(x_m), y_m=float(y_m), eyes_m=EYES_M)
+        follower = replace(SimulatedFollower.drawn(rng), x_m=float(x_m), y_m=float(y_m), eyes_m=EYES_M)
         for name, points in _courses(start, is_flying=height_m > 0.0).items():
-            trial = _trial(seed, kind, person, _along(points))
+            trial = _trial(seed, kind, follower, _along(points))
             (outcome,) = solved([Task(trial=trial, solvers=(OURS,))])
-            found.append(replace(outcome, solver=name))
-    return found
+            outcomes.append(replace(outcome, solver=name))
+    return outcomes
 
 
 def _courses(start: Vec3, *, is_flying: bool) -> dict[str, Array]:
@@ -117,20 +117,20 @@ def _along(points: Array) -> Course:
     return at
 
 
-def _trial(seed: int, kind: str, person: SimulatedFollower, course: Course) -> Trial:
-    """Return the pointing of `person` at `course`; the reach to the robot does not count."""
+def _trial(seed: int, kind: str, follower: SimulatedFollower, course: Course) -> LocalizationTrial:
+    """Return the pointing of `follower` at `course`; the reach to the robot does not count."""
     times_s = np.arange(0.0, REACH_S + DURATION_S, 1.0 / RATE_HZ)
-    directions = person.directions(course, times_s, np.random.default_rng(seed))
+    directions = follower.directions(course, times_s, np.random.default_rng(seed))
     counts = times_s > REACH_S
     times_s, directions = times_s[counts], directions[counts]
-    origins = np.tile([0.0, 0.0, person.eyes_m], (len(times_s), 1))
-    return Trial(
+    origins = np.tile([0.0, 0.0, follower.eyes_m], (len(times_s), 1))
+    return LocalizationTrial(
         set=SET,
         subject=f"seed {seed}",
         condition=f"{CONDITION}, {kind}",
         pointings=Pointings(times_s - times_s[0], origins, directions, course(times_s)),
-        eye_height_m=person.eyes_m,
-        x_m=person.x_m,
-        y_m=person.y_m,
-        yaw_rad=person.yaw_rad,
+        eye_height_m=follower.eyes_m,
+        x_m=follower.x_m,
+        y_m=follower.y_m,
+        yaw_rad=follower.yaw_rad,
     )

@@ -17,7 +17,7 @@ from pointit.services.goal.robot_identification import RobotIdentifier
 from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings, solve
 from pointit.services.localizer.procedures.moving_target import MEANT as MEANT_FROM
 from pointit.services.localizer.procedures.moving_target import rank_by_posterior
-from pointit_lab.evaluation.localization.trial import Trial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.row import ALL
 from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, Array, Course, SimulatedFollower
 from pointit_lab.evaluation.selection.difference import Interval
@@ -42,7 +42,7 @@ REPORT_HZ = 10.0
 
 BEGIN_NS = 1000 * NS_PER_S
 
-MEANT, OTHER = "meant", "other"
+INTENDED, OTHER = "meant", "other"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,14 +93,14 @@ def simulated_results(seeds: Iterable[int], seconds: Sequence[float] = SECONDS) 
 
 
 def recorded_results(
-    trials: Sequence[Trial], seconds: Sequence[float] = SECONDS
+    trials: Sequence[LocalizationTrial], seconds: Sequence[float] = SECONDS
 ) -> list[IdentificationResult]:
     """Return the results of recorded people, whose true robot flies beside that of another recording.
 
     Windows do not overlap, and the other robot is that of the same time in another person's recording, or in
     another recording if the set has one person. Nothing is fitted to the recordings.
     """
-    found: list[IdentificationResult] = []
+    results: list[IdentificationResult] = []
     for duration_s in seconds:
         name = f"{duration_s:g} s"
         alike = _apart([trial for trial in trials if trial.condition == name], duration_s)
@@ -112,9 +112,9 @@ def recorded_results(
             rng = np.random.default_rng([number, round(10 * duration_s)])
             other = others[int(rng.integers(len(others)))].pointings
             decoy = _resampled(other, trial.pointings)
-            found.append(_with_pose(trial, trial.yaw_rad, decoy, rng))
-            found.append(_without_pose(trial, decoy))
-    return found
+            results.append(_with_pose(trial, trial.yaw_rad, decoy, rng))
+            results.append(_without_pose(trial, decoy))
+    return results
 
 
 def rates(results: Sequence[IdentificationResult]) -> list[Rate]:
@@ -147,31 +147,31 @@ def share(hits: int, count: int) -> Interval:
 
 def _simulated(seed: int, duration_s: float, *, moves: bool) -> IdentificationResult:
     rng = np.random.default_rng([seed, round(10 * duration_s), moves])
-    person = SimulatedFollower.drawn(rng)
-    courses = _courses(person, rng, moves=moves)
+    follower = SimulatedFollower.drawn(rng)
+    courses = _courses(follower, rng, moves=moves)
     times_s = np.arange(0.0, duration_s + 0.5 / RATE_HZ, 1.0 / RATE_HZ)
-    directions = person.directions(courses[0], times_s, rng)
-    origins = np.tile([0.0, 0.0, person.eyes_m], (len(times_s), 1))
+    directions = follower.directions(courses[0], times_s, rng)
+    origins = np.tile([0.0, 0.0, follower.eyes_m], (len(times_s), 1))
     pointings = Pointings(times_s, origins, directions, courses[0](times_s))
-    trial = Trial(
+    trial = LocalizationTrial(
         set="simulated",
         subject=f"seed {seed}",
         condition=f"{duration_s:g} s, {'moving' if moves else 'at rest'}",
         pointings=pointings,
-        eye_height_m=person.eyes_m,
-        x_m=person.x_m,
-        y_m=person.y_m,
-        yaw_rad=person.yaw_rad,
+        eye_height_m=follower.eyes_m,
+        x_m=follower.x_m,
+        y_m=follower.y_m,
+        yaw_rad=follower.yaw_rad,
     )
-    return _with_pose(trial, person.yaw_rad, courses[1](times_s), rng)
+    return _with_pose(trial, follower.yaw_rad, courses[1](times_s), rng)
 
 
-def _courses(person: SimulatedFollower, rng: np.random.Generator, *, moves: bool) -> tuple[Course, Course]:
-    """Return the courses of two robots around `person`."""
+def _courses(follower: SimulatedFollower, rng: np.random.Generator, *, moves: bool) -> tuple[Course, Course]:
+    """Return the courses of two robots around `follower`."""
     places = list[Array]()
     while len(places) < 2:
         way, reach_m = rng.uniform(-math.pi, math.pi), rng.uniform(NEAREST_M, FARTHEST_M)
-        x_m, y_m = person.x_m + reach_m * math.cos(way), person.y_m + reach_m * math.sin(way)
+        x_m, y_m = follower.x_m + reach_m * math.cos(way), follower.y_m + reach_m * math.sin(way)
         if all(math.dist((x_m, y_m), place[:2]) >= APART_M for place in places):
             places.append(np.array([x_m, y_m, rng.uniform(0.1, 1.6)]))
     radius_m = RADIUS_M if moves else 0.0
@@ -189,7 +189,7 @@ def _courses(person: SimulatedFollower, rng: np.random.Generator, *, moves: bool
 
 
 def _with_pose(
-    trial: Trial, yaw_rad: float, decoy_m: Array, rng: np.random.Generator
+    trial: LocalizationTrial, yaw_rad: float, decoy_m: Array, rng: np.random.Generator
 ) -> IdentificationResult:
     identifier = RobotIdentifier()
     off_m = rng.normal(0.0, POSITION_SIGMA_M, 2)
@@ -208,7 +208,7 @@ def _with_pose(
     for row, stamp_ns in enumerate(stamps.tolist()):
         if stamp_ns - reported_ns >= NS_PER_S / REPORT_HZ:
             reported_ns = stamp_ns
-            identifier.on_robot(MEANT, stamp_ns, _vec3(pointings.targets_m[row]))
+            identifier.on_robot(INTENDED, stamp_ns, _vec3(pointings.targets_m[row]))
             identifier.on_robot(OTHER, stamp_ns, _vec3(decoy_m[row]))
         origin_m, direction = _vec3(pointings.origins_m[row]), _vec3(pointings.directions[row])
         identifier.on_ray(PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=direction))
@@ -219,38 +219,40 @@ def _with_pose(
         subject=trial.subject,
         condition=trial.condition,
         method="with a pose",
-        probability=of[MEANT] / (of[MEANT] + of[OTHER]) if of[MEANT] > 0.0 else 0.0,
-        is_right=of[MEANT] > of[OTHER],
-        chosen="right" if result.chosen == MEANT else "wrong" if result.chosen else "none",
+        probability=of[INTENDED] / (of[INTENDED] + of[OTHER]) if of[INTENDED] > 0.0 else 0.0,
+        is_right=of[INTENDED] > of[OTHER],
+        chosen="right" if result.chosen == INTENDED else "wrong" if result.chosen else "none",
     )
 
 
-def _without_pose(trial: Trial, decoy_m: Array) -> IdentificationResult:
+def _without_pose(trial: LocalizationTrial, decoy_m: Array) -> IdentificationResult:
     """Return the result of the localizer's fits."""
-    trust = SolverSettings().unlimited()
+    settings = SolverSettings().unlimited()
     ours = trial.pointings
-    theirs = Pointings(ours.stamps_s, ours.origins_m, ours.directions, decoy_m)
-    independent = 1.0 + trust.independent_hz * ours.span_s
+    other_pointings = Pointings(ours.stamps_s, ours.origins_m, ours.directions, decoy_m)
+    independent = 1.0 + settings.independent_hz * ours.span_s
     fits = rank_by_posterior(
-        [(MEANT, solve(ours, trust)), (OTHER, solve(theirs, trust))], independent, trust.ray_sigma_rad
+        [(INTENDED, solve(ours, settings)), (OTHER, solve(other_pointings, settings))],
+        independent,
+        settings.ray_sigma_rad,
     )
     of = {fit.object_id: fit.probability for fit in fits}
-    is_right = of[MEANT] > of[OTHER]
+    is_right = of[INTENDED] > of[OTHER]
     is_sure = max(of.values()) >= MEANT_FROM
     return IdentificationResult(
         set=trial.set,
         subject=trial.subject,
         condition=trial.condition,
         method="without a pose",
-        probability=of[MEANT],
+        probability=of[INTENDED],
         is_right=is_right,
         chosen="none" if not is_sure else "right" if is_right else "wrong",
     )
 
 
-def _apart(trials: Sequence[Trial], length_s: float) -> list[Trial]:
+def _apart(trials: Sequence[LocalizationTrial], length_s: float) -> list[LocalizationTrial]:
     """Return those of `trials`, in order of time within each recording, that share no time."""
-    kept: list[Trial] = []
+    kept: list[LocalizationTrial] = []
     before: dict[tuple[str, str], float] = {}
     for trial in trials:
         key, begin_s = (trial.set, trial.subject), float(trial.pointings.stamps_s[0])
@@ -260,9 +262,9 @@ def _apart(trials: Sequence[Trial], length_s: float) -> list[Trial]:
     return kept
 
 
-def _resampled(other: Pointings, like: Pointings) -> Array:
-    """Return the targets of `other` (n x 3) at the times of `like`, both from their beginnings."""
-    own_s, wanted_s = other.stamps_s - other.stamps_s[0], like.stamps_s - like.stamps_s[0]
+def _resampled(other: Pointings, template: Pointings) -> Array:
+    """Return the targets of `other` (n x 3) at the times of `template`, both from their beginnings."""
+    own_s, wanted_s = other.stamps_s - other.stamps_s[0], template.stamps_s - template.stamps_s[0]
     columns: list[Array] = [np.interp(wanted_s, own_s, other.targets_m[:, axis]) for axis in range(3)]
     return np.stack(columns, axis=1)
 

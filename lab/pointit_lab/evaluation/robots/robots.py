@@ -75,9 +75,9 @@ def flown(flights: Sequence[Flight]) -> list[FlightScore]:
     return [fly(flight) for flight in flights]
 
 
-def _worked(pieces: Sequence[Sequence[Flight]], jobs: int) -> Iterator[tuple[int, list[FlightScore]]]:
+def _worked(flights: Sequence[Sequence[Flight]], jobs: int) -> Iterator[tuple[int, list[FlightScore]]]:
     if jobs > 1:
-        yield from map_parallel(flown, pieces, jobs)
+        yield from map_parallel(flown, flights, jobs)
     else:
-        for number, piece in enumerate(pieces):
+        for number, piece in enumerate(flights):
             yield number, flown(piece)

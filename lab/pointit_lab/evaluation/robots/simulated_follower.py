@@ -84,9 +84,9 @@ class SimulatedFollower:
     def _wander(self, times_s: Array, rng: np.random.Generator) -> Array:
         """Return errors (n x 2, rad) of an arm that follows: a first-order autoregression."""
         white = rng.standard_normal((len(times_s), 2))
-        kept = math.exp(-float(times_s[1] - times_s[0]) / CORRELATION_S) if len(times_s) > 1 else 0.0
+        correlation = math.exp(-float(times_s[1] - times_s[0]) / CORRELATION_S) if len(times_s) > 1 else 0.0
         out = np.empty_like(white)
         out[0] = white[0]
         for row in range(1, len(white)):
-            out[row] = kept * out[row - 1] + math.sqrt(1.0 - kept * kept) * white[row]
+            out[row] = correlation * out[row - 1] + math.sqrt(1.0 - correlation * correlation) * white[row]
         return np.asarray(self.wander_rad * out, dtype=np.float64)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.scan.views import LampSpec, Sighting, StripSpec, View
+from pointit.scan.views import CameraView, LampSpec, StripSighting, StripSpec
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class Mirror:
 
 
 @dataclass(frozen=True)
-class Room:
+class ScanRoom:
     """A room. `box_m`: furniture, low and high corner, or None. `pitch_error`: of all strips, relative."""
 
     size_m: tuple[float, float, float]
@@ -80,7 +80,7 @@ class Room:
 
 
 @dataclass(frozen=True)
-class Pose:
+class CameraPose:
     """Position of a camera, and the rotation of the room into its frame."""
 
     at: Array
@@ -88,7 +88,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Phone:
+class SimulatedPhone:
     """A camera and its sensor of gravity."""
 
     focal_px: float
@@ -97,7 +97,7 @@ class Phone:
     gravity_bias: Array
 
     @classmethod
-    def random(cls, rng: np.random.Generator) -> "Phone":
+    def random(cls, rng: np.random.Generator) -> "SimulatedPhone":
         """Return a phone: 58 to 78 degrees wide, with some distortion."""
         wide = math.radians(rng.uniform(58.0, 78.0))
         return cls(
@@ -108,7 +108,7 @@ class Phone:
         )
 
 
-def random_room(rng: np.random.Generator) -> Room:
+def random_room(rng: np.random.Generator) -> ScanRoom:
     """Return a room of 2 to 22 strips: on all walls, on one plane, or round corners too."""
     width, depth, height = rng.uniform(3.0, 6.0), rng.uniform(3.0, 6.0), rng.uniform(2.4, 3.0)
     kind = str(rng.choice(["walls", "plane", "corners", "mixed"]))
@@ -134,7 +134,7 @@ def random_room(rng: np.random.Generator) -> Room:
     if rng.random() < 0.5:
         low = np.array([rng.uniform(0.8, width - 1.6), rng.uniform(0.8, depth - 1.6), 0.0])
         box = (low, low + rng.uniform([0.3, 0.3, 0.5], [0.8, 0.8, 1.2]))
-    return Room((width, depth, height), strips, lamps, tuple(mirrors), box, kind)
+    return ScanRoom((width, depth, height), strips, lamps, tuple(mirrors), box, kind)
 
 
 def _on_wall(
@@ -208,13 +208,13 @@ def _strip(
 
 def next_pose(
     rng: np.random.Generator,
-    room: Room,
-    phone: Phone,
-    poses: Sequence[Pose],
+    room: ScanRoom,
+    phone: SimulatedPhone,
+    poses: Sequence[CameraPose],
     *,
     wanted: str = "",
     advised: tuple[Array, Array] | None = None,
-) -> Pose:
+) -> CameraPose:
     """Return the next camera pose of a person who is told when a photograph shares too little.
 
     It is the one of some tries that shows `wanted`, and the most strips and lamps not yet seen twice, of
@@ -227,7 +227,7 @@ def next_pose(
 
     strips = {strip.spec.name for strip in room.strips}
 
-    def worth(pose: Pose) -> float:
+    def worth(pose: CameraPose) -> float:
         sight = _sights(room, phone, pose)
         shared = max((len(sight & each & strips) for each in shown), default=0)
         is_useful = 100.0 * (min(shared, SHARED) + (wanted in sight))
@@ -236,15 +236,15 @@ def next_pose(
     return max(tries, key=worth)
 
 
-def standing(rng: np.random.Generator, room: Room, phone: Phone, count: int) -> list[Pose]:
+def standing(rng: np.random.Generator, room: ScanRoom, phone: SimulatedPhone, count: int) -> list[CameraPose]:
     """Return camera poses of a person who goes round."""
-    poses: list[Pose] = []
+    poses: list[CameraPose] = []
     for _ in range(count):
         poses.append(next_pose(rng, room, phone, poses))
     return poses
 
 
-def _somewhere(rng: np.random.Generator, room: Room) -> Pose:
+def _somewhere(rng: np.random.Generator, room: ScanRoom) -> CameraPose:
     """Return a pose near a wall that looks across the room."""
     width, depth, _ = room.size_m
     angle, reach = rng.uniform(0, 2 * math.pi), rng.uniform(0.5, 0.95)
@@ -262,13 +262,13 @@ def _somewhere(rng: np.random.Generator, room: Room) -> Pose:
     return _looking(rng, at, aim + rng.normal(0.0, 0.4, 3))
 
 
-def _near(rng: np.random.Generator, room: Room, at: Array, aim: Array) -> Pose:
+def _near(rng: np.random.Generator, room: ScanRoom, at: Array, aim: Array) -> CameraPose:
     """Return a pose within the room, a step or less from `at`, that looks at about `aim`."""
     inside = np.clip(at + rng.normal(0.0, 0.3, 3), 0.1, np.array(room.size_m) - 0.1)
     return _looking(rng, inside, aim + rng.normal(0.0, 0.5, 3))
 
 
-def _looking(rng: np.random.Generator, at: Array, aim: Array) -> Pose:
+def _looking(rng: np.random.Generator, at: Array, aim: Array) -> CameraPose:
     """Return the pose at `at` towards `aim`, held roughly upright."""
     forward = aim - at
     forward /= np.linalg.norm(forward)
@@ -276,10 +276,10 @@ def _looking(rng: np.random.Generator, at: Array, aim: Array) -> Pose:
     right /= np.linalg.norm(right)
     down, roll = np.cross(forward, right), rng.normal(0.0, 0.05)
     cosine, sine = math.cos(roll), math.sin(roll)
-    return Pose(at, np.array([cosine * right + sine * down, cosine * down - sine * right, forward]))
+    return CameraPose(at, np.array([cosine * right + sine * down, cosine * down - sine * right, forward]))
 
 
-def _sights(room: Room, phone: Phone, pose: Pose) -> frozenset[str]:
+def _sights(room: ScanRoom, phone: SimulatedPhone, pose: CameraPose) -> frozenset[str]:
     """Return the names of the lamps in the image, and of the strips of which a good part is in it."""
     places = np.array([place for _, place in room.lamps]).reshape(-1, 3)
     names = [room.lamps[index][0].name for index in np.flatnonzero(_visible(room, phone, pose, places)[1])]
@@ -290,7 +290,9 @@ def _sights(room: Room, phone: Phone, pose: Pose) -> frozenset[str]:
     return frozenset(names)
 
 
-def _visible(room: Room, phone: Phone, pose: Pose, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _visible(
+    room: ScanRoom, phone: SimulatedPhone, pose: CameraPose, points: Array
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return the images of `points`, n x 2, and True for those within the image that no box hides."""
     camera = (points - pose.at) @ pose.rotation.T
     flat = camera[:, :2] / np.maximum(camera[:, 2:], 0.2)
@@ -302,9 +304,11 @@ def _visible(room: Room, phone: Phone, pose: Pose, points: Array) -> tuple[Array
     return uv, visible
 
 
-def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -> View:
+def photograph(
+    rng: np.random.Generator, room: ScanRoom, phone: SimulatedPhone, pose: CameraPose
+) -> CameraView:
     """Return the view of `phone` from `pose`: with noise, gaps, wrong numbers and reflections."""
-    sightings: list[Sighting] = []
+    sightings: list[StripSighting] = []
     for strip in room.strips:
         count = strip.spec.count
         marks = np.unique(np.linspace(0, count - 1, min(MARKS, count)).round())
@@ -317,15 +321,19 @@ def photograph(rng: np.random.Generator, room: Room, phone: Phone, pose: Pose) -
         sunk = pose.rotation @ [0.0, 0.0, -1.0] + phone.gravity_bias + rng.normal(0.0, math.radians(1.0), 3)
         sunk /= np.linalg.norm(sunk)
         gravity = (float(sunk[0]), float(sunk[1]), float(sunk[2]))
-    return View(*SIZE_PX, tuple(sightings[index] for index in order), gravity)
+    return CameraView(*SIZE_PX, tuple(sightings[index] for index in order), gravity)
 
 
 def _seen(
-    rng: np.random.Generator, room: Room, phone: Phone, pose: Pose, named: tuple[str, Array, Array]
-) -> list[Sighting]:
+    rng: np.random.Generator,
+    room: ScanRoom,
+    phone: SimulatedPhone,
+    pose: CameraPose,
+    named: tuple[str, Array, Array],
+) -> list[StripSighting]:
     """Return the sightings of a strip or lamp (name, pixels, their positions), also in mirrors."""
     name, marks, points = named
-    found: list[Sighting] = []
+    sightings: list[StripSighting] = []
     for mirror in (None, *room.mirrors):
         shown = points if mirror is None else mirror.image_of(points)
         uv, visible = _visible(room, phone, pose, shown)
@@ -336,8 +344,8 @@ def _seen(
         for index in np.flatnonzero(visible):
             is_wrong = len(marks) > 1 and rng.random() < WRONG
             number = int(rng.choice(marks)) if is_wrong else int(marks[index])
-            found.append(Sighting(name, number, float(uv[index, 0]), float(uv[index, 1])))
-    return found
+            sightings.append(StripSighting(name, number, float(uv[index, 0]), float(uv[index, 1])))
+    return sightings
 
 
 def _is_behind(at: Array, points: Array, low: Array, high: Array) -> NDArray[np.bool_]:

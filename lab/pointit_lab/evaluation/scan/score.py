@@ -13,9 +13,9 @@ from pointit.scan.result import Scan, ScanError, ScannedStrip
 from pointit.scan.solver import solve
 from pointit_lab.evaluation.scan.rooms import (
     Array,
-    Phone,
-    Pose,
-    Room,
+    CameraPose,
+    ScanRoom,
+    SimulatedPhone,
     next_pose,
     photograph,
     random_room,
@@ -27,7 +27,7 @@ WRONG_M, SURE_M = 0.03, 0.01
 
 
 @dataclass(frozen=True)
-class Trial:
+class ScanTrial:
     """One scan of one room.
 
     Attributes:
@@ -64,17 +64,17 @@ class Trial:
         return sum(e > WRONG_M and s < SURE_M for e, s in zip(errors, sigmas, strict=True))
 
 
-def trials(seed: int, counts: Sequence[int], *, advised: bool = False) -> list[Trial]:
+def trials(seed: int, counts: Sequence[int], *, advised: bool = False) -> list[ScanTrial]:
     """Return the scans of one random room after so many views; later views add to the earlier ones.
 
     If `advised`, the person follows the advice of where to stand, from the third view on, until the scan is
     complete.
     """
     rng = np.random.default_rng(seed)
-    room, phone = random_room(rng), Phone.random(rng)
+    room, phone = random_room(rng), SimulatedPhone.random(rng)
     poses = standing(rng, room, phone, 2 if advised else max(counts))
     views = [photograph(rng, room, phone, pose) for pose in poses]
-    results: list[Trial] = []
+    results: list[ScanTrial] = []
     for count in range(2, max(counts) + 1) if advised else counts:
         began = time.process_time()
         scan: Scan | None = None
@@ -96,8 +96,12 @@ def trials(seed: int, counts: Sequence[int], *, advised: bool = False) -> list[T
 
 
 def _advised_pose(
-    rng: np.random.Generator, room: Room, phone: Phone, poses: Sequence[Pose], scan: Scan | None
-) -> Pose:
+    rng: np.random.Generator,
+    room: ScanRoom,
+    phone: SimulatedPhone,
+    poses: Sequence[CameraPose],
+    scan: Scan | None,
+) -> CameraPose:
     """Return the next pose of a person who follows the advice as far as it goes."""
     advice = None if scan is None else next_view(scan)
     if scan is None or advice is None:
@@ -110,19 +114,19 @@ def _advised_pose(
 
 
 def _to_the_room(
-    room: Room, found: Mapping[str, ScannedStrip]
+    room: ScanRoom, scanned: Mapping[str, ScannedStrip]
 ) -> tuple[tuple[float, Array, Array], Array, Array]:
     """Return the scale, rotation and shift from a scan to the room, and errors and sigmas of both ends, m."""
     true = {strip.spec.name: strip for strip in room.strips}
-    measured = np.array([end for each in found.values() for end in (each.start, each.end)])
-    actual = np.array([end for name in found for end in (true[name].line_m[0], true[name].line_m[-1])])
-    sigmas = np.repeat([each.sigma_m for each in found.values()], 2)
+    measured = np.array([end for each in scanned.values() for end in (each.start, each.end)])
+    actual = np.array([end for name in scanned for end in (true[name].line_m[0], true[name].line_m[-1])])
+    sigmas = np.repeat([each.sigma_m for each in scanned.values()], 2)
     scale, rotation, shift = aligned(measured, actual, sigmas)
     errors = np.linalg.norm(scale * measured @ rotation.T + shift - actual, axis=1)
     return (scale, rotation, shift), errors, sigmas
 
 
-def _trial(seed: int, room: Room, scan: Scan | None, refused: str, cpu_s: float) -> Trial:
+def _trial(seed: int, room: ScanRoom, scan: Scan | None, refused: str, cpu_s: float) -> ScanTrial:
     found = {} if scan is None else {k: each for k, each in scan.strips.items() if each.identified}
     tilt = level = scale_error = math.nan
     errors: Array = np.zeros(0)
@@ -137,7 +141,7 @@ def _trial(seed: int, room: Room, scan: Scan | None, refused: str, cpu_s: float)
             if lamp is not None and lamp.identified:
                 at = scale * rotation @ np.array(lamp.position_m) + shift
                 lamps.append((float(np.linalg.norm(at - place)), lamp.sigma_m))
-    return Trial(
+    return ScanTrial(
         seed,
         len(room.strips),
         len(found),

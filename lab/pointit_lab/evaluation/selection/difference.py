@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 FEWEST = 20
 """Trials, each with its own seed, below which no difference is reported."""
-DOUBT = 0.05
+SIGNIFICANCE = 0.05
 """Probability that any of a run's intervals misses the true difference."""
 TAIL = 20
 """Minimum number of resamples beyond each end of an interval."""
@@ -54,14 +54,14 @@ class Difference:
     @property
     def claims(self) -> list[str]:
         """Return the significant differences in words."""
-        said: list[str] = []
+        sentences: list[str] = []
         for interval, less, more in (
             (self.errors, "errs less", "errs more"),
             (self.time_s, "is faster", "is slower"),
         ):
             if interval is not None and interval.excludes_zero:
-                said.append(f"{self.method} {less if interval.value < 0.0 else more}")
-        return said
+                sentences.append(f"{self.method} {less if interval.value < 0.0 else more}")
+        return sentences
 
     def as_json(self) -> dict[str, Any]:
         """Return the difference for a JSON file."""
@@ -76,8 +76,8 @@ def differences_of(groups: Groups) -> list[Difference]:
     """Return the differences between every two methods in each condition.
 
     Bootstrap percentile intervals over trials (Efron & Tibshirani 1993, ch. 13), with the same trials for
-    both methods. All intervals of a run hold together with probability 1 - `DOUBT` (Bonferroni). Conditions
-    with fewer than `FEWEST` trials are left out.
+    both methods. All intervals of a run hold together with probability 1 - `SIGNIFICANCE` (Bonferroni).
+    Conditions with fewer than `FEWEST` trials are left out.
     """
     by_condition: dict[Condition, dict[str, Sequence[Score]]] = {}
     for (condition, method), scores in groups.items():
@@ -86,7 +86,7 @@ def differences_of(groups: Groups) -> list[Difference]:
     pairs = [
         (condition, pair) for condition, of_it in by_condition.items() for pair in combinations(of_it, 2)
     ]
-    tail = DOUBT / (2.0 * max(1, 2 * len(pairs)))
+    tail = SIGNIFICANCE / (2.0 * max(1, 2 * len(pairs)))
     found: list[Difference] = []
     for condition, (other, method) in pairs:
         of_it = by_condition[condition]

@@ -35,7 +35,7 @@ def humans(recordings: Path | None, notes: list[str]) -> Humans:
     return found
 
 
-def lab_figures(runs: list[belts_lab.Run]) -> SelectionMetrics:
+def lab_figures(runs: list[belts_lab.BeltRun]) -> SelectionMetrics:
     """Return the metrics over `runs` of people."""
     toggles = [toggle for run in runs for toggle in run.toggles]
     targets = sum(run.targets for run in runs)
@@ -67,7 +67,7 @@ def vr_figures(passages: list[belts_vr.Passage]) -> SelectionMetrics:
 
 
 def _lab(folder: Path) -> Humans:
-    groups: dict[tuple[str, str], list[belts_lab.Run]] = defaultdict(list)
+    groups: dict[tuple[str, str], list[belts_lab.BeltRun]] = defaultdict(list)
     for run in belts_lab.read_runs(folder):
         groups[lab_condition(run.motion, run.level, run.speed_mps), USUALLY[run.interface]].append(run)
     return _gathered(LAB, {key: lab_figures(runs) for key, runs in groups.items()})

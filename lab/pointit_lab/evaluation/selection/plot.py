@@ -6,7 +6,7 @@ from pathlib import Path
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.host.extras import remedy
-from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionRow
+from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionTrialRow
 
 Value = Callable[[SelectionMetrics], float | None]
 
@@ -39,7 +39,7 @@ def check_plot(path: Path) -> None:
         raise ConfigError(f"--plot {path}: the name must end in one of {', '.join(sorted(known))}")
 
 
-def plot(rows: Sequence[SelectionRow], path: Path) -> None:
+def plot(rows: Sequence[SelectionTrialRow], path: Path) -> None:
     """Write a picture of `rows` to `path`, in the format of its suffix: png, svg, pdf.
 
     Raises:

@@ -44,7 +44,7 @@ class SelectionMetrics:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SelectionRow:
+class SelectionTrialRow:
     """One line of the table."""
 
     bench: str

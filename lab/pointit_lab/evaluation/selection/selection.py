@@ -13,7 +13,7 @@ from pointit_lab.evaluation.selection.condition import Condition
 from pointit_lab.evaluation.selection.difference import Difference, differences_of
 from pointit_lab.evaluation.selection.human import Humans
 from pointit_lab.evaluation.selection.method import selector_config
-from pointit_lab.evaluation.selection.row import SelectionRow
+from pointit_lab.evaluation.selection.row import SelectionTrialRow
 from pointit_lab.evaluation.selection.score import Score, figures_of
 from pointit_lab.evaluation.selection.stage import TrialSetup, stage_of
 from pointit_lab.evaluation.selection.world import START_NS, USUAL, Rates, World
@@ -26,7 +26,7 @@ CHUNK = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
+class SelectionTrial:
     """Parameters of one trial."""
 
     condition: Condition
@@ -41,24 +41,24 @@ class Trial:
         return (self.seed, zlib.crc32(name.encode()))
 
 
-def run(trial: Trial) -> Score:
+def run(trial: SelectionTrial) -> Score:
     """Run `trial` and return its score."""
     began_ns = time.process_time_ns()
-    stage = stage_of(trial.condition, trial.entropy)
+    setup = stage_of(trial.condition, trial.entropy)
     world = World(
-        stage.environment,
-        stage.movers,
-        stage.people,
-        surfaces=stage.surfaces,
+        setup.environment,
+        setup.movers,
+        setup.people,
+        surfaces=setup.surfaces,
         selector=selector_config(trial.method),
         seed=trial.entropy,
         rates=trial.rates,
     )
-    watch = TrialRecorder(trial.condition, stage)
-    end_ns = START_NS + round(stage.limit_s * NS_PER_S)
-    while world.now_ns < end_ns and not watch.is_over(world.now_ns):
-        watch.take(world.step(), world.entered_ns)
-    score = watch.finish()
+    recorder = TrialRecorder(trial.condition, setup)
+    end_ns = START_NS + round(setup.limit_s * NS_PER_S)
+    while world.now_ns < end_ns and not recorder.is_over(world.now_ns):
+        recorder.take(world.step(), world.entered_ns)
+    score = recorder.finish()
     score.simulated_s = (world.now_ns - START_NS) / NS_PER_S
     score.frames = world.frames
     score.cpu_s = (time.process_time_ns() - began_ns) / 1e9
@@ -68,9 +68,9 @@ def run(trial: Trial) -> Score:
 class TrialRecorder:
     """Records the events of packages."""
 
-    def __init__(self, condition: Condition, stage: TrialSetup) -> None:
+    def __init__(self, condition: Condition, setup: TrialSetup) -> None:
         self._passing = condition.per_package
-        self._stage = stage
+        self._stage = setup
         self._score = Score(targets=condition.targets)
         self._selected: dict[str, bool] = {}
         """Selected packages; True for targets."""
@@ -165,7 +165,7 @@ def selection_rows(
     jobs: int,
     humans: Humans,
     tick: Callable[[int, int], None],
-) -> tuple[list[SelectionRow], list[Difference], SimulationSpeed]:
+) -> tuple[list[SelectionTrialRow], list[Difference], SimulationSpeed]:
     """Return results of simulated people by condition and method, differences of methods, and the speed.
 
     A trial has the same people, packages and hand motion for every method, so that rows of one condition
@@ -184,7 +184,7 @@ def selection_rows(
         PointItError: If a process ended unexpectedly.
     """
     pieces = [
-        [Trial(condition=condition, method=method, seed=seed + number) for number in numbers]
+        [SelectionTrial(condition=condition, method=method, seed=seed + number) for number in numbers]
         for condition in conditions
         for method in methods
         for numbers in _cut(trials)
@@ -200,7 +200,7 @@ def selection_rows(
     for number, piece in enumerate(pieces):
         groups[piece[0].condition, piece[0].method] += results[number]
     rows = [
-        SelectionRow(
+        SelectionTrialRow(
             bench=condition.bench,
             condition=condition.name,
             method=method,
@@ -212,7 +212,7 @@ def selection_rows(
     return rows, differences_of(groups), SimulationSpeed.of(results.values())
 
 
-def document(rows: Sequence[SelectionRow], differences: Sequence[Difference]) -> dict[str, Any]:
+def document(rows: Sequence[SelectionTrialRow], differences: Sequence[Difference]) -> dict[str, Any]:
     """Return the document for `--json FILE`."""
     return {
         "rows": [row.as_json() for row in rows],
@@ -220,16 +220,16 @@ def document(rows: Sequence[SelectionRow], differences: Sequence[Difference]) ->
     }
 
 
-def done(trials: Sequence[Trial]) -> list[Score]:
+def done(trials: Sequence[SelectionTrial]) -> list[Score]:
     """Return the scores of `trials`. Runs in other processes."""
     return [run(trial) for trial in trials]
 
 
-def _worked(pieces: Sequence[Sequence[Trial]], jobs: int) -> Iterator[tuple[int, list[Score]]]:
+def _worked(trials: Sequence[Sequence[SelectionTrial]], jobs: int) -> Iterator[tuple[int, list[Score]]]:
     if jobs > 1:
-        yield from map_parallel(done, pieces, jobs)
+        yield from map_parallel(done, trials, jobs)
     else:
-        for number, piece in enumerate(pieces):
+        for number, piece in enumerate(trials):
             yield number, done(piece)
 
 

@@ -14,7 +14,7 @@ from pointit.schemas.base import Rgb, Vec3
 from pointit.services.conveyor_sim.config import ConveyorSimConfig, NamedFeederConfig
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.user_sim.config import AimConfig, MindConfig, UserSimConfig
+from pointit.services.user_sim.config import AimConfig, DecisionConfig, UserSimConfig
 from pointit_lab.evaluation.selection.carousel import OTHER, TARGET, Carousel
 from pointit_lab.evaluation.selection.condition import LAB, RING_M, VR, Condition
 from pointit_lab.evaluation.selection.world import START_NS, ObjectMotion, TrialPerson
@@ -22,7 +22,7 @@ from pointit_lab.evaluation.selection.world import START_NS, ObjectMotion, Trial
 LAB_LENGTH_M = 0.5
 """Length of a package."""
 
-LAB_LEAST_M = 0.9
+LAB_MIN_M = 0.9
 """Minimum distance of packages, centre to centre."""
 
 LAB_LIMIT_S = 60.0
@@ -109,7 +109,7 @@ def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     ring = tuple(BeltLink(source=a, target=b) for a, b in zip(ids, [*ids[1:], ids[0]], strict=True))
     environment = environment.model_copy(update={"links": ring})  # people know that packages come back
     pitch_m = RING_M / condition.packages
-    loose_m = (pitch_m - LAB_LEAST_M) / 2.0
+    loose_m = (pitch_m - LAB_MIN_M) / 2.0
     positions_m = (np.arange(condition.packages) + 0.5) * pitch_m
     positions_m = positions_m + rng.uniform(-loose_m, loose_m, condition.packages)
     return TrialSetup(
@@ -220,7 +220,7 @@ def person(index: int, position_m: Vec3, target_kind: str, model: PersonModel = 
             target_kinds=(target_kind,),
             think_s=0.0,
             aim=AimConfig(skill=model.skill),
-            mind=MindConfig(
+            mind=DecisionConfig(
                 search_per_item_s=model.search_per_item_s,
                 decide_per_bit_s=model.decide_per_bit_s,
                 lapse_share=model.lapse_share,

@@ -34,7 +34,7 @@ from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.person import SimulatedPerson
 
 START_NS = 1_000 * NS_PER_S
 """Start time of a trial."""
@@ -89,7 +89,7 @@ class World:
     def __init__(
         self,
         environment: Environment,
-        movers: ObjectMotion,
+        object_motion: ObjectMotion,
         people: Sequence[TrialPerson],
         *,
         surfaces: Surfaces,
@@ -101,7 +101,7 @@ class World:
 
         Args:
             environment: the map.
-            movers: object motion, created for `START_NS`.
+            object_motion: object motion, created for `START_NS`.
             people: people with different names.
             surfaces: surfaces of the map for pointing.
             selector: parameters of the dwell method.
@@ -113,7 +113,7 @@ class World:
         """Frames drawn so far."""
         self.entered_ns: dict[str, int] = {}
         """Time of each object's first appearance."""
-        self._movers = movers
+        self._movers = object_motion
         self._selecting = SelectionEngine(selector, lambda _record: None)
         self._lights = LightState(LedDriverConfig())
         self._selecting.on_map(environment)
@@ -123,7 +123,7 @@ class World:
             _Present(member, surfaces, np.random.default_rng(sequence))
             for member, sequence in zip(people, sequences, strict=True)
         ]
-        self._names: Mapping[str, _Present] = {present.name: present for present in self._people}
+        self._present: Mapping[str, _Present] = {present.name: present for present in self._people}
         self._step_ns = round(NS_PER_S / rates.imu_hz)
         self._objects_every_ns = round(NS_PER_S / rates.objects_hz)
         self._look_every_ns = round(NS_PER_S / rates.eyes_hz)
@@ -198,7 +198,7 @@ class World:
                     pass  # of shards only
                 case Feedback():
                     self._lights.lamps.on_feedback(message)
-                    present = self._names.get(output.user)
+                    present = self._present.get(output.user)
                     if present is not None:
                         present.person.see(now_ns, message, output.user)
 
@@ -209,10 +209,10 @@ class _Present:
     def __init__(self, member: TrialPerson, surfaces: Surfaces, rng: np.random.Generator) -> None:
         self.name = member.name
         self.profile = member.profile
-        self.person = Person(member.config, member.name, rng)
+        self.person = SimulatedPerson(member.config, member.name, rng)
         pointing = PointingConfig()
         self._pointer = Pointer(
-            member.profile, stale_after_s=pointing.stale_after_s, smoothing=pointing.smoothing()
+            member.profile, stale_after_s=pointing.stale_after_s, one_euro=pointing.smoothing()
         )
         self._cursor = PersonCursor(surfaces)
         pose = UserPose(stamp_ns=START_NS, position_m=member.config.position_m, yaw_rad=self.person.yaw_rad)

@@ -10,7 +10,7 @@ from pointit.geometry import vector
 from pointit.services.user_sim.body.aim_error import BENT_ARM_RAD, USUAL_REACH_RAD
 from pointit.services.user_sim.config import AimConfig
 from pointit_lab.evaluation.things.reach import POSE_RAD, angles
-from pointit_lab.evaluation.things.things import EYES_M, Row, begin
+from pointit_lab.evaluation.things.things import EYES_M, ThingRow, begin
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ BENT_STEPS = 20
 """Number of errors of a bent arm by which their uniform distribution is replaced."""
 
 
-def most_right(row: Row, first: int, count: int, wrong: float) -> float:
+def max_right(row: ThingRow, first: int, count: int, wrong: float) -> float:
     """Return the share of reaches without light that an ideal judge gets right, at most `wrong` wrong.
 
     The judge knows the distribution of people's errors, from where the arm came (errors grow with the way),

@@ -25,7 +25,7 @@ POSE_RAD = (math.radians(1.5), math.radians(0.7))
 Vector = NDArray[np.float64]
 
 
-class Reach:
+class ArmReach:
     """Azimuth and elevation of the ray of one person, who begins somewhere and reaches for a target."""
 
     def __init__(
@@ -34,7 +34,7 @@ class Reach:
         targets_m: dict[str, Vec3],
         goal: str,
         rng: np.random.Generator,
-        begin: "Reach | None" = None,
+        begin: "ArmReach | None" = None,
         *,
         bias_deg: float | None = None,
     ) -> None:

@@ -16,15 +16,15 @@ from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.things import PERIOD_S, TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit_lab.evaluation.things.reach import RATE_HZ, Reach
+from pointit_lab.evaluation.things.reach import RATE_HZ, ArmReach
 
 EYES_M: Vec3 = (0.0, 0.0, 1.64)
 LIMIT_S = 8.0
 """Time after which a reach counts as nothing."""
 PERSON = "person"
-Elsewhere = Literal["strip", "nothing"]
-ELSEWHERE: tuple[Elsewhere, ...] = get_args(Elsewhere)
-HOLDS_S: dict[Elsewhere, tuple[float, float]] = {"strip": (2.0, 6.0), "nothing": (1.0, 4.0)}
+MissKind = Literal["strip", "nothing"]
+MISS_KINDS: tuple[MissKind, ...] = get_args(MissKind)
+HOLDS_S: dict[MissKind, tuple[float, float]] = {"strip": (2.0, 6.0), "nothing": (1.0, 4.0)}
 """Times for which people hold what is no thing."""
 BESIDE_RAD = math.radians(20.0)
 """Angle from the middle of every thing beyond which a point is nothing: people err by up to 10 degrees."""
@@ -32,7 +32,7 @@ START_NS = 1_000 * NS_PER_S
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class ThingRow:
     """Boxes in a row before a person."""
 
     name: str
@@ -63,7 +63,9 @@ class Row:
 
 
 _ROWS = tuple(
-    Row(name=f"{name}, {'light' if lit else 'no light'}", lit=lit, count=count, size_m=a, apart_m=b, away_m=c)
+    ThingRow(
+        name=f"{name}, {'light' if lit else 'no light'}", lit=lit, count=count, size_m=a, apart_m=b, away_m=c
+    )
     for name, count, a, b, c in (
         (".4 m boxes .7 m apart, 2.6 m away", 4, 0.4, 0.7, 2.6),
         (".15 m boxes .2 m apart, 1.5 m away", 5, 0.15, 0.2, 1.5),
@@ -115,7 +117,7 @@ class ReachRow:
     """Mean probability stated of what fired."""
 
 
-def row_of(row: Row, results: Sequence[Result]) -> ReachRow:
+def row_of(row: ThingRow, results: Sequence[Result]) -> ReachRow:
     """Return the shares of reaches at which the right thing fired, a wrong one or none."""
     ends = Counter(result.end for result in results)
     took_s = [result.took_s for result in results if result.end == "right"] or [math.nan]
@@ -132,13 +134,13 @@ def row_of(row: Row, results: Sequence[Result]) -> ReachRow:
     )
 
 
-def reaches(config: SelectorConfig, piece: tuple[Row, int, int]) -> list[Result]:
+def reaches(config: SelectorConfig, piece: tuple[ThingRow, int, int]) -> list[Result]:
     """Return the results of one person each, from a seed on, for so many seeds."""
     row, first, count = piece
     return [reach(row, config, seed) for seed in range(first, first + count)]
 
 
-def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
+def reach(row: ThingRow, config: SelectorConfig, seed: int) -> Result:
     """Return the result of one person's reach for one thing of `row`."""
     rng = np.random.default_rng([seed, row.count])
     environment = row.environment()
@@ -164,14 +166,14 @@ def reach(row: Row, config: SelectorConfig, seed: int) -> Result:
     return Result("nothing", LIMIT_S, None)
 
 
-def begin(row: Row, rng: np.random.Generator) -> tuple[int, Reach]:
+def begin(row: ThingRow, rng: np.random.Generator) -> tuple[int, ArmReach]:
     """Return the index of the thing that a person means, and their reach for it."""
     places_m = {thing.id: thing.center_m for thing in row.environment().things}
     goal = int(rng.integers(row.count))
-    return goal, Reach(EYES_M, places_m, list(places_m)[goal], rng, bias_deg=row.bias_deg)
+    return goal, ArmReach(EYES_M, places_m, list(places_m)[goal], rng, bias_deg=row.bias_deg)
 
 
-def strays(config: SelectorConfig, piece: tuple[Elsewhere, int, float]) -> int:
+def wrong_selections(config: SelectorConfig, piece: tuple[MissKind, int, float]) -> int:
     """Return the number of firings for a person who points elsewhere: at a strip below, or at nothing.
 
     They move away from things that light up, as those do who see a wrong one.
@@ -185,10 +187,10 @@ def strays(config: SelectorConfig, piece: tuple[Elsewhere, int, float]) -> int:
     engine = SelectionEngine(config, lambda _record: None)
     engine.on_map(environment)
     places_m = {thing.id: thing.center_m for thing in environment.things}
-    fired, begun_s, listed_s, arm = 0, 0.0, -math.inf, None
+    fired, begun_s, listed_s, reach = 0, 0.0, -math.inf, None
     while begun_s < minutes * 60.0:
-        arm = Reach(EYES_M, {**places_m, "point": _elsewhere(kind, row, rng)}, "point", rng, arm)
-        holds_s = arm.took_s + float(rng.uniform(*HOLDS_S[kind]))
+        reach = ArmReach(EYES_M, {**places_m, "point": _miss_point(kind, row, rng)}, "point", rng, reach)
+        holds_s = reach.took_s + float(rng.uniform(*HOLDS_S[kind]))
         for index in range(round(holds_s * RATE_HZ)):
             time_s = begun_s + index / RATE_HZ
             now_ns = START_NS + round(time_s * NS_PER_S)
@@ -196,16 +198,18 @@ def strays(config: SelectorConfig, piece: tuple[Elsewhere, int, float]) -> int:
                 engine.on_objects(TRACKER, listing(environment, now_ns))
                 listed_s = time_s
                 engine.tick(now_ns)
-            arm.correct(index / RATE_HZ)
-            for output in engine.on_cursor(PERSON, _cursor(surfaces, arm.direction(index / RATE_HZ), now_ns)):
+            reach.correct(index / RATE_HZ)
+            for output in engine.on_cursor(
+                PERSON, _cursor(surfaces, reach.direction(index / RATE_HZ), now_ns)
+            ):
                 if isinstance(output.message, Hover):
-                    arm.see(index / RATE_HZ, output.message.object_id or "point")
+                    reach.see(index / RATE_HZ, output.message.object_id or "point")
                 fired += isinstance(output.message, SelectionEvent) and output.message.event == "selected"
         begun_s += round(holds_s * RATE_HZ) / RATE_HZ
     return fired
 
 
-def _elsewhere(kind: Elsewhere, row: Row, rng: np.random.Generator) -> Vec3:
+def _miss_point(kind: MissKind, row: ThingRow, rng: np.random.Generator) -> Vec3:
     """Return a point of the strip, or one beside all things by more than people err."""
     if kind == "strip":
         return (row.away_m, float(rng.uniform(-1.5, 1.5)), 0.9)

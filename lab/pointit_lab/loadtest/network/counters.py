@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.runtime.errors import ConfigError
-from pointit_lab.loadtest.network.namespaces import UPLINK, Network
+from pointit_lab.loadtest.network.namespaces import UPLINK, NamespaceNetwork
 
 KIND = re.compile(rb"application/msgpack;([A-Z]\w+)\.v\d+")
 
@@ -44,7 +44,7 @@ class Counters:
         self._running: dict[int, asyncio.subprocess.Process] = {}
 
     @classmethod
-    async def start(cls, network: Network) -> "Counters":
+    async def start(cls, network: NamespaceNetwork) -> "Counters":
         """Start one for each link, and wait until all are ready.
 
         Raises:
@@ -72,9 +72,9 @@ class Counters:
         for counter in self._running.values():
             if counter.stdin is not None:
                 counter.stdin.write(f"{duration_s}\n".encode())
-        told = {index: json.loads(await self._line(index)) for index in self._links}
+        counters = {index: json.loads(await self._line(index)) for index in self._links}
         await asyncio.gather(*(counter.communicate() for counter in self._running.values()))
-        return {index: Contents(**each) for index, each in told.items()}
+        return {index: Contents(**each) for index, each in counters.items()}
 
     async def _line(self, index: int) -> bytes:
         counter = self._running[index]

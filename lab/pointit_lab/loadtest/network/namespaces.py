@@ -19,7 +19,7 @@ STEP_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Traffic:
+class NamespaceTraffic:
     """Traffic of a link so far, as its lower end counts it."""
 
     up_bytes: int
@@ -29,7 +29,7 @@ class Traffic:
 
 
 @dataclass
-class Network:
+class NamespaceNetwork:
     """The machines, ready for processes."""
 
     machines: Sequence[Machine]
@@ -69,7 +69,7 @@ class Network:
         far = [] if self.lacking else [_address(index, 2) for index in range(1, len(self.machines))]
         return ["127.0.0.1", *far]
 
-    def traffic(self) -> dict[int, Traffic]:
+    def traffic(self) -> dict[int, NamespaceTraffic]:
         """Return the traffic of each link, by its lower machine's index. That of loopback is unknown."""
         if self.lacking:
             return {}
@@ -91,9 +91,9 @@ class Network:
                 process_group=0,
             )
             self.holders.append(holder)
-            said = b"" if holder.stdout is None else holder.stdout.readline().strip()
-            if said:
-                raise RuntimeError(said.decode(errors="replace"))
+            line = b"" if holder.stdout is None else holder.stdout.readline().strip()
+            if line:
+                raise RuntimeError(line.decode(errors="replace"))
         for index, machine in enumerate(self.machines):
             self._ip(index, "link", "set", "lo", "up")
             if not index:
@@ -130,28 +130,28 @@ class Network:
         if done.returncode:
             raise RuntimeError(done.stderr.strip())
 
-    def _traffic(self, index: int) -> Traffic:
+    def _traffic(self, index: int) -> NamespaceTraffic:
         devices = Path(f"/proc/{self.holders[index].pid}/net/dev").read_text(encoding="ascii")
         columns = devices.partition(f"{UPLINK}:")[2].split()
         down_bytes, down_packets, up_bytes, up_packets = (int(columns[each]) for each in (0, 1, 8, 9))
-        return Traffic(
+        return NamespaceTraffic(
             up_bytes=up_bytes, up_packets=up_packets, down_bytes=down_bytes, down_packets=down_packets
         )
 
 
 @contextlib.contextmanager
-def network(machines: Sequence[Machine], scheme: str) -> Generator[Network]:
+def network(machines: Sequence[Machine], scheme: str) -> Generator[NamespaceNetwork]:
     """Yield the machines as namespaces, or where the system permits none, as processes on loopback."""
-    made = Network(machines, scheme)
+    network = NamespaceNetwork(machines, scheme)
     try:
-        made.lay()
+        network.lay()
     except (OSError, RuntimeError, subprocess.TimeoutExpired) as error:
-        made.close()
-        made = Network(machines, scheme, lacking=str(error) or "not permitted")
+        network.close()
+        network = NamespaceNetwork(machines, scheme, lacking=str(error) or "not permitted")
     try:
-        yield made
+        yield network
     finally:
-        made.close()
+        network.close()
 
 
 def _address(index: int, end: int) -> str:

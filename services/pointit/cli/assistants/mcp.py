@@ -8,7 +8,7 @@ import click
 from pointit.api.connection import connect as join
 from pointit.cli.common.option_types import host_port
 from pointit.cli.common.site_link import address, quiet, site_options
-from pointit.launch.page.page_tokens import FILE, kept_tokens
+from pointit.launch.page.page_tokens import FILE, stored_tokens
 from pointit.launch.plan.extras import has_extra
 from pointit.launch.plan.launches import PAGE
 from pointit.runtime.errors import ConfigError
@@ -51,25 +51,25 @@ async def _serve(
     # here, since the extra may be missing where help is asked for
     from pointit.assistants.audit_file import FOLDER, AuditFile  # noqa: PLC0415
     from pointit.assistants.server import make_server  # noqa: PLC0415
-    from pointit.assistants.site_door import SiteDoor  # noqa: PLC0415
+    from pointit.assistants.site_door import SiteConnection  # noqa: PLC0415
     from pointit.assistants.tools import Tools  # noqa: PLC0415
 
-    door = SiteDoor(lambda: join(connect, site=site, patience_s=None), address(site, connect))
+    connection = SiteConnection(lambda: join(connect, site=site, patience_s=None), address(site, connect))
     audit = AuditFile(site_folder(site, FOLDER))
-    server = make_server(Tools(door, audit, most, is_remote=listen is not None))
+    server = make_server(Tools(connection, audit, most, is_remote=listen is not None))
     async with contextlib.AsyncExitStack() as stack:
         if listen is None:
-            await stack.enter_async_context(door.opened())
+            await stack.enter_async_context(connection.opened())
             await server.run_stdio_async()
             return 0
-        from pointit.assistants.http_door import HttpDoor  # noqa: PLC0415
+        from pointit.assistants.http_door import HttpServer  # noqa: PLC0415
         from pointit.bridges.web.server.access import Access  # noqa: PLC0415
 
-        tokens, notes = kept_tokens(site)
-        http = HttpDoor(server, Access(tokens.operator, tokens.viewer), *listen)
+        tokens, notes = stored_tokens(site)
+        http = HttpServer(server, Access(tokens.operator, tokens.viewer), *listen)
         for note in notes:
             click.echo(note, err=True)
         click.echo(f"{http.url}: tokens in {site_folder(site, PAGE) / FILE}; Ctrl-C ends it")
-        await stack.enter_async_context(door.opened())
+        await stack.enter_async_context(connection.opened())
         await http.run()
     return 0

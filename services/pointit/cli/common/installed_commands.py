@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import click
 
-from pointit.cli.common.lazy import Entry
+from pointit.cli.common.lazy import LazyEntry
 
 GROUP = "pointit.commands"
 LAB = "pointit-lab"
@@ -24,7 +24,7 @@ LABORATORY = "Laboratory"
 HEADING = "Of other packages"
 
 
-class Declared(NamedTuple):
+class DeclaredCommand(NamedTuple):
     """An entry point of an installed package, and the line that describes the package."""
 
     name: str
@@ -35,12 +35,12 @@ class Declared(NamedTuple):
 class Installed:
     """Commands that are installed: those of the table that are there, and those that other packages add."""
 
-    def __init__(self, table: Mapping[str, Sequence[Entry]], taken: Collection[str]) -> None:
+    def __init__(self, table: Mapping[str, Sequence[LazyEntry]], taken: Collection[str]) -> None:
         """Look for packages with commands. None may have a name of `table` or of `taken`."""
         found = list(declared())
         pairs = {(each.name, each.package) for each in found}
         ours = {entry.name: entry.package for part in table.values() for entry in part}
-        added: dict[str, Entry] = {}
+        added: dict[str, LazyEntry] = {}
         self.refused: list[str] = []
         """A sentence for each command that is not added."""
         for each in found:
@@ -62,9 +62,9 @@ class Installed:
             self.parts[HEADING] = list(added.values())
 
 
-def of_package(package: str, name: str, about: str) -> Entry:
+def of_package(package: str, name: str, about: str) -> LazyEntry:
     """Return the command `name` that the distribution `package` adds; `about` is its line in the help."""
-    return Entry(name=name, about=about, load=partial(load, package, name), package=package)
+    return LazyEntry(name=name, about=about, load=partial(load, package, name), package=package)
 
 
 def load(package: str, name: str) -> click.Command:
@@ -77,15 +77,15 @@ def load(package: str, name: str) -> click.Command:
     from pointit.runtime.errors import ConfigError  # noqa: PLC0415 - as above
     from pointit.runtime.host.extras import remedy  # noqa: PLC0415 - as above
 
-    commands = InstalledGroup(GROUP, click.Command, "command", has_ours=False)
-    if package == LAB and (name not in commands.names or commands.package(name) != LAB):
+    group = InstalledGroup(GROUP, click.Command, "command", has_ours=False)
+    if package == LAB and (name not in group.names or group.package(name) != LAB):
         raise ConfigError(
             f"`pointit {name}` is a command of {LAB}, which is not installed; run {remedy('lab')}"
         )
-    return commands.get(name)
+    return group.get(name)
 
 
-def declared() -> Iterator[Declared]:
+def declared() -> Iterator[DeclaredCommand]:
     """Yield the commands of all installed packages. Of two with one name, the first on the path counts."""
     seen = set[str]()
     for folder in dict.fromkeys(sys.path):
@@ -100,7 +100,7 @@ def declared() -> Iterator[Declared]:
                 head = _content(f"{folder or '.'}/{name}/METADATA").partition("\n\n")[0]
                 package, summary = _field("Name", head), _field("Summary", head)
                 for command in re.findall(r"^([^#=\s][^=]*?)\s*=", section, re.MULTILINE):
-                    yield Declared(name=command, package=package, summary=summary)
+                    yield DeclaredCommand(name=command, package=package, summary=summary)
 
 
 def _packages(folder: str) -> list[str]:

@@ -25,14 +25,14 @@ class UnknownNameError(click.ClickException):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry:
+class LazyEntry:
     """A command that is not loaded yet."""
 
     name: str
     about: str
     """One line, shown without loading the command."""
     load: Callable[[], click.Command]
-    actions: tuple["Entry", ...] = ()
+    actions: tuple["LazyEntry", ...] = ()
     """The commands of a noun. Empty for a command, or a group whose names are known once it is loaded."""
     package: str = ""
     """Distribution that brings it, which may not be installed, or `""` for this one."""
@@ -44,7 +44,7 @@ class LazyGroup(click.Group):
     def __init__(
         self,
         *,
-        entries: Sequence[Entry] | Mapping[str, Sequence[Entry]],
+        entries: Sequence[LazyEntry] | Mapping[str, Sequence[LazyEntry]],
         kind: str = "command",
         **attributes: Any,
     ) -> None:
@@ -58,12 +58,12 @@ class LazyGroup(click.Group):
         self._kind = kind
 
     @property
-    def parts(self) -> Mapping[str, Sequence[Entry]]:
+    def parts(self) -> Mapping[str, Sequence[LazyEntry]]:
         """Return the commands that are shown, by heading."""
         return self._parts
 
     @property
-    def entries(self) -> Sequence[Entry]:
+    def entries(self) -> Sequence[LazyEntry]:
         """Return the commands that are shown, in the order of the table."""
         return [entry for part in self.parts.values() for entry in part]
 
@@ -72,7 +72,7 @@ class LazyGroup(click.Group):
         del ctx
         return [entry.name for entry in self.entries]
 
-    def entry(self, name: str) -> Entry | None:
+    def entry(self, name: str) -> LazyEntry | None:
         """Return the command of that name, or None."""
         return self._entries.get(name)
 
@@ -126,29 +126,29 @@ class LazyGroup(click.Group):
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
-def command(name: str, about: str, target: str) -> Entry:
+def command(name: str, about: str, target: str) -> LazyEntry:
     """Return the command at `target`, `module:attribute`."""
 
     def load() -> click.Command:
         from pointit.runtime.host.extras import import_room  # noqa: PLC0415 - not for help
 
         module, _, attribute = target.partition(":")
-        found: click.Command = getattr(import_room(module, "this command"), attribute)
-        return found
+        command: click.Command = getattr(import_room(module, "this command"), attribute)
+        return command
 
-    return Entry(name=name, about=about, load=load)
+    return LazyEntry(name=name, about=about, load=load)
 
 
-def noun(name: str, about: str, text: str, *actions: Entry) -> Entry:
+def noun(name: str, about: str, text: str, *entry: LazyEntry) -> LazyEntry:
     """Return a group of actions on a thing, with its help `text`, which it prints if no action is given."""
-    return Entry(name=name, about=about, load=partial(group, name, text, actions), actions=actions)
+    return LazyEntry(name=name, about=about, load=partial(group, name, text, entry), actions=entry)
 
 
-def group(name: str, text: str, actions: tuple[Entry, ...]) -> LazyGroup:
+def group(name: str, text: str, entries: tuple[LazyEntry, ...]) -> LazyGroup:
     """Return the group that a noun loads."""
     return LazyGroup(
         name=name,
-        entries=actions,
+        entries=entries,
         kind="action",
         help=text,
         callback=print_help_without_action,
@@ -164,7 +164,9 @@ def print_help_without_action(ctx: click.Context) -> None:
         click.echo(ctx.get_help())
 
 
-def walk(entries: Iterable[Entry], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Entry]]:
+def walk(
+    entries: Iterable[LazyEntry], path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], LazyEntry]]:
     """Yield every command below `entries` with the words to type, groups before their commands."""
     for entry in entries:
         words = (*path, entry.name)

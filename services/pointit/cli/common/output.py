@@ -37,7 +37,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="JSON instead
 
 
 @dataclass(frozen=True, kw_only=True)
-class Section:
+class OutputSection:
     """A named table; its columns are the keys of its rows."""
 
     name: str
@@ -50,7 +50,7 @@ class Section:
     """Columns that are never wrapped, so that their text can be copied."""
 
 
-def show(sections: Sequence[Section], *, as_json: bool) -> None:
+def show(sections: Sequence[OutputSection], *, as_json: bool) -> None:
     """Print `sections` as tables, or as one JSON object of lists."""
     if as_json:
         print_json({section.name: section.rows for section in sections})
@@ -60,10 +60,10 @@ def show(sections: Sequence[Section], *, as_json: bool) -> None:
         print_table(screen, section)
 
 
-def print_table(screen: Console, section: Section) -> None:
+def print_table(rich_console: Console, section: OutputSection) -> None:
     """Print one section as a table under its title."""
     columns = list(section.rows[0]) if section.rows else []
-    if screen.width < ROOMY_WIDTH:
+    if rich_console.width < ROOMY_WIDTH:
         columns = [column for column in columns if column not in section.roomy]
     table = Table(
         box=box.SIMPLE_HEAD,
@@ -83,7 +83,7 @@ def print_table(screen: Console, section: Section) -> None:
         )
     for row in section.rows:
         table.add_row(*(_harmless(cell(row[column])) for column in columns))
-    screen.print(table)
+    rich_console.print(table)
 
 
 def cell(value: Any) -> Text:

@@ -37,8 +37,8 @@ class ProgressCallback(Protocol):
 @contextmanager
 def progress(total: int | None = None) -> Generator[ProgressCallback]:
     """Yield a callback that shows progress on standard error. `total` is the number of pieces, if known."""
-    screen = Console(stderr=True)
-    if not screen.is_terminal:
+    console = Console(stderr=True)
+    if not console.is_terminal:
         yield LineProgress(total, lambda line: click.echo(line, err=True), time.monotonic)
         return
     columns: list[ProgressColumn] = [TextColumn("{task.description}")]
@@ -46,11 +46,11 @@ def progress(total: int | None = None) -> Generator[ProgressCallback]:
         columns = [SpinnerColumn(), *columns, TimeElapsedColumn()]
     else:
         columns += [BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()]
-    with Progress(*columns, console=screen, transient=True) as shown:
-        task = shown.add_task("reading", total=total)
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("reading", total=total)
 
         def tell(what: str, done: int | None = None, /) -> None:
-            shown.update(task, description=what, completed=done)
+            progress.update(task, description=what, completed=done)
 
         yield tell
 

@@ -67,13 +67,13 @@ def _described(command: click.Command) -> dict[str, Any]:
     for one in command.get_params(click.Context(command, help_option_names=[])):  # every command adds its own
         completion = getattr(one, "_custom_shell_complete", None)
         is_option = isinstance(one, click.Option)
-        kept = ("multiple", "is_flag", "hidden", "help") if is_option else ("nargs", "required")
+        copied = ("multiple", "is_flag", "hidden", "help") if is_option else ("nargs", "required")
         choices = one.type.choices if isinstance(one.type, click.Choice) else ()
         parameters.append(
             {
                 "names": [one.name, *one.opts, *one.secondary_opts] if is_option else [one.name],
                 "is_option": is_option,
-                "attributes": {name: getattr(one, name) for name in kept},
+                "attributes": {name: getattr(one, name) for name in copied},
                 "choices": [str(value) for value in choices],
                 "is_file": isinstance(one.type, click.Path),
                 "completion": next((name for name, known in NAMES.items() if known is completion), ""),

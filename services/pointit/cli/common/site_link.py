@@ -21,16 +21,16 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message
 from pointit.schemas.topics import Topic
 
-CONNECT_PATIENCE_S = 5.0
+CONNECT_TIMEOUT_S = 5.0
 """Timeout of finding a site, s: a router on a busy machine may take seconds to answer."""
 
-REFUSED_PATIENCE_S = 2.0
+REFUSED_TIMEOUT_S = 2.0
 """Timeout of finding a site where nobody listens, s: it may be about to start."""
 
 PROBE_S = 1.0
 """Timeout of finding out whether somebody listens, s."""
 
-PATIENCE_S = 2.0
+TIMEOUT_S = 2.0
 """Timeout of a site's first message, s."""
 
 M = TypeVar("M", bound=Message)
@@ -50,15 +50,15 @@ def site_options() -> list[click.Parameter]:
 
 @asynccontextmanager
 async def join_site(
-    site: str, connect: Sequence[str], *, patience_s: float = CONNECT_PATIENCE_S
+    site: str, connect: Sequence[str], *, timeout_s: float = CONNECT_TIMEOUT_S
 ) -> AsyncGenerator[ZenohBus]:
     """Yield a bus that has joined `site`. Errors inside name the address, unless it was given.
 
     Raises:
-        ConnectError: If no router or peer answers within `patience_s`.
+        ConnectError: If no router or peer answers within `timeout_s`.
     """
     with notify_if_slow(f"looking for {address(site, connect)} …"):
-        bus = await _open(link_of(site, connect), patience_s)
+        bus = await _open(link_of(site, connect), timeout_s)
     try:
         yield bus
     except PointItError as error:
@@ -68,20 +68,20 @@ async def join_site(
         await bus.close()
 
 
-async def _open(link: Link, patience_s: float) -> ZenohBus:
+async def _open(link: Link, timeout_s: float) -> ZenohBus:
     """Return a bus that has joined, tried for long only where somebody listens."""
     loop = asyncio.get_running_loop()
     began_s = loop.time()
     try:
-        return await ZenohBus.open(link, patience_s=min(patience_s, REFUSED_PATIENCE_S))
+        return await ZenohBus.open(link, patience_s=min(timeout_s, REFUSED_TIMEOUT_S))
     except ConnectError:
         spent_s = loop.time() - began_s
-        is_final = spent_s < REFUSED_PATIENCE_S or spent_s >= patience_s
+        is_final = spent_s < REFUSED_TIMEOUT_S or spent_s >= timeout_s
         if is_final or await in_daemon_thread(
             lambda: all(listens(each) is False for each in link.connect), "probe"
         ):
             raise
-    return await ZenohBus.open(link, patience_s=patience_s - spent_s)
+    return await ZenohBus.open(link, patience_s=timeout_s - spent_s)
 
 
 def listens(endpoint: str) -> bool | None:
@@ -126,10 +126,10 @@ class LatestMessage(Generic[M]):
         self._changed = asyncio.Event()
         bus.subscribe(topic, self._on_message, name)
 
-    async def wait(self, patience_s: float, fits: Callable[[M], bool] = _any) -> M | None:
-        """Return the newest message as soon as it `fits`, or None if none does within `patience_s`."""
+    async def wait(self, timeout_s: float, fits: Callable[[M], bool] = _any) -> M | None:
+        """Return the newest message as soon as it `fits`, or None if none does within `timeout_s`."""
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(patience_s):
+            async with asyncio.timeout(timeout_s):
                 while self.value is None or not fits(self.value):
                     self._changed.clear()
                     await self._changed.wait()

@@ -29,7 +29,7 @@ CANDIDATES = 3
 
 def activity_lines(monitor: Monitor, width: int) -> RenderableType:
     """Return the activity of each person, in columns of constant width."""
-    return _doings(monitor, monitor.people(), width)
+    return _activity_table(monitor, monitor.people(), width)
 
 
 def pose_lines(monitor: Monitor, width: int) -> RenderableType | None:
@@ -62,12 +62,15 @@ def wrist_lines(monitor: Monitor) -> list[Text]:
 
 def instruction_lines(monitor: Monitor) -> list[Text]:
     """Return the next step of each person, as one line if it is the same for all."""
-    told = {user: _words(monitor, user) for user in monitor.people()}
-    if len(told) > 1 and len({tuple(line.plain for line in lines) for lines in told.values()}) == 1:
-        return [Text.assemble(("everybody: ", "bold"), line) for line in next(iter(told.values()))]
+    words_of_user = {user: _words(monitor, user) for user in monitor.people()}
+    if (
+        len(words_of_user) > 1
+        and len({tuple(line.plain for line in lines) for lines in words_of_user.values()}) == 1
+    ):
+        return [Text.assemble(("everybody: ", "bold"), line) for line in next(iter(words_of_user.values()))]
     return [
         Text.assemble((f"{user}: ", color_of(monitor, user)), line)
-        for user, lines in told.items()
+        for user, lines in words_of_user.items()
         for line in lines
     ]
 
@@ -82,7 +85,7 @@ def _table(width: int, roomy_width: int) -> Table:
     return Table(box=None, padding=(0, 1 if width < roomy_width else 2, 0, 0), header_style="dim")
 
 
-def _doings(monitor: Monitor, users: list[str], width: int) -> Table:
+def _activity_table(monitor: Monitor, users: list[str], width: int) -> Table:
     narrow = width < ROOMY_WIDTH
     bar = 4 if narrow else 10
     table = _table(width, ROOMY_WIDTH)
@@ -154,29 +157,37 @@ def _words(monitor: Monitor, user: str) -> list[Text]:
     elif interaction is not None:
         reason = interaction.reason if interaction.state == "idle" and interaction.reason != refusal else ""
         lines.append(Text(f"{reason} {interaction.next_step}".strip()))
-    news = monitor.localizations.get(user)
-    if news is not None and news.phase == "sampling" and (news.samples or news.target_id):  # not who waits
-        lines.append(Text.assemble(*_progress(news)))
+    localization = monitor.localizations.get(user)
+    if (
+        localization is not None
+        and localization.phase == "sampling"
+        and (localization.samples or localization.target_id)
+    ):  # not who waits
+        lines.append(Text.assemble(*_progress(localization)))
     return lines
 
 
-def _progress(news: Localization) -> list[str | tuple[str, str]]:
+def _progress(localization: Localization) -> list[str | tuple[str, str]]:
     """Return the target, the samples so far and the current uncertainty."""
     parts: list[str] = []
-    if news.target_count > 1:
-        parts.append(f"{news.target_index + 1} of {news.target_count}")
-    parts.append(f"{news.samples} samples")
-    if news.position_sigma_m is not None:
-        parts.append(f"±{news.position_sigma_m:.2f} m")
-    if news.yaw_sigma_rad is not None:
-        parts.append(f"±{math.degrees(news.yaw_sigma_rad):.1f}°")
-    if len(news.candidates) > 1:
+    if localization.target_count > 1:
+        parts.append(f"{localization.target_index + 1} of {localization.target_count}")
+    parts.append(f"{localization.samples} samples")
+    if localization.position_sigma_m is not None:
+        parts.append(f"±{localization.position_sigma_m:.2f} m")
+    if localization.yaw_sigma_rad is not None:
+        parts.append(f"±{math.degrees(localization.yaw_sigma_rad):.1f}°")
+    if len(localization.candidates) > 1:
         named = ", ".join(
-            f"{candidate.object_id} {candidate.probability:.0%}" for candidate in news.candidates[:CANDIDATES]
+            f"{candidate.object_id} {candidate.probability:.0%}"
+            for candidate in localization.candidates[:CANDIDATES]
         )
         parts.append(f"meant: {named}")
-    purpose = "setting the pose right, " if news.purpose == "anchor" else ""
-    target: tuple[str, str] = (f"● {news.target_id} " if news.target_id else "", "bold yellow")
+    purpose = "setting the pose right, " if localization.purpose == "anchor" else ""
+    target: tuple[str, str] = (
+        f"● {localization.target_id} " if localization.target_id else "",
+        "bold yellow",
+    )
     return [purpose, target, " · ".join(parts)]
 
 

@@ -10,7 +10,7 @@ from rich.live import Live
 
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.display.display_part import DisplayPart
-from pointit.cli.display.view import REFRESH_HZ, View
+from pointit.cli.display.view import REFRESH_HZ, ConsoleView
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.schemas import ButtonEvent
 from pointit.schemas.topics import BUTTON
@@ -18,7 +18,7 @@ from pointit.schemas.topics import BUTTON
 
 @contextlib.contextmanager
 def on_screen(
-    stage: RunningScenario,
+    scenario: RunningScenario,
     console: Console | None,
     end_s: Callable[[], float | None],
     looks_on: Callable[[], bool],
@@ -27,7 +27,7 @@ def on_screen(
     """Draw the run, if there is a terminal; its Space key is the first person's button.
 
     Args:
-        stage: the scenario to draw; it may change.
+        scenario: the scenario to draw; it may change.
         console: the terminal. None: draw nothing.
         end_s: returns the monotonic time when the run ends by itself, if ever.
         looks_on: returns True if a page is open, for which the run continues.
@@ -36,24 +36,24 @@ def on_screen(
     if console is None:
         yield
         return
-    button = functools.cache(functools.partial(stage.bus.publisher, BUTTON))
+    button = functools.cache(functools.partial(scenario.bus.publisher, BUTTON))
 
     def press() -> None:
-        person = _first_person(stage)
+        person = _first_person(scenario)
         if person:
-            button(person).put(ButtonEvent(stamp_ns=stage.clock.now_ns(), source="keyboard"))
+            button(person).put(ButtonEvent(stamp_ns=scenario.clock.now_ns(), source="keyboard"))
 
     def left_s() -> float:
         over_s = end_s()
         return 0.0 if over_s is None else max(0.0, over_s - time.monotonic())
 
     def drawn() -> RenderableType:
-        return View(
-            stage.monitor,
-            f"PointIt {stage.plan.name}",
+        return ConsoleView(
+            scenario.monitor,
+            f"PointIt {scenario.plan.name}",
             left_s,
-            _first_person(stage) if has_keyboard() else "",
-            page=stage.address,
+            _first_person(scenario) if has_keyboard() else "",
+            page=scenario.address,
             parts=parts,
             is_looked_on=end_s() is not None and looks_on(),
         )
@@ -66,5 +66,5 @@ def on_screen(
         yield
 
 
-def _first_person(stage: RunningScenario) -> str:
-    return next(iter(stage.plan.users), "")
+def _first_person(scenario: RunningScenario) -> str:
+    return next(iter(scenario.plan.users), "")

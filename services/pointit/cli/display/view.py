@@ -33,7 +33,7 @@ BORDER_HEIGHT = 2
 GAP_WIDTH = 2
 CELLS_PER_M = 8
 """Scale of strips drawn side by side; it shrinks if one is wider than the terminal."""
-OLD_NEWS, PLACES, NEWS, WORDS, STRIPS = range(5)
+OLD_EVENTS, PLACES, EVENTS, WORDS, STRIPS = range(5)
 """Order in which parts are left out of a low terminal."""
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown: the pipeline from wrist to light."""
@@ -44,7 +44,7 @@ Worth: TypeAlias = tuple[int, int] | None
 
 
 @dataclass(frozen=True)
-class View:
+class ConsoleView:
     """The view of `monitor`, rendered with its contents and the terminal's width at that time."""
 
     monitor: Monitor
@@ -64,12 +64,12 @@ class View:
         width = max(1, options.max_width - BORDER_WIDTH)
         inner = options.update(width=width, height=None)
         blocks = [
-            Block(console.render_lines(part, inner), worth)
+            TextBlock(console.render_lines(part, inner), worth)
             for worth, part in self._parts(width, options.max_width)
         ]
-        lines = drop_to_height(blocks, options.size.height - BORDER_HEIGHT)
+        segments = drop_to_height(blocks, options.size.height - BORDER_HEIGHT)
         yield Panel(
-            SegmentLines(lines, new_lines=True),
+            SegmentLines(segments, new_lines=True),
             title=f"{self.title} ● recording" if self.monitor.is_recorded else self.title,
             subtitle=self._subtitle(options.max_width),
             border_style="cyan",
@@ -122,9 +122,9 @@ class View:
         parts += [((PLACES, -1 - row), line) for row, line in enumerate(people_view.wrist_lines(monitor))]
         parts += [((WORDS, -row), line) for row, line in enumerate(people_view.instruction_lines(monitor))]
         parts.append((None, figures(monitor)))
-        told = list(monitor.events)
-        for row, line in enumerate(told, 1):
-            worth = (NEWS if row == len(told) else OLD_NEWS, row)
+        events = list(monitor.events)
+        for row, line in enumerate(events, 1):
+            worth = (EVENTS if row == len(events) else OLD_EVENTS, row)
             parts.append((worth, Text(line, style="dim", no_wrap=True, overflow="ellipsis")))
         return parts
 
@@ -227,15 +227,15 @@ def figures(monitor: Monitor) -> Text:
     if monitor.score.target_kinds:
         counts: dict[str, Any] = monitor.score.counts()
         parts.append(f"selected {counts['selected']}, missed {counts['missed']}, wrong {counts['wrong']}")
-    heard_s, now_s = dict(monitor.heard_s), time.monotonic()
+    received_s, now_s = dict(monitor.heard_s), time.monotonic()
     ill = [
         name
         for name, health in list(monitor.health.items())
-        if health.warnings or now_s - heard_s.get(name, now_s) > SILENT_S
+        if health.warnings or now_s - received_s.get(name, now_s) > SILENT_S
     ]
     text = Text(" · ".join(parts))
-    silent = {name for name, at_s in heard_s.items() if now_s - at_s > SILENT_S}
-    if outage := find_outage(heard_s, silent, monitor.warnings()):
+    silent = {name for name, at_s in received_s.items() if now_s - at_s > SILENT_S}
+    if outage := find_outage(received_s, silent, monitor.warnings()):
         text.append(f"  {outage.sentence}; {outage.remedy}", style="red")
     elif ill:
         text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")
@@ -243,20 +243,22 @@ def figures(monitor: Monitor) -> Text:
 
 
 @dataclass(frozen=True)
-class Block:
+class TextBlock:
     """Lines shown or left out together."""
 
     lines: Sequence[Sequence[Segment]]
     priority: Worth
 
 
-def drop_to_height(blocks: Sequence[Block], room: int) -> list[list[Segment]]:
+def drop_to_height(blocks: Sequence[TextBlock], room: int) -> list[list[Segment]]:
     """Return at most `room` lines of `blocks` in their order, without those of lowest priority."""
     height = sum(len(block.lines) for block in blocks)
-    kept = dict(enumerate(blocks))
-    dispensable = sorted((block.priority, at) for at, block in kept.items() if block.priority is not None)
+    remaining = dict(enumerate(blocks))
+    dispensable = sorted(
+        (block.priority, at) for at, block in remaining.items() if block.priority is not None
+    )
     for _, at in dispensable:
         if height <= room:
             break
-        height -= len(kept.pop(at).lines)
-    return [list(line) for block in kept.values() for line in block.lines]
+        height -= len(remaining.pop(at).lines)
+    return [list(line) for block in remaining.values() for line in block.lines]

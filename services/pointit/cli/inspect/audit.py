@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.output import Section, json_option, show
+from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import import_room
 from pointit.runtime.host.state_file import site_folder
@@ -21,7 +21,7 @@ from pointit.services.selector.outputs import Record
 from pointit.services.selector.store.journal_table import FILE, audit
 
 DEFAULT_SITE = "lab"
-MOST = 1_000_000_000
+MAX_RECORDS = 1_000_000_000
 """Upper limit of --last."""
 
 AGO = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h|d)")
@@ -45,7 +45,7 @@ UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
     metavar="WHEN",
     help="such as 30min, 2h, 7d, 2026-03-01 or 2026-03-01T14:30",
 )
-@click.option("--last", type=click.IntRange(1, MOST), metavar="N", help="the last N events only")
+@click.option("--last", type=click.IntRange(1, MAX_RECORDS), metavar="N", help="the last N events only")
 @click.option("--assistants", is_flag=True, help="instead, what assistants asked and did by `pointit mcp`")
 @json_option
 def command(
@@ -66,16 +66,19 @@ def command(
             )
         calls = deque(_calls(site, since_ns(since, time.time_ns())), maxlen=last)
         plain = tuple(calls if as_json else map(_call_row, calls))
-        show([Section(name="calls", about=f"of site {site}, the latest last", rows=plain)], as_json=as_json)
+        show(
+            [OutputSection(name="calls", about=f"of site {site}, the latest last", rows=plain)],
+            as_json=as_json,
+        )
         return
     path = site_folder(site, "selector") / FILE
     records = _read(path, site, user=user, object_id=object_id, since_ns=since_ns(since, time.time_ns()))
-    kept = deque(records, maxlen=last)
-    rows = tuple(_plain(record) if as_json else _row(record) for record in kept)
+    last_records = deque(records, maxlen=last)
+    rows = tuple(_plain(record) if as_json else _row(record) for record in last_records)
     if not rows and not as_json:
         click.echo(f"nothing of that kind is in {path}")
         return
-    show([Section(name="events", about=f"of site {site}, the latest last", rows=rows)], as_json=as_json)
+    show([OutputSection(name="events", about=f"of site {site}, the latest last", rows=rows)], as_json=as_json)
 
 
 def _calls(site: str, since_ns: int) -> Iterator[dict[str, Any]]:

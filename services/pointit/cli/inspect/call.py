@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import Row, Section, json_option, print_json, say, show, to_line
+from pointit.cli.common.output import OutputSection, Row, json_option, print_json, say, show, to_line
 from pointit.cli.common.site_link import AtSite, default_address_note, join_site, quiet, site_options
 from pointit.cli.inspect.topic_names import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
@@ -135,13 +135,13 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
     try:
         query: Query = validate(request.query, layers.values, strict=False)
     except ValidationError as error:
-        raise UnknownNameError(f"{request.key}: {_complaint(request, error)}") from error
+        raise UnknownNameError(f"{request.key}: {_error_message(request, error)}") from error
     return query
 
 
-def requests() -> Section:
+def requests() -> OutputSection:
     """Return every request with its fields."""
-    return Section(
+    return OutputSection(
         name="requests",
         about="ask with `pointit service call KEY FIELD=VALUE...`",
         rows=tuple(row for request in REQUESTS for row in _rows(request)),
@@ -155,22 +155,22 @@ def _rows(request: AnyRequest) -> list[Row]:
     return [
         {
             "key": request.key,
-            "field": "" if leaf is None else leaf.path[-1],
-            "type": "" if leaf is None else leaf.type_name,
-            "unit": "" if leaf is None else UNITS.get(leaf.path[-1].rpartition("_")[2], ""),
-            "range": "" if leaf is None else _range(leaf),
-            "default": "" if leaf is None else leaf.default,
-            "about": (leaf.field.description if leaf is not None else "") or request.about,
+            "field": "" if parameter is None else parameter.path[-1],
+            "type": "" if parameter is None else parameter.type_name,
+            "unit": "" if parameter is None else UNITS.get(parameter.path[-1].rpartition("_")[2], ""),
+            "range": "" if parameter is None else _range(parameter),
+            "default": "" if parameter is None else parameter.default,
+            "about": (parameter.field.description if parameter is not None else "") or request.about,
         }
-        for leaf in fields or [None]
+        for parameter in fields or [None]
     ]
 
 
-def _range(leaf: ParameterInfo) -> str:
+def _range(parameter: ParameterInfo) -> str:
     limits = {
         word: getattr(limit, name)
         for name, word in BOUNDS
-        for limit in leaf.field.metadata
+        for limit in parameter.field.metadata
         if hasattr(limit, name)
     }
     return " ".join(f"{word} {value:g}" for word, value in limits.items())
@@ -183,10 +183,10 @@ def _example(request: AnyRequest) -> str:
     return f"{fields[0].path[-1]}=VALUE"
 
 
-def _complaint(request: AnyRequest, error: ValidationError) -> str:
+def _error_message(request: AnyRequest, error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
-    for leaf in iter_parameters(request.query):
-        if first["type"] == "missing" and first["loc"] == leaf.path:
-            field = leaf.path[-1]
-            return f"{field} is missing: write {field}=VALUE, {leaf.type_name}"
+    for parameter in iter_parameters(request.query):
+        if first["type"] == "missing" and first["loc"] == parameter.path:
+            field = parameter.path[-1]
+            return f"{field} is missing: write {field}=VALUE, {parameter.type_name}"
     return summarize_validation_error(error)

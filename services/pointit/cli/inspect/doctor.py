@@ -15,11 +15,19 @@ from rich.text import Text
 
 from pointit.cli.common import site_link
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import INTERRUPTED, Row, Section, console, json_option, print_json, print_table
+from pointit.cli.common.output import (
+    INTERRUPTED,
+    OutputSection,
+    Row,
+    console,
+    json_option,
+    print_json,
+    print_table,
+)
 from pointit.cli.site.identities_table import expiring, section, visible_rows
 from pointit.diagnosis.causes import may_pass
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
-from pointit.diagnosis.observation import Finding, Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
 from pointit.diagnosis.outage import unreachable
 from pointit.diagnosis.presence import is_anything_starting
 from pointit.diagnosis.stopped_processes import stopped_processes
@@ -78,11 +86,11 @@ class SiteObserver:
         self._only = only
         self.seen: Observation | None = None
         self._began_s = time.monotonic()
-        self._news = asyncio.Event()
+        self._changed = asyncio.Event()
         self._present: set[str] = set()
         self._ever: set[str] = set()
         self._shards: set[str] = set()
-        self._reports: dict[str, list[Report]] = {}
+        self._reports: dict[str, list[DiagnosisReport]] = {}
         self._deployments: dict[str, Deployment] = {}
         self._speed = 1.0
 
@@ -96,17 +104,17 @@ class SiteObserver:
         bus.watch(SHARD_ALIVE, lambda name, here: (self._shards.add if here else self._shards.discard)(name))
         await asyncio.sleep(MIN_S)
         while time.monotonic() < self._began_s + self._listening_s(self._observe(bus.link)):
-            self._news.clear()
+            self._changed.clear()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CHECK_S):
-                    await self._news.wait()
-        sees_nobody = not self._present and not self._deployments
-        is_open = sees_nobody and bus.link.credentials is None  # with credentials there is a site
+                    await self._changed.wait()
+        sees_no_process = not self._present and not self._deployments
+        is_open = sees_no_process and bus.link.credentials is None  # with credentials there is a site
         self.seen = dataclasses.replace(
             self._observe(bus.link),
             is_patient=False,
             other_sites=await sites_at(bus.link) if is_open else (),
-            denied=await bus.denial_reason("reads", HEALTH, ANY) if sees_nobody else "",
+            denied=await bus.denial_reason("reads", HEALTH, ANY) if sees_no_process else "",
         )
 
     def _observe(self, link: Link) -> Observation:
@@ -130,23 +138,23 @@ class SiteObserver:
     def _listening_s(self, seen: Observation) -> float:
         """Return the listening time, s: longer while services start, or while a problem may pass."""
         wanted = {each for each in seen.present if not self._only or is_about(each, self._only)}
-        heard = all(len(seen.reports.get(instance, ())) >= 2 for instance in wanted)
+        is_complete = all(len(seen.reports.get(instance, ())) >= 2 for instance in wanted)
         if not seen.stopped and is_anything_starting(seen):
             return STARTS_S
-        if not heard or (self._only and not wanted):
+        if not is_complete or (self._only and not wanted):
             return LONGEST_S
         return CONFIRM_S if any(map(may_pass, diagnose(seen))) else 0.0
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         (self._present.add if present else self._present.discard)(instance)
         self._ever.add(instance)
-        self._news.set()
+        self._changed.set()
 
     def _on_health(self, health: Health, instance: str) -> None:
         self._reports.setdefault(instance, []).append(
-            Report(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+            DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
         )
-        self._news.set()
+        self._changed.set()
 
     def _on_deployment(self, deployment: Deployment, name: str) -> None:
         believed = deployment.believed(name)
@@ -170,7 +178,7 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
     "--timeout",
     "timeout_s",
     type=Finite(min=0),
-    default=site_link.PATIENCE_S,
+    default=site_link.TIMEOUT_S,
     help="time to look for the site, s",
 )
 @click.option(
@@ -201,26 +209,26 @@ def command(
     credentials = given_credentials()
     known = visible_rows(credentials, folder, dt.datetime.now(dt.UTC))
     known = [row for row in known if not only or row["name"] == only]
-    look = SiteObserver(only)
+    observer = SiteObserver(only)
     try:
-        run_until_shutdown(_listen(look, site, connect, timeout_s))
+        run_until_shutdown(_listen(observer, site, connect, timeout_s))
     except ConnectError:
         is_refused = all(site_link.listens(each) is False for each in connect)
         stopped = stopped_processes(site, connect)
         finding = unreachable(connect, stopped, is_refused=is_refused, is_secured=credentials is not None)
         return _show(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
-    if look.seen is None:
+    if observer.seen is None:
         return INTERRUPTED
-    findings = diagnose(look.seen)
+    findings = diagnose(observer.seen)
     if only:
-        findings = filter_findings(findings, look.seen, only)
-    return _show(look.seen, findings, known, site, only=only, as_json=as_json)
+        findings = filter_findings(findings, observer.seen, only)
+    return _show(observer.seen, findings, known, site, only=only, as_json=as_json)
 
 
-async def _listen(look: SiteObserver, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
-    async with site_link.join_site(site, connect, patience_s=timeout_s) as bus:
+async def _listen(observer: SiteObserver, site: str, connect: tuple[str, ...], timeout_s: float) -> int:
+    async with site_link.join_site(site, connect, timeout_s=timeout_s) as bus:
         with site_link.notify_if_slow(f"listening to {site_link.address(site, connect)} …"):
-            await look.watch(bus)
+            await observer.watch(bus)
     return 0
 
 
@@ -259,7 +267,9 @@ def _show(
     screen = console()
     if instances:
         rows = tuple(_row(seen, instance, findings) for instance in instances)
-        print_table(screen, Section(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS))
+        print_table(
+            screen, OutputSection(name="services", about=f"of site {site}", rows=rows, roomy=ROOMY_COLUMNS)
+        )
     figures = tuple(
         {"service": service, "user": user, "figures": _figures(health)}
         for instance in instances
@@ -267,7 +277,7 @@ def _show(
         for service, user in [_service_and_user(instance)]
     )
     if figures:
-        print_table(screen, Section(name="figures", about="what else they measure", rows=figures))
+        print_table(screen, OutputSection(name="figures", about="further measurements", rows=figures))
     if known:
         print_table(screen, section(known))
     if others := expiring(row for row in known if not row["own"]):  # the own ones were reported at the start

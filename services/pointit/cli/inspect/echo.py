@@ -47,12 +47,12 @@ async def _echo(
         present = _presence(bus)
         for topic, name in wanted:
             bus.subscribe(topic, functools.partial(printer.show, topic), name or ANY)
-        told_s: float | None = None
+        printed_s: float | None = None
         while not printer.done.is_set():
             wait_s = printer.newest_s + SILENCE_S - loop.time()
             if wait_s <= 0:
-                if told_s != printer.newest_s:
-                    told_s = printer.newest_s
+                if printed_s != printer.newest_s:
+                    printed_s = printer.newest_s
                     _tell_silence(key, wanted, present, any_yet=printer.shown > 0)
                 wait_s = SILENCE_S
             with contextlib.suppress(TimeoutError):

@@ -10,7 +10,7 @@ import click
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import Section, console, json_option, print_table, to_json, write_line
+from pointit.cli.common.output import OutputSection, console, json_option, print_table, to_json, write_line
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect.topic_names import EVERYTHING, Wanted, resolve_all
 from pointit.runtime.bus.contract import AnyTopic
@@ -36,7 +36,7 @@ def window_options(default_s: float, note: str = "") -> Decorator:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rate:
+class TopicRate:
     """One key over one window."""
 
     key: str
@@ -81,11 +81,11 @@ class RateMeter:
         self._messages += 1
         self._bytes += size
 
-    def take(self, now_s: float, window_s: float) -> Rate:
+    def take(self, now_s: float, window_s: float) -> TopicRate:
         """Return the rate in the last `window_s` until `now_s`, and start the next window."""
         known = self._periods > 0
         silence_s = 0.0 if self._last_s is None else now_s - self._last_s
-        rate = Rate(
+        rate = TopicRate(
             key=self._key,
             messages=self._messages,
             rate_hz=1.0 / self._mean_s if known and self._mean_s > 0 else None,
@@ -162,7 +162,7 @@ class _Counter:
                 self._meter(topic, name)
         self._subscriptions = [bus.subscribe(row, self._handler(row), name or ANY) for row, name in wanted]
 
-    def take(self, now_s: float, window_s: float) -> list[Rate]:
+    def take(self, now_s: float, window_s: float) -> list[TopicRate]:
         return [self._meters[key].take(now_s, window_s) for key in sorted(self._meters)]
 
     def take_conflated(self) -> int:
@@ -184,7 +184,7 @@ class _Counter:
         return self._meters[key]
 
 
-def _show(rates: list[Rate], window_s: float, conflated: int, *, as_json: bool) -> bool:
+def _show(rates: list[TopicRate], window_s: float, conflated: int, *, as_json: bool) -> bool:
     """Print one window. Return False if the reader of the pipe is gone."""
     if conflated:
         click.echo(
@@ -206,7 +206,7 @@ def _show(rates: list[Rate], window_s: float, conflated: int, *, as_json: bool) 
         for rate in rates
     )
     if rows:
-        print_table(console(), Section(name="rates", about=f"over {window_s:g} s", rows=rows))
+        print_table(console(), OutputSection(name="rates", about=f"over {window_s:g} s", rows=rows))
     else:
         click.echo(f"nothing came within {window_s:g} s; who runs? See `pointit doctor`", err=True)
     return True

@@ -2,14 +2,14 @@
 
 import click
 
-from pointit.cli.common.output import Section, json_option, show
+from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.schemas import topics as table
 from pointit.services.registry import add_installed
 
 
-def topics() -> Section:
+def topics() -> OutputSection:
     """Return the topics."""
-    return Section(
+    return OutputSection(
         name="topics",
         about="keys below pointit/<site>, see them with `pointit topic echo KEY`",
         rows=tuple(
@@ -27,11 +27,11 @@ def topics() -> Section:
     )
 
 
-def requests() -> Section:
+def requests() -> OutputSection:
     """Return the requests."""
-    return Section(
+    return OutputSection(
         name="requests",
-        about="what can be requested, and which service replies",
+        about="requests, and the service that replies to each",
         rows=tuple(
             {
                 "key": request.key,
@@ -46,9 +46,9 @@ def requests() -> Section:
     )
 
 
-def presence() -> Section:
+def presence() -> OutputSection:
     """Return the tokens that exist as long as their owners."""
-    return Section(
+    return OutputSection(
         name="presence",
         about="tokens that exist as long as their owners",
         rows=tuple({"key": token.key, "about": token.about} for token in table.PRESENCES),

@@ -12,7 +12,15 @@ from typing import Unpack
 import click
 import numpy as np
 
-from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
+from pointit.cli.common.output import (
+    OutputSection,
+    console,
+    json_option,
+    print_table,
+    say,
+    to_json,
+    write_line,
+)
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.progress import progress
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
@@ -113,7 +121,7 @@ class PathJoiner:
 
     def settled(self, now_s: float) -> list[SamplePath]:
         """Return the samples that are `SETTLE_S` old, in order of arrival, and forget them."""
-        found: list[SamplePath] = []
+        paths: list[SamplePath] = []
         while self._open:
             stamp_ns, path = next(iter(self._open.items()))
             if now_s - path.first_s < SETTLE_S:
@@ -123,8 +131,8 @@ class PathJoiner:
             if len(self._judged) > MAX_OPEN:
                 self._judged.popitem(last=False)
             if path.first_s >= self._ready_s and path.at_ns.keys() - SHARED > {CAPTURE}:
-                found.append(path)
-        return found
+                paths.append(path)
+        return paths
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -336,15 +344,15 @@ class Tracer:
 
     def trace(self, paths: Sequence[SamplePath]) -> Trace:
         """Return the result over `paths`, at least one."""
-        path = farthest(paths)
+        hops = farthest(paths)
         figures = tuple(hop_figures(paths))
-        way = tuple(self._traced(path, hop) for hop in CAUSES if hop in path.at_ns)
+        way = tuple(self._traced(hops, hop) for hop in CAUSES if hop in hops.at_ns)
         hosts = {host for each in paths for hop in each.processes if (host := self._writer(each, hop)[1])}
         return Trace(
             user=self.user,
             samples=len(paths),
-            stamp_ns=path.stamp_ns,
-            captured_ns=path.at_ns[CAPTURE],
+            stamp_ns=hops.stamp_ns,
+            captured_ns=hops.at_ns[CAPTURE],
             path=way,
             hops=figures,
             clocks=tuple(
@@ -356,32 +364,32 @@ class Tracer:
         )
 
     def silence(self) -> str:
-        """Return a sentence that says why no sample came."""
+        """Return a sentence with the reason that no sample came."""
         reason = silence_reason(topics.IMU, self.user, self._present)
         return f"no sample of {self.user} came within {SILENCE_S:g} s: {reason}"
 
-    def _traced(self, path: SamplePath, hop: str) -> TracedHop:
-        service, host = self._writer(path, hop)
+    def _traced(self, hops: SamplePath, hop: str) -> TracedHop:
+        service, host = self._writer(hops, hop)
         return TracedHop(
             hop=hop,
             service=service,
             host=host,
-            at_ns=path.at_ns[hop],
-            delta_s=path.delta_s(hop),
-            total_s=path.total_s(hop),
+            at_ns=hops.at_ns[hop],
+            delta_s=hops.delta_s(hop),
+            total_s=hops.total_s(hop),
         )
 
-    def _writer(self, path: SamplePath, hop: str) -> tuple[str, str]:
-        """Return instance and host of who published `path` at `hop`, `""` where unknown."""
+    def _writer(self, hops: SamplePath, hop: str) -> tuple[str, str]:
+        """Return instance and host of who published `hops` at `hop`, `""` where unknown."""
         topic = TOPICS["frame" if hop == LIGHT else hop]
         here = [
-            report
-            for process, report in self._reports.values()
-            if process == path.processes[hop] and report.user in ("", self.user) and _writes(report, topic)
+            health
+            for process, health in self._reports.values()
+            if process == hops.processes[hop] and health.user in ("", self.user) and _writes(health, topic)
         ]
-        own = [report for report in here if split_instance(report.instance)[1] == self.user] or here
+        own = [health for health in here if split_instance(health.instance)[1] == self.user] or here
         if own:
-            return _joined(report.instance for report in own), _joined(report.host for report in own)
+            return _joined(health.instance for health in own), _joined(health.host for health in own)
         return _joined(present_writers(topic, self.user, self._present)), ""
 
     def _tap(self, hop: str) -> Tap:
@@ -390,9 +398,9 @@ class Tracer:
 
         return on_message
 
-    def _on_health(self, report: Health, process: str, arrived_ns: int, now_s: float) -> None:
-        self._reports[report.instance] = (process, report)
-        self._skews.on_report(report.host, report.stamp_ns, arrived_ns, now_s)
+    def _on_health(self, health: Health, process: str, arrived_ns: int, now_s: float) -> None:
+        self._reports[health.instance] = (process, health)
+        self._skews.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
 
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         self._tick = tick
@@ -412,8 +420,8 @@ class Tracer:
         return tick.stamp_ns + round((stamp_ns - tick.sim_ns) / tick.speed)
 
 
-def _writes(report: Health, topic: AnyTopic) -> bool:
-    return any(key.key == topic.key and key.direction == "out" for key in report.keys)
+def _writes(health: Health, topic: AnyTopic) -> bool:
+    return any(key.key == topic.key and key.direction == "out" for key in health.keys)
 
 
 def _joined(names: Iterable[str]) -> str:
@@ -455,9 +463,9 @@ def _show(trace: Trace, count: int, *, as_json: bool) -> bool:
     )
     screen = console()
     about = f"of {trace.user}, captured at {_clock_time(trace.captured_ns)} ({trace.stamp_ns})"
-    print_table(screen, Section(name="sample", about=about, rows=way, roomy=frozenset(("host",))))
+    print_table(screen, OutputSection(name="sample", about=about, rows=way, roomy=frozenset(("host",))))
     about = f"{trace.samples} samples, ms since the hop before and since capture"
-    print_table(screen, Section(name="hops", about=about, rows=hops, roomy=frozenset(("service",))))
+    print_table(screen, OutputSection(name="hops", about=about, rows=hops, roomy=frozenset(("service",))))
     for sentence in trace.clocks:
         say(f"warning: {sentence}")
     return True

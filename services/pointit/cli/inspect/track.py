@@ -11,15 +11,23 @@ from typing import Any, Unpack
 import click
 import numpy as np
 
-from pointit.cli.common.output import Section, console, json_option, print_table, say, to_json, write_line
+from pointit.cli.common.output import (
+    OutputSection,
+    console,
+    json_option,
+    print_table,
+    say,
+    to_json,
+    write_line,
+)
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect.hz import RateMeter, window_options
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import NS_PER_S, TrackedObjects, encode
 from pointit.schemas.topics import OBJECTS
-from pointit.services.pui.tracked_objects import TwinFinder
+from pointit.services.pui.tracked_objects import DuplicateFinder
 
-MOST = 4096
+MAX_LINES = 4096
 """Largest number of messages of a window whose age counts; of more, the latest."""
 
 
@@ -71,7 +79,7 @@ class TrackerMeters:
         self._meters: dict[str, RateMeter] = {}
         self._ages_s: dict[str, deque[float]] = {}
         self._newest: dict[str, TrackedObjects] = {}
-        self._twins = TwinFinder()
+        self._duplicate_finder = DuplicateFinder()
 
     def add(self, tracker: str, message: TrackedObjects, *, arrived_s: float, arrived_ns: int) -> None:
         """Add a message.
@@ -82,11 +90,11 @@ class TrackerMeters:
             arrived_s: time of its arrival by any monotonic clock.
             arrived_ns: the same by this machine's clock, Unix ns.
         """
-        self._twins.on_objects(tracker, message)
+        self._duplicate_finder.on_objects(tracker, message)
         if self._only and tracker not in self._only:
             return
         self._meters.setdefault(tracker, RateMeter(tracker)).add(arrived_s, len(encode(message)))
-        ages_s = self._ages_s.setdefault(tracker, deque(maxlen=MOST))
+        ages_s = self._ages_s.setdefault(tracker, deque(maxlen=MAX_LINES))
         ages_s.append((arrived_ns - message.stamp_ns) / NS_PER_S)
         self._newest[tracker] = message
 
@@ -106,15 +114,15 @@ class TrackerMeters:
                 )
             )
             ages_s.clear()
-        twins = [
+        duplicates = [
             twin
-            for twin in self._twins.twins
+            for twin in self._duplicate_finder.twins
             if not self._only or not self._only.isdisjoint((twin.tracker, twin.other_tracker))
         ]
         return Tracking(
             trackers=tuple(trackers),
             objects=tuple(_object_rows(self._newest)),
-            twins=tuple(twin.sentence for twin in twins),
+            twins=tuple(twin.sentence for twin in duplicates),
         )
 
 
@@ -196,10 +204,12 @@ def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
     )
     objects: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.objects)
     screen = console()
-    print_table(screen, Section(name="trackers", about=f"over {window_s:g} s", rows=trackers))
+    print_table(screen, OutputSection(name="trackers", about=f"over {window_s:g} s", rows=trackers))
     if objects:
         roomy = frozenset(("kind", "yaw_deg"))
-        print_table(screen, Section(name="objects", about="as last reported", rows=objects, roomy=roomy))
+        print_table(
+            screen, OutputSection(name="objects", about="as last reported", rows=objects, roomy=roomy)
+        )
     for sentence in tracking.twins:
         say(f"warning: {sentence}")
     return True

@@ -11,7 +11,7 @@ from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option, point
 from pointit.cli.common.output import json_option, print_json
 from pointit.maps.checks.examine import examined
-from pointit.maps.checks.finding import Finding
+from pointit.maps.checks.finding import MapFinding
 from pointit.maps.file import map_path, read_map_file
 
 COLORS = {"error": "red", "warning": "yellow"}
@@ -79,12 +79,12 @@ def notify_if_slow(text: str) -> Generator[None]:
         timer.cancel()
 
 
-def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: bool = False) -> None:
+def print_findings(name: str, has: str, findings: Sequence[MapFinding], *, err: bool = False) -> None:
     """Print the first `MAX_PRINTED` findings, and their number; `err`: to standard error."""
     for each in findings[:MAX_PRINTED]:
         click.echo(
             f"{click.style(each.severity, fg=COLORS[each.severity], bold=True)} "
-            f"{_tame(f'{each.where}: {each.text}')}",
+            f"{_escape_control_characters(f'{each.where}: {each.text}')}",
             err=err,
         )
     if len(findings) > MAX_PRINTED:
@@ -99,6 +99,6 @@ def print_findings(name: str, has: str, findings: Sequence[Finding], *, err: boo
     click.echo(f"{name}: {', '.join(counts) or 'no findings'}{f'; {has}' if has else ''}", err=err)
 
 
-def _tame(text: str) -> str:
+def _escape_control_characters(text: str) -> str:
     """Return `text`, which contains names from the file, without terminal control characters, shortened."""
     return "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])

@@ -38,21 +38,26 @@ STANDARD = Path("-")
 
 def _leaves() -> list[ParameterInfo]:
     """Return the parameters of the bridge's backend that are also options here."""
-    return [leaf for leaf in iter_parameters(BackendConfig, ("backend",)) if leaf.path[-1] != "node"]
+    return [
+        parameter
+        for parameter in iter_parameters(BackendConfig, ("backend",))
+        if parameter.path[-1] != "node"
+    ]
 
 
-def _parameter(leaf: ParameterInfo) -> str:
-    return "__".join(leaf.path)
+def _parameter(parameter: ParameterInfo) -> str:
+    return "__".join(parameter.path)
 
 
 def _options() -> list[click.Parameter]:
     return [
         click.Option(
-            [_parameter(leaf), leaf.option],
-            metavar=f"<{leaf.type_name}>",
-            help=f"{leaf.field.description}  [default: {MODE if leaf.path[-1] == 'mode' else leaf.default}]",
+            [_parameter(parameter), parameter.option],
+            metavar=f"<{parameter.type_name}>",
+            help=f"{parameter.field.description}  "
+            f"[default: {MODE if parameter.path[-1] == 'mode' else parameter.default}]",
         )
-        for leaf in _leaves()
+        for parameter in _leaves()
     ]
 
 
@@ -120,11 +125,13 @@ def command(
     from pointit.bridges.ros2.parameters.map_of_node import FetchRequest, fetched  # noqa: PLC0415 - takes half a second and an extra
 
     quiet()
-    wish = FetchRequest(node=name, parameter=parameter, usual=PARAMETER, prefix=prefix, timeout_s=timeout_s)
+    request = FetchRequest(
+        node=name, parameter=parameter, usual=PARAMETER, prefix=prefix, timeout_s=timeout_s
+    )
     found: list[Mapping[str, Any]] = []
 
     async def fetch() -> int:
-        found.append(await fetched(config, wish, say=_say, telling=notify_if_slow))
+        found.append(await fetched(config, request, say=_say, telling=notify_if_slow))
         return 0
 
     bridge = logging.getLogger("pointit.bridges.ros2")
@@ -146,10 +153,10 @@ def _say(sentence: str) -> None:
 def _config(options: Mapping[str, str | None]) -> BackendConfig:
     layers = Layers()
     layers.add({"mode": MODE, "node": OUR_NODE}, "defaults")
-    for leaf in _leaves():
-        text = options[_parameter(leaf)]
+    for parameter in _leaves():
+        text = options[_parameter(parameter)]
         if text is not None:
-            layers.add_text(leaf.path[1:], text, leaf.option)
+            layers.add_text(parameter.path[1:], text, parameter.option)
     return layers.build(BackendConfig)
 
 

@@ -7,7 +7,7 @@ import click
 
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option
-from pointit.maps.checks.things import told_apart
+from pointit.maps.checks.things import separability
 from pointit.maps.file import contents, map_path, read_whole_map
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
@@ -49,12 +49,12 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades:
         raise ConfigError(f"pictures need matplotlib, which is not installed; run {remedy('plot')}")
     with map_path(name_or_path) as path:
         file, room, clouds = read_whole_map(path, 0)
-    shares = told_apart(room.fixed_things) if shades else None
+    shares = separability(room.fixed_things) if shades else None
     from pointit.maps.picture.picture import draw_map  # noqa: PLC0415 - takes half a second and an extra
 
     try:
         title = f"{room.name}: {contents(file, clouds)}"
-        missing = draw_map(picture, room, clouds, title, person_m, told_apart=shares)
+        missing = draw_map(picture, room, clouds, title, person_m, separability=shares)
     except OSError as error:
         raise ConfigError(f"-o {picture}: cannot be written ({error.strerror or error})") from error
     click.echo(f"{picture}: {contents(file, clouds)}")

@@ -27,7 +27,7 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConfigError, NoMessageError, RefusedError
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.scan.as_map import pointed_text
-from pointit.scan.by_pointing import PointedAt, Pointing, locate, pointing_of
+from pointit.scan.by_pointing import PointedAt, TargetRay, locate, pointing_of
 from pointit.schemas import ButtonEvent, Environment, PointingRay, UserPose
 from pointit.schemas.topics import BUTTON, POSE, RAY, check_name
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, solve
@@ -73,7 +73,7 @@ def ends_in(room: Environment, names: Sequence[str]) -> dict[str, Vec3]:
     return {name: places[name] for name in names}
 
 
-def stood(
+def poses_of(
     rays: Mapping[str, Sequence[PointingRay]], ends: Mapping[str, Vec3], floor_m: float | None
 ) -> Solution:
     """Return the pose of a person whose `rays` were pointed at `ends`; its `z_m` is the height of the floor.
@@ -94,8 +94,8 @@ def stood(
         directions(all_rays),
         np.array([end for _, end in held]),
     )
-    trust = SolverSettings() if floor_m is not None else SolverSettings(height_sigma_m=FLOOR_SIGMA_M)
-    found = solve(pointings, trust, floor_m=floor_m or 0.0)
+    settings = SolverSettings() if floor_m is not None else SolverSettings(height_sigma_m=FLOOR_SIGMA_M)
+    found = solve(pointings, settings, floor_m=floor_m or 0.0)
     if isinstance(found, Refusal):
         raise RefusedError(found.reason)
     return found
@@ -151,10 +151,10 @@ CORNERS: dict[str, tuple[str, ...]] = {
 """Corners of each kind that are pointed at."""
 HOLD_RAYS = 25
 """Number of rays before a press that are averaged."""
-MOST_PLACES = 4
+MAX_PLACES = 4
 SAME_PLACE_M = 0.5
 """Distance up to which a person stands where they stood."""
-PATIENCE_S = 3.0
+TIMEOUT_S = 3.0
 
 
 Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
@@ -171,7 +171,7 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
     "kind",
     type=click.Choice(list(CORNERS)),
     default="lamp",
-    help="what the names are; of boxes, screens and tables the corners are pointed at",
+    help="kind of the named things; of boxes, screens and tables the corners are pointed at",
 )
 @click.option(
     "-o",
@@ -275,7 +275,7 @@ def stand_at(room: Path, content: bytes, ends: Mapping[str, Vec3], floor_m: floa
 
     async def work(session: "PointingSession") -> tuple[str, int]:
         rays = {name: await session.hold(name) for name in ends}
-        pose = stood(rays, ends, floor_m)
+        pose = poses_of(rays, ends, floor_m)
         first, end_m = next(iter(ends.items()))
         heading_rad = math.atan2(end_m[1] - pose.y_m, end_m[0] - pose.x_m)
         z_m, z_sigma_m = (pose.z_m, pose.z_sigma_m) if floor_m is None else (floor_m, 0.0)
@@ -298,7 +298,7 @@ class PointingSession:
         """Create for `user`; `tell` gets the instructions."""
         self.user = user
         self._tell = tell
-        self._pose = site_link.LatestMessage(bus, POSE, user)
+        self._latest_pose = site_link.LatestMessage(bus, POSE, user)
         self._rays: deque[PointingRay] = deque(maxlen=HOLD_RAYS)
         self._pressed = asyncio.Event()
         bus.subscribe(RAY, self._on_ray, user)
@@ -310,7 +310,7 @@ class PointingSession:
         Raises:
             NoMessageError: If there are no rays or no pose of the person.
         """
-        if await self._pose.wait(PATIENCE_S) is None:
+        if await self._latest_pose.wait(TIMEOUT_S) is None:
             raise NoMessageError(
                 f"{self.user} has no pose: set it by `pointit person pose {self.user} X,Y`, or localize"
             )
@@ -319,41 +319,41 @@ class PointingSession:
             for name in names
             for number, corner in enumerate(corners)
         }
-        pointings: list[Pointing] = []
-        stood: list[UserPose] = []
+        pointings: list[TargetRay] = []
+        poses: list[UserPose] = []
         while True:
-            pose = await self._next_place(stood)
-            stood.append(pose)
+            pose = await self._next_place(poses)
+            poses.append(pose)
             for target, words in targets.items():
                 rays = await self.hold(words)
-                latest = self._pose.value or pose
-                pointings.append(pointing_of(target, self.user, f"place {len(stood)}", rays, latest))
+                latest = self._latest_pose.value or pose
+                pointings.append(pointing_of(target, self.user, f"place {len(poses)}", rays, latest))
             found = locate(pointings)
             open_ones = {target for target, each in found.items() if each.reason}
             for target, each in found.items():
                 if not each.reason:
                     self._tell(f"{target}: known to {100 * each.sigma_m:.0f} cm")
-            if not open_ones or len(stood) == MOST_PLACES:
+            if not open_ones or len(poses) == MAX_PLACES:
                 return found
-            if len(stood) > 1:
+            if len(poses) > 1:
                 targets = {target: words for target, words in targets.items() if target in open_ones}
 
-    async def _next_place(self, stood: Sequence[UserPose]) -> UserPose:
-        """Return the pose when the person has one elsewhere than where they `stood`."""
-        if not stood:
-            return self._pose.value or await self._pose_elsewhere(stood)
+    async def _next_place(self, poses: Sequence[UserPose]) -> UserPose:
+        """Return the pose when the person has one elsewhere than where they `poses`."""
+        if not poses:
+            return self._latest_pose.value or await self._pose_at_another_place(poses)
         self._tell(
             f"{self.user}: go to another place, at least 60 degrees aside as seen from the things, "
             "and have your pose set there"
         )
-        return await self._pose_elsewhere(stood)
+        return await self._pose_at_another_place(poses)
 
-    async def _pose_elsewhere(self, stood: Sequence[UserPose]) -> UserPose:
+    async def _pose_at_another_place(self, poses: Sequence[UserPose]) -> UserPose:
         def is_new(pose: UserPose) -> bool:
-            return all(norm(subtract(pose.position_m, old.position_m)) > SAME_PLACE_M for old in stood)
+            return all(norm(subtract(pose.position_m, old.position_m)) > SAME_PLACE_M for old in poses)
 
         while True:
-            if pose := await self._pose.wait(PATIENCE_S, is_new):
+            if pose := await self._latest_pose.wait(TIMEOUT_S, is_new):
                 return pose
 
     async def hold(self, words: str) -> list[PointingRay]:

@@ -274,14 +274,14 @@ def command(
         print_file(text)
     for sentence in _sentences(scan):
         click.echo(sentence, err=True)
-    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    is_whole = not scan.missing and (also_doubtful or all(each.identified for each in found))
+    scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
+    is_whole = not scan.missing and (also_doubtful or all(each.identified for each in scanned))
     return 0 if is_whole else EXIT_FAILED
 
 
 def _sentences(scan: Scan) -> list[str]:
     """Return sentences about a scan: problems, doubts, the next step."""
-    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    doubts = [f"{each.name}: {each.reason}" for each in found if each.reason]
+    scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
+    uncertain = [f"{each.name}: {each.reason}" for each in scanned if each.reason]
     advice = next_view(scan)
-    return [*scan.problems, *doubts, *([f"next: {advice.text}"] if advice else ["complete"])]
+    return [*scan.problems, *uncertain, *([f"next: {advice.text}"] if advice else ["complete"])]

@@ -21,7 +21,7 @@ LED_DRIVER = "led-driver"
 """Instance whose frames are shown. Without it the strips are dark."""
 
 
-class PrintedHealth(NullHealth):
+class PrintedWarnings(NullHealth):
     """Prints all warnings whenever they change."""
 
     def __init__(self, well: str, *, as_json: bool) -> None:
@@ -71,8 +71,10 @@ def command(output: str, *, strips: tuple[str, ...], as_json: bool, **at: Unpack
     """
     quiet()
     config = _config(output, strips)
-    shown = ", ".join(f"strip {strip}" for strip in strips) or "all strips"
-    return run_until_shutdown(_show(config, PrintedHealth(f"{output} shows {shown}", as_json=as_json), **at))
+    frames = ", ".join(f"strip {strip}" for strip in strips) or "all strips"
+    return run_until_shutdown(
+        _show(config, PrintedWarnings(f"{output} shows {frames}", as_json=as_json), **at)
+    )
 
 
 def _config(output: str, strips: tuple[str, ...]) -> OutputConfig:
@@ -87,18 +89,18 @@ def _config(output: str, strips: tuple[str, ...]) -> OutputConfig:
     return config
 
 
-async def _show(config: OutputConfig, health: PrintedHealth, **at: Unpack[AtSite]) -> int:
+async def _show(config: OutputConfig, health: PrintedWarnings, **at: Unpack[AtSite]) -> int:
     async with join_site(**at) as bus:
         folder = plugin_folder(bus.site, "", OUTPUTS.kind, config.kind)
-        around = Surroundings(clock=WallClock(), health=health, folder=folder)
-        (output,) = make_outputs([config], lambda _kind, _name, _user, _which: around, health)
+        surroundings = Surroundings(clock=WallClock(), health=health, folder=folder)
+        (output,) = make_outputs([config], lambda _kind, _name, _user, _which: surroundings, health)
         if output.follows_cursors:
             raise ConfigError(f"{config.kind}: follows people's cursors; give it to `pointit run --output`")
-        shown = SiteFrames(output)
-        bus.subscribe(MAP, shown.on_map)
-        bus.subscribe(STRIPS_FRAME, shown.on_frame)
-        bus.subscribe(LAMP_COLOR, shown.on_lamp)
-        bus.watch(SERVICE_ALIVE, shown.on_service)
+        frames = SiteFrames(output)
+        bus.subscribe(MAP, frames.on_map)
+        bus.subscribe(STRIPS_FRAME, frames.on_frame)
+        bus.subscribe(LAMP_COLOR, frames.on_lamp)
+        bus.watch(SERVICE_ALIVE, frames.on_service)
         health.tell()
         await output.run()
     return 0

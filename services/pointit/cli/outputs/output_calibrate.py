@@ -103,32 +103,32 @@ async def pointed(
     return found
 
 
-def report(config: SpotlightConfig, fit: FittedPose) -> list[str]:
+def report(config: SpotlightConfig, pose: FittedPose) -> list[str]:
     """Return the pose as lines of YAML.
 
     Raises:
         PointItError: If it is wrong or ambiguous.
     """
-    error_deg = math.degrees(fit.error_rad)
-    if fit.error_rad > WRONG_RAD:
+    error_deg = math.degrees(pose.error_rad)
+    if pose.error_rad > WRONG_RAD:
         raise PointItError(
             f"the beam misses the places by {error_deg:.1f}° on average: one was confused, or "
             "`pan_range_deg` or `tilt_range_deg` are not those of the fixture's manual; correct them and "
             "calibrate again"
         )
-    if not fit.is_unique:
+    if not pose.is_unique:
         raise PointItError(
             "another pose fits these places as well: calibrate again with one more, not on a line with "
             "others (--at X Y Z)"
         )
-    x, y, z = fit.position_m
+    x, y, z = pose.position_m
     lines = [
         f"# the beam meets the places to {error_deg:.2f}° on average",
         f"position_m: [{x:.3f}, {y:.3f}, {z:.3f}]",
-        f"yaw_deg: {fit.yaw_deg:.2f}",
-        f"pitch_deg: {fit.pitch_deg:.2f}",
-        f"roll_deg: {fit.roll_deg:.2f}",
+        f"yaw_deg: {pose.yaw_deg:.2f}",
+        f"pitch_deg: {pose.pitch_deg:.2f}",
+        f"roll_deg: {pose.roll_deg:.2f}",
     ]
-    if fit.is_mirrored:
+    if pose.is_mirrored:
         lines.append(f"invert_pan: {'false' if config.invert_pan else 'true'}")
     return lines

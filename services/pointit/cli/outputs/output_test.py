@@ -38,7 +38,7 @@ COLORS: dict[str, Rgb] = {"red": (255, 0, 0), "green": (0, 255, 0), "blue": (0, 
 
 
 @dataclass(frozen=True)
-class Step:
+class TestStep:
     """Pictures that show one property of a strip."""
 
     text: str
@@ -49,7 +49,7 @@ class Step:
     """Time for which each picture is shown, s."""
 
 
-def steps_of(strip: Strip) -> list[Step]:
+def steps_of(strip: Strip) -> list[TestStep]:
     """Return the steps that test `strip`."""
     first_m, last_m = strip.line_m[:: len(strip.line_m) - 1][:: strip.direction]
     ends = {0: COLORS["green"], strip.pixels - 1: COLORS["red"]}
@@ -57,19 +57,19 @@ def steps_of(strip: Strip) -> list[Step]:
     run = [number * (strip.pixels - 1) // max(1, count - 1) for number in range(count)]
     begin = range(min(COLORED_PIXELS, strip.pixels))
     return [
-        Step(
+        TestStep(
             f"first of {strip.pixels} pixels green, at {_place(first_m)} in the map; last red, at "
             f"{_place(last_m)}",
             (_picture(strip, ends),),
             ENDS_S,
         ),
-        Step(
+        TestStep(
             "a white pixel runs from the green to the red end",
             tuple(_picture(strip, {pixel: (255, 255, 255)}) for pixel in run),
             RUN_S / count,
         ),
         *(
-            Step(f"the first pixels are {name}", (_picture(strip, dict.fromkeys(begin, color)),), COLOR_S)
+            TestStep(f"the first pixels are {name}", (_picture(strip, dict.fromkeys(begin, color)),), COLOR_S)
             for name, color in COLORS.items()
         ),
     ]
@@ -114,10 +114,10 @@ def command(
     tested = [strip for strip in room.strips if not names or strip.id in names]
     with tempfile.TemporaryDirectory() as folder, interruptible():
         health = PrintedHealth()
-        around = Surroundings(clock=WallClock(), health=health, folder=Path(folder))
+        surroundings = Surroundings(clock=WallClock(), health=health, folder=Path(folder))
 
         def same(_kind: str, _name: str, _user: str, _which: str) -> Surroundings:
-            return around
+            return surroundings
 
         outputs = make_outputs(driver.outputs, same, health)
         asyncio.run(_show(outputs, room, tested))
@@ -146,7 +146,7 @@ async def _show(outputs: Sequence[GuardedOutput], room: Environment, strips: Seq
 async def _show_step(
     outputs: Sequence[GuardedOutput],
     strip: Strip,
-    step: Step,
+    step: TestStep,
     numbers: "itertools.count[int]",
     pressed: asyncio.Event,
 ) -> None:

@@ -14,15 +14,15 @@ from pointit.launch.page.page import (
     EVERYWHERE,
     Page,
     is_available,
-    kept_link,
+    page_link_file,
     page_of,
     page_unavailable_error,
     where,
 )
-from pointit.launch.page.page_tokens import kept_tokens
+from pointit.launch.page.page_tokens import stored_tokens
 from pointit.launch.plan.settings import Settings
-from pointit.launch.run.run_site import CLOCK_PATIENCE_S
-from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S
+from pointit.launch.run.run_site import CLOCK_TIMEOUT_S
+from pointit.launch.run.running_scenario import PRESENCE_TIMEOUT_S
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.bus.contract import list_present
 from pointit.runtime.bus.site_clock import SiteClock
@@ -78,7 +78,7 @@ def command(
     if not is_available():
         raise page_unavailable_error("pointit dashboard")
     asked = _asked(port, host, is_lan=lan)
-    tokens, notes = kept_tokens(site, renew=new_link)
+    tokens, notes = stored_tokens(site, renew=new_link)
     for note in notes:
         click.echo(note, err=True)
     page = page_of(Settings(), asked=asked, tokens=tokens, option="--port")
@@ -117,14 +117,14 @@ async def _serve(page: Page, link: Link, *, is_open: bool, view_only: bool) -> i
     bus = await ZenohBus.open(link)
     try:
         clock = SiteClock(bus)
-        await clock.wait_for_tick(CLOCK_PATIENCE_S)
-        there = await list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S)
+        await clock.wait_for_tick(CLOCK_TIMEOUT_S)
+        there = await list_present(bus, SERVICE_ALIVE, PRESENCE_TIMEOUT_S)
         launches = (page.launch(number) for number in range(1, len(there) + 2))
         launch = next(launch for launch in launches if launch.instance not in there)
         url = page.viewer_url if view_only else page.url
         lan_url = page.viewer_lan_url if view_only else page.lan_url
         with contextlib.ExitStack() as stack:
-            file = stack.enter_context(kept_link(bus.site, url, lan_url))
+            file = stack.enter_context(page_link_file(bus.site, url, lan_url))
             click.echo(f"page: {where(url, file, sys.stdout)}")
             if lan_url:
                 click.echo(f"for the local network: {where(lan_url, file, sys.stdout)}")

@@ -11,7 +11,14 @@ import click
 from pointit.cli.common.progress import interruptible, progress
 from pointit.cli.page import browser
 from pointit.cli.page.run_page import browser_option, port_option
-from pointit.launch.page.page import Page, is_available, kept_link, page_of, page_unavailable_error, where
+from pointit.launch.page.page import (
+    Page,
+    is_available,
+    page_link_file,
+    page_of,
+    page_unavailable_error,
+    where,
+)
 from pointit.launch.plan.settings import Settings
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
@@ -69,7 +76,7 @@ async def _serve(recording: "Recording", title: str, page: Page, *, is_open: boo
     server = RecordingServer(FilePast(recording, title), page.config)
     await server.start()
     with contextlib.ExitStack() as stack:
-        file = stack.enter_context(kept_link(LINK, page.url))
+        file = stack.enter_context(page_link_file(LINK, page.url))
         click.echo(f"page: {where(page.url, file, sys.stdout)}")
         if recording.problem:
             click.echo(f"note: {recording.problem}", err=True)

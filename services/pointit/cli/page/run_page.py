@@ -17,12 +17,12 @@ from pointit.launch.page.page import (
     Page,
     is_asked_of_page,
     is_available,
-    kept_link,
+    page_link_file,
     page_of,
     page_unavailable_error,
     where,
 )
-from pointit.launch.page.page_tokens import kept_tokens
+from pointit.launch.page.page_tokens import stored_tokens
 from pointit.launch.plan.launches import PAGE, Choices
 from pointit.launch.plan.plan import Beside
 from pointit.launch.plan.scenario import Scenario
@@ -95,7 +95,7 @@ class RunPage(Beside):
             self._site_address = self._site_address or link.addresses[0]
         with contextlib.ExitStack() as stack:
             links = (self.page.scan_url, self.page.url, self.page.lan_url)
-            self._link = stack.enter_context(kept_link(bus.site, *filter(None, links)))
+            self._link = stack.enter_context(page_link_file(bus.site, *filter(None, links)))
             if self._link is not None and self._opens_browser and browser.is_wanted():
                 stack.callback(browser.PageOpener(bus, self.instance, self._link).close)
             yield
@@ -152,12 +152,12 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
             notes=[f"{REMEDY}; --no-web runs without it and without this note"],
             afterword=f"There was no page: {REMEDY}.",
         )
-    said = {"port": port} if port is not None else {}
-    tokens, notes = kept_tokens(options["site"], renew=options["new_link"])
+    page_options = {"port": port} if port is not None else {}
+    tokens, notes = stored_tokens(options["site"], renew=options["new_link"])
     page = page_of(
         choices,
         below=scenario.site.get(PAGE, {}),
-        asked=said | ({"lan": True} if options["lan"] else {}),
+        asked=page_options | ({"lan": True} if options["lan"] else {}),
         places=places(scenario, choices),
         tokens=tokens,
     )

@@ -10,7 +10,7 @@ from pointit.cli.common import site_link
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.people import pose_text
-from pointit.cli.people.anchoring import LATE_S, Anchoring
+from pointit.cli.people.anchoring import LATE_S, AnchorRequester
 from pointit.cli.people.changing_line import changing_line
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import Anchor, UserPose
@@ -56,17 +56,20 @@ async def _anchor(
     user: str, lamp: str, timeout_s: float, *, as_json: bool, **at: Unpack[site_link.AtSite]
 ) -> int:
     async with site_link.join_site(**at) as bus:
-        poses = site_link.LatestMessage(bus, POSE, user)
-        anchoring = Anchoring(bus, user)
-        before = await poses.wait(SHORT_S)
+        latest_pose = site_link.LatestMessage(bus, POSE, user)
+        anchoring = AnchorRequester(bus, user)
+        before = await latest_pose.wait(SHORT_S)
         try:
             with changing_line() as show:
                 anchor = await anchoring.point(lamp, timeout_s, lambda text: show(f"{user}: {text}"))
         except asyncio.CancelledError:
             return INTERRUPTED
-        after = poses.value
+        after = latest_pose.value
         if anchor.accepted:
-            after = await poses.wait(LATE_S, lambda pose: is_after(pose, anchor, before)) or poses.value
+            after = (
+                await latest_pose.wait(LATE_S, lambda pose: is_after(pose, anchor, before))
+                or latest_pose.value
+            )
     if as_json:
         print_json(_fields(user, anchor, before, after))
     else:

@@ -11,11 +11,11 @@ from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.schemas import Anchor, CancelLocalization, Localization, PointAnchor
 from pointit.schemas.topics import ANCHOR, CANCEL_LOCALIZATION, LOCALIZATION, POINT_ANCHOR, SERVICE_ALIVE
 
-PATIENCE_S = 2.0
+TIMEOUT_S = 2.0
 """Timeout of the localizer's first message, s."""
 LATE_S = 1.0
 """Time an anchor may arrive after the Localization that ends it: they have different keys."""
-CANCEL_PATIENCE_S = 0.5
+CANCEL_TIMEOUT_S = 0.5
 LISTEN_S = 0.3
 """Time to listen for present services, for an error message."""
 RETRY_S = 0.5
@@ -31,33 +31,33 @@ class AnchorNotStartedError(RefusedError):
         self.is_busy = is_busy
 
 
-class Anchoring:
+class AnchorRequester:
     """Requests anchors from one person's localizer, one after the other."""
 
     def __init__(self, bus: Bus, user: str) -> None:
         self._bus = bus
         self._user = user
-        self._everybody: dict[str, Localization] = {}
+        self._localizations: dict[str, Localization] = {}
         """Last Localization of every user."""
         self._anchor: Anchor | None = None
         self._changed = asyncio.Event()
-        bus.subscribe(LOCALIZATION, self._on_news)
+        bus.subscribe(LOCALIZATION, self._on_localization)
         bus.subscribe(ANCHOR, self._on_anchor, user)
 
     @property
-    def _news(self) -> Localization | None:
-        return self._everybody.get(self._user)
+    def _localization(self) -> Localization | None:
+        return self._localizations.get(self._user)
 
     @property
     def is_busy(self) -> bool:
         """Return True if any person is being localized or points at a lamp."""
-        return any(news.phase == "sampling" for news in self._everybody.values())
+        return any(localization.phase == "sampling" for localization in self._localizations.values())
 
-    async def wait_until_idle(self, patience_s: float) -> bool:
-        """Wait until no person is being localized. Return False after `patience_s`."""
+    async def wait_until_idle(self, timeout_s: float) -> bool:
+        """Wait until no person is being localized. Return False after `timeout_s`."""
         await asyncio.sleep(RETRY_S)
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(patience_s):
+            async with asyncio.timeout(timeout_s):
                 while self.is_busy:
                     await self._change()
         return not self.is_busy
@@ -79,7 +79,7 @@ class Anchoring:
         before_ns = await self._before()
         self._anchor = None
         was_busy = self.is_busy
-        had_work = self._news is not None and self._news.phase == "sampling"
+        had_work = self._localization is not None and self._localization.phase == "sampling"
         try:
             await self._bus.call(POINT_ANCHOR, PointAnchor(lamp=lamp), self._user)
         except RefusedError as error:
@@ -111,31 +111,31 @@ class Anchoring:
             contextlib.suppress(TimeoutError),
             notify_if_slow(f"waiting for the localizer of {self._user} …"),
         ):
-            async with asyncio.timeout(PATIENCE_S):
-                while self._news is None:
+            async with asyncio.timeout(TIMEOUT_S):
+                while self._localization is None:
                     await self._change()
-        if self._news is None:
+        if self._localization is None:
             there = await list_present(self._bus, SERVICE_ALIVE, LISTEN_S)
             raise NoAnswerError(
                 f"no localizer of {self._user} is heard: {missing_reason(LOCALIZATION, self._user, there)}"
             )
-        return self._news.stamp_ns
+        return self._localization.stamp_ns
 
     async def _result(
         self, before_ns: int, tell: Callable[[str], None], wait_in_turn: Callable[[], None]
     ) -> Anchor:
         reason = None
         while self._anchor is None and reason is None:
-            news = self._news
-            if news is not None and news.stamp_ns > before_ns:
-                reason = _ending(news)
+            localization = self._localization
+            if localization is not None and localization.stamp_ns > before_ns:
+                reason = _ending(localization)
                 if reason is not None:
                     break
-                if news.ahead:
+                if localization.ahead:
                     wait_in_turn()
-                    tell(f"wait: {news.ahead[0]} points at the lamps{_more(news.ahead[1:])}")
+                    tell(f"wait: {localization.ahead[0]} points at the lamps{_more(localization.ahead[1:])}")
                 else:
-                    tell(f"point at {news.target_id or 'the lamp that is lit'} and stay on it")
+                    tell(f"point at {localization.target_id or 'the lamp that is lit'} and stay on it")
             await self._change()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LATE_S):
@@ -152,11 +152,11 @@ class Anchoring:
     async def _call_off(self) -> None:
         with contextlib.suppress(RequestError):
             await self._bus.call(
-                CANCEL_LOCALIZATION, CancelLocalization(), self._user, timeout_s=CANCEL_PATIENCE_S
+                CANCEL_LOCALIZATION, CancelLocalization(), self._user, timeout_s=CANCEL_TIMEOUT_S
             )
 
-    def _on_news(self, news: Localization, user: str) -> None:
-        self._everybody[user] = news
+    def _on_localization(self, localization: Localization, user: str) -> None:
+        self._localizations[user] = localization
         self._changed.set()
 
     def _on_anchor(self, anchor: Anchor, _user: str) -> None:
@@ -168,9 +168,9 @@ def _more(waiting: Sequence[str]) -> str:
     return f", then {', '.join(waiting)}" if waiting else ""
 
 
-def _ending(news: Localization) -> str | None:
-    if news.phase == "idle":
+def _ending(localization: Localization) -> str | None:
+    if localization.phase == "idle":
         return "the localizer was restarted; try again"
-    if news.purpose != "anchor":
+    if localization.purpose != "anchor":
         return "the localizer is busy with another procedure; try again when it is done"
-    return None if news.phase == "sampling" else news.reason
+    return None if localization.phase == "sampling" else localization.reason

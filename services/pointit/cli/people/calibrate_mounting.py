@@ -57,11 +57,11 @@ _UP: Vec3 = (0.0, 0.0, 1.0)
 
 
 class MountingError(ValueError):
-    """The poses do not determine a mounting; the message says why and what to do."""
+    """The poses do not determine a mounting; the message has the reason and the remedy."""
 
 
 @dataclass(frozen=True)
-class Hold:
+class MountingHold:
     """An arm that rested in a pose."""
 
     mean_xyzw: Quaternion
@@ -71,7 +71,7 @@ class Hold:
 
 
 @dataclass(frozen=True)
-class Mounting:
+class FittedMounting:
     """A solved mounting; errors are elevations of the arm minus those of the poses."""
 
     arm_from_true: Quaternion
@@ -99,7 +99,7 @@ class RestPoseCollector:
         self.moved_rad = 0.0
         """Angle of the newest sample from the start of the rest."""
 
-    def add(self, orientation_xyzw: Quaternion, time_s: float) -> Hold | None:
+    def add(self, orientation_xyzw: Quaternion, time_s: float) -> MountingHold | None:
         """Add a sample. Return the pose once the arm has rested long enough, else None."""
         self.moved_rad = angle_between(self._samples[0], orientation_xyzw) if self._samples else 0.0
         if not self._samples or self.moved_rad > MOVEMENT_RAD or time_s < self._began_s:
@@ -118,16 +118,16 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
     return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
 
 
-def mean_pose(orientations: Orientations) -> Hold:
+def mean_pose(orientations: Orientations) -> MountingHold:
     """Return the mean orientation (Markley 2007, as SciPy has it) and the spread about it."""
     turns = Rotation.from_quat(orientations)
     mean = turns.mean()
     angles = (mean.inv() * turns).magnitude()
     x, y, z, w = (float(value) for value in mean.as_quat())
-    return Hold((x, y, z, w), float(np.sqrt(np.mean(np.square(angles)))), len(orientations))
+    return MountingHold((x, y, z, w), float(np.sqrt(np.mean(np.square(angles)))), len(orientations))
 
 
-def solve_mounting(forward: Hold, up: Hold) -> Mounting:
+def solve_mounting(forward: MountingHold, up: MountingHold) -> FittedMounting:
     """Return the mounting that explains the arm level ahead (palm down) and the arm straight up.
 
     The arm's axis pointed up in the second pose and was level in the first; a contradiction is shared between
@@ -169,7 +169,7 @@ def solve_mounting(forward: Hold, up: Hold) -> Mounting:
     return _report(forward.mean_xyzw, up.mean_xyzw, (qx, qy, qz, qw))
 
 
-def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> Mounting:
+def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> FittedMounting:
     ahead: Vec3 = (1.0, 0.0, 0.0)
     axis = rotation.rotate(arm_from_true, ahead)
 
@@ -178,7 +178,7 @@ def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> M
 
     before, after = seen(forward, ahead), seen(forward, axis)
     half_turn = math.pi / 2.0
-    return Mounting(
+    return FittedMounting(
         arm_from_true=arm_from_true,
         about_arm_rad=vector.wrap(-2.0 * math.atan2(arm_from_true[0], arm_from_true[3])),
         off_axis_rad=vector.angle_between(axis, ahead),
@@ -259,41 +259,43 @@ def command(
     site_link.quiet()
     if show or erase:
         return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, **at))
-    way = GuidanceOptions(
+    guidance = GuidanceOptions(
         rest_s=rest_s,
         timeout_s=timeout_s,
         waits=not non_interactive,
         asks=not (yes or non_interactive or as_json),
     )
-    return run_until_shutdown(_measure(user, way, as_json=as_json, **at))
+    return run_until_shutdown(_measure(user, guidance, as_json=as_json, **at))
 
 
-async def _measure(user: str, way: GuidanceOptions, *, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
+async def _measure(
+    user: str, guidance: GuidanceOptions, *, as_json: bool, **at: Unpack[site_link.AtSite]
+) -> int:
     async with site_link.join_site(**at) as bus:
         try:
-            found = await measure(bus, user, way)
+            fitted = await measure(bus, user, guidance)
             if not as_json:
-                for sentence in format_result(found):
+                for sentence in format_result(fitted):
                     say(f"{user}: {sentence}")
-            if way.asks:
+            if guidance.asks:
                 await wait_for_enter("Press Enter to use it, Ctrl-C to leave everything as it is.", "--yes")
         except asyncio.CancelledError:
             return INTERRUPTED
-        query = SetMounting(sensor_from_arm_xyzw=found.arm_from_true, is_relative=True)
+        query = SetMounting(sensor_from_arm_xyzw=fitted.arm_from_true, is_relative=True)
         reply = await bus.call(SET_MOUNTING, query, user)
     if as_json:
-        print_json({"user": user, **fields(found), **_reply_fields(reply)})
+        print_json({"user": user, **fields(fitted), **_reply_fields(reply)})
         return 0
     say(f"{user}: {reply.message}{site_link.default_address_note(**at)}")
-    if abs(found.heading_change_rad) > NOTICEABLE_RAD:
+    if abs(fitted.heading_change_rad) > NOTICEABLE_RAD:
         click.echo(
-            f"{user}: with it the direction turns by {math.degrees(found.heading_change_rad):.0f}°: correct "
+            f"{user}: with it the direction turns by {math.degrees(fitted.heading_change_rad):.0f}°: correct "
             f"the pose with `pointit person anchor {user}` or `pointit person pose {user} --facing DEG`"
         )
     return 0
 
 
-async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
+async def measure(bus: Bus, user: str, guidance: GuidanceOptions) -> FittedMounting:
     """Guide the person through the two poses and return the mounting.
 
     Raises:
@@ -302,19 +304,19 @@ async def measure(bus: Bus, user: str, way: GuidanceOptions) -> Mounting:
     """
     wrist = _Wrist(bus, user)
     await wrist.check()
-    holds: list[Hold] = []
+    holds: list[MountingHold] = []
     for name, what in POSES:
         text = f"{user}: {what}"
-        if way.waits:
+        if guidance.waits:
             await wait_for_enter(
-                f"{text}, then press Enter and rest for {way.rest_s:g} s", "--non-interactive"
+                f"{text}, then press Enter and rest for {guidance.rest_s:g} s", "--non-interactive"
             )
         else:
-            click.echo(f"{text}, and rest for {way.rest_s:g} s", err=True)
+            click.echo(f"{text}, and rest for {guidance.rest_s:g} s", err=True)
         # without Enter, the next pose must be far from the previous one
-        last = holds[-1].mean_xyzw if holds and not way.waits else None
+        last = holds[-1].mean_xyzw if holds and not guidance.waits else None
         with changing_line() as show:
-            holds.append(await wrist.rest(name, way, show, last))
+            holds.append(await wrist.rest(name, guidance, show, last))
         click.echo(f"{user}: good, the arm rested {name}", err=True)
     try:
         return solve_mounting(*holds)
@@ -341,19 +343,19 @@ class _Wrist:
             )
         try:
             with site_link.notify_if_slow(f"waiting for the wrist of {self._user} …"):
-                async with asyncio.timeout(site_link.PATIENCE_S):
+                async with asyncio.timeout(site_link.TIMEOUT_S):
                     await self._next()
         except TimeoutError:
             why = silence_reason(IMU, self._user, there)
             raise NoAnswerError(f"nothing comes from the wrist of {self._user}: {why}") from None
 
     async def rest(
-        self, name: str, way: GuidanceOptions, show: Callable[[str], None], apart_from: Quaternion | None
-    ) -> Hold:
+        self, name: str, guidance: GuidanceOptions, show: Callable[[str], None], apart_from: Quaternion | None
+    ) -> MountingHold:
         """Return the next pose in which the arm rests and that is far from `apart_from`."""
-        stillness = RestPoseCollector(way.rest_s)
+        rest_poses = RestPoseCollector(guidance.rest_s)
         try:
-            async with asyncio.timeout(way.timeout_s):
+            async with asyncio.timeout(guidance.timeout_s):
                 while True:
                     sample = await self._next()
                     turned_rad = math.pi
@@ -362,18 +364,18 @@ class _Wrist:
                     if turned_rad < APART_RAD:
                         show(f"{self._user}: the arm has turned by {math.degrees(turned_rad):.0f}° so far")
                         continue
-                    hold = stillness.add(sample.orientation_xyzw, sample.stamp_ns / NS_PER_S)
+                    hold = rest_poses.add(sample.orientation_xyzw, sample.stamp_ns / NS_PER_S)
                     if hold is not None:
                         return hold
-                    moved_deg = math.degrees(stillness.moved_rad)
+                    moved_deg = math.degrees(rest_poses.moved_rad)
                     show(
-                        f"{self._user}: at rest for {stillness.rested_s:.1f} of {way.rest_s:g} s, "
+                        f"{self._user}: at rest for {rest_poses.rested_s:.1f} of {guidance.rest_s:g} s, "
                         f"moves by {moved_deg:.1f}°"
                     )
         except TimeoutError:
             raise NoAnswerError(
-                f"the arm of {self._user} did not rest {name} within {way.timeout_s:g} s; try again, or wait "
-                "longer with --timeout"
+                f"the arm of {self._user} did not rest {name} within {guidance.timeout_s:g} s; try again, or "
+                "wait longer with --timeout"
             ) from None
 
     async def _next(self) -> ImuSample:
@@ -387,40 +389,40 @@ class _Wrist:
         self._fresh.set()
 
 
-def format_result(found: Mounting) -> list[str]:
+def format_result(fitted: FittedMounting) -> list[str]:
     """Return the result as lines of text."""
-    about_deg, off_deg = math.degrees(found.about_arm_rad), math.degrees(found.off_axis_rad)
-    way = "clockwise" if about_deg > 0 else "counter-clockwise"
-    seat = (
-        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({way}, seen from the elbow), and "
-        f"the assumed axis of the arm is {off_deg:.0f}° off"
+    about_deg, off_deg = math.degrees(fitted.about_arm_rad), math.degrees(fitted.off_axis_rad)
+    direction = "clockwise" if about_deg > 0 else "counter-clockwise"
+    mounting_text = (
+        f"the sensor sits turned by {abs(about_deg):.0f}° about the arm ({direction}, seen from the elbow), "
+        f"and the assumed axis of the arm is {off_deg:.0f}° off"
     )
     errors = (
-        f"elevation of the level arm: {_deg(found.forward_before_rad)} before, "
-        f"{_deg(found.forward_after_rad)} with this mounting; of the raised arm, less 90°: "
-        f"{_deg(found.up_before_rad)} before, {_deg(found.up_after_rad)} with it"
+        f"elevation of the level arm: {_deg(fitted.forward_before_rad)} before, "
+        f"{_deg(fitted.forward_after_rad)} with this mounting; of the raised arm, less 90°: "
+        f"{_deg(fitted.up_before_rad)} before, {_deg(fitted.up_after_rad)} with it"
     )
-    return [seat, errors]
+    return [mounting_text, errors]
 
 
 def _deg(angle_rad: float) -> str:
     return f"{round(math.degrees(angle_rad), 1) + 0.0:+.1f}°"
 
 
-def fields(found: Mounting) -> dict[str, Any]:
+def fields(fitted: FittedMounting) -> dict[str, Any]:
     """Return the result, for programs."""
     return {
-        "about_arm_deg": math.degrees(found.about_arm_rad),
-        "off_axis_deg": math.degrees(found.off_axis_rad),
+        "about_arm_deg": math.degrees(fitted.about_arm_rad),
+        "off_axis_deg": math.degrees(fitted.off_axis_rad),
         "forward_error_deg": {
-            "before": math.degrees(found.forward_before_rad),
-            "after": math.degrees(found.forward_after_rad),
+            "before": math.degrees(fitted.forward_before_rad),
+            "after": math.degrees(fitted.forward_after_rad),
         },
         "up_error_deg": {
-            "before": math.degrees(found.up_before_rad),
-            "after": math.degrees(found.up_after_rad),
+            "before": math.degrees(fitted.up_before_rad),
+            "after": math.degrees(fitted.up_after_rad),
         },
-        "heading_change_deg": math.degrees(found.heading_change_rad),
+        "heading_change_deg": math.degrees(fitted.heading_change_rad),
     }
 
 
@@ -442,9 +444,9 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link
     file = StateFile(StoredMountings, user, PURPOSE)
     if erase:
         return erase_local(user, file, "mounting", as_json=as_json)
-    kept = read_local(user, file, "mounting", as_json=as_json)
-    if kept is not None:
-        for source, own in sorted(kept.by_source.items()):
+    stored = read_local(user, file, "mounting", as_json=as_json)
+    if stored is not None:
+        for source, own in sorted(stored.by_source.items()):
             x, y, z, w = own.sensor_from_arm_xyzw
             click.echo(
                 f"{user}: source {source}, measured with mounting={own.configured}: sensor_from_arm "

@@ -10,11 +10,19 @@ import click
 
 from pointit.cli.common import site_link
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.output import INTERRUPTED, Section, console, json_option, print_json, print_table, say
+from pointit.cli.common.output import (
+    INTERRUPTED,
+    OutputSection,
+    console,
+    json_option,
+    print_json,
+    print_table,
+    say,
+)
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.people import offset_report
 from pointit.cli.people.anchor import timeout_option
-from pointit.cli.people.anchoring import LISTEN_S, Anchoring, AnchorNotStartedError
+from pointit.cli.people.anchoring import LISTEN_S, AnchorNotStartedError, AnchorRequester
 from pointit.cli.people.changing_line import ChangingLine, changing_line
 from pointit.cli.people.pose import found
 from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
@@ -96,18 +104,18 @@ def command(
     if show or erase:
         return run_until_shutdown(_keep(user, erase=erase, as_json=as_json, **at))
     names = [name.strip() for text in lamps for name in text.split(",") if name.strip()]
-    wanted = CalibrationOptions(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
-    return run_until_shutdown(_measure(user, wanted, as_json=as_json, **at))
+    options = CalibrationOptions(lamps=names, count=count, timeout_s=timeout_s, keeps=not dry_run)
+    return run_until_shutdown(_measure(user, options, as_json=as_json, **at))
 
 
 async def _measure(
-    user: str, wanted: CalibrationOptions, *, as_json: bool, **at: Unpack[site_link.AtSite]
+    user: str, options: CalibrationOptions, *, as_json: bool, **at: Unpack[site_link.AtSite]
 ) -> int:
     async with site_link.join_site(**at) as bus:
         clock = SiteClock(bus)
-        anchoring = Anchoring(bus, user)
-        lamps = await _lamps(bus, user, wanted.lamps)
-        count = wanted.count or len(lamps)
+        anchoring = AnchorRequester(bus, user)
+        lamps = await _lamps(bus, user, options.lamps)
+        count = options.count or len(lamps)
         lights = "a lamp will light up" if count == 1 else f"{count} times a lamp will light up"
         click.echo(
             f"{user}: {lights}; point at it with a straight arm, as if there were no cursor, until it "
@@ -116,7 +124,7 @@ async def _measure(
         )
         try:
             order = list(itertools.islice(itertools.cycle(lamps), count))
-            anchors, missed = await _point(anchoring, user, order, wanted.timeout_s)
+            anchors, missed = await _point(anchoring, user, order, options.timeout_s)
         except asyncio.CancelledError:
             return INTERRUPTED
         fitted, rows = offset_report.assess(anchors, clock.now_ns())
@@ -126,47 +134,49 @@ async def _measure(
                 f"the pose looks wrong, {problem}: localize first, or `pointit person pose {user} X Y`, then "
                 "calibrate again"
             )
-        if not wanted.keeps and not as_json:
+        if not options.keeps and not as_json:
             _show(user, rows)
-        if problem and wanted.keeps:
+        if problem and options.keeps:
             raise PointItError(f"{user}: nothing is stored: {problem}")
         if fitted.offset is None:
             why = "; ".join(dict.fromkeys([*missed, *(row.why_not for row in rows)]))
             raise PointItError(f"{user}: no pointing was usable, nothing was changed: {why}")
-        said = ". ".join(filter(None, (problem, "nothing is changed (--dry-run)")))
-        if wanted.keeps:
+        note = ". ".join(filter(None, (problem, "nothing is changed (--dry-run)")))
+        if options.keeps:
             reply = await bus.call(SET_OFFSET, SetOffset(offset=fitted.offset), user)
-            said = reply.message + site_link.default_address_note(**at)
+            note = reply.message + site_link.default_address_note(**at)
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
-        told = [offset_report.table_row(row) for row in rows]
-        print_json({"user": user, "offset": offset, "doubt": problem, "anchors": told, "missed": missed})
+        table_rows = [offset_report.table_row(row) for row in rows]
+        print_json(
+            {"user": user, "offset": offset, "doubt": problem, "anchors": table_rows, "missed": missed}
+        )
     else:
-        if wanted.keeps:
+        if options.keeps:
             _show(user, rows)
         click.echo(f"{user}: {offset_report.describe(fitted.offset)}")
-        say(f"{user}: {said}")
+        say(f"{user}: {note}")
     return 0
 
 
-async def _lamps(bus: Bus, user: str, wanted: Sequence[str]) -> list[str]:
+async def _lamps(bus: Bus, user: str, options: Sequence[str]) -> list[str]:
     """Return the lamps to point at, after checking that the person's pose is known."""
     room, pose = site_link.LatestMessage(bus, MAP), site_link.LatestMessage(bus, POSE, user)
-    news = site_link.LatestMessage(bus, LOCALIZATION, user)
+    latest = site_link.LatestMessage(bus, LOCALIZATION, user)
     with site_link.notify_if_slow("waiting for the map …"):
-        environment = await room.wait(site_link.PATIENCE_S)
+        environment = await room.wait(site_link.TIMEOUT_S)
     if environment is None:
         raise NoAnswerError(f"there is no map: {await _why(bus, MAP, '')}")
-    await found(bus, user, pose, news)
+    await found(bus, user, pose, latest)
     known = [lamp.id for lamp in environment.lamps]
     if not known:
         raise PointItError(f"map {environment.name!r} has no lamps to point at; add `lamps` to it")
-    for name in wanted:
+    for name in options:
         if name not in known:
             raise UnknownNameError(
                 f"--lamps: no lamp {name!r} on map {environment.name!r}; {nearest(name, known)}"
             )
-    return list(wanted) or known
+    return list(options) or known
 
 
 async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
@@ -174,7 +184,7 @@ async def _why(bus: Bus, topic: AnyTopic, user: str) -> str:
 
 
 async def _point(
-    anchoring: Anchoring, user: str, lamps: Sequence[str], timeout_s: float
+    anchoring: AnchorRequester, user: str, lamps: Sequence[str], timeout_s: float
 ) -> tuple[list[Anchor], list[str]]:
     """Return the anchors, and why others failed; raises if the localizer refuses, also after waiting."""
     anchors: list[Anchor] = []
@@ -195,7 +205,9 @@ async def _point(
     return anchors, missed
 
 
-async def _begun(anchoring: Anchoring, lamp: str, timeout_s: float, which: str, line: ChangingLine) -> Anchor:
+async def _begun(
+    anchoring: AnchorRequester, lamp: str, timeout_s: float, which: str, line: ChangingLine
+) -> Anchor:
     """Return the anchor from pointing at `lamp`; wait once while another person uses the lamps."""
 
     def tell(text: str) -> None:
@@ -216,7 +228,7 @@ def _show(user: str, rows: Sequence[offset_report.AnchorResidual]) -> None:
         f"how far {user} pointed too far right and too low, before and after correction, without a common "
         "turn, which belongs to the pose"
     )
-    section = Section(name="pointings", about=about, rows=tuple(map(offset_report.shown_row, rows)))
+    section = OutputSection(name="pointings", about=about, rows=tuple(map(offset_report.shown_row, rows)))
     print_table(console(), section)
 
 
@@ -253,7 +265,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link
 
 async def _profile(bus: Bus, user: str) -> UserProfile:
     with site_link.notify_if_slow(f"waiting for the profile of {user} …"):
-        profile = await site_link.LatestMessage(bus, PROFILE, user).wait(site_link.PATIENCE_S)
+        profile = await site_link.LatestMessage(bus, PROFILE, user).wait(site_link.TIMEOUT_S)
     if profile is None:
         raise NoAnswerError(f"no profile of {user} came")
     return profile

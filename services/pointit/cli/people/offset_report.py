@@ -11,7 +11,7 @@ from rich.text import Text
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Anchor, PointingOffset
-from pointit.services.pointing.offset import OffsetFit, Sighting, fit, sighting
+from pointit.services.pointing.offset import OffsetFit, OffsetSighting, fit, sighting
 from pointit.services.pointing.pointer import apply
 
 STEADY_RAD = math.radians(3.0)
@@ -74,7 +74,7 @@ def in_one_pose(anchors: Sequence[Anchor]) -> list[Anchor]:
     ]
 
 
-def _turn(seen: Sighting) -> float:
+def _turn(seen: OffsetSighting) -> float:
     return vector.wrap(seen.target_azimuth_rad - seen.azimuth_rad)
 
 
@@ -82,25 +82,25 @@ def assess(anchors: Sequence[Anchor], now_ns: int) -> tuple[OffsetFit, list[Anch
     """Return the offset fitted to `anchors`, and the residual of each."""
     steady = [anchor for anchor in anchors if anchor.target_m and anchor.spread_rad <= STEADY_RAD]
     sightings = [seen for seen in map(sighting, in_one_pose(steady)) if seen is not None]
-    fitted = fit(sightings, now_ns)
+    offset_fit = fit(sightings, now_ns)
     rows: list[AnchorResidual] = []
     index = 0
     for anchor in anchors:
         if anchor not in steady:
             rows.append(AnchorResidual(lamp=anchor.target_id, is_used=False, why_not=anchor.reason))
             continue
-        rows.append(_row(anchor, sightings[index], fitted, is_used=index not in fitted.dropped))
+        rows.append(_row(anchor, sightings[index], offset_fit, is_used=index not in offset_fit.dropped))
         index += 1
-    return fitted, rows
+    return offset_fit, rows
 
 
-def _row(anchor: Anchor, seen: Sighting, fitted: OffsetFit, *, is_used: bool) -> AnchorResidual:
-    azimuth = vector.wrap(_turn(seen) - fitted.heading_rad)
+def _row(anchor: Anchor, seen: OffsetSighting, offset_fit: OffsetFit, *, is_used: bool) -> AnchorResidual:
+    azimuth = vector.wrap(_turn(seen) - offset_fit.heading_rad)
     elevation = seen.target_elevation_rad - seen.elevation_rad
     by_azimuth = by_elevation = 0.0
-    if fitted.offset is not None:
-        world = seen.azimuth_rad + fitted.heading_rad
-        by_azimuth, by_elevation = apply(fitted.offset, world, seen.elevation_rad)
+    if offset_fit.offset is not None:
+        world = seen.azimuth_rad + offset_fit.heading_rad
+        by_azimuth, by_elevation = apply(offset_fit.offset, world, seen.elevation_rad)
     return AnchorResidual(
         lamp=anchor.target_id,
         azimuth_before_rad=azimuth,

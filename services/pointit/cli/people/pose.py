@@ -27,10 +27,10 @@ from pointit.schemas.topics import LOCALIZATION, MAP, POSE, SERVICE_ALIVE, SET_H
 
 TYPED_SIGMA_M = 0.05
 """Sigma of a position given without yaw, if the yaw itself is uncertain."""
-CLOCK_PATIENCE_S = 0.3
-MAP_PATIENCE_S = 0.3
+CLOCK_TIMEOUT_S = 0.3
+MAP_TIMEOUT_S = 0.3
 """Timeout for the map with which a position is checked; it is a state, so it arrives at once."""
-YAW_PATIENCE_S = 0.5
+YAW_TIMEOUT_S = 0.5
 """Timeout for the current yaw, which may not be known yet."""
 SHORT_S = 0.3
 """Timeout for a known pose, before the localizer's progress is reported."""
@@ -84,7 +84,7 @@ _DEGREES = Finite(-360, 360)
 @json_option
 def command(
     user: str,
-    place: tuple[str, ...],
+    set_pose: tuple[str, ...],
     *,
     yaw_deg: float | None,
     facing_deg: float | None,
@@ -94,7 +94,7 @@ def command(
 ) -> int:
     """Show or set a person's pose."""
     check_name(user, "user")
-    query = _place(place, yaw_deg)
+    query = _place(set_pose, yaw_deg)
     if yaw_deg is not None and (query is None or facing_deg is not None):
         raise UnknownNameError(
             "--yaw belongs to X Y and excludes --facing; to turn a person where they stand: --facing"
@@ -141,10 +141,10 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
 async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
     async with site_link.join_site(**at) as bus:
         clock = SiteClock(bus)
-        poses = site_link.LatestMessage(bus, POSE, user)
-        news = site_link.LatestMessage(bus, LOCALIZATION, user)
+        latest_pose = site_link.LatestMessage(bus, POSE, user)
+        latest_localization = site_link.LatestMessage(bus, LOCALIZATION, user)
         try:
-            said = await _say(bus, user, asked, poses)
+            sentences = await _say(bus, user, asked, latest_pose)
         except NoAnswerError as error:
             there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
             raise (
@@ -154,12 +154,12 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
             ) from error
         except asyncio.CancelledError:
             return INTERRUPTED
-        if said and not as_json:
-            for sentence in said:
+        if sentences and not as_json:
+            for sentence in sentences:
                 say(f"{user}: {sentence}{site_link.default_address_note(**at)}")
             return 0
-        pose = await found(bus, user, poses, news)
-        await clock.wait_for_tick(CLOCK_PATIENCE_S)
+        pose = await found(bus, user, latest_pose, latest_localization)
+        await clock.wait_for_tick(CLOCK_TIMEOUT_S)
         shown = pose_text.fields(pose, clock.now_ns())
     if as_json:
         print_json({"user": user, **shown})
@@ -172,8 +172,8 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
 async def found(
     bus: Bus,
     user: str,
-    poses: site_link.LatestMessage[UserPose],
-    progress: site_link.LatestMessage[Localization],
+    latest_pose: site_link.LatestMessage[UserPose],
+    latest: site_link.LatestMessage[Localization],
 ) -> UserPose:
     """Return a person's pose.
 
@@ -181,12 +181,12 @@ async def found(
         NoAnswerError: If it is not known yet, or there is no such person; says what to do.
     """
     with site_link.notify_if_slow(f"waiting for the pose of {user} …"):
-        pose = await poses.wait(SHORT_S)
-        if pose is None and not localizing(user, progress.value):
-            pose = await poses.wait(site_link.PATIENCE_S - SHORT_S)
+        pose = await latest_pose.wait(SHORT_S)
+        if pose is None and not localizing(user, latest.value):
+            pose = await latest_pose.wait(site_link.TIMEOUT_S - SHORT_S)
         if pose is not None:
             return pose
-        if busy := localizing(user, progress.value):
+        if busy := localizing(user, latest.value):
             raise NoAnswerError(f"where {user} stands is not known yet: {busy}")
         there = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
     why = missing_reason(POSE, user, there)
@@ -208,14 +208,16 @@ def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
     )
 
 
-async def _say(bus: Bus, user: str, asked: _Asked, poses: site_link.LatestMessage[UserPose]) -> list[str]:
+async def _say(
+    bus: Bus, user: str, asked: _Asked, latest_pose: site_link.LatestMessage[UserPose]
+) -> list[str]:
     """Request the changes from the localizer, and return its messages."""
-    said: list[str] = []
-    before = poses.value
+    sentences: list[str] = []
+    before = latest_pose.value
     if asked.place is not None:
-        before = await poses.wait(YAW_PATIENCE_S)
+        before = await latest_pose.wait(YAW_TIMEOUT_S)
         query = asked.place
-        room = await site_link.LatestMessage(bus, MAP).wait(MAP_PATIENCE_S)
+        room = await site_link.LatestMessage(bus, MAP).wait(MAP_TIMEOUT_S)
         if room is not None and (far := out_of_map_warning(query.position_m, room)):
             click.echo(f"warning: {far}", err=True)
         more = ""
@@ -225,7 +227,7 @@ async def _say(bus: Bus, user: str, asked: _Asked, poses: site_link.LatestMessag
             query = with_yaw_of(query, before)
             if query.method != "fixed":
                 more = "; the yaw stays, and its drift is still tracked"
-        said.append(((await bus.call(SET_POSE, query, user)).message or "the pose is set") + more)
+        sentences.append(((await bus.call(SET_POSE, query, user)).message or "the pose is set") + more)
     if asked.facing_deg is not None:
         direction = f"{asked.facing_deg:g}°"
         if not asked.now:
@@ -236,8 +238,8 @@ async def _say(bus: Bus, user: str, asked: _Asked, poses: site_link.LatestMessag
             )
         heading = SetHeading(azimuth_rad=math.radians(asked.facing_deg))
         reply = await bus.call(SET_HEADING, heading, user)
-        said.append(reply.message or f"the direction pointed in is {direction} now")
-    if said:
+        sentences.append(reply.message or f"the direction pointed in is {direction} now")
+    if sentences:
         changed_from = before.stamp_ns if before is not None else -1
-        await poses.wait(YAW_PATIENCE_S, lambda pose: pose.stamp_ns > changed_from)
-    return said
+        await latest_pose.wait(YAW_TIMEOUT_S, lambda pose: pose.stamp_ns > changed_from)
+    return sentences

@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from pointit.api.press import add_or_meant
+from pointit.api.press import add_or_similar
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import NS_PER_S, Environment, Localization, UserPose
@@ -111,18 +111,23 @@ def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
     if user in there:
         return silence_reason(topic, user, present)
     who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are no people"
-    return f"no {user} is on this site, {who}; {add_or_meant(user, there)}"
+    return f"no {user} is on this site, {who}; {add_or_similar(user, there)}"
 
 
-def localizing(user: str, news: Localization | None) -> str:
+def localizing(user: str, localization: Localization | None) -> str:
     """Return the progress of a person's localization, or `""` if there is none."""
-    if news is None or news.phase != "sampling":
+    if localization is None or localization.phase != "sampling":
         return ""
-    if news.ahead:
-        return f"{user} waits for the lamps, which {news.ahead[0]} points at; wait until it is their turn"
-    if news.purpose == "anchor":
-        return f"{user} is pointing at {news.target_id or 'a lamp'} to correct the pose; wait"
-    lamp = f", lamp {news.target_index + 1} of {news.target_count}" if news.target_count > 1 else ""
+    if localization.ahead:
+        ahead = localization.ahead[0]
+        return f"{user} waits for the lamps, which {ahead} points at; wait until it is their turn"
+    if localization.purpose == "anchor":
+        return f"{user} is pointing at {localization.target_id or 'a lamp'} to correct the pose; wait"
+    lamp = (
+        f", lamp {localization.target_index + 1} of {localization.target_count}"
+        if localization.target_count > 1
+        else ""
+    )
     return f"{user} is being localized{lamp}; wait until that is done"
 
 

@@ -17,37 +17,39 @@ K = TypeVar("K", bound=BaseModel)
 
 
 async def query_site(
-    ask: Callable[[Bus], Awaitable[R]], joining: AbstractAsyncContextManager[Bus]
+    ask: Callable[[Bus], Awaitable[R]], connection: AbstractAsyncContextManager[Bus]
 ) -> R | None:
     """Return the result of `ask` on a site that is joined, or None if there is none or no service replies."""
     try:
-        async with joining as bus:
+        async with connection as bus:
             return await ask(bus)
     except (ConnectError, NoAnswerError):
         return None
 
 
-def erase_local(user: str, file: StateFile[K], what: str, *, as_json: bool) -> int:
+def erase_local(user: str, file: StateFile[K], quantity: str, *, as_json: bool) -> int:
     """Delete the calibration stored on this machine, and print that; return the exit code."""
-    was_kept = file.erase()
+    was_stored = file.erase()
     if as_json:
-        print_json({"user": user, "from": str(file.path), "erased": was_kept})
-    elif was_kept:
-        click.echo(f"{user}: no service runs; the {what} stored on this machine ({file.path}) was deleted")
+        print_json({"user": user, "from": str(file.path), "erased": was_stored})
+    elif was_stored:
+        click.echo(
+            f"{user}: no service runs; the {quantity} stored on this machine ({file.path}) was deleted"
+        )
     else:
-        click.echo(f"{user}: no service runs, and no {what} is stored on this machine ({file.path})")
+        click.echo(f"{user}: no service runs, and no {quantity} is stored on this machine ({file.path})")
     return 0
 
 
-def read_local(user: str, file: StateFile[K], what: str, *, as_json: bool) -> K | None:
+def read_local(user: str, file: StateFile[K], quantity: str, *, as_json: bool) -> K | None:
     """Return the calibration stored on this machine for output as text, after printing its file's name."""
-    kept = file.read()
+    state = file.read()
     if as_json:
-        shown = None if kept is None else kept.model_dump(mode="json")
-        print_json({"user": user, "from": str(file.path), what: shown})
+        shown = None if state is None else state.model_dump(mode="json")
+        print_json({"user": user, "from": str(file.path), quantity: shown})
         return None
-    if kept is None:
-        click.echo(f"{user}: no service runs, and no {what} is stored on this machine ({file.path})")
+    if state is None:
+        click.echo(f"{user}: no service runs, and no {quantity} is stored on this machine ({file.path})")
         return None
     click.echo(f"{user}: no service runs; stored on this machine ({file.path}):")
-    return kept
+    return state

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import Section, console, json_option, print_json, print_table, say
+from pointit.cli.common.output import OutputSection, console, json_option, print_json, print_table, say
 from pointit.cli.common.progress import progress
 from pointit.plugins import GROUPS, FoundDevice
 from pointit.plugins.device_search import SearchResult, search, words
@@ -47,7 +47,9 @@ def command(*, seconds: float, as_json: bool) -> None:
         shown = tuple({"use": row["use"], "found": row["label"]} for row in rows(results, kind))
         if shown:
             about = f"`pointit run {option} …` uses one"
-            print_table(console(), Section(name=name, about=about, rows=shown, whole=frozenset({"use"})))
+            print_table(
+                console(), OutputSection(name=name, about=about, rows=shown, whole=frozenset({"use"}))
+            )
         else:
             click.echo(f"No {name} found.")
     for reason in dict.fromkeys(each.problem for each in problems):
@@ -71,9 +73,9 @@ def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
     ]
 
 
-def _parameters(result: SearchResult, robot: FoundDevice) -> str:
+def _parameters(result: SearchResult, device: FoundDevice) -> str:
     """Return the options that choose a robot: it has several parameters, and is one of the site's."""
-    values = {f"{result.name}.{name}": value for name, value in robot.details.items()}
+    values = {f"{result.name}.{name}": value for name, value in device.details.items()}
     return " ".join(
         f"--set {shlex.quote(f'robot.{name}={value}')}"
         for name, value in {"driver": result.name, **values}.items()

@@ -17,7 +17,7 @@ from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials
 from pointit.runtime.service.logs import setup_logging
-from pointit.runtime.service.process import CLOCK_PATIENCE_S
+from pointit.runtime.service.process import CLOCK_TIMEOUT_S
 from pointit.runtime.service.service import Launch, check_launches, run_services
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.services.recorder.service import Recorder
@@ -89,7 +89,7 @@ def command(
 async def _record(launch: Launch, site: str, connect: tuple[str, ...], duration_s: float | None) -> int:
     async with join_site(site, connect) as bus:
         clock = SiteClock(bus)
-        await clock.wait_for_tick(CLOCK_PATIENCE_S)
+        await clock.wait_for_tick(CLOCK_TIMEOUT_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(duration_s):
                 await run_services([launch], bus, clock)

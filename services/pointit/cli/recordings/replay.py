@@ -11,7 +11,15 @@ from typing import cast
 import click
 
 from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import Section, console, json_option, print_json, print_table, say, to_line
+from pointit.cli.common.output import (
+    OutputSection,
+    console,
+    json_option,
+    print_json,
+    print_table,
+    say,
+    to_line,
+)
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.progress import interruptible, progress
 from pointit.cli.common.site_link import join_site, site_options
@@ -19,11 +27,17 @@ from pointit.conversion.recording_file import new_recording
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.replay.comparison.comparison import Comparison, Divergence, FieldReport, Report, TopicReport
+from pointit.replay.comparison.comparison import (
+    Comparison,
+    ComparisonReport,
+    Divergence,
+    FieldReport,
+    TopicReport,
+)
 from pointit.replay.comparison.samples import sample_of
 from pointit.replay.levels import SERVICES, Level
 from pointit.replay.live import play_live, recorded_outputs
-from pointit.replay.playing import Plan, plan_replay, replay, replay_by_loop_time
+from pointit.replay.playing import ReplayPlan, plan_replay, replay, replay_by_loop_time
 from pointit.runtime.service.logs import setup_logging
 from pointit.schemas import NS_PER_S
 
@@ -46,7 +60,7 @@ MAX_FIELDS = 3
     "level",
     type=click.Choice(list(SERVICES)),
     default="edge",
-    help="what is taken from the recording: what devices wrote, or also rays and poses, or also cursors",
+    help="replayed part of the recording: messages of devices, or also rays and poses, or also cursors",
 )
 @click.option(
     "--speed",
@@ -140,7 +154,7 @@ def _print_result(result: "_Result", length_s: float, began_ns: int, *, as_json:
 
 
 async def _play_live(
-    plan: Plan, result: "_Result", speed: float, site: str, connect: tuple[str, ...], *, lights: bool
+    plan: ReplayPlan, result: "_Result", speed: float, site: str, connect: tuple[str, ...], *, lights: bool
 ) -> None:
     async with join_site(site, connect) as bus:
         await play_live(plan, bus, result, speed, lights=lights)
@@ -170,7 +184,7 @@ class _Result:
     ) -> None:
         self._writer = writer
         self._tick = tick
-        self._told_ns = 0
+        self._printed_ns = 0
         self.comparison = comparison
         self.counts = Counter[str]()
         """Recomputed messages by key."""
@@ -182,8 +196,8 @@ class _Result:
 
     def replayed(self, entry: Entry, *, is_recomputed: bool) -> None:
         """Write an entry, and compare it if it was computed now."""
-        if entry.time_ns - self._told_ns > NS_PER_S:
-            self._told_ns = entry.time_ns
+        if entry.time_ns - self._printed_ns > NS_PER_S:
+            self._printed_ns = entry.time_ns
             self._tick(entry.time_ns)
         if self._writer is not None:
             self._writer.add(entry)
@@ -199,20 +213,20 @@ def _print_counts(counts: Counter[str], length_s: float, *, as_json: bool) -> No
         return
     rows = tuple({"key": key, "messages": count} for key, count in sorted(counts.items()))
     about = f"computed again from {length_s:.1f} s; --compare compares them with the recorded ones"
-    print_table(console(), Section(name="messages", about=about, rows=rows))
+    print_table(console(), OutputSection(name="messages", about=about, rows=rows))
     sys.stdout.flush()
 
 
-def print_report(report: Report, began_ns: int) -> None:
+def print_report(report: ComparisonReport, began_ns: int) -> None:
     """Print the topics as a table, and the first message that differs. `began_ns`: of the recording."""
     rows = tuple(_row(topic, began_ns) for topic in report.topics)
     about = "computed again, against the recorded ones; times of the first that differs since the beginning"
-    print_table(console(), Section(name="messages", about=about, rows=rows, whole=frozenset(("key",))))
+    print_table(console(), OutputSection(name="messages", about=about, rows=rows, whole=frozenset(("key",))))
     for line in first_lines(report, began_ns):
         say(line)
 
 
-def lines_of(report: Report, began_ns: int) -> list[str]:
+def lines_of(report: ComparisonReport, began_ns: int) -> list[str]:
     """Return a line for each topic, and the first message that differs."""
     lines = [
         ", ".join(f"{name} {value}" for name, value in _row(topic, began_ns).items() if value)
@@ -221,7 +235,7 @@ def lines_of(report: Report, began_ns: int) -> list[str]:
     return [*lines, *first_lines(report, began_ns)]
 
 
-def first_lines(report: Report, began_ns: int) -> list[str]:
+def first_lines(report: ComparisonReport, began_ns: int) -> list[str]:
     """Return the first message that differs, with its partner, or that there is none."""
     first = report.first
     if first is None:
@@ -275,11 +289,11 @@ def _differing(one: object, other: object) -> object:
         pixel = next(at for at, (x, y) in enumerate(zip(one, other, strict=True)) if x != y) // 3
         return {"pixel": pixel, "rgb": list(one[3 * pixel :][:3])}
     if isinstance(one, dict) and isinstance(other, dict):
-        mine, theirs = cast("dict[str, object]", one), cast("dict[str, object]", other)
+        mine, other_fields = cast("dict[str, object]", one), cast("dict[str, object]", other)
         return {
-            name: _differing(value, theirs.get(name))
+            name: _differing(value, other_fields.get(name))
             for name, value in mine.items()
-            if name == "id" or value != theirs.get(name)
+            if name == "id" or value != other_fields.get(name)
         }
     if isinstance(one, list | tuple) and isinstance(other, list | tuple):
         items, others = cast("Sequence[object]", one), cast("Sequence[object]", other)

@@ -7,7 +7,7 @@ from typing import Literal, Unpack
 import click
 
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.output import Row, Section, json_option, print_json, say, show
+from pointit.cli.common.output import OutputSection, Row, json_option, print_json, say, show
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import PointItError
@@ -110,7 +110,10 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
         say("no robot is here; start one: `pointit service run robot --name NAME`", err=True)
     else:
         about = "stop one with `pointit robot stop NAME`"
-        show([Section(name="robots", about=about, rows=found, roomy=frozenset({"battery"}))], as_json=as_json)
+        show(
+            [OutputSection(name="robots", about=about, rows=found, roomy=frozenset({"battery"}))],
+            as_json=as_json,
+        )
     return 0 if found else EXIT_FAILED
 
 
@@ -118,7 +121,11 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--all", "everything", is_flag=True, help="stop all robots of the site")
 @click.option(
-    "--reason", default="", show_default=False, metavar="TEXT", help="why, for who steers it, in a few words"
+    "--reason",
+    default="",
+    show_default=False,
+    metavar="TEXT",
+    help="reason in a few words, shown to the user who steers the robot",
 )
 @json_option
 def stop(
@@ -144,14 +151,14 @@ def stop(
 
 async def _stop(names: tuple[str, ...], reason: str, *, as_json: bool, **at: Unpack[AtSite]) -> int:
     async with join_site(**at) as bus:
-        meant = names or tuple(name for name, found in (await find_robots(bus)).items() if found != "lost")
-        problems = await stop_robots(bus, meant, reason)
+        chosen = names or tuple(name for name, found in (await find_robots(bus)).items() if found != "lost")
+        problems = await stop_robots(bus, chosen, reason)
     if as_json:
-        print_json({"stopped": [name for name in meant if name not in problems], "problems": problems})
+        print_json({"stopped": [name for name in chosen if name not in problems], "problems": problems})
     else:
-        for name in meant:
+        for name in chosen:
             is_failed = name in problems
             say(f"{name}: {problems.get(name) or 'is told to stop; nobody steers it'}", err=is_failed)
-        if not meant:
+        if not chosen:
             say("no robot is here", err=True)
-    return EXIT_FAILED if problems or not meant else 0
+    return EXIT_FAILED if problems or not chosen else 0

@@ -15,8 +15,8 @@ from pointit.cli.display.summary import write_summary
 from pointit.cli.display.view import figures
 from pointit.cli.parts import DISPLAY_PARTS
 from pointit.launch.plan.plan import Beside, Plan
-from pointit.launch.plan.startup_notices import kept_mountings, kept_offsets
-from pointit.launch.run.run_site import Onlookers, ScenarioRequests, adapt_to_site, clock_of, open_bus
+from pointit.launch.plan.startup_notices import stored_mounting_notices, stored_offset_notices
+from pointit.launch.run.run_site import ScenarioRequests, ViewerPresence, adapt_to_site, clock_of, open_bus
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
@@ -48,9 +48,9 @@ def execute(plan: Plan, log_level: str) -> int:
     console = PlainConsole(stderr=True)
     drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
-    notes = [*plan.notes, *kept_mountings(plan.launches)]
+    notes = [*plan.notes, *stored_mounting_notices(plan.launches)]
     if drawn:  # else the supervisors log their own
-        notes += kept_offsets(plan.launches)
+        notes += stored_offset_notices(plan.launches)
     for note in notes:
         _tell(note, console if drawn else None)
     return run_until_shutdown(_run(plan, console if drawn else None))
@@ -86,9 +86,11 @@ async def _run(plan: Plan, console: Console | None) -> int:
     return 0 if run.stage is None else _verdict(run.stage)
 
 
-def _verdict(stage: RunningScenario) -> int:
-    if stage.plan.scored and stage.monitor.first_cursor_unix_s is None and not stage.saw_cursor:
-        advice = "; ".join(stage.monitor.warnings()) or "`pointit doctor` during a run shows what is missing"
+def _verdict(scenario: RunningScenario) -> int:
+    if scenario.plan.scored and scenario.monitor.first_cursor_unix_s is None and not scenario.saw_cursor:
+        advice = (
+            "; ".join(scenario.monitor.warnings()) or "`pointit doctor` during a run shows what is missing"
+        )
         log.error("no cursor ever appeared; %s", advice)
         return 1
     return 0
@@ -102,43 +104,43 @@ class _Run:
         self._plan = plan
         self._bus = bus
         self._console = console
-        self._news = asyncio.Event()
+        self._changed = asyncio.Event()
         """Set by events that may end or change the run."""
-        self._wishes = ScenarioRequests(self._news.set)
-        self._onlookers = Onlookers()
+        self._requests = ScenarioRequests(self._changed.set)
+        self._viewers = ViewerPresence()
         self._limit_s: float | None = None
         """Monotonic time at which it ends even with viewers. None: viewers extend it."""
 
     async def live(self, clock: Clock) -> None:
         """Run until its duration is over and there are no viewers, or until services have ended."""
         is_drawn = self._console is not None
-        stage = self.stage = RunningScenario(
+        scenario = self.stage = RunningScenario(
             self._plan,
             self._bus,
             self._bus.link,
             clock,
             tell=lambda sentence: _tell(sentence, self._console),
             news=None if is_drawn else log.info,
-            on_end=self._news.set,
+            on_end=self._changed.set,
             on_beside=self._announce,
         )
-        async with _told(stage, is_drawn=is_drawn):
+        async with _printing(scenario, is_drawn=is_drawn):
             try:
                 with contextlib.ExitStack() as listening:
                     listening.callback(self._bus.subscribe(HEALTH, self._on_health).close)
                     for each in self._plan.beside:
                         listening.enter_context(each.joined(self._bus))
-                    await stage.begin()
+                    await scenario.begin()
                     if self._plan.is_limited:
-                        self._limit_s = stage.end_s
+                        self._limit_s = scenario.end_s
                     if self._plan.scenario:
-                        listening.callback(self._bus.serve(RUN_SCENARIO, self._wishes.serve).close)
+                        listening.callback(self._bus.serve(RUN_SCENARIO, self._requests.serve).close)
                     parts = present(DISPLAY_PARTS)
-                    with on_screen(stage, self._console, self._end_s, self._is_looked_on, parts):
-                        await self._until_over(stage)
+                    with on_screen(scenario, self._console, self._end_s, self._is_looked_on, parts):
+                        await self._until_over(scenario)
             finally:
-                self.lasted_s = self._lasted_s(stage)
-                await stage.end()
+                self.lasted_s = self._lasted_s(scenario)
+                await scenario.end()
 
     def _announce(self, beside: Beside) -> None:
         for sentence in beside.greeting(is_drawn=self._console is not None):
@@ -147,25 +149,25 @@ class _Run:
             else:
                 _tell(sentence, self._console)
 
-    async def _until_over(self, stage: RunningScenario) -> None:
-        while not stage.has_ended:
-            self._news.clear()
-            if self._wishes:
-                await self._wishes.apply_next(stage)
+    async def _until_over(self, scenario: RunningScenario) -> None:
+        while not scenario.has_ended:
+            self._changed.clear()
+            if self._requests:
+                await self._requests.apply_next(scenario)
                 continue
             left_s = self._left_s()
             if left_s is not None and left_s <= 0.0:
                 return
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(left_s):
-                    await self._news.wait()
+                    await self._changed.wait()
 
     def _on_health(self, health: Health, _instance: str) -> None:
-        if self._onlookers.on_health(health, time.monotonic()):
-            self._news.set()
+        if self._viewers.on_health(health, time.monotonic()):
+            self._changed.set()
 
     def _is_looked_on(self) -> bool:
-        return self._limit_s is None and self._onlookers.are_there(time.monotonic())
+        return self._limit_s is None and self._viewers.are_there(time.monotonic())
 
     def _end_s(self) -> float | None:
         """Return the monotonic time at which it ends without viewers, or None."""
@@ -177,16 +179,16 @@ class _Run:
         end_s = self._end_s()
         if end_s is None:
             return None
-        until_s = end_s if self._limit_s is not None else max(end_s, self._onlookers.until_s)
+        until_s = end_s if self._limit_s is not None else max(end_s, self._viewers.until_s)
         return until_s - time.monotonic()
 
-    def _lasted_s(self, stage: RunningScenario) -> float:
-        """Return the time that `stage` has run: its duration, if that ended it."""
+    def _lasted_s(self, scenario: RunningScenario) -> float:
+        """Return the time that `scenario` has run: its duration, if that ended it."""
         now_s, end_s = time.monotonic(), self._end_s()
-        is_prolonged = self._limit_s is None and end_s is not None and self._onlookers.until_s > end_s
+        is_prolonged = self._limit_s is None and end_s is not None and self._viewers.until_s > end_s
         if end_s is not None and not is_prolonged:
             now_s = min(now_s, end_s)
-        return now_s - stage.began_s
+        return now_s - scenario.began_s
 
 
 def _say(sentence: str) -> None:
@@ -198,18 +200,18 @@ def _say(sentence: str) -> None:
 
 
 @contextlib.asynccontextmanager
-async def _told(stage: RunningScenario, *, is_drawn: bool) -> AsyncGenerator[None]:
+async def _printing(scenario: RunningScenario, *, is_drawn: bool) -> AsyncGenerator[None]:
     """Publish the site's clock and, without a view, log metrics every `FIGURES_S`."""
 
     async def tell_figures() -> None:
         while True:
             await asyncio.sleep(FIGURES_S)
-            if shown := figures(stage.monitor).plain:
+            if shown := figures(scenario.monitor).plain:
                 log.info("%s", shown)
 
     tasks: list[asyncio.Task[None]] = []
-    if isinstance(stage.clock, WallClock | SimulatedClock):  # services that join use this clock
-        tasks.append(asyncio.create_task(publish_time(stage.clock, stage.bus), name="clock"))
+    if isinstance(scenario.clock, WallClock | SimulatedClock):  # services that join use this clock
+        tasks.append(asyncio.create_task(publish_time(scenario.clock, scenario.bus), name="clock"))
     if not is_drawn:
         tasks.append(asyncio.create_task(tell_figures(), name="figures"))
     try:

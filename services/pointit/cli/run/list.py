@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.output import Section, json_option, show
+from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.cli.parts import PLUGIN_GROUPS
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
@@ -14,10 +14,10 @@ from pointit.runtime.host.extras import present
 from pointit.services.registry import PROCESSES, add_installed
 
 
-def services() -> Section:
+def services() -> OutputSection:
     """Return the process table."""
     add_installed()
-    return Section(
+    return OutputSection(
         name="services",
         about="run one with `pointit service run NAME`",
         rows=tuple(
@@ -36,7 +36,7 @@ def services() -> Section:
     )
 
 
-def scenarios() -> Section:
+def scenarios() -> OutputSection:
     """Return the shipped scenarios."""
     from pointit.launch.plan.scenario import read_scenario, scenario_names  # noqa: PLC0415 - only when asked for
 
@@ -44,7 +44,7 @@ def scenarios() -> Section:
     for name in scenario_names():
         scenario = read_scenario(name)
         rows.append({"name": name, "services": [*scenario.site, *scenario.user], "about": scenario.about})
-    return Section(
+    return OutputSection(
         name="scenarios",
         about="run one with `pointit run NAME`",
         rows=tuple(rows),
@@ -52,7 +52,7 @@ def scenarios() -> Section:
     )
 
 
-def maps() -> Section:
+def maps() -> OutputSection:
     """Return the shipped maps."""
     from pointit.maps.file import about_map, contents, map_path, read_clouds, read_map_file, shipped_maps  # noqa: PLC0415 - only when asked for
 
@@ -63,7 +63,7 @@ def maps() -> Section:
             rows.append(
                 {"name": name, "has": contents(file, read_clouds(path, file)), "about": about_map(path)}
             )
-    return Section(
+    return OutputSection(
         name="maps",
         about="use one, or your own file, with `pointit run SCENARIO --set pui.map=NAME`",
         rows=tuple(rows),
@@ -80,7 +80,7 @@ OPTIONS = {
 """Options of `pointit run` that choose a plug-in, by its kind."""
 
 
-def plugins() -> Section:
+def plugins() -> OutputSection:
     """Return the plug-ins of all installed packages, ours among them."""
     rows: list[dict[str, Any]] = []
     groups = {kind: group for part in present(PLUGIN_GROUPS) for kind, group in part.items()}
@@ -93,10 +93,12 @@ def plugins() -> Section:
             except ConfigError as error:
                 use, about = f"{option} {name}", str(error)
             rows.append({"name": name, "use": use, "package": group.package(name), "about": about})
-    return Section(name="plugins", about="parts for `pointit run` and `pointit person add`", rows=tuple(rows))
+    return OutputSection(
+        name="plugins", about="parts for `pointit run` and `pointit person add`", rows=tuple(rows)
+    )
 
 
-SECTIONS: dict[str, Callable[[], Section]] = {
+SECTIONS: dict[str, Callable[[], OutputSection]] = {
     "scenarios": scenarios,
     "maps": maps,
     "plugins": plugins,

@@ -23,7 +23,7 @@ from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.link.options import given_credentials, link_options
 from pointit.runtime.service.process import log_option
 
-NOBODY = "there are no people in this run: `pointit person add anna`, from another terminal, adds one"
+NO_PEOPLE = "there are no people in this run: `pointit person add anna`, from another terminal, adds one"
 """Notice at the start of a run with `--users 0` or `--site-only`."""
 
 
@@ -147,7 +147,7 @@ def run(
         processes=options["processes"],
         notes=(
             *(note for each in added for note in each.notes),
-            *([] if people else [NOBODY]),
+            *([] if people else [NO_PEOPLE]),
             *_ros2_notes(options),
             *assumed_places(launches, choices),
         ),

@@ -11,7 +11,7 @@ import click
 from pointit.cli.common.option_types import Finite
 from pointit.cli.parts import RUN_PARTS
 from pointit.launch.plan.launches import LAMPS, LOCALIZATIONS, Choices, robot_of
-from pointit.launch.plan.scenario import Pose
+from pointit.launch.plan.scenario import FloorPose
 from pointit.runtime.config.config import check_environment
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link
@@ -171,7 +171,7 @@ def joining(options: dict[str, Any]) -> Link:
     return link_of(options["site"], () if listen else connect, listen)
 
 
-def pose(text: str) -> Pose:
+def pose(text: str) -> FloorPose:
     """Return the pose in `X,Y` or `X,Y,YAW`: metres and degrees.
 
     Raises:
@@ -187,10 +187,12 @@ def pose(text: str) -> Pose:
     yaw_deg = rest[0] if rest else None
     if max(abs(x_m), abs(y_m)) > FARTHEST or abs(yaw_deg or 0.0) > 360.0:
         raise click.BadParameter(f"{text!r}: X and Y are metres to {FARTHEST:,.0f}, YAW degrees to 360")
-    return Pose(x_m=x_m, y_m=y_m, yaw_deg=yaw_deg)
+    return FloorPose(x_m=x_m, y_m=y_m, yaw_deg=yaw_deg)
 
 
-def _poses(_context: click.Context, _parameter: click.Parameter, texts: tuple[str, ...]) -> tuple[Pose, ...]:
+def _poses(
+    _context: click.Context, _parameter: click.Parameter, texts: tuple[str, ...]
+) -> tuple[FloorPose, ...]:
     return tuple(pose(text) for text in texts)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import click
 
-from pointit.cli.common.lazy import Entry, LazyGroup, print_help_without_action
+from pointit.cli.common.lazy import LazyEntry, LazyGroup, print_help_without_action
 from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.process import service_command, unavailable_command
@@ -25,7 +25,7 @@ def _loader(name: str) -> Callable[[], click.Command]:
 ABOUT = {row.name: f"({row.scope}) {row.about}" for row in PROCESSES}
 
 
-class ServiceGroup(LazyGroup):
+class ServiceCommandGroup(LazyGroup):
     """The services, whose help has their names only: `pointit service list` describes them."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -34,11 +34,12 @@ class ServiceGroup(LazyGroup):
             formatter.write_text(", ".join(self.list_commands(ctx)))
 
 
-command = ServiceGroup(
+group = ServiceCommandGroup(
     name="run",
     kind="service",
     entries=[
-        Entry(name=name, about=ABOUT.get(name, "of another package"), load=_loader(name)) for name in names()
+        LazyEntry(name=name, about=ABOUT.get(name, "of another package"), load=_loader(name))
+        for name in names()
     ],
     callback=print_help_without_action,
     invoke_without_command=True,

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from pointit.access.site_folder import STATE, SiteFolder
 from pointit.access.site_state import Identity, SiteState
-from pointit.cli.common.output import Row, Section
+from pointit.cli.common.output import OutputSection, Row
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import SOON, Credentials, LinkFile
 
@@ -68,11 +68,11 @@ def visible_rows(
     return [{"name": link.name, **_about(link, until, "valid", now), "own": True}]
 
 
-def section(rows: Iterable[Row]) -> Section:
+def section(rows: Iterable[Row]) -> OutputSection:
     """Return the table of the rows of `rows_of` or `visible_rows`."""
-    return Section(
+    return OutputSection(
         name="identities",
-        about="who may join, until when",
+        about="identities that may join, and the end of each",
         rows=tuple(
             {
                 "name": f"{row['name']} (this one)" if row.get("own") else row["name"],

@@ -1,4 +1,4 @@
-"""Whether the credentials of a command are for the person that it starts."""
+"""Check that the credentials of a command are for the person that it starts."""
 
 from typing import cast
 

@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from pointit.access.denied_operations import FILTER, MARKS, DeniedOperations, RecentDenials
-from pointit.access.limits import MAX_CONNECTIONS, Connection, Limits
+from pointit.access.limits import MAX_CONNECTIONS, ConnectionLimits, LimitedConnection
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.cli.common.panels import PanelCommand
@@ -73,7 +73,7 @@ def command(
     folders: tuple[Path, ...],
     file: Path | None,
     uplinks: tuple[str, ...],
-    most_connections: int,
+    max_connections: int,
     log_level: str,
 ) -> int:
     """Run a router, to which the processes of any number of sites connect.
@@ -99,9 +99,9 @@ def command(
         )
     raise_file_limit()
     if folders:
-        return run_until_shutdown(_guard(_of_sites(folders, uplinks), most_connections))
+        return run_until_shutdown(_guard(_of_sites(folders, uplinks), max_connections))
     if file is not None:
-        return run_until_shutdown(_guard(_of_file(file), most_connections))
+        return run_until_shutdown(_guard(_of_file(file), max_connections))
     return run_until_shutdown(_route(listen))
 
 
@@ -125,43 +125,43 @@ def _of_sites(folders: Sequence[Path], uplinks: tuple[str, ...]) -> Router:
     return Router(make, Path(), [file for site in sites for file in site.router_files()])
 
 
-async def _guard(router: Router, most_connections: int = MAX_CONNECTIONS) -> int:
-    loop, limits = asyncio.get_running_loop(), Limits(most_connections)
+async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
+    loop, limits = asyncio.get_running_loop(), ConnectionLimits(max_connections)
 
     def close_blocked() -> None:
         """Close connections of identities that are cut off, as soon as they are made."""
         if limits.held:
-            held = [each for each in _connections(router, refused) if each.identity in limits.held]
+            held = [each for each in _connections(router, denied) if each.identity in limits.held]
             router.cut(each.address for each in held if each.can_be_cut)
 
     def on_identity() -> None:
         with contextlib.suppress(RuntimeError):  # the loop is gone
             loop.call_soon_threadsafe(close_blocked)
 
-    refused = DeniedOperations(on_identity)
+    denied = DeniedOperations(on_identity)
     router.on_connection = close_blocked
-    with captured_log(FILTER, refused.take, MARKS):
+    with captured_log(FILTER, denied.take, MARKS):
         await router.open()
         try:
             click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
             async with asyncio.TaskGroup() as group:
-                group.create_task(_tell(router, refused, limits), name="refused")
+                group.create_task(_tell(router, denied, limits), name="refused")
                 group.create_task(router.reload_on_change(), name="router")
         finally:
             await router.close()
     return 0
 
 
-def _connections(router: Router, refused: DeniedOperations) -> list[Connection]:
+def _connections(router: Router, denied: DeniedOperations) -> list[LimitedConnection]:
     return [
-        Connection(
-            identity=name.rpartition("/")[0] or refused.identity(session), session=session, address=address
+        LimitedConnection(
+            identity=name.rpartition("/")[0] or denied.identity(session), session=session, address=address
         )
         for session, name, address in router.links()
     ]
 
 
-async def _tell(router: Router, refused: DeniedOperations, limits: Limits) -> None:
+async def _tell(router: Router, denied: DeniedOperations, limits: ConnectionLimits) -> None:
     """Report denied operations in the log and to doctor, at most every `TELL_S`.
 
     Connections beyond the limit of an identity are closed.
@@ -171,10 +171,10 @@ async def _tell(router: Router, refused: DeniedOperations, limits: Limits) -> No
     while True:
         await asyncio.sleep(TELL_S)
         now_s = loop.time()
-        sentences = refused.take_sentences(now_s - before_s)
+        sentences = denied.take_sentences(now_s - before_s)
         before_s = now_s
-        connections = _connections(router, refused)
-        excess, exceeding = limits.excess(connections, router.roles, refused.rates_hz, now_s)
+        connections = _connections(router, denied)
+        excess, exceeding = limits.excess(connections, router.roles, denied.rates_hz, now_s)
         router.cut(each.address for each in excess)
         by_address = {each.address: each for each in connections}
         waiting = router.unread(by_address)
@@ -187,7 +187,7 @@ async def _tell(router: Router, refused: DeniedOperations, limits: Limits) -> No
             recent.add(told, now_s, kind)
         logged = {sentence for told in messages.values() for sentence in told.values()}
         sessions = Counter(each.identity.partition("/")[0] for each in connections)
-        router.report(recent.of, refused.total, sessions)
+        router.report(recent.of, denied.total, sessions)
 
 
 async def _route(listen: tuple[str, ...]) -> int:

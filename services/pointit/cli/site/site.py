@@ -30,7 +30,7 @@ DEFAULT_PORT = 7447
 DASHBOARD_HZ = 20.0
 STANDING: tuple[Role, ...] = ("services", "web", "ros2", "operator", "supervisor")
 """Identities that every site has, called like their roles."""
-MOST = 256
+MAX_GUESTS = 256
 LOOK_S = 5.0
 """Timeout of joining the site that a folder is of, s."""
 
@@ -56,10 +56,12 @@ folder_option = click.option(
 @click.option(
     "--guests",
     default=4,
-    type=click.IntRange(0, MOST),
+    type=click.IntRange(0, MAX_GUESTS),
     help="number of spare identities guest1, guest2, … for later use",
 )
-@click.option("--dashboards", default=1, type=click.IntRange(0, MOST), help="number of view-only identities")
+@click.option(
+    "--dashboards", default=1, type=click.IntRange(0, MAX_GUESTS), help="number of view-only identities"
+)
 @click.option(
     "--host",
     "hosts",
@@ -72,7 +74,7 @@ folder_option = click.option(
     "--password",
     is_flag=True,
     help="use passwords, which do not expire, instead of certificates for all but the router; "
-    "less secure: copies stay valid, and strangers get as far as Zenoh's handshake",
+    "less secure: copies stay valid, and unknown peers get as far as Zenoh's handshake",
 )
 @click.option(
     "--dashboard-rate",
@@ -296,8 +298,8 @@ async def _refuse_shards(site: SiteFolder, names: Collection[str]) -> None:
 
 def _count(text: str) -> int:
     count = int(text)
-    if count > MOST:
-        raise ConfigError(f"--users {count}: at most {MOST} can be made at once")
+    if count > MAX_GUESTS:
+        raise ConfigError(f"--users {count}: at most {MAX_GUESTS} can be made at once")
     return count
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.output import Section, json_option, say, show
+from pointit.cli.common.output import OutputSection, json_option, say, show
 from pointit.runtime.service.shutdown import EXIT_FAILED
 from pointit.study.check import Finding, check_folder
 from pointit.study.model import read_study
@@ -33,7 +33,7 @@ def command(*, path: Path, as_json: bool) -> int:
         findings = check_folder(path)
     if findings or as_json:
         rows = tuple(finding._asdict() for finding in findings)
-        show([Section(name="findings", about="missing or wrong", rows=rows)], as_json=as_json)
+        show([OutputSection(name="findings", about="missing or wrong", rows=rows)], as_json=as_json)
     else:
         say(f"{path}: nothing is missing or wrong")
     return EXIT_FAILED if any(finding.severity == "error" for finding in findings) else 0

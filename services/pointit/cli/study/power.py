@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.output import Section, json_option, show
+from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.cli.common.progress import ProgressCallback, interruptible, progress
 from pointit.runtime.errors import ConfigError
 from pointit.study.data import StudyFolder
@@ -49,7 +49,7 @@ def command(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Say how many participants find an effect of a stated size with 80 and with 90 %.
+    """Print the number of participants that find an effect of a stated size with 80 and with 90 %.
 
     Simulated participants run the study FILE, as many as it names. Participants are drawn of them, or of
     --pilot, with replacement; their differences are centred and the effect is added. Each drawn study is
@@ -64,12 +64,12 @@ def command(
 
     if (file is None) == (pilot is None):
         raise ConfigError("give either the FILE of a study or --pilot FOLDER")
-    with interruptible(), progress() as tell:
+    with interruptible(), progress() as on_progress:
         if pilot is not None:
             study = study_report.trials(pilot)
         else:
             with tempfile.TemporaryDirectory() as folder:
-                _simulate(file or Path(), Path(folder), tell)
+                _simulate(file or Path(), Path(folder), on_progress)
                 study = study_report.trials(folder)
         named = levels or study.levels(factor)[:2]
         if len(named) < 2:
@@ -82,29 +82,29 @@ def command(
             range(4, most + 1),
             runs=runs,
             seed=seed,
-            tell=lambda count: tell(f"{count} participants"),
+            tell=lambda count: on_progress(f"{count} participants"),
         )
     about = (
         f"{people.test}, {measure}: {named[1]} - {named[0]} = {size:+.4g}, {runs} studies each, seed {seed}"
     )
-    show([Section(name="power", about=about, rows=tuple(table))], as_json=as_json)
+    show([OutputSection(name="power", about=about, rows=tuple(table))], as_json=as_json)
     if as_json:
         return
     group = "" if people.is_within else " in each group"
     for goal in power.GOALS:
-        least, low, high = power.needed(table, goal)
-        if least is None:
+        needed, low, high = power.needed(table, goal)
+        if needed is None:
             click.echo(f"{goal:.0%} of studies: not with {most} participants{group}; try --most")
         else:
             between = f"{low} to {high if high is not None else f'more than {most}'}"
-            click.echo(f"{goal:.0%} of studies: {least} participants{group} ({between})")
+            click.echo(f"{goal:.0%} of studies: {needed} participants{group} ({between})")
 
 
-def _simulate(file: Path, folder: Path, tell: ProgressCallback) -> None:
+def _simulate(file: Path, folder: Path, on_progress: ProgressCallback) -> None:
     study = read_study(file)
     data = StudyFolder(folder, study, file.read_text(encoding="utf-8"))
     for participant in study.people:
-        tell(f"simulated participant {participant}")
+        on_progress(f"simulated participant {participant}")
         simulate(study, data, participant, lambda _: None)
 
 

@@ -26,9 +26,9 @@ from pointit.study.site.lsl import check_lsl
 from pointit.study.site.scenario import check_ready
 from pointit.study.site.study_site import SiteOptions
 from pointit.study.step import Step
-from pointit.study.view import Command, Status
+from pointit.study.view import StudyCommand, StudyStatus
 
-KEYS = {"r": Command("repeat"), "p": Command("pause"), "q": Command("stop")}
+KEYS = {"r": StudyCommand("repeat"), "p": StudyCommand("pause"), "q": StudyCommand("stop")}
 HELP = "r repeat  s skip  p pause  q stop"
 
 
@@ -37,7 +37,7 @@ class TerminalView:
 
     def __init__(self) -> None:
         """Create without commands."""
-        self._commands = deque[Command]()
+        self._commands = deque[StudyCommand]()
         self._typed: str | None = None
         """Text that is being typed, or None while keys are commands."""
         self._entered = asyncio.Event()
@@ -77,7 +77,7 @@ class TerminalView:
             answers.append(values[answer])
         return answers
 
-    def status(self, status: Status) -> None:
+    def status(self, status: StudyStatus) -> None:
         """Show where the study stands, in one line."""
         self._is_paused = status.state == "paused"
         if self._typed is not None:
@@ -91,7 +91,7 @@ class TerminalView:
             self._shown = line
             self._write(f"\r\x1b[K{line}")
 
-    def command(self) -> Command | None:
+    def command(self) -> StudyCommand | None:
         """Return the next command of the experimenter."""
         return self._commands.popleft() if self._commands else None
 
@@ -99,7 +99,7 @@ class TerminalView:
         if self._typed is None:
             if key == "s":
                 if not self._is_paused:  # the trial does not go on while the reason is typed
-                    self._commands.append(Command("pause"))
+                    self._commands.append(StudyCommand("pause"))
                 self._typed, self._asks_reason = "", True
                 self._write("\r\x1b[Kskip this trial; why? ")
             elif key in KEYS:
@@ -107,7 +107,7 @@ class TerminalView:
         elif key in "\r\n":
             self._write("\n")
             if self._asks_reason:
-                self._commands.append(Command("skip", self._typed.strip()))
+                self._commands.append(StudyCommand("skip", self._typed.strip()))
                 self._typed, self._asks_reason = None, False
             else:
                 self._entered.set()
@@ -141,7 +141,7 @@ PATH = click.Path(path_type=Path)
     default="",
     show_default=False,
     metavar="NAME",
-    help="who takes part; by default the next one",
+    help="participant; default: the next one of the plan",
 )
 @click.option("--simulated", type=click.IntRange(min=1), metavar="N", help="first N participants, simulated")
 @click.option(
@@ -183,7 +183,7 @@ def command(
 ) -> int:
     """Run the study FILE with one participant, from where they are.
 
-    Each trial is on the disk as soon as it has ended. After a crash, the same command goes on. Keys: r
+    Each trial is on the disk when it ends. After a crash, the same command goes on. Keys: r
     repeats the trial, s skips it with a reason, p pauses, q stops; --page prints the links of
     two pages instead, which are secret. --simulated takes virtual time. Without it and --imu, the
     participant is simulated in real time.
@@ -218,10 +218,10 @@ def command(
     records = importlib.util.find_spec("mcap") is not None if record is None else record
     if record is None and not records:
         say(f"no recording: it needs {remedy('record')}; the tables are written", err=True)
-    setup = SiteOptions(imu=imu, output=output, localize=localize, listen=listen, record=records, lsl=lsl)
+    options = SiteOptions(imu=imu, output=output, localize=localize, listen=listen, record=records, lsl=lsl)
     name = participant or left[0]
     view = PageView(study.name, name, pictures) if in_page else TerminalView()
-    session = Session(study, folder, name, view, setup)
+    session = Session(study, folder, name, view, options)
     return run_until_shutdown(_run(session, folder.path / name, view, lan=lan))
 
 
@@ -237,18 +237,18 @@ def _check_simulated(study: Study, simulated: int, given: list[str]) -> None:
 async def _run(session: Session, data: Path, view: PageView | TerminalView, *, lan: bool) -> int:
     if isinstance(view, TerminalView):
         with key_bytes(view.on_bytes):
-            said = await _outcome(session, data)
+            outcome = await _outcome(session, data)
             click.echo()
-            say(said)
+            say(outcome)
         return 0
     from pointit.study.page.server import served  # noqa: PLC0415 - needs the extra `web`
 
     async with served(view, lan=lan) as (participants, experimenters):
         say(f"page of {data.name}: {participants}")
         say(f"page of the experimenter: {experimenters}")
-        said = await _outcome(session, data)
+        outcome = await _outcome(session, data)
         view.end("You may close this page.")
-    say(said)
+    say(outcome)
     return 0
 
 
@@ -265,18 +265,18 @@ async def _outcome(session: Session, data: Path) -> str:
     return f"{data.name} has finished; the data are in {data}"
 
 
-def _tell_trial(tell: ProgressCallback, last: int, now: Status) -> None:
-    tell(now.participant, last - now.left)
+def _tell_trial(on_progress: ProgressCallback, last: int, status: StudyStatus) -> None:
+    on_progress(status.participant, last - status.left)
 
 
 def _simulate(study: Study, folder: StudyFolder, people: list[str], record: bool) -> int:  # noqa: FBT001
     trials = {name: len(plan_of(study, name).trials) for name in people}
     done = 0
     try:
-        with interruptible(), progress(sum(trials.values())) as tell:
+        with interruptible(), progress(sum(trials.values())) as on_progress:
             for name in people:
                 last = done + trials[name]
-                report = partial(_tell_trial, tell, last)
+                report = partial(_tell_trial, on_progress, last)
                 simulate(study, folder, name, report, record=record)
                 done = last
     except KeyboardInterrupt:

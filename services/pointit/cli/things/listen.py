@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from pointit.speech.interpreter import Interpreter
     from pointit.speech.speech_synthesizer import SpeechSynthesizer
 
-ROOM_PATIENCE_S = 2.0
-END_PATIENCE_S = 15.0
+ROOM_TIMEOUT_S = 2.0
+END_TIMEOUT_S = 15.0
 """Time for the last utterance to be followed, questions included, s."""
 
 
@@ -47,7 +47,7 @@ END_PATIENCE_S = 15.0
     help="a verb of a thing, one word, and what it does, as `pointit run --on`; without = programs of "
     "yours follow what was understood. Repeatable",
 )
-@click.option("--speak", is_flag=True, help="say what was understood, by espeak-ng")
+@click.option("--speak", is_flag=True, help="speak the understood sentence, by espeak-ng")
 def command(
     user: str,
     *,
@@ -104,7 +104,7 @@ async def _listen(
         following = asyncio.create_task(interpreter.run())
         publishing: asyncio.Task[int] | None = None
         try:
-            await interpreter.wait_for_room(ROOM_PATIENCE_S)
+            await interpreter.wait_for_room(ROOM_TIMEOUT_S)
             if problem is not None:
                 raise problem
             say(f"listening to {user}; Ctrl-C ends it")
@@ -113,14 +113,14 @@ async def _listen(
             elif text is not None:
                 spoken = _typed(text, clock)
             else:
-                spoken = _heard(audio or "", recogniser, interpreter, clock, synthesizer)
+                spoken = _recognise(audio or "", recogniser, interpreter, clock, synthesizer)
             publishing = asyncio.create_task(_publish(bus, user, spoken))
             await asyncio.wait({publishing, following}, return_when=asyncio.FIRST_COMPLETED)
             if following.done():
                 following.result()
             count = await publishing
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(END_PATIENCE_S):
+                async with asyncio.timeout(END_TIMEOUT_S):
                     await interpreter.finish(count)
                     if synthesizer is not None:
                         await synthesizer.close()
@@ -149,11 +149,11 @@ async def _nothing() -> AsyncIterator[Speech]:
 
 def _tell(understood: Understood) -> None:
     about = ", ".join(f"{one.name or one.kind} {one.probability:.0%}" for one in understood.referents)
-    said = ": ".join(filter(None, (understood.result, understood.message)))
-    say(f'"{understood.text}": {said}{f" ({about})" if about else ""}')
+    sentence = ": ".join(filter(None, (understood.result, understood.message)))
+    say(f'"{understood.text}": {sentence}{f" ({about})" if about else ""}')
 
 
-async def _heard(
+async def _recognise(
     audio: str,
     recogniser: str,
     interpreter: "Interpreter",
@@ -164,12 +164,12 @@ async def _heard(
     from pointit.speech.audio import MICROPHONE, Stream, WavFile  # noqa: PLC0415 - as above
     from pointit.speech.recogniser import make  # noqa: PLC0415 - as above
 
-    hears = make(recogniser, {})
+    loaded = make(recogniser, {})
     is_stream = audio in ("-", MICROPHONE)
     source = Stream(clock, is_microphone=audio == MICROPHONE) if is_stream else WavFile(Path(audio), clock)
-    async for said in hears.hear(source, interpreter.vocabulary):
-        if synthesizer is None or not synthesizer.is_echo(said):
-            yield said
+    async for sentence in loaded.hear(source, interpreter.vocabulary):
+        if synthesizer is None or not synthesizer.is_echo(sentence):
+            yield sentence
 
 
 async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
@@ -181,25 +181,25 @@ async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
         file = sys.stdin if text == "-" else Path(text).open("rb")  # noqa: SIM115, ASYNC230 - closed below
     except OSError as error:
         raise ConfigError(f"{text}: {error.strerror}") from error
-    start_ns, kept = clock.now_ns(), list[TimedWord]()
+    start_ns, timed_words = clock.now_ns(), list[TimedWord]()
     try:
         async for line in _with_end(lines_of(file.fileno())):
             words = words_in(line)
-            last_s = kept[-1].time_s if kept else None
+            last_s = timed_words[-1].time_s if timed_words else None
             is_apart = (
                 not words
                 or words[0].time_s is None
                 or (last_s is not None and words[0].time_s - last_s > PAUSE_S)
             )
-            if kept and is_apart:
-                said = speech(kept, start_ns, clock.now_ns())
-                await asyncio.sleep(max((said.stamp_ns - clock.now_ns()) / NS_PER_S, 0.0) / clock.speed)
-                yield said
-                kept = []
+            if timed_words and is_apart:
+                sentence = speech(timed_words, start_ns, clock.now_ns())
+                await asyncio.sleep(max((sentence.stamp_ns - clock.now_ns()) / NS_PER_S, 0.0) / clock.speed)
+                yield sentence
+                timed_words = []
             if words and words[0].time_s is None:
                 yield speech(words, start_ns, clock.now_ns())
             else:
-                kept += words
+                timed_words += words
     finally:
         if file is not sys.stdin:
             file.close()

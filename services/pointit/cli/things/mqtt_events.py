@@ -16,7 +16,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pointit.launch.plan.plan import News
+from pointit.launch.plan.plan import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, PointItError
@@ -143,10 +143,10 @@ class Announcements:
 
     def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
         """Return the message of an event, or None for those of switches and the end of buttons."""
-        told = EVENTS.get(event.event)
-        if told is None or thing.mode == "switch" or (thing.mode == "button" and not event.is_on):
+        action = EVENTS.get(event.event)
+        if action is None or thing.mode == "switch" or (thing.mode == "button" and not event.is_on):
             return None
-        payload = {"event_type": told, "user": event.user, "confidence": event.confidence}
+        payload = {"event_type": action, "user": event.user, "confidence": event.confidence}
         return Publication(topic=self._topic(thing.id), payload=json.dumps(payload))
 
     def _topic(self, thing_id: str) -> str:
@@ -157,10 +157,10 @@ class Announcements:
         return f"{PREFIX}/{kind}/{self._node}/{_id_of(thing.id)}/config"
 
 
-def _state(switched_on: SelectedObject | None) -> dict[str, Any]:
-    if switched_on is None:
+def _state(selected: SelectedObject | None) -> dict[str, Any]:
+    if selected is None:
         return {"state": "OFF", "user": "", "confidence": None}
-    return {"state": "ON", "user": switched_on.user, "confidence": switched_on.confidence}
+    return {"state": "ON", "user": selected.user, "confidence": selected.confidence}
 
 
 def _id_of(name: str) -> str:
@@ -220,7 +220,7 @@ class MqttThings:
         """Switches that are about to be switched on again. None until they are known."""
         self._shown: dict[str, str] = {}
         """Payloads by topic that the broker has retained."""
-        self._events: asyncio.Queue[Publication] = asyncio.Queue(MAX_QUEUED)
+        self._publications: asyncio.Queue[Publication] = asyncio.Queue(MAX_QUEUED)
         self._changed = asyncio.Event()
         self._is_connected = False
         self._problem = ""
@@ -229,9 +229,9 @@ class MqttThings:
         self._sent = 0
         self._dropped = 0
 
-    def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
+    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
         """Subscribe on `bus`, and connect. Return the subscriptions, and what ends the connection."""
-        del news
+        del on_event
         self._bus, self._announcements = bus, Announcements(bus.site)
         ending = contextlib.ExitStack()
         for run, name in ((self._run, "things by MQTT"), (self._restore, "switches by MQTT")):
@@ -267,11 +267,11 @@ class MqttThings:
         if publication is None or event.reason.endswith(TOLD_AGAIN):
             return
         # what was pointed at while there was no broker would happen long after
-        if not self._is_connected or self._events.full():
+        if not self._is_connected or self._publications.full():
             self._dropped += 1
             self._log(f"{self._config.broker}: what people point at is lost until the broker takes it again")
             return
-        self._events.put_nowait(publication)
+        self._publications.put_nowait(publication)
 
     async def _restore(self) -> None:
         """Switch on what the broker has retained as on, unless somebody had switched it off."""
@@ -347,12 +347,12 @@ class MqttThings:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._publish_states(client), name="states by MQTT")
                     tasks.create_task(self._publish_events(client), name="events by MQTT")
-                    tasks.create_task(self._obey(client), name="commands by MQTT")
+                    tasks.create_task(self._run_commands(client), name="commands by MQTT")
             finally:
                 self._is_connected = False
-                self._dropped += self._events.qsize()
-                while not self._events.empty():
-                    self._events.get_nowait()
+                self._dropped += self._publications.qsize()
+                while not self._publications.empty():
+                    self._publications.get_nowait()
                 with contextlib.suppress(MqttError, TimeoutError):  # the last will says it then
                     async with asyncio.timeout(OLD_FOUND_S):
                         await client.publish(status, OFFLINE, qos=1, retain=True)
@@ -400,13 +400,13 @@ class MqttThings:
 
     async def _publish_events(self, client: "aiomqtt.Client") -> None:
         while True:
-            event = await self._events.get()
+            event = await self._publications.get()
             self._dropped += 1  # until the broker has it
             await uncancelled(client.publish(event.topic, event.payload, qos=1))
             self._dropped -= 1
             self._sent += 1
 
-    async def _obey(self, client: "aiomqtt.Client") -> None:
+    async def _run_commands(self, client: "aiomqtt.Client") -> None:
         """Switch things as the broker says, until the connection is lost, which raises MqttError."""
         await uncancelled(client.subscribe([(self._announcements.commands, 1), (BIRTH_TOPIC, 1)]))
         async for message in client.messages:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol, Self, cast
 from pointit.api.reactions import check_things, is_reaction
 from pointit.cli.things.program import Program
 from pointit.cli.things.webhook import Webhook
-from pointit.launch.plan.plan import News
+from pointit.launch.plan.plan import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
@@ -29,7 +29,7 @@ MAX_FAILURES = 20
 FILES = (".yaml", ".yml")
 
 
-class Target(Protocol):
+class ReactionTarget(Protocol):
     """Program or webhook."""
 
     interruption: ClassVar[str]
@@ -49,7 +49,7 @@ class Reaction:
     """Thing, and the program or webhook for when somebody points at it."""
 
     thing: str
-    target: Target
+    target: ReactionTarget
 
     @classmethod
     def parse(cls, text: str, room: Environment | None = None) -> Self:
@@ -109,16 +109,16 @@ class Reactions:
         """Do those of `reactions` whose thing is pointed at."""
         self._reactions = reactions
         self._room: Environment | None = None
-        self._running: dict[asyncio.Task[str], tuple[str, Target]] = {}
+        self._running: dict[asyncio.Task[str], tuple[str, ReactionTarget]] = {}
         """Reactions without a result, with their description."""
         self._done = 0
         self._failed = 0
         self._dropped = 0
         self._failures: deque[str] = deque(maxlen=MAX_FAILURES)
 
-    def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
+    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
         """Subscribe on `bus`. Return the subscription, and what ends all reactions."""
-        del news
+        del on_event
         ending = contextlib.ExitStack()
         ending.callback(self._end)
         return ending, bus.subscribe(SELECTION_EVENTS, self._on_event)
@@ -149,7 +149,7 @@ class Reactions:
             if is_reaction(event, [reaction.thing], self._room):
                 self._start(event, reaction.target)
 
-    def _start(self, event: SelectionEvent, target: Target) -> None:
+    def _start(self, event: SelectionEvent, target: ReactionTarget) -> None:
         values = {
             "thing": event.thing,
             "user": event.user,

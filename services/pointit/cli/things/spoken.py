@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
 
 from pointit.cli.things.program import Program
-from pointit.cli.things.reactions import Reaction, Target
+from pointit.cli.things.reactions import Reaction, ReactionTarget
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import Referent
 from pointit.speech.grammar import RESERVED, spoken
@@ -22,7 +22,7 @@ def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None
         ConfigError: If a text is none of these.
     """
     problem: ConfigError | None = None
-    verbs = defaultdict[str, dict[str, Target | None]](dict)
+    verbs = defaultdict[str, dict[str, ReactionTarget | None]](dict)
     for text in texts:
         words = text.partition("=")[0].split()
         if len(words) != 2 or spoken(words[0]) != (words[0],):
@@ -32,7 +32,7 @@ def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None
         verb, thing = words
         if verb in RESERVED:
             raise ConfigError(f"--verb {text!r}: {verb!r} has a meaning in all rooms; choose another word")
-        target: Target | None = None
+        target: ReactionTarget | None = None
         try:
             target = Reaction.parse(text).target if "=" in text else None
         except ConfigError as error:
@@ -42,15 +42,22 @@ def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None
     return own, problem
 
 
-def _starts(targets: Mapping[str, Target | None]) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:
+def _starts(
+    targets: Mapping[str, ReactionTarget | None],
+) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:
     """Return the reaction that starts the program of a thing; it raises RefusedError if the program fails."""
 
-    async def do(at: VerbContext, verb: str, one: Referent) -> str:
-        what = f"{verb} {at.room.label(one)}"
+    async def do(context: VerbContext, verb: str, one: Referent) -> str:
+        what = f"{verb} {context.room.label(one)}"
         if (target := targets[one.name]) is None:
             return what
-        values = {"thing": one.name, "user": at.user, "confidence": f"{one.probability:.2f}", "state": "on"}
-        if problem := await target.react({**values, "stamp_ns": str(at.clock.now_ns())}):
+        values = {
+            "thing": one.name,
+            "user": context.user,
+            "confidence": f"{one.probability:.2f}",
+            "state": "on",
+        }
+        if problem := await target.react({**values, "stamp_ns": str(context.clock.now_ns())}):
             raise RefusedError(f"{what}: {target.describe(values)} {problem}")
         return what
 

@@ -9,8 +9,8 @@ from typing import Unpack
 import click
 
 from pointit.api.reactions import check_things, is_reaction
-from pointit.cli.common.output import Row, Section, json_option, say, show
-from pointit.cli.common.site_link import PATIENCE_S, AtSite, LatestMessage, join_site, quiet, site_options
+from pointit.cli.common.output import OutputSection, Row, json_option, say, show
+from pointit.cli.common.site_link import TIMEOUT_S, AtSite, LatestMessage, join_site, quiet, site_options
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reaction, Reactions, reactions_in
 from pointit.cli.things.run_things import mqtt_options, summary_lines
@@ -49,12 +49,15 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
     if not room.things and not as_json:
         say(f"the map {room.name} has no things; add a section `things`", err=True)
     else:
-        show([Section(name="things", about=f"of map {room.name}", rows=rows(room, events))], as_json=as_json)
+        show(
+            [OutputSection(name="things", about=f"of map {room.name}", rows=rows(room, events))],
+            as_json=as_json,
+        )
     return 0 if room.things else EXIT_FAILED
 
 
 async def _map(bus: Bus) -> Environment:
-    room = await LatestMessage(bus, MAP).wait(PATIENCE_S)
+    room = await LatestMessage(bus, MAP).wait(TIMEOUT_S)
     if room is None:
         raise NoMessageError("no map has come, which `pui` publishes; see `pointit doctor`")
     return room

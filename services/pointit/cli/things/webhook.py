@@ -22,7 +22,7 @@ TIMEOUT_S = 5.0
 """Maximum time of a try, s."""
 PAUSES_S = (1.0, 4.0)
 """Pauses before the second and the third try, s."""
-TRUST = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
+AUTHORITY_HINT = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
 MAX_REASON = 200
 """Characters of a server's words that are shown."""
 SUCCESS, REDIRECT = 200, 300
@@ -144,5 +144,5 @@ def _cause(error: Exception) -> str:
     """Return the reason of an error of a connection, and the remedy for one of a certificate."""
     refusal = certificate_error_in(error)
     if refusal is not None:
-        return describe_certificate_error(refusal, "the server", TRUST)
+        return describe_certificate_error(refusal, "the server", AUTHORITY_HINT)
     return one_line(str(error), MAX_REASON) or type(error).__name__

@@ -173,7 +173,7 @@ def _shown(host: str) -> str:
 
 
 @contextlib.contextmanager
-def kept_link(site: str, *urls: str) -> Generator[Path | None]:
+def page_link_file(site: str, *urls: str) -> Generator[Path | None]:
     """Yield a file with `urls` that only its owner can read, or None if it cannot be written."""
     try:
         path = keep_link(site, *filter(None, urls))
@@ -194,6 +194,6 @@ def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
     return without_token(url) + ("" if path is None else f" (its link is in {path})")
 
 
-def page_unavailable_error(why: str) -> ConfigError:
+def page_unavailable_error(reason: str) -> ConfigError:
     """Return the error for an option that needs an unavailable page."""
-    return ConfigError(f"{why}: {REMEDY}")
+    return ConfigError(f"{reason}: {REMEDY}")

@@ -34,14 +34,14 @@ class Tokens:
     viewer: str = field(default_factory=_new)
 
 
-class _Kept(BaseModel):
+class _StoredTokens(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid")
 
     operator: str = Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")
     viewer: str = Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")
 
 
-def kept_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str]]:
+def stored_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str]]:
     """Return the tokens of the pages of `site`, the same at every start, and notices about them.
 
     They are in a file of the site's state that only its owner may read. A missing or untrusted file is
@@ -86,9 +86,9 @@ def _read(path: Path) -> Tokens:
             raise ValueError("belongs to another user")
         data = file.read(MAX_BYTES)
     try:
-        kept = _Kept.model_validate_json(data)
+        stored = _StoredTokens.model_validate_json(data)
     except ValidationError:  # its details would reveal the contents
         raise ValueError("does not hold two tokens") from None
-    if kept.operator == kept.viewer:
+    if stored.operator == stored.viewer:
         raise ValueError("does not hold two tokens")
-    return Tokens(operator=kept.operator, viewer=kept.viewer)
+    return Tokens(operator=stored.operator, viewer=stored.viewer)

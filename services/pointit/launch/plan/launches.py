@@ -10,7 +10,7 @@ import numpy as np
 
 from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
 from pointit.launch.plan.extras import load
-from pointit.launch.plan.scenario import REALISTIC, Place, Pose, Scenario, body_of
+from pointit.launch.plan.scenario import REALISTIC, FloorPose, Scenario, ScenarioPlace, body_of
 from pointit.launch.plan.settings import Settings, layers_of
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError
@@ -78,7 +78,7 @@ class Choices(Settings):
     """Robot that people follow to be localized, `""` for the scenario's first. None: they point at lamps."""
     targets: int | None = None
     """Number of lamps to point at. None: the localizer's default."""
-    poses: Sequence[Pose | None] = ()
+    poses: Sequence[FloorPose | None] = ()
     """Pose per person. None: the scenario's place."""
     method: str = ""
     """Selection method, `NAME` or `NAME:VALUE`, or `""` for the scenario's."""
@@ -280,12 +280,12 @@ def followed_robot(scenario: Scenario, robot: str) -> str:
     return robot or there[0]
 
 
-def place_of(scenario: Scenario, choices: Choices, index: int) -> Place:
+def place_of(scenario: Scenario, choices: Choices, index: int) -> ScenarioPlace:
     """Return the assumed place of the person `index`: from the command line, else from the scenario."""
     pose = choices.poses[index] if index < len(choices.poses) else None
     if pose is None:
         return scenario.place_of(index)
-    return Place(position_m=(pose.x_m, pose.y_m, 0.0), yaw_deg=pose.yaw_deg or 0.0)
+    return ScenarioPlace(position_m=(pose.x_m, pose.y_m, 0.0), yaw_deg=pose.yaw_deg or 0.0)
 
 
 def added_services(choices: Choices, scope: Literal["site", "user"]) -> list[str]:

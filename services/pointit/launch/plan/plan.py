@@ -13,15 +13,15 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.schemas import Environment, RunScenario
 
-News: TypeAlias = Callable[[str, str], object]
+OnEvent: TypeAlias = Callable[[str, str], object]
 """Takes an event line and the person whom it is about, `""` for nobody."""
 
 
 class Watcher(Protocol):
     """Observes one scenario, from its start to its end."""
 
-    def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
-        """Subscribe on `bus`, and tell `news`. Return the subscriptions."""
+    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
+        """Subscribe on `bus`, and tell `on_event`. Return the subscriptions."""
         ...
 
     def on_map(self, environment: Environment) -> None:
@@ -47,8 +47,8 @@ class Beside(ABC):
     WHAT: ClassVar[str]
     """Common noun in messages, such as `page`."""
     WAIT_S: ClassVar[float] = 0.0
-    """The scenario waits until it is present, at most so long, and ends before it. 0: it is started in the
-    background after the scenario."""
+    """The scenario waits until it is present, at most for this time, and ends before it. 0: it is started in
+    the background after the scenario."""
     ONE_IS_ENOUGH: ClassVar[bool] = False
     """It is not started on a site that has one."""
 

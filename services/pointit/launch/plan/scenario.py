@@ -33,7 +33,7 @@ REALISTIC: dict[str, Any] = {
 at a lamp again when the cursor has drifted away."""
 
 
-class Place(Config):
+class ScenarioPlace(Config):
     """Position of a person in {W}, and the azimuth of their IMU's yaw 0."""
 
     position_m: tuple[float, float, float]
@@ -44,10 +44,12 @@ class Scenario(Config):
     """Contents of a scenario file."""
 
     about: str = Field(description="one sentence")
-    explained: str = Field(default="", description="what happens and what to look at, some sentences")
+    explained: str = Field(
+        default="", description="description of the events and of what to watch, some sentences"
+    )
     duration_s: float | None = Field(default=60.0, gt=0, description="default duration, s; null: no end")
     target_kinds: tuple[str, ...] = Field(default=(), description="kinds of objects to select")
-    places: tuple[Place, ...] = Field(min_length=1, description="where people stand, in turn")
+    places: tuple[ScenarioPlace, ...] = Field(min_length=1, description="positions of the people, in turn")
     site: dict[str, dict[str, Any]] = Field(default={}, description="services for all, by name")
     user: dict[str, dict[str, Any]] = Field(default={}, description="services per person, by name")
     _source: str = PrivateAttr(default="scenario")
@@ -57,7 +59,7 @@ class Scenario(Config):
         """Return the name of its file, for error messages."""
         return self._source
 
-    def place_of(self, index: int) -> Place:
+    def place_of(self, index: int) -> ScenarioPlace:
         """Return the place of the person `index`, counted from 0. Places repeat if there are more people."""
         return self.places[index % len(self.places)]
 
@@ -123,7 +125,7 @@ def read_scenario(name: str) -> Scenario:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pose:
+class FloorPose:
     """A place on the floor of {W}, and the azimuth there of the IMU's yaw 0."""
 
     x_m: float

@@ -75,8 +75,8 @@ class ScenarioCatalog:
             return tuple(self.sources)
         return tuple(name for name, source in self.sources.items() if self._can_run(source))
 
-    def plan(self, query: RunScenario, now: Plan) -> Plan:
-        """Return the plan of the requested scenario, which replaces `now`, checked as at a start.
+    def plan(self, query: RunScenario, plan: Plan) -> Plan:
+        """Return the plan of the requested scenario, which replaces `plan`, checked as at a start.
 
         Raises:
             ConfigError: If there is no such scenario, or it does not fit the choices.
@@ -85,18 +85,18 @@ class ScenarioCatalog:
         if source is None:
             raise ConfigError(f"no scenario {query.scenario!r}; there are {', '.join(self.offered)}")
         scenario = read_scenario(source)
-        localizes = now.localizes if query.localizes is None else query.localizes
+        localizes = plan.localizes if query.localizes is None else query.localizes
         choices = self._fitting(scenario, localize=localizes)
-        people = len(now.users) if query.users is None else query.users
+        people = len(plan.users) if query.users is None else query.users
         launches = scenario_launches(scenario, choices, people)
-        check_launches(launches, now.link.addresses)
+        check_launches(launches, plan.link.addresses)
         return dataclasses.replace(
-            now,
+            plan,
             name=Path(source).stem,
             scenario=Path(source).stem,
             launches=launches,
             target_kinds=scenario.target_kinds,
-            duration_s=now.duration_s if now.is_limited else scenario.duration_s,
+            duration_s=plan.duration_s if plan.is_limited else scenario.duration_s,
             localizes=localizes,
             notes=(*self._ignored(scenario), *assumed_places(launches, choices)),
         )
@@ -133,10 +133,10 @@ class ScenarioCatalog:
 
     def _ignored(self, scenario: Scenario) -> Iterator[str]:
         choices, there = self.choices, _services(scenario)
-        said = [(f"--set {setting}", service_of(setting)) for setting in choices.settings]
-        said += [(f"--method {choices.method}", "selector")] if choices.method else []
-        said += [(f"--output {choices.output}", "led-driver")] if choices.output else []
-        for option, service in said:
+        setting_services = [(f"--set {setting}", service_of(setting)) for setting in choices.settings]
+        setting_services += [(f"--method {choices.method}", "selector")] if choices.method else []
+        setting_services += [(f"--output {choices.output}", "led-driver")] if choices.output else []
+        for option, service in setting_services:
             if service not in there and service != PAGE:
                 yield f"{option} is ignored: {scenario.source} has no {service}"
         if any(choices.poses) and _room(scenario) != self.room:

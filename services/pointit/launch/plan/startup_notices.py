@@ -25,8 +25,8 @@ def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0)
     is_set = any(setting.startswith("localizer.") for setting in choices.settings)
     for index, user in enumerate(users, start=first):
         config = places.get(user)
-        is_said = is_set or (index < len(choices.poses) and choices.poses[index] is not None)
-        if user in simulated or config is None or config.method != "fixed" or is_said:
+        is_given = is_set or (index < len(choices.poses) and choices.poses[index] is not None)
+        if user in simulated or config is None or config.method != "fixed" or is_given:
             continue
         x_m, y_m, _ = config.position_m
         yield (
@@ -35,29 +35,29 @@ def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0)
         )
 
 
-def kept_mountings(launches: Sequence[Launch]) -> Iterator[str]:
+def stored_mounting_notices(launches: Sequence[Launch]) -> Iterator[str]:
     """Yield a message for each stored mounting in use from the start."""
     for launch in launches:
         if not isinstance(launch.config, ImuBridgeConfig):
             continue
         try:
-            kept = StateFile(StoredMountings, launch.user, PURPOSE).read()
+            stored = StateFile(StoredMountings, launch.user, PURPOSE).read()
         except ConfigError:
             continue  # the service reports that itself and continues without it
-        if kept is not None and MountingSelection(launch.config, kept).is_measured:
-            since = minute(kept.by_source[launch.config.source].set_ns)
+        if stored is not None and MountingSelection(launch.config, stored).is_measured:
+            since = minute(stored.by_source[launch.config.source].set_ns)
             forget = f"`pointit person calibrate mounting {launch.user} --erase` forgets it"
             yield f"{launch.user}: a mounting of {since} is in use; {forget}"
 
 
-def kept_offsets(launches: Sequence[Launch]) -> Iterator[str]:
+def stored_offset_notices(launches: Sequence[Launch]) -> Iterator[str]:
     """Yield a message for each stored pointing offset in use from the start."""
     for launch in launches:
         if launch.service.NAME != "supervisor":
             continue
         try:
-            kept = StateFile(PointingOffset, launch.user, OFFSET_PURPOSE).read()
+            stored = StateFile(PointingOffset, launch.user, OFFSET_PURPOSE).read()
         except ConfigError:
             continue  # as above
-        if kept is not None:
-            yield offset_in_use(launch.user, kept)
+        if stored is not None:
+            yield offset_in_use(launch.user, stored)

@@ -8,7 +8,7 @@ from typing import Any
 
 from pointit.geometry.polygon import Polygon
 from pointit.geometry.vector import Vec3
-from pointit.launch.plan.plan import News
+from pointit.launch.plan.plan import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.service.service import Launch
 from pointit.schemas import Environment, Goal, RobotState
@@ -82,7 +82,7 @@ class RobotsScore:
         """Start without robots. `spots_m`: places where simulated people land them, {W}, `()` if unknown."""
         self._spots_m = spots_m
         self._fences: tuple[Fence, ...] = ()
-        self._areas: dict[str, Polygon] = {}
+        self._polygons: dict[str, Polygon] = {}
         self._before: dict[str, RobotState] = {}
         self._outside: dict[str, frozenset[str]] = {}
         self._sent_m: dict[str, Vec3] = {}
@@ -97,7 +97,7 @@ class RobotsScore:
     def on_map(self, environment: Environment) -> None:
         """Update the fences."""
         self._fences = environment.fences
-        self._areas = {fence.id: Polygon(fence.outline_m) for fence in environment.fences}
+        self._polygons = {fence.id: Polygon(fence.outline_m) for fence in environment.fences}
         self._outside.clear()
 
     def on_goal(self, goal: Goal, user: str = "") -> None:
@@ -164,7 +164,7 @@ class RobotsScore:
     def _is_in(self, fence: Fence, position_m: Vec3) -> bool:
         x, y, z = position_m
         is_between = (fence.low_m is None or z >= fence.low_m) and (fence.high_m is None or z <= fence.high_m)
-        return is_between and self._areas[fence.id].contains((x, y))
+        return is_between and self._polygons[fence.id].contains((x, y))
 
 
 def score_lines(robots: dict[str, dict[str, Any]]) -> list[str]:
@@ -227,13 +227,13 @@ class RobotWatcher:
         """Return the watcher of a scenario; simulated people in it tell where they land robots."""
         return cls(RobotsScore(spots_of(launches)))
 
-    def attach(self, bus: Bus, news: News) -> Sequence[Closable]:
+    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
         """Subscribe to robots and their goals."""
 
         def on_state(state: RobotState, robot: str) -> None:
             self.score.on_state(robot, state)
             for line in self.monitor.take(state, robot):
-                news(line, state.user)
+                on_event(line, state.user)
 
         return (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(GOAL, self.score.on_goal))
 
@@ -269,8 +269,8 @@ class RobotMonitor:
         lines: list[str] = []
         if state.user != ("" if before is None else before.user):
             lines.append(f"{name}: {state.user or 'nobody'} steers it")
-        told = "" if before is None else before.reason
-        if state.reason and _NUMBER.sub("#", state.reason) != _NUMBER.sub("#", told):
+        last_reason = "" if before is None else before.reason
+        if state.reason and _NUMBER.sub("#", state.reason) != _NUMBER.sub("#", last_reason):
             lines.append(f"{name}: {state.reason}")
         return lines
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from pointit.launch.plan.plan import Watcher
-from pointit.launch.run.score import Latency, Score
+from pointit.launch.run.score import Latency, RunScore
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.clock import Clock
 from pointit.schemas import (
@@ -42,7 +42,7 @@ TOGETHER_NS = 500_000_000
 class Monitor:
     """Subscribes like any other subscriber and holds the newest messages."""
 
-    score: Score
+    score: RunScore
     clock: Clock
     person: str = ""
     """The only person whose activity is reported, or `""` for all."""
@@ -89,30 +89,32 @@ class Monitor:
 
     def attach(self, bus: Bus) -> None:
         """Subscribe on `bus`; where one person is shown, to no one else's cursors and the like."""
-        whose = self.person or topics.ANY
+        user_pattern = self.person or topics.ANY
         self._listening += [
             bus.subscribe(topics.MAP, self._on_map),
             bus.subscribe(topics.OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
             bus.subscribe(topics.SELECTION_EVENTS, self._on_event),
             bus.subscribe(topics.SELECTION, lambda state, _name: self.score.on_selection(state)),
-            bus.subscribe(topics.INTERACTION, self._on_interaction, whose),
-            bus.subscribe(topics.POSE, self._on_pose, whose),
-            bus.subscribe(topics.LOCALIZATION, self._on_localization, whose),
-            bus.subscribe(topics.ANCHOR, self._on_anchor, whose),
-            bus.subscribe(topics.FEEDBACK, self._on_feedback, whose),
+            bus.subscribe(topics.INTERACTION, self._on_interaction, user_pattern),
+            bus.subscribe(topics.POSE, self._on_pose, user_pattern),
+            bus.subscribe(topics.LOCALIZATION, self._on_localization, user_pattern),
+            bus.subscribe(topics.ANCHOR, self._on_anchor, user_pattern),
+            bus.subscribe(topics.FEEDBACK, self._on_feedback, user_pattern),
             bus.subscribe(
-                topics.PROFILE, lambda profile, user: self.colors.update({user: profile.cursor_color}), whose
+                topics.PROFILE,
+                lambda profile, user: self.colors.update({user: profile.cursor_color}),
+                user_pattern,
             ),
-            bus.subscribe(topics.HOVER, lambda hover, user: self.hovers.update({user: hover}), whose),
+            bus.subscribe(topics.HOVER, lambda hover, user: self.hovers.update({user: hover}), user_pattern),
             bus.subscribe(topics.LAMP_COLOR, lambda lamp, name: self.lamps.update({name: lamp})),
             bus.subscribe(topics.HEALTH, self._on_health),
-            bus.subscribe(topics.CURSOR, self._on_cursor, whose),
+            bus.subscribe(topics.CURSOR, self._on_cursor, user_pattern),
             bus.subscribe(topics.STRIPS_FRAME, self._on_frame),
             bus.watch(topics.USER_ALIVE, self._on_user),
             bus.watch(topics.SERVICE_ALIVE, self._on_service),
         ]
         for watcher in self.watchers:
-            self._listening += watcher.attach(bus, self._news_of)
+            self._listening += watcher.attach(bus, self._add_event_of)
 
     def detach(self) -> None:
         """Unsubscribe; received data stays."""
@@ -135,19 +137,19 @@ class Monitor:
     def refusal(self, user: str) -> str:
         """Return the reason of a person's last refusal, or `""` once they try again."""
         interaction = self.interactions.get(user)
-        told = self.cues.get(user, "")
-        by_supervisor = told if interaction is not None and told == interaction.reason else ""
+        cue = self.cues.get(user, "")
+        by_supervisor = cue if interaction is not None and cue == interaction.reason else ""
         return self.refusals.get(user, "") or by_supervisor
 
-    def _news(self, text: str) -> None:
+    def _add_event(self, text: str) -> None:
         line = one_line(text)
         self.events.append(line)
         if self.tell is not None:
             self.tell(line)
 
-    def _news_of(self, text: str, user: str) -> None:
+    def _add_event_of(self, text: str, user: str) -> None:
         if not self.person or user in ("", self.person):
-            self._news(text)
+            self._add_event(text)
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
         if instance == RECORDER:
@@ -180,7 +182,7 @@ class Monitor:
         number = "" if has_label or event.object_id == kind else f" {event.object_id.rpartition('-')[2]}"
         reason = f": {event.reason}" if event.reason else ""
         if not self.person or event.user == self.person:
-            self._news(f"{kind}{number} {event.event}{who}{reason}")
+            self._add_event(f"{kind}{number} {event.event}{who}{reason}")
 
     def _on_interaction(self, interaction: Interaction, user: str) -> None:
         before = self.interactions.get(user)
@@ -191,7 +193,9 @@ class Monitor:
             return
         begins = before is None and interaction.state == "idle" and not interaction.reason
         if not begins and (before is None or before.state != interaction.state):
-            self._news(f"{user}: {interaction.state}. {interaction.reason or interaction.next_step}".rstrip())
+            self._add_event(
+                f"{user}: {interaction.state}. {interaction.reason or interaction.next_step}".rstrip()
+            )
 
     def _on_pose(self, pose: UserPose, user: str) -> None:
         self.poses[user] = pose
@@ -213,16 +217,20 @@ class Monitor:
         if pose.method in FOUND and (not self.person or user == self.person):
             self.found[user] = pose
 
-    def _on_localization(self, news: Localization, user: str) -> None:
+    def _on_localization(self, localization: Localization, user: str) -> None:
         before = self.localizations.get(user)
-        self.localizations[user] = news
-        if news.phase == "solved" and news.purpose == "pose" and (before is None or before.phase != "solved"):
-            self.solved[user] = news.stamp_ns
+        self.localizations[user] = localization
+        if (
+            localization.phase == "solved"
+            and localization.purpose == "pose"
+            and (before is None or before.phase != "solved")
+        ):
+            self.solved[user] = localization.stamp_ns
             self._take_found(user)
-        if news.phase in {"sampling", "solved"}:
+        if localization.phase in {"sampling", "solved"}:
             self._try_again(user)
-        elif news.phase == "refused" and news.reason:
-            self.refusals[user] = news.reason
+        elif localization.phase == "refused" and localization.reason:
+            self.refusals[user] = localization.reason
 
     def _on_anchor(self, anchor: Anchor, user: str) -> None:
         if self.person and user != self.person:
@@ -230,9 +238,9 @@ class Monitor:
         at = f" at {anchor.target_id}" if anchor.target_id else ""
         if anchor.accepted:
             off_deg = math.degrees(anchor.azimuth_error_rad)
-            self._news(f"{user}: anchor{at}, the yaw was off by {off_deg:+.1f}°")
+            self._add_event(f"{user}: anchor{at}, the yaw was off by {off_deg:+.1f}°")
         else:
-            self._news(f"{user}: anchor{at} rejected: {anchor.reason}".rstrip(": "))
+            self._add_event(f"{user}: anchor{at} rejected: {anchor.reason}".rstrip(": "))
 
     def _on_feedback(self, feedback: Feedback, user: str) -> None:
         if feedback.cue == "refused":

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from pointit.launch.plan.launches import CURSOR_COLORS, PAGE
 from pointit.launch.plan.plan import Plan
 from pointit.launch.plan.scenario import USUAL, scenario_names
-from pointit.launch.run.running_scenario import PRESENCE_PATIENCE_S, RunningScenario
+from pointit.launch.run.running_scenario import PRESENCE_TIMEOUT_S, RunningScenario
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 PORTS_TO_TRY = 10
 """Consecutive ports from the default one that `run` tries."""
-CLOCK_PATIENCE_S = 0.5
+CLOCK_TIMEOUT_S = 0.5
 """Timeout for the clock of a joined site; a site without `run` has none."""
 LISTEN_S = 0.3
 """Time to listen; retained state arrives at once."""
@@ -70,7 +70,7 @@ async def clock_of(plan: Plan, bus: ZenohBus) -> Clock:
         return SimulatedClock(plan.speed)
     if bus.link.connect:
         clock = SiteClock(bus)
-        await clock.wait_for_tick(CLOCK_PATIENCE_S)
+        await clock.wait_for_tick(CLOCK_TIMEOUT_S)
         return clock
     return WallClock()
 
@@ -84,7 +84,7 @@ async def adapt_to_site(plan: Plan, bus: ZenohBus) -> Plan:
     if not bus.link.connect:
         return plan
     there, _, _ = await asyncio.gather(
-        list_present(bus, SERVICE_ALIVE, PRESENCE_PATIENCE_S),
+        list_present(bus, SERVICE_ALIVE, PRESENCE_TIMEOUT_S),
         claim_names(bus, USER_ALIVE, plan.users),
         check_names(bus, plan.users),
     )
@@ -146,9 +146,9 @@ def free_place(colors: Collection[Rgb]) -> int:
 class ScenarioRequests:
     """Pending requests. Use in the event loop only."""
 
-    def __init__(self, on_wish: Callable[[], None]) -> None:
-        """Create an empty queue; `on_wish` is called when a request arrives."""
-        self._on_wish = on_wish
+    def __init__(self, on_request: Callable[[], None]) -> None:
+        """Create an empty queue; `on_request` is called when a request arrives."""
+        self._on_request = on_request
         self._waiting: deque[tuple[RunScenario, asyncio.Future[Done]]] = deque()
 
     def __bool__(self) -> bool:
@@ -159,14 +159,14 @@ class ScenarioRequests:
         """Reply when the request is fulfilled or has failed."""
         answer: asyncio.Future[Done] = asyncio.get_running_loop().create_future()
         self._waiting.append((query, answer))
-        self._on_wish()
+        self._on_request()
         return await answer
 
-    async def apply_next(self, stage: RunningScenario) -> None:
-        """Switch `stage` to the scenario of the oldest request."""
+    async def apply_next(self, scenario: RunningScenario) -> None:
+        """Switch `scenario` to the scenario of the oldest request."""
         query, answer = self._waiting.popleft()
         try:
-            await stage.switch_to(await _plan(query, stage.plan))
+            await scenario.switch_to(await _plan(query, scenario.plan))
         except (PointItError, SchemaError) as error:
             if not answer.done():
                 answer.set_exception(RefusedError(str(error)))
@@ -175,15 +175,15 @@ class ScenarioRequests:
                 answer.set_result(Done())
 
 
-async def _plan(query: RunScenario, now: Plan) -> Plan:
-    if now.another is None:
+async def _plan(query: RunScenario, plan: Plan) -> Plan:
+    if plan.another is None:
         raise ConfigError(
-            f"{now.name} runs without people of its own (--site-only): it cannot change the scenario"
+            f"{plan.name} runs without people of its own (--site-only): it cannot change the scenario"
         )
-    return await asyncio.to_thread(now.another, query, now)
+    return await asyncio.to_thread(plan.another, query, plan)
 
 
-class Onlookers:
+class ViewerPresence:
     """Tracks until when viewers count as present: a page that is reloaded is not gone at once."""
 
     def __init__(self) -> None:

@@ -16,7 +16,7 @@ from typing import cast
 from pointit.launch.parts import WATCHERS
 from pointit.launch.plan.plan import Beside, Plan
 from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import Score
+from pointit.launch.run.score import RunScore
 from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus, Closable, Publisher
 from pointit.runtime.clock import Clock
@@ -42,7 +42,7 @@ class DeploymentPublisher:
         self._bus = bus
         self._name = ""
         self._publisher: Publisher[Deployment] | None = None
-        self._hearing: Closable | None = None
+        self._subscription: Closable | None = None
         self._stamp_ns = 0
         """Stamp of the last published deployment."""
         self._is_anothers = False
@@ -54,7 +54,7 @@ class DeploymentPublisher:
         if self._publisher is None or self._name != name:
             self.retract()
             self._publisher, self._name = self._bus.publisher(DEPLOYMENT, name), name
-            self._hearing = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
+            self._subscription = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
         self._stamp_ns, self._is_anothers = time.time_ns(), False
         services = tuple(
             ExpectedService(service=launch.service.NAME, user=launch.user, name=launch.name, command=command)
@@ -79,15 +79,15 @@ class DeploymentPublisher:
             if not self._is_anothers:
                 publisher.put(Deployment(stamp_ns=time.time_ns(), name=self._name))
             publisher.close_nowait()
-        if self._hearing is not None:
-            self._hearing.close()
-            self._hearing = None
+        if self._subscription is not None:
+            self._subscription.close()
+            self._subscription = None
 
     def _on_deployment(self, deployment: Deployment, _name: str) -> None:
         self._is_anothers |= deployment.stamp_ns > self._stamp_ns
 
 
-PRESENCE_PATIENCE_S = 0.3
+PRESENCE_TIMEOUT_S = 0.3
 """Time to listen for services that are already present."""
 GONE_S = UNDECLARE_S + 0.05
 """Time after which late subscribers receive no retained state of ended services any more."""
@@ -148,7 +148,7 @@ class RunningScenario:
         self.bus = bus
         self._link = link
         self.clock = clock
-        self.monitor = Monitor(Score(plan.target_kinds), clock)
+        self.monitor = Monitor(RunScore(plan.target_kinds), clock)
         self.began_s = time.monotonic()
         self.saw_cursor = False
         """A scenario before this one had a cursor."""
@@ -156,8 +156,8 @@ class RunningScenario:
         self._news = news
         self._on_end = on_end
         self._on_beside = on_beside
-        self._notice = DeploymentPublisher(bus)
-        self._cast: ServiceGroup | None = None
+        self._deployment_publisher = DeploymentPublisher(bus)
+        self._service_group: ServiceGroup | None = None
         self._companions = [_Companion(beside) for beside in plan.beside]
         self._opening: list[asyncio.Task[None]] = []
 
@@ -171,7 +171,7 @@ class RunningScenario:
     @property
     def has_ended(self) -> bool:
         """Return True if the scenario's services have ended by themselves."""
-        return self._cast is not None and self._cast.has_ended
+        return self._service_group is not None and self._service_group.has_ended
 
     @property
     def address(self) -> str:
@@ -228,18 +228,18 @@ class RunningScenario:
             await asyncio.wait(self._opening)
         self.monitor.detach()  # what was last said of people who now leave is for the summary
         if not self.has_ended:  # else it failed and stays in the deployment as missing
-            self._notice.retract()
+            self._deployment_publisher.retract()
         last = sorted(self._companions, key=lambda each: each.beside.WAIT_S)  # a page shows the end
-        for group in (self._cast, *(each.group for each in last)):
+        for group in (self._service_group, *(each.group for each in last)):
             if group is not None:
                 await group.end()
-        if self._cast is not None:
-            self._cast.check()
+        if self._service_group is not None:
+            self._service_group.check()
 
     async def _set(self, plan: Plan) -> None:
         self.plan = plan
         self.monitor = Monitor(
-            Score(plan.target_kinds),
+            RunScore(plan.target_kinds),
             self.clock,
             person=plan.person,
             tell=self._news,
@@ -250,27 +250,27 @@ class RunningScenario:
             if launch.service.SHARDS and launch.name:
                 continue  # the site's is another's
             launch.service.discard_saved_state(self.bus.site, self.clock.now_ns())
-        self._cast = self._cast_of(plan.launches, on_end=self._on_end)
+        self._service_group = self._cast_of(plan.launches, on_end=self._on_end)
         where = (self._link.listen or self._link.connect)[0]
         names = ", ".join(launch.instance for launch in plan.launches)
         log.info("%s of site %s at %s: %s", plan.name, self.bus.site, where, names)
         self._post()
         self.began_s = time.monotonic()
-        await self._cast.begin()
+        await self._service_group.begin()
 
     async def _strike(self) -> None:
         """Stop the scenario. Return when none of its state is retained any more."""
-        self._notice.retract()
-        if self._cast is not None:
-            await self._cast.end()
-            self._cast = None
+        self._deployment_publisher.retract()
+        if self._service_group is not None:
+            await self._service_group.end()
+            self._service_group = None
         self.saw_cursor |= self.monitor.first_cursor_unix_s is not None
         self.monitor.detach()
         await asyncio.sleep(GONE_S)
 
     def _cast_of(self, launches: Sequence[Launch], on_end: Callable[[], None]) -> ServiceGroup:
         link = self._link if self.plan.processes else None
-        return ServiceGroup(launches, self.bus, self.clock, processes=link, on_end=on_end)
+        return ServiceGroup(launches, self.bus, self.clock, link=link, on_end=on_end)
 
     async def _open(self, each: _Companion) -> None:
         try:
@@ -280,15 +280,15 @@ class RunningScenario:
             each.give_up(error)
             return
         each.has_begun = True
-        if self._cast is not None:  # else another scenario is about to start, and publishes both
+        if self._service_group is not None:  # else another scenario is about to start, and publishes both
             self._post()
         self._on_beside(each.beside)
 
     def _post(self) -> None:
-        groups = (self._cast, *(each.group for each in self._companions))
+        groups = (self._service_group, *(each.group for each in self._companions))
         there = [group for group in groups if group is not None]
         lines = [line for cast in there for line in zip(cast.launches, cast.commands(), strict=True)]
-        self._notice.post(self.plan, lines)
+        self._deployment_publisher.post(self.plan, lines)
 
 
 async def _until_present(bus: Bus, beside: Beside) -> None:

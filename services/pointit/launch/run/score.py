@@ -24,7 +24,7 @@ MIN_S = 1e-6
 
 
 @dataclass
-class Score:
+class RunScore:
     """Counts objects and selections; pure. Other threads may read it."""
 
     target_kinds: Sequence[str]
@@ -86,12 +86,12 @@ class Score:
             if event.event == "dispatched":
                 self.bays[event.object_id] = event.bay
 
-    def on_selection(self, state: Selection) -> None:
+    def on_selection(self, selection: Selection) -> None:
         """Update from the current selection: a restarted selector publishes no events for it.
 
         It may contain objects selected in the previous run that have not been seen again yet.
         """
-        now = {thing.id for thing in state.objects}
+        now = {thing.id for thing in selection.objects}
         known = now & self.kinds.keys()
         self.unknown = now - known
         self.selected = (known - self.bays.keys()) | (self.selected & self.left)

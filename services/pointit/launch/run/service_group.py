@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 SECRET = re.compile(r"(token[^=]*=).*", re.DOTALL)
 """An assignment with a secret value."""
-STOP_PATIENCE_S = 1.2
+STOP_TIMEOUT_S = 1.2
 """Time children get to end before they are killed."""
 LAST_WORDS = 2000
 """Bytes at the end of a child's log that are searched for its last error."""
@@ -39,12 +39,12 @@ class ServiceGroup:
         bus: Bus,
         clock: Clock,
         *,
-        processes: Link | None,
+        link: Link | None,
         on_end: Callable[[], None],
     ) -> None:
         """Start nothing yet.
 
-        `processes`: the link that services in processes of their own join. None: they run in this process,
+        `link`: the link that services in processes of their own join. None: they run in this process,
         and `on_end` is called when they end unexpectedly.
         """
         self.launches = launches
@@ -53,8 +53,8 @@ class ServiceGroup:
         self._on_end = on_end
         self._work: asyncio.Task[None] | None = None
         self._children: Processes | None = None
-        if processes is not None:
-            self._children = Processes(launches, site=processes.site, connect=processes.addresses[0])
+        if link is not None:
+            self._children = Processes(launches, site=link.site, connect=link.addresses[0])
 
     @property
     def has_ended(self) -> bool:
@@ -178,7 +178,7 @@ class Processes:
             if child.returncode is None:
                 child.send_signal(signal.SIGTERM)
         if waits:
-            await asyncio.wait(waits, timeout=STOP_PATIENCE_S)
+            await asyncio.wait(waits, timeout=STOP_TIMEOUT_S)
         for instance, child in self._children.items():
             if child.returncode is None:
                 log.warning("%s did not end in time and is killed", instance)

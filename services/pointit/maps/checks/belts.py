@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from pointit.geometry.vector import Vec3
-from pointit.maps.checks.finding import Finding, error, warning
+from pointit.maps.checks.finding import MapFinding, error, warning
 from pointit.maps.lanes import Lane, enters_at, leaves_at
 from pointit.maps.model import LinkEntry, MapFile
 from pointit.runtime.config.validation_message import join_names
@@ -21,7 +21,7 @@ SAMPLES = 50
 Lanes = Mapping[str, Lane]
 
 
-def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntry]]) -> Iterator[Finding]:
+def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
     """Yield problems of links and bays; `links` have the indices in the file of those whose lanes exist.
 
     file: map.
@@ -42,7 +42,7 @@ def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntr
     yield from _endless(plain, set(bays.values()), lanes)
 
 
-def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[Finding]:
+def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[MapFinding]:
     where = f"links.{index}"
     source, target = lanes[link.source], lanes[link.target]
     leaves, enters = leaves_at(link, source), enters_at(link, target)
@@ -74,13 +74,13 @@ def _bare_m(a: Vec3, b: Vec3, others: Sequence[Lane]) -> float:
     return math.dist(a, b) * (1.0 - float(covered.mean()))
 
 
-def _twice(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[Finding]:
+def _twice(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
     seen: dict[str, int] = {}
     for index, link in links:
-        said = repr(link)
-        if said in seen:
-            yield warning(f"links.{index}", f"is the same as links.{seen[said]}; remove one of them")
-        seen.setdefault(said, index)
+        link_text = repr(link)
+        if link_text in seen:
+            yield warning(f"links.{index}", f"is the same as links.{seen[link_text]}; remove one of them")
+        seen.setdefault(link_text, index)
 
 
 def _goes_on(lane: Lane, links: Sequence[LinkEntry]) -> str | None:
@@ -91,7 +91,7 @@ def _goes_on(lane: Lane, links: Sequence[LinkEntry]) -> str | None:
     return None
 
 
-def _check_bays(bays: Mapping[str, str], links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[Finding]:
+def _check_bays(bays: Mapping[str, str], links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFinding]:
     owners: dict[str, str] = {}
     for bay, name in bays.items():
         target = _goes_on(lanes[name], links)
@@ -105,7 +105,7 @@ def _check_bays(bays: Mapping[str, str], links: Sequence[LinkEntry], lanes: Lane
         owners.setdefault(name, bay)
 
 
-def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[Finding]:
+def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFinding]:
     """Yield belts that begin or end beside another one without a link to it."""
     known = {(link.source, link.target) for link in links}
     fed = {link.target for link in links}
@@ -171,7 +171,9 @@ def _link_text(pair: tuple[str, str], other: Lane, position: float, *, at_start:
     return f"- {{from: {source}, to: {target}}}"
 
 
-def _loose_lanes(section: str, links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterator[Finding]:
+def _loose_lanes(
+    section: str, links: Sequence[LinkEntry], bays: set[str], lanes: Lanes
+) -> Iterator[MapFinding]:
     """Yield lanes without connection, in a map with links or bays."""
     touched = {link.source for link in links} | {link.target for link in links} | bays
     entered_at_start = {link.target for link in links if enters_at(link, lanes[link.target]) < AT_END_M}
@@ -189,7 +191,7 @@ def _loose_lanes(section: str, links: Sequence[LinkEntry], bays: set[str], lanes
         yield warning(section, "none has a start that is free, so nothing can be fed; free one of its links")
 
 
-def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterator[Finding]:
+def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterator[MapFinding]:
     """Yield circles that objects never leave. Without bays, objects leave where a lane has no link."""
     if not links:
         return

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pointit.geometry.polygon import Polygon
 from pointit.maps.checks.belts import check_belts
 from pointit.maps.checks.extent import check_extent
-from pointit.maps.checks.finding import Finding, error, warning
+from pointit.maps.checks.finding import MapFinding, error, warning
 from pointit.maps.checks.lamps import check_lamps
 from pointit.maps.checks.strips import check_lines, check_strips
 from pointit.maps.checks.things import check_things
@@ -32,7 +32,7 @@ def check_map(
     *,
     person_m: Point | None = None,
     poses_m: Sequence[Point] = (),
-) -> list[Finding]:
+) -> list[MapFinding]:
     """Return the findings, errors first; `clouds` are in {W}, n x 3; a person may stand anywhere if None.
 
     Things are also compared as seen from `poses_m`.
@@ -56,12 +56,12 @@ def check_map(
         *_check_clouds(clouds),
         *check_fences(file.fences),
         *check_things(file, clouds, [*((person_m,) if person_m else ()), *poses_m]),
-        *_check_twins(file),
+        *_check_duplicates(file),
     ]
     return sorted(found, key=lambda each: each.severity)
 
 
-def _check_solids(file: MapFile) -> Iterator[Finding]:
+def _check_solids(file: MapFile) -> Iterator[MapFinding]:
     sizes = {
         **{f"boxes.{name}": box.size for name, box in file.boxes.items()},
         **{f"things.{name}": thing.size for name, thing in file.things.items() if thing.size},
@@ -76,7 +76,7 @@ def _check_solids(file: MapFile) -> Iterator[Finding]:
             )
 
 
-def _check_clouds(clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+def _check_clouds(clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[MapFinding]:
     for name, points in clouds.items():
         extent = float(np.ptp(points, axis=0).max())
         if len(points) > 1 and extent < THINNEST_M:
@@ -85,14 +85,14 @@ def _check_clouds(clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding
             )
 
 
-def _check_twins(file: MapFile) -> Iterator[Finding]:
-    yield from _twins("strips", {name: strip.line for name, strip in file.strips.items()})
-    yield from _twins("belts", {name: belt.centerline for name, belt in file.belts.items()})
+def _check_duplicates(file: MapFile) -> Iterator[MapFinding]:
+    yield from _duplicates("strips", {name: strip.line for name, strip in file.strips.items()})
+    yield from _duplicates("belts", {name: belt.centerline for name, belt in file.belts.items()})
     for section in ("boxes", "planes", "cylinders", "spheres", "clouds", "fences"):
-        yield from _twins(section, getattr(file, section))
+        yield from _duplicates(section, getattr(file, section))
 
 
-def _twins(section: str, entries: Mapping[str, object]) -> Iterator[Finding]:
+def _duplicates(section: str, entries: Mapping[str, object]) -> Iterator[MapFinding]:
     seen: dict[str, str] = {}
     for name, entry in entries.items():
         place = repr(entry)
@@ -101,15 +101,16 @@ def _twins(section: str, entries: Mapping[str, object]) -> Iterator[Finding]:
         seen.setdefault(place, name)
 
 
-def check_fences(fences: Mapping[str, FenceEntry]) -> Iterator[Finding]:
+def check_fences(fences: Mapping[str, FenceEntry]) -> Iterator[MapFinding]:
     """Yield volumes that hold no robot, alone or together."""
     inside = {name: each for name, each in fences.items() if each.kind == "keep_in"}
     for name, each in inside.items():
         xs, ys = zip(*each.outline, strict=True)
-        least = min(max(xs) - min(xs), max(ys) - min(ys))
-        if least < ROBOT_M:
+        shorter_side = min(max(xs) - min(xs), max(ys) - min(ys))
+        if shorter_side < ROBOT_M:
             yield warning(
-                f"fences.{name}", f"is {least:g} m wide, and robots stay inside; give its corners in metres"
+                f"fences.{name}",
+                f"is {shorter_side:g} m wide, and robots stay inside; give its corners in metres",
             )
         if each.high is not None and each.high <= 0.0:
             yield error(f"fences.{name}", f"ends at {each.high:g} m, not above the floor; raise high")

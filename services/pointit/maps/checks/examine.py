@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.maps.checks.check import Point, check_map
-from pointit.maps.checks.finding import Finding, error
+from pointit.maps.checks.finding import MapFinding, error
 from pointit.maps.file import MapError, contents, read_clouds, to_message
 from pointit.maps.model import MapFile
 from pointit.runtime.errors import ConfigError
@@ -16,7 +16,7 @@ def examined(
     read: Callable[[], MapFile],
     person_m: Point | None = None,
     poses_m: Sequence[Point] = (),
-) -> tuple[str, list[Finding]]:
+) -> tuple[str, list[MapFinding]]:
     """Return a map's contents in words, `""` if it cannot be read, and findings on all readable sections.
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
-from pointit.maps.checks.finding import Finding, warning
+from pointit.maps.checks.finding import MapFinding, warning
 from pointit.maps.checks.strips import is_even
 from pointit.maps.checks.things import line_places
 from pointit.maps.model import MapFile
@@ -26,7 +26,7 @@ _USUAL_DENSITY = 60.0
 _UNITS_M = {"centimetres": 0.01, "millimetres": 0.001}
 
 
-def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[Finding]:
+def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[MapFinding]:
     """Yield a map and clouds with extents of a room in another unit; `clouds` are n x 3, in {W}."""
     centers = [box.center for box in file.boxes.values()]
     centers += [cylinder.center for cylinder in file.cylinders.values()]

@@ -5,7 +5,7 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
-class Finding:
+class MapFinding:
     """One problem of a map."""
 
     severity: Literal["error", "warning"]
@@ -16,11 +16,11 @@ class Finding:
     """Problem and remedy, a sentence that continues `where: `."""
 
 
-def error(where: str, text: str) -> Finding:
+def error(where: str, text: str) -> MapFinding:
     """Return a finding that makes a function impossible."""
-    return Finding("error", where, text)
+    return MapFinding("error", where, text)
 
 
-def warning(where: str, text: str) -> Finding:
+def warning(where: str, text: str) -> MapFinding:
     """Return a probable mistake."""
-    return Finding("warning", where, text)
+    return MapFinding("warning", where, text)

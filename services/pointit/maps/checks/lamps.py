@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pointit.geometry.vector import Vec3
-from pointit.maps.checks.finding import Finding, error, warning
+from pointit.maps.checks.finding import MapFinding, error, warning
 from pointit.maps.model import LampEntry
 
 FLOOR_M = 0.0
@@ -15,12 +15,12 @@ HIGHEST_LAMP_M = 5.0
 SAME_PLACE_M = 0.01
 ONE_BEARING_M = 0.2
 """Width of a column of lamps that has the same bearing from everywhere, m."""
-LEAST_SPREAD_DEG = 5.0
+MIN_SPREAD_DEG = 5.0
 
 
 def check_lamps(
     lamps: Mapping[str, LampEntry], person_m: tuple[float, float] | None, *, has_heights: bool = True
-) -> Iterator[Finding]:
+) -> Iterator[MapFinding]:
     """Yield problems of lamps, as seen from `person_m`, or from anywhere if it is None.
 
     Without `has_heights` heights are not compared with those of a room.
@@ -71,4 +71,4 @@ def _one_bearing(places: Sequence[Vec3], person_m: tuple[float, float] | None) -
         return bool(np.linalg.norm(flat - flat[0], axis=1).max() < ONE_BEARING_M)
     bearings = np.arctan2(*(flat - person_m).T[::-1])
     apart = np.degrees(np.abs(np.angle(np.exp(1j * (bearings - bearings[0])))))
-    return bool(apart.max() < LEAST_SPREAD_DEG)
+    return bool(apart.max() < MIN_SPREAD_DEG)

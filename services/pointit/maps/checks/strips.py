@@ -7,7 +7,7 @@ import numpy as np
 
 from pointit.geometry.polyline import SAME_M, Polyline
 from pointit.geometry.vector import Vec3
-from pointit.maps.checks.finding import Finding, warning
+from pointit.maps.checks.finding import MapFinding, warning
 from pointit.maps.lanes import Lane, lanes_of
 from pointit.maps.light_files.wire import shared_pixels
 from pointit.maps.model import MapFile, StripEntry
@@ -26,13 +26,13 @@ OFF_SHARE = 0.1
 """Share of a strip that may lie beyond its belt's end."""
 
 
-def check_strips(file: MapFile) -> Iterator[Finding]:
+def check_strips(file: MapFile) -> Iterator[MapFinding]:
     """Yield problems of strips: beside no belt, too many pixels or too few."""
     lines = {name: Polyline(strip.line) for name, strip in file.strips.items()}
     if file.belts:
-        belts = lanes_of(file)
+        lanes = lanes_of(file)
         for name, line in lines.items():
-            yield from _check_beside(name, line, belts)
+            yield from _check_beside(name, line, lanes)
     for name, other in shared_pixels(file.strips):
         yield warning(
             f"strips.{name}",
@@ -68,7 +68,7 @@ def has_detours(strip: StripEntry) -> bool:
     return len(strip.line) > TRACED * strip.pixels and bool(_sharp_turns(strip.line))
 
 
-def check_lines(file: MapFile) -> Iterator[Finding]:
+def check_lines(file: MapFile) -> Iterator[MapFinding]:
     """Yield problems of lines: a wrong `length`, vertices twice or out of order."""
     for name, strip in file.strips.items():
         yield from _check_line(f"strips.{name}", strip.line, strip.length, is_winding=has_detours(strip))
@@ -76,9 +76,9 @@ def check_lines(file: MapFile) -> Iterator[Finding]:
         yield from _check_line(f"belts.{name}", belt.centerline, belt.length)
 
 
-def _check_beside(name: str, line: Polyline, belts: Mapping[str, Lane]) -> Iterator[Finding]:
+def _check_beside(name: str, line: Polyline, lanes: Mapping[str, Lane]) -> Iterator[MapFinding]:
     places = line.points_at(np.linspace(0.0, line.length_m, SAMPLES))
-    beyond = {belt: lane.line.nearest_to(places)[1] - lane.width_m / 2 for belt, lane in belts.items()}
+    beyond = {belt: lane.line.nearest_to(places)[1] - lane.width_m / 2 for belt, lane in lanes.items()}
     off = np.min(list(beyond.values()), axis=0) > BESIDE_BELT_M
     share = float(off.mean())
     if share <= OFF_SHARE:
@@ -95,7 +95,7 @@ def _check_beside(name: str, line: Polyline, belts: Mapping[str, Lane]) -> Itera
 
 def _check_line(
     where: str, vertices: Sequence[Vec3], given: float | None, *, is_winding: bool = False
-) -> Iterator[Finding]:
+) -> Iterator[MapFinding]:
     length = Polyline(vertices).length_m
     if given is not None and abs(given - length) > max(LENGTH_M, LENGTH_SPREAD * length):
         yield warning(
@@ -116,7 +116,7 @@ def _sharp_turns(vertices: Sequence[Vec3]) -> list[tuple[int, float]]:
     """Return index and angle (degrees) of the vertices where a line turns by more than `SHARPEST_DEG`."""
     steps = np.diff(np.array(vertices), axis=0)
     lengths = np.linalg.norm(steps, axis=1)
-    kept = lengths > SAME_M
-    at, steps = np.flatnonzero(kept), steps[kept] / lengths[kept, None]
+    distinct = lengths > SAME_M
+    at, steps = np.flatnonzero(distinct), steps[distinct] / lengths[distinct, None]
     turns = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", steps[:-1], steps[1:]), -1.0, 1.0)))
     return [(int(at[1 + index]), float(turns[index])) for index in np.flatnonzero(turns > SHARPEST_DEG)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.geometry.solids import BoxSolid
 from pointit.geometry.vector import Vec3
-from pointit.maps.checks.finding import Finding, error, warning
+from pointit.maps.checks.finding import MapFinding, error, warning
 from pointit.maps.model import MapFile
 from pointit.maps.things import ROUNDED_M, broken_things, things_of
 from pointit.runtime.errors import ConfigError
@@ -31,7 +31,7 @@ BEYOND_M = 3.0
 
 def check_things(
     file: MapFile, clouds: Mapping[str, NDArray[np.float64]], places_m: Sequence[tuple[float, float]]
-) -> Iterator[Finding]:
+) -> Iterator[MapFinding]:
     """Yield problems of things, and those that are hard to tell apart as seen from each of `places_m`."""
     if not file.things or any(broken_things(file)):
         return
@@ -54,7 +54,7 @@ def check_things(
         yield from _confused(things, solids, (x, y, EYES_M))
 
 
-def _check_lights(things: Sequence[Thing]) -> Iterator[Finding]:
+def _check_lights(things: Sequence[Thing]) -> Iterator[MapFinding]:
     until: dict[str, tuple[float, str]] = {}
     for thing in sorted(things, key=lambda each: each.part_m):
         if light := thing.strip or (thing.lamp and f"lamp {thing.lamp}"):
@@ -66,7 +66,7 @@ def _check_lights(things: Sequence[Thing]) -> Iterator[Finding]:
 
 def _check_places(
     things: Sequence[Thing], file: MapFile, clouds: Mapping[str, NDArray[np.float64]]
-) -> Iterator[Finding]:
+) -> Iterator[MapFinding]:
     places = line_places(file)
     for solids in (file.boxes, file.planes, file.cylinders, file.spheres):
         places += [solid.center for solid in solids.values()]
@@ -95,7 +95,7 @@ def line_places(file: MapFile) -> list[Vec3]:
     return places + [place for belt in file.belts.values() for place in belt.centerline]
 
 
-def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3) -> Iterator[Finding]:
+def _confused(things: Sequence[Thing], solids: Sequence[BoxSolid], eyes_m: Vec3) -> Iterator[MapFinding]:
     near = sorted(
         (apart_deg, things[one].id, things[other].id)
         for one, other in _near(things, eyes_m)
@@ -138,7 +138,7 @@ def confusions(things: Sequence[Thing]) -> Callable[[float, float], list[tuple[i
     return pairs
 
 
-def told_apart(things: Sequence[Thing]) -> Callable[[float, float], float]:
+def separability(things: Sequence[Thing]) -> Callable[[float, float], float]:
     """Return a function of a place (x, y) of a person: the share of things that pointing alone tells apart.
 
     Raises:

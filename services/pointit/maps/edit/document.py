@@ -51,10 +51,10 @@ def edited(content: bytes, edits: Sequence[Edit], path: Path) -> bytes:
     document = _Document(content.decode("utf-8"))
     result = document.holding(wanted, names)
     try:
-        is_meant = _whole(_data(result.encode(), path)) == _whole(wanted)
+        is_as_wanted = _whole(_data(result.encode(), path)) == _whole(wanted)
     except Exception:  # noqa: BLE001 - whatever it is, the text is not what was meant
-        is_meant = False
-    if not is_meant:
+        is_as_wanted = False
+    if not is_as_wanted:
         raise RefusedError(
             f"{path}: the file's form does not allow this change here (anchors, values over several lines); "
             "change it with a text editor"

@@ -69,8 +69,8 @@ def fit_strips(points: Array, numbers: NDArray[np.intp], usual: float) -> Iterat
 
 def pixels_along(line: Array, pixels: int) -> Array:
     """Return the positions of a strip's pixels from the line's first vertex on, n x 3, m."""
-    whole = Polyline(line.tolist())
-    return whole.points_at((np.arange(pixels) + 0.5) * whole.length_m / pixels)
+    polyline = Polyline(line.tolist())
+    return polyline.points_at((np.arange(pixels) + 0.5) * polyline.length_m / pixels)
 
 
 def _parts(cuts: NDArray[np.intp], count: int) -> Iterator[tuple[int, int]]:
@@ -130,9 +130,9 @@ def _fit(points: Array, first: int, usual: float) -> Iterator[FittedStrip]:
 def _pitch_changes(steps: Array, limit: float) -> list[int]:
     """Return the pixels behind which the pitch changes, or which a longer step follows."""
     along = np.r_[0.0, np.cumsum(steps)][:, None]
-    kept = _vertices(np.arange(len(along), dtype=np.float64), along, limit)
+    vertices = _vertices(np.arange(len(along), dtype=np.float64), along, limit)
     cuts: list[int] = []
-    for low, high in pairwise(kept):
+    for low, high in pairwise(vertices):
         if high - low == 1:  # a step alone is a gap
             cuts.append(low)
         elif high < len(along) - 1:
@@ -142,8 +142,8 @@ def _pitch_changes(steps: Array, limit: float) -> list[int]:
 
 def _smooth(points: Array, step: float, limit: float) -> Array:
     """Return the line through the corners of evenly spaced pixels."""
-    kept = _vertices(np.arange(len(points), dtype=np.float64), points, limit)
-    return _with_ends(points[kept], step)
+    vertices = _vertices(np.arange(len(points), dtype=np.float64), points, limit)
+    return _with_ends(points[vertices], step)
 
 
 def _bent(points: Array, pitch: float, tolerance: float) -> Array:
@@ -185,7 +185,7 @@ def _vertices(at: Array, points: Array, limit: float) -> list[int]:
 
     Douglas-Peucker, with the position along the line in place of the nearest one.
     """
-    kept, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
+    vertices, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
     while stack:
         low, high = stack.pop()
         if high - low < 2:
@@ -197,6 +197,6 @@ def _vertices(at: Array, points: Array, limit: float) -> list[int]:
         worst = int(np.argmax(apart))
         if apart[worst] > limit:
             corner = low + 1 + worst
-            kept.add(corner)
+            vertices.add(corner)
             stack += [(low, corner), (corner, high)]
-    return sorted(kept)
+    return sorted(vertices)

@@ -30,8 +30,8 @@ def draw_belts(axes: Axes, room: Environment, side_m: float) -> list[Any]:
         _label_along(axes, line, name_at, belt.id, INK, fontweight="bold", fontsize=8)
         for at in arrows_at:
             _draw_chevron(axes, line, at, 0.22 * belt.width_m)
-    key = Patch(facecolor=BELT, edgecolor=BELT_EDGE, label="belt, arrows: where it moves")
-    return [key] if room.belts else []
+    patch = Patch(facecolor=BELT, edgecolor=BELT_EDGE, label="belt, arrows: where it moves")
+    return [patch] if room.belts else []
 
 
 def draw_strips(axes: Axes, room: Environment) -> list[Any]:

@@ -11,7 +11,7 @@ from pointit.schemas import Environment
 MARGIN_M = 0.6
 MARGIN_SHARE = 0.06
 """Margin for text beside things, as a share of the longer side."""
-LEAST_ASPECT = 0.65
+MIN_ASPECT = 0.65
 """Minimum width by height, as a narrow map has space for text beside it."""
 FLOOR_CELLS = 24
 """Number of squares along the longer side in which the floor is coloured."""
@@ -46,7 +46,7 @@ def extent(
     low, high = array.min(axis=0), array.max(axis=0)
     margin = max(MARGIN_M, MARGIN_SHARE * float((high - low).max()))
     low, high = low - margin, high + margin
-    more = np.array([max(0.0, LEAST_ASPECT * (high - low)[1] - (high - low)[0]) / 2, 0.0])
+    more = np.array([max(0.0, MIN_ASPECT * (high - low)[1] - (high - low)[0]) / 2, 0.0])
     return low - more, high + more
 
 

@@ -57,20 +57,20 @@ def draw_map(
     title: str,
     person_m: tuple[float, float] | None = None,
     *,
-    told_apart: Callable[[float, float], float] | None = None,
+    separability: Callable[[float, float], float] | None = None,
 ) -> str:
     """Write a picture of `room` from above to `path` (svg, png, pdf), with clouds (n x 3), a person (x, y).
 
     Return the letters that no font has, which are drawn as `?`.
 
-    `told_apart`: share of things that pointing tells apart from a place, by which the floor is coloured.
+    `separability`: share of things that pointing tells apart from a place, by which the floor is coloured.
 
     Raises:
         ConfigError: If the file cannot be written.
     """
     settings: Any = mpl  # its stubs list every parameter there is
     with settings.rc_context(_STYLE):
-        figure: Any = map_figure(room, clouds, title, person_m, told_apart=told_apart)
+        figure: Any = map_figure(room, clouds, title, person_m, separability=separability)
         missing = use_fonts_with_letters(figure)
         metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # reproducible
         with replaced_file(path) as part:
@@ -84,7 +84,7 @@ def map_figure(
     title: str,
     person_m: tuple[float, float] | None = None,
     *,
-    told_apart: Callable[[float, float], float] | None = None,
+    separability: Callable[[float, float], float] | None = None,
 ) -> Any:
     """Return matplotlib's figure for `draw_map`, in the current style."""
     low, high = extent(room, clouds, person_m)
@@ -98,7 +98,7 @@ def map_figure(
     axes.set_ylim(low[1], high[1])
     _grid(axes, side)
     legend = [
-        *(() if told_apart is None else _draw_told_apart(axes, low, high, told_apart)),
+        *(() if separability is None else _draw_separability(axes, low, high, separability)),
         *_draw_clouds(axes, clouds),
         *draw_solids(axes, room),
         *draw_fences(axes, room),
@@ -114,7 +114,7 @@ def map_figure(
     return figure
 
 
-def _draw_told_apart(
+def _draw_separability(
     axes: Axes, low: NDArray[np.float64], high: NDArray[np.float64], share: Callable[[float, float], float]
 ) -> list[Any]:
     """Colour the floor, squares of about the 24th part of the longer side."""
@@ -144,10 +144,10 @@ def on_belt(room: Environment, x: float, y: float) -> bool:
     """Return True if the point is on a belt, as seen from above."""
     for belt in room.belts:
         try:
-            flat = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])
+            floor_polyline = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])
         except ValueError:  # vertical belts have no area
             continue
-        if flat.nearest_to(np.array([[x, y, 0.0]]))[1][0] <= belt.width_m / 2:
+        if floor_polyline.nearest_to(np.array([[x, y, 0.0]]))[1][0] <= belt.width_m / 2:
             return True
     return False
 

@@ -28,18 +28,18 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     boxes: tuple[Box, ...] = (*room.boxes, *room.fixed_things)
     solids = len(boxes) + len(room.planes) + len(room.cylinders) + len(room.spheres)
     is_named = solids <= MAX_NAMED
-    outlines: list[Patch] = []
+    patches: list[Patch] = []
     for box in boxes:
         c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
         outline = corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
-        outlines.append(Polygon(outline, **_FILL))
-    outlines += [Circle(each.center_m[:2], each.radius_m, **_FILL) for each in room.cylinders]
+        patches.append(Polygon(outline, **_FILL))
+    patches += [Circle(each.center_m[:2], each.radius_m, **_FILL) for each in room.cylinders]
     dashed: dict[str, Any] = {**_FILL, "linestyle": (0, (3, 2))}
-    outlines += [Circle(each.center_m[:2], each.radius_m, **dashed) for each in room.spheres]
+    patches += [Circle(each.center_m[:2], each.radius_m, **dashed) for each in room.spheres]
     for plane in room.planes:
-        _draw_plane(axes, plane, outlines, is_named=is_named)
-    axes.add_collection(PatchCollection(outlines, match_original=True, zorder=_FILL["zorder"]))
+        _draw_plane(axes, plane, patches, is_named=is_named)
+    axes.add_collection(PatchCollection(patches, match_original=True, zorder=_FILL["zorder"]))
     legend: list[Any] = []
     if is_named:
         named: tuple[Box | Cylinder | Sphere, ...] = (*boxes, *room.cylinders, *room.spheres)
@@ -56,7 +56,7 @@ def draw_solids(axes: Axes, room: Environment) -> list[Any]:
     return legend
 
 
-def _draw_plane(axes: Axes, plane: Plane, outlines: list[Patch], *, is_named: bool) -> None:
+def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: bool) -> None:
     x, y, _ = plane.center_m
     if plane.size_m is None:
         nx, ny, nz = plane.normal
@@ -72,7 +72,7 @@ def _draw_plane(axes: Axes, plane: Plane, outlines: list[Patch], *, is_named: bo
         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
     look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
-    outlines.append(Polygon(corners, **look))
+    patches.append(Polygon(corners, **look))
     if is_named:
         _name(axes, plane.id, plane.center_m)
 

@@ -21,7 +21,7 @@ TOLERANCE = 1e-6
 TIME_TOLERANCE_S = 0.1
 """Difference of times that is none, s: a recorder gets a message a little after the services did."""
 
-PATIENCE_NS = 2 * NS_PER_S
+TIMEOUT_NS = 2 * NS_PER_S
 """After this time a message whose stamp the other run does not have is paired with a near one, or missing."""
 
 NEAR_NS = NS_PER_S // 2
@@ -67,7 +67,7 @@ class TopicReport(SchemaModel):
         return not (self.differ or self.only_recorded or self.only_replayed)
 
 
-class Report(SchemaModel):
+class ComparisonReport(SchemaModel):
     """All recomputed topics of a recording, in the order of their keys."""
 
     topics: tuple[TopicReport, ...]
@@ -120,11 +120,11 @@ class _Waiting:
 
     def take_near(self, time_ns: int) -> Sample | None:
         """Remove the message whose time is nearest and return it, or None if none is within `NEAR_NS`."""
-        nearest, least = None, NEAR_NS + 1
+        nearest, min_distance_ns = None, NEAR_NS + 1
         for number, sample in self._samples.items():
             distance = abs(sample.time_ns - time_ns)
-            if distance < least:
-                nearest, least = number, distance
+            if distance < min_distance_ns:
+                nearest, min_distance_ns = number, distance
             if sample.time_ns >= time_ns:
                 break
         return None if nearest is None else self._remove(nearest)
@@ -191,14 +191,16 @@ class Comparison:
         else:
             pair = (sample, partner) if side == "recorded" else (partner, sample)
             self._compare(topic, *pair)
-        if sample.time_ns - self._looked_ns > PATIENCE_NS // 4:
+        if sample.time_ns - self._looked_ns > TIMEOUT_NS // 4:
             self._looked_ns = sample.time_ns
-            self._give_up(sample.time_ns - PATIENCE_NS)
+            self._give_up(sample.time_ns - TIMEOUT_NS)
 
-    def finish(self) -> Report:
+    def finish(self) -> ComparisonReport:
         """Return the result; no message comes any more."""
         self._give_up(2**63)
-        return Report(topics=tuple(_report(key, topic) for key, topic in sorted(self._topics.items())))
+        return ComparisonReport(
+            topics=tuple(_report(key, topic) for key, topic in sorted(self._topics.items()))
+        )
 
     def _give_up(self, before_ns: int) -> None:
         """Pair what waits since `before_ns` by time, or count it as missing."""

@@ -37,7 +37,7 @@ class Leaf(NamedTuple):
     difference: float | None
     """Its size, s for times, in the field's own unit else. None if it is no number."""
     is_exact: bool = False
-    """Whether any difference counts: it is one of bytes, such as pixels."""
+    """True if any difference counts, because values are bytes, such as pixels."""
 
 
 def differences(one: object, other: object, field: str = "") -> list[Leaf]:

@@ -202,7 +202,7 @@ class Bus(Protocol):
         """Return the reply.
 
         Raises:
-            RefusedError: the server says why not, or what went wrong in it.
+            RefusedError: the server refuses with a reason, or reports its own error.
             NoAnswerError: nobody serves it, or not within `timeout_s`.
             RequestError: the reply is not the one of the table.
             BusClosedError: the bus was closed meanwhile.

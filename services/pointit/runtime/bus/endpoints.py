@@ -133,7 +133,7 @@ class PresenceWatcher(Declaration):
         super().__init__(self._undeclare, bus.declarations)
 
     def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
-        """Say that `name` is there or gone; in the loop, never from within a call of the watched."""
+        """Report that `name` is present or gone. Called in the loop, never from a call of the watched."""
         if not self._open or present == (name in self._known):
             return
         (self._known.add if present else self._known.discard)(name)

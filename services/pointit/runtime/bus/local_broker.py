@@ -45,7 +45,7 @@ class PresenceWatcher(Protocol):
     """Learns who is present."""
 
     def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
-        """Say that `name` is there or gone."""
+        """Report that `name` is present or gone."""
         ...
 
 

@@ -109,11 +109,11 @@ class RawQueryable(Declaration):
         with self._lock:
             self._open -= 1
 
-    def _receive(self, ask: IncomingQuery) -> None:
+    def _receive(self, query: IncomingQuery) -> None:
         if self.is_closed or self._dispatcher.is_closed:
-            ask.drop()
+            query.drop()
         else:
-            self._handler(ask)
+            self._handler(query)
 
 
 @dataclass(frozen=True, slots=True)

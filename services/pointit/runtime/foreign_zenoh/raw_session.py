@@ -160,18 +160,18 @@ class RawSession:
             )
         return f"no router answers at {link.endpoint}, trying again until one does{remedy}"
 
-    def publisher(self, key: str, *, kept: int = 0, reliable: bool = True) -> RawPublisher:
-        """Declare a writer of `key`, which keeps its last `kept` messages for readers that come late."""
+    def publisher(self, key: str, *, cache_size: int = 0, reliable: bool = True) -> RawPublisher:
+        """Declare a writer of `key`, which keeps its last `cache_size` messages for late readers."""
         self._check_open()
-        return RawPublisher(self._session, key, kept, reliable)
+        return RawPublisher(self._session, key, cache_size, reliable)
 
     def subscriber(
-        self, key: str, handler: Callable[[RawSample], None], *, kept: int = 0, reliable: bool = True
+        self, key: str, handler: Callable[[RawSample], None], *, cache_size: int = 0, reliable: bool = True
     ) -> Closable:
         """Call `handler`, on Zenoh's threads, for what others put to `key`, which may have wildcards.
 
-        `kept`: how many of a writer's last messages to fetch from caches; `reliable`: fetch those lost on the
-        way, too.
+        `cache_size`: number of a writer's last messages to fetch from caches. `reliable`: fetch those lost on
+        the way, too.
         """
         self._check_open()
 
@@ -179,10 +179,10 @@ class RawSession:
             if sample.kind == zenoh.SampleKind.PUT:
                 handler(RawSample(sample))
 
-        if not kept:
+        if not cache_size:
             return Declaration(declare_subscriber(self._session, key, on_sample).undeclare)
         declared = declare_caching_subscriber(
-            self._session, key, on_sample, history=kept, recovers=reliable, is_announced=True
+            self._session, key, on_sample, history=cache_size, recovers=reliable, is_announced=True
         )
         return Declaration(declared.undeclare)
 

@@ -10,13 +10,13 @@ UNKNOWN_AUTHORITY = (2, 18, 19, 20, 21)
 """Codes for an issuer that is not among the trusted ones, the certificate itself included."""
 
 
-def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str, trust: str) -> str:
+def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str, authority_hint: str) -> str:
     """Return the reason for which the certificate of a server is not accepted, and the remedy.
 
     Args:
         error: error of the handshake.
         server: the server, such as `the broker at hub:8883`.
-        trust: what makes an unknown authority trusted, such as "set `ca_file` to its certificate".
+        authority_hint: what makes an unknown authority trusted, such as "set `ca_file` to its certificate".
     """
     code, reason = error.verify_code, error.verify_message.rstrip(".")
     if code == EXPIRED:
@@ -29,7 +29,7 @@ def describe_certificate_error(error: ssl.SSLCertVerificationError, server: str,
             "one with this name, or address, as its subject alternative name"
         )
     if code in UNKNOWN_AUTHORITY:
-        return f"the certificate of {server} is not trusted ({reason}): {trust}"
+        return f"the certificate of {server} is not trusted ({reason}): {authority_hint}"
     return f"the certificate of {server} cannot be used ({reason}): issue another one there"
 
 

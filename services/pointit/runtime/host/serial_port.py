@@ -17,7 +17,7 @@ from serial.tools import list_ports
 log = logging.getLogger(__name__)
 
 RETRY_FIRST_S = 0.2
-RETRY_MOST_S = 2.0
+MAX_RETRY_S = 2.0
 """Waits between tries to open a port: doubled from the first to the most, for ever."""
 END_WITHIN_S = 0.5
 """Time to wait for the end of a port's thread."""
@@ -104,7 +104,7 @@ def describe_ports() -> str:
     return ", ".join(f"{port.path} ({port.description})" for port in serial_ports()) or "none"
 
 
-def is_open_elsewhere(path: str) -> bool:
+def is_open_in_another_process(path: str) -> bool:
     """Return True if another process of this user has the port open (Linux; elsewhere always False)."""
     device, own = os.path.realpath(path), str(os.getpid())
     for link in Path("/proc").glob("[0-9]*/fd/*"):
@@ -175,9 +175,9 @@ class SerialThread:
                 self.post(self._fail, error)
                 return
             # A port that opens and fails at once must not be hammered.
-            wait_s = RETRY_FIRST_S if time.monotonic() - began_s > RETRY_MOST_S else wait_s
+            wait_s = RETRY_FIRST_S if time.monotonic() - began_s > MAX_RETRY_S else wait_s
             self._stopping.wait(wait_s)
-            wait_s = min(2.0 * wait_s, RETRY_MOST_S)
+            wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
     def _tell(self, why: str) -> None:
         """Log once down and once up; the loop hears of every change of the reason."""

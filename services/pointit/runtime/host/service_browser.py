@@ -42,7 +42,7 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
         if state_change is not ServiceStateChange.Removed and len(names) < MAX_SERVICES:
             names.add(name)
 
-    found: list[NetworkService] = []
+    services: list[NetworkService] = []
     with contextlib.suppress(OSError):  # a machine without a network finds nothing
         async with AsyncZeroconf(ip_version=IPVersion.V4Only) as network:
             browser = AsyncServiceBrowser(network.zeroconf, full_kind, handlers=[on_change])
@@ -54,5 +54,5 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
                 for address in info.parsed_addresses(IPVersion.V4Only)[:1]:
                     name = info.name.removesuffix(f".{full_kind}")
                     host = (info.server or "").rstrip(".")
-                    found.append(NetworkService(name, address, info.port or 0, host))
-    return found
+                    services.append(NetworkService(name, address, info.port or 0, host))
+    return services

@@ -28,7 +28,7 @@ run` before it starts services."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class StoreLayout:
     """Tables of a file, and words for messages about it."""
 
     tables: str
@@ -46,7 +46,7 @@ class Layout:
 class Store:
     """The file at `path`, alone in its folder with its lock and files that were set aside."""
 
-    def __init__(self, path: Path, layout: Layout) -> None:
+    def __init__(self, path: Path, layout: StoreLayout) -> None:
         """Create without opening any file."""
         self.path = path
         self._layout = layout

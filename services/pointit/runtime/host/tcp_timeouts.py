@@ -6,8 +6,8 @@ be present, and their own machine would not report the lost router. Zenoh has no
 the sockets have one, and those that a listening socket accepts inherit it.
 
 Where Zenoh closes a connection, it waits likewise until the other end has acknowledged all (`SO_LINGER`),
-40 ms or more, in a thread that reads all connections that a router has accepted: a hundred rejected
-strangers would block all others for seconds. Without it the system does the rest in the background.
+40 ms or more, in a thread that reads all connections that a router has accepted: a hundred rejected peers
+would block all others for seconds. Without it the system does the rest in the background.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ from pathlib import Path
 
 OPEN_FILES = Path("/proc/self/fd")
 LINGER = struct.Struct("ii")
-"""Whether, and for how long, s."""
+"""True if it is set, and its duration, s."""
 
 
 def set_user_timeout(ports: Collection[int], after_ms: int) -> int:

@@ -19,7 +19,7 @@ from concurrent.futures import Future, InvalidStateError
 from typing import NoReturn, TypeVar
 
 T = TypeVar("T")
-EXIT_PATIENCE_S = 15.0
+EXIT_TIMEOUT_S = 15.0
 """Time that the exit of another process waits for each thread. Zenoh takes 10 s at most."""
 
 _threads: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
@@ -81,4 +81,4 @@ def exit_now(code: int) -> NoReturn:
 @atexit.register
 def _wait() -> None:
     for thread in list(_threads):
-        thread.join(EXIT_PATIENCE_S)
+        thread.join(EXIT_TIMEOUT_S)

@@ -27,7 +27,7 @@ KEY = "key.pem"
 LINK = "link.json"
 PASSWORD = "password"  # noqa: S105 - the name of the file
 MAX_BYTES = 64 * 1024
-ONLOOKERS = ("dashboard", "operator")
+OBSERVERS = ("dashboard", "operator")
 """Roles that may write nothing of their own, not even that they are there."""
 SOON = dt.timedelta(days=30)
 """Credentials that end sooner are warned of."""
@@ -80,7 +80,7 @@ class Credentials:
     @property
     def is_observer(self) -> bool:
         """Return True if processes with this identity are not announced to others."""
-        return self.link.role in ONLOOKERS
+        return self.link.role in OBSERVERS
 
     def check_endpoint(self, endpoint: str) -> None:
         """Check that `endpoint` is encrypted.

@@ -32,16 +32,16 @@ def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterabl
 
     `known`: instances that run or should run; `gone`: those of them that left, are absent or silent.
     """
-    most = f"{len(gone)} of {len(known)} services are"
-    is_most = len(gone) >= MANY and 2 * len(gone) > len(known)
+    majority = f"{len(gone)} of {len(known)} services are"
+    is_majority = len(gone) >= MANY and 2 * len(gone) > len(known)
     if lost := next(filter(None, map(LOST.search, warnings)), None):
         sentence = f"the router at {lost['where']} does not answer: "
-        sentence += f"{most} out of reach" if is_most else "nothing arrives from other machines"
+        sentence += f"{majority} out of reach" if is_majority else "nothing arrives from other machines"
         return Outage(sentence, AGAIN)
-    if not is_most:
+    if not is_majority:
         return None
     return Outage(
-        f"{most} gone together: what started them has ended, is stopped, or is cut off from the router",
+        f"{majority} gone together: what started them has ended, is stopped, or is cut off from the router",
         "look there: continue it (`kill -CONT PID`), or start it again; the log of what started them has the "
         "command",
     )

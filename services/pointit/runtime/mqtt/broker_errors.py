@@ -21,7 +21,9 @@ CONNECT = bytes.fromhex("100c00044d5154540402000f0000")
 CONNACK = b"\x20"
 BAD_CLIENT_ID, BAD_PASSWORD, NOT_AUTHORIZED = (2, 133), (4, 134), (5, 135)
 """Return codes of CONNACK: of MQTT 3.1.1, and of 5, to which paho converts them."""
-TRUST = f"set `ca_file` (--mqtt-ca-file, variable {CA_FILE}) to a file with its authority's certificate"
+AUTHORITY_HINT = (
+    f"set `ca_file` (--mqtt-ca-file, variable {CA_FILE}) to a file with its authority's certificate"
+)
 
 
 class BrokerError(OSError):
@@ -40,7 +42,7 @@ async def check_server(host: str, port: int, context: ssl.SSLContext | None) -> 
         async with asyncio.timeout(CONNECT_TIMEOUT_S), _opened(host, port, context):
             return
     except ssl.SSLCertVerificationError as error:
-        raise BrokerError(describe_certificate_error(error, broker, TRUST)) from error
+        raise BrokerError(describe_certificate_error(error, broker, AUTHORITY_HINT)) from error
     except (ssl.SSLError, ConnectionError, TimeoutError) as error:
         if context is not None and await _answers_plain(host, port):
             raise BrokerError(

@@ -18,11 +18,11 @@ FindOn = Callable[[str, int, float], Awaitable[Sequence[FoundDevice]]]
 async def find_on_brokers(find_on: FindOn, seconds: float) -> list[FoundDevice]:
     """Return the devices on the brokers of this machine and on those that announce themselves."""
     here = (find_on("127.0.0.1", port, seconds) for port in (PORT, TLS_PORT))
-    found = await asyncio.gather(*here, _find_elsewhere(find_on, seconds))
+    found = await asyncio.gather(*here, _find_in_thread(find_on, seconds))
     return [device for devices in found for device in devices]
 
 
-async def _find_elsewhere(find_on: FindOn, seconds: float) -> list[FoundDevice]:
+async def _find_in_thread(find_on: FindOn, seconds: float) -> list[FoundDevice]:
     try:
         kinds = await asyncio.gather(*(browse(kind, seconds / 2) for kind in KINDS))
     except ConfigError:  # without the extra `discovery`, that of this machine is all

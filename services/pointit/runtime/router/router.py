@@ -34,7 +34,7 @@ from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.tcp_timeouts import disable_linger, own_sockets, set_user_timeout, tcp_sockets
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.zenoh.connections import Connections
-from pointit.runtime.zenoh.session import CLOSE_PATIENCE_S, close_session, open_cancellable, open_session
+from pointit.runtime.zenoh.session import CLOSE_TIMEOUT_S, close_session, open_cancellable, open_session
 from pointit.runtime.zenoh.wire_format import encoding_of
 from pointit.schemas import Figure, Health, encode
 from pointit.schemas.table_types import NAME
@@ -129,7 +129,7 @@ class RouterHealthPublisher:
         self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
 
     def report(self, warnings: Sequence[str], refused: int, sessions: int) -> None:
-        """Say what is wrong, how many attempts were refused so far, and how many connections there are."""
+        """Publish the warnings, the number of refused attempts, and the number of connections."""
         self._seq += 1
         health = Health(
             stamp_ns=time.time_ns(),
@@ -156,11 +156,11 @@ class RouterHealthPublisher:
 
 LOOK_S = 0.25
 """Period of polling the files, since not every system and file system reports changes."""
-PORT_PATIENCE_S = 60.0
+PORT_TIMEOUT_S = 60.0
 """Time for which its own port may stay in use after it was closed (QUIC: 30 s where it cannot be released).
 A router that gave up sooner would end for everybody."""
 PORT_RETRY_S = 0.05
-REOPEN_PATIENCE_S = 11.0
+REOPEN_TIMEOUT_S = 11.0
 """Time to wait for a session's end before the next one begins. Zenoh takes 10 s at most."""
 RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
 """Addresses that name a file by a path relative to the configuration's folder."""
@@ -188,7 +188,7 @@ def parse_config(text: str, folder: Path) -> zenoh.Config:
     """Return Zenoh's configuration from JSON5 whose files are named as seen from `folder`.
 
     Raises:
-        ConfigError: it is none; says why, never what stands in it.
+        ConfigError: it is none; the message has the reason, never its content.
     """
     try:
         config = zenoh.Config.from_json5(text)
@@ -228,7 +228,7 @@ class Router:
         """Called in the loop after each change of `links`."""
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""
-        self._accounts: dict[str, RouterHealthPublisher] = {}
+        self._health_publishers: dict[str, RouterHealthPublisher] = {}
         """By site."""
 
     @property
@@ -251,7 +251,7 @@ class Router:
         self, of_site: Callable[[str], Sequence[str]], refused: int, sessions: Mapping[str, int]
     ) -> None:
         """Tell each site, once a second, what is wrong, attempts refused so far, and connections by site."""
-        for site, account in self._accounts.items():
+        for site, account in self._health_publishers.items():
             account.report(of_site(site), refused, sessions.get(site, 0))
 
     def links(self) -> list[tuple[str, str, str]]:
@@ -290,24 +290,24 @@ class Router:
                 continue
             await self._reopen(config)
 
-    async def close(self, patience_s: float = CLOSE_PATIENCE_S) -> None:
-        """Route no more; wait so long until nothing of the session is left."""
+    async def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+        """Stop routing; wait for up to this time until nothing of the session is left."""
         session, self._session = self._session, None
         if self._connections is not None:
             self._connections.close()
-        self._accounts.clear()
+        self._health_publishers.clear()
         if session is not None:
-            await close_session(session, patience_s=patience_s)
+            await close_session(session, patience_s=timeout_s)
 
     async def _reopen(self, config: zenoh.Config) -> None:
-        await self.close(REOPEN_PATIENCE_S)
+        await self.close(REOPEN_TIMEOUT_S)
         loop = asyncio.get_running_loop()
         began_s = loop.time()
         while True:
             try:
                 session = await _open(config)
             except ListenError:
-                if loop.time() - began_s > PORT_PATIENCE_S:
+                if loop.time() - began_s > PORT_TIMEOUT_S:
                     raise
                 release_udp_ports(ports_of(self._listens))
                 await asyncio.sleep(PORT_RETRY_S)
@@ -319,7 +319,7 @@ class Router:
     def _begin(self, session: zenoh.Session) -> None:
         self._session = session
         self._connections = Connections(session, self._listens, self.on_connection)
-        self._accounts = {
+        self._health_publishers = {
             site: RouterHealthPublisher(session, site, joins_another=self._joins_another)
             for site in self._sites
         }
@@ -386,6 +386,6 @@ def raise_file_limit() -> None:
         return
     import resource  # noqa: PLC0415 - there is none on Windows
 
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    _, hard_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
     with contextlib.suppress(OSError, ValueError):  # macOS: "no limit" is more than it takes
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard_limit, hard_limit))

@@ -31,7 +31,7 @@ TakeLine = Callable[[str, int], None]
 def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Generator[None]:
     """Give each line of Zenoh's log to `take`, in another thread; what else is printed goes where it did.
 
-    In colours, whatever NO_COLOR says: the rest of a key that holds a line break is told by having none.
+    In colours, whatever NO_COLOR says: the rest of a key with a line break is recognized by having none.
 
     For a process of its own and once in it: Zenoh's log cannot be set up again. Nothing happens where the
     person has set RUST_LOG, who wants to see the log as it is. `wanted` is as in RUST_LOG, `take` must not

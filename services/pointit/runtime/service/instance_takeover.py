@@ -1,9 +1,9 @@
 """Ownership of names: one process at a time runs a person's services.
 
-A present process that reports keeps the name, and a newcomer is refused. A silent process, because it was
+A present process that reports keeps the name, and a second instance is refused. A silent process, as it was
 stopped, cut off or its machine died, loses the name: its presence ends with Zenoh's lease at the latest,
-and the newcomer waits that long. If it comes back nevertheless, two run at once. Then the one that started
-last keeps the name and the other ends. Start times are by each machine's own clock, so both sides compare
+and the second instance waits that long. If it comes back nevertheless, two run at once. Then the one that
+started last keeps the name and the other ends. Start times are by each machine's clock: both sides compare
 the same two times and exactly one ends, however long messages take.
 """
 

@@ -67,7 +67,7 @@ class PeopleShare:
         """Those of them who are present."""
         self._leaving: set[str] = set()
         """Those of them who are forgotten when they are silent, unless they come back."""
-        self._elsewhere: set[str] = set()
+        self._remote_users: set[str] = set()
         """People whom shards serve."""
         self._splits: list[_Split] = []
         self._states: list[_States[Any]] = []
@@ -80,14 +80,14 @@ class PeopleShare:
 
     def serves(self, user: str) -> bool:
         """Return True if this instance serves the person `user`."""
-        return user in self._mine if self._mine else user not in self._elsewhere
+        return user in self._mine if self._mine else user not in self._remote_users
 
     def subscribe(
         self, topic: Topic[M], handler: Handler[M], *, drops_late: Callable[[M], object] | None = None
     ) -> None:
         """Call `handler(message, user)` for what arrives on `topic` of each person served."""
         if not self._mine and topic.delivery is not Delivery.LATEST:
-            states = _States(handler, self._is_heard, keeps=topic.delivery is Delivery.STATE)
+            states = _States(handler, self._is_subscribed, keeps=topic.delivery is Delivery.STATE)
             self._states.append(states)
             self._bus.subscribe(topic, states.on_message, drops_late=drops_late)
         else:
@@ -134,15 +134,15 @@ class PeopleShare:
             split.follow(names)
 
     def _share(self) -> None:
-        if self._elsewhere and ANY in self._names:
-            for user in filter(_is_person, self._heard()):
+        if self._remote_users and ANY in self._names:
+            for user in filter(_is_person, self._received_users()):
                 self._here.add(user)
                 self._forget_later(user)
-        self._follow(self._here - self._elsewhere if self._elsewhere else {ANY})
-        for figure, people in (("people heard", self._names), ("people of shards", self._elsewhere)):
-            self._bus.set_metric(figure, len(people) if self._elsewhere else None)
+        self._follow(self._here - self._remote_users if self._remote_users else {ANY})
+        for figure, people in (("people heard", self._names), ("people of shards", self._remote_users)):
+            self._bus.set_metric(figure, len(people) if self._remote_users else None)
 
-    def _heard(self) -> set[str]:
+    def _received_users(self) -> set[str]:
         return {user for split in self._splits for user in split.heard(FORGET_S)}
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -161,30 +161,30 @@ class PeopleShare:
 
     def _forget(self, user: str) -> None:
         self._leaving.discard(user)
-        if user in self._heard():
+        if user in self._received_users():
             self._forget_later(user)
         elif user not in self._present:
             self._here.discard(user)
             self._share()
 
-    def _is_heard(self, user: str) -> bool:
+    def _is_subscribed(self, user: str) -> bool:
         """Note that the default instance hears of `user`. Return True if it serves them."""
         if user not in self._here and _is_person(user):
             self._here.add(user)
             self._share()
-        return user not in self._elsewhere
+        return user not in self._remote_users
 
     def _on_shard(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         service, user = split_instance(name)
         if service != self._service or not _is_person(user):
             return
         if present:
-            self._elsewhere.add(user)
+            self._remote_users.add(user)
             self._share()
             if self._lost is not None:
                 self._lost(user)
             return
-        self._elsewhere.discard(user)
+        self._remote_users.discard(user)
         self._share()
         for states in self._states:
             states.repeat(user)
@@ -215,16 +215,16 @@ class _Split:
 class _States(Generic[M]):
     """States or events of all people, handed on for those who are served."""
 
-    def __init__(self, handler: Handler[M], is_heard: Callable[[str], bool], *, keeps: bool) -> None:
+    def __init__(self, handler: Handler[M], is_subscribed: Callable[[str], bool], *, keeps: bool) -> None:
         self._handler = handler
-        self._is_heard = is_heard
+        self._is_subscribed = is_subscribed
         self._keeps = keeps
         self._newest: dict[str, M] = {}
 
     def on_message(self, message: M, user: str) -> None:
         if self._keeps:
             self._newest[user] = message
-        if self._is_heard(user):
+        if self._is_subscribed(user):
             self._handler(message, user)
 
     def repeat(self, user: str) -> None:

@@ -22,7 +22,7 @@ FIRST_WAIT_S = 1.0
 """Wait after the first failure, s. It doubles with each further one."""
 MAX_WAIT_S = 30.0
 """Longest wait, s. After running for as long without a failure, a plug-in counts as sound again."""
-END_PATIENCE_S = 1.0
+END_TIMEOUT_S = 1.0
 """Time in which a plug-in must end when it is cancelled, s."""
 LOG_PERIOD_S = 30.0
 """At most one log record about a call that raises in this time, s; it may be made for each frame."""
@@ -79,7 +79,7 @@ class PluginGuard:
 
     async def _cancel(self, task: asyncio.Task[None]) -> None:
         task.cancel()
-        if (await asyncio.wait({task}, timeout=END_PATIENCE_S))[1]:
+        if (await asyncio.wait({task}, timeout=END_TIMEOUT_S))[1]:
             abandoned.add(task)
             task.add_done_callback(abandoned.discard)
             asyncio._unregister_task(task)  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] - the loop's end would wait
@@ -207,7 +207,7 @@ class StallWatch:
 
     def _on_stall(self, sign: threading.Event, asked_s: float) -> None:
         frames = sys._current_frames()  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] - documented, for this
-        found = find_culprit(frames.get(self._loop_thread), self._packages)
+        found = find_blocking_package(frames.get(self._loop_thread), self._packages)
         if found is None:
             return
         package, where = found
@@ -230,7 +230,7 @@ class StallWatch:
         self._loop.call_later(SHOWN_S, health.clear, "event loop")
 
 
-def find_culprit(frame: FrameType | None, packages: Container[str]) -> tuple[str, str] | None:
+def find_blocking_package(frame: FrameType | None, packages: Container[str]) -> tuple[str, str] | None:
     """Return that of `packages` whose code runs in `frame` or called it, and the file and line, or None."""
     while frame is not None:
         package = str(frame.f_globals.get("__name__", "")).partition(".")[0]

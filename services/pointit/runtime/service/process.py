@@ -38,9 +38,9 @@ EXIT_FAULT = 70
 """An unforeseen error (sysexits' EX_SOFTWARE)."""
 SETS = "set_"
 """Prefix of the names of options that set a parameter."""
-CLOCK_PATIENCE_S = 0.3
+CLOCK_TIMEOUT_S = 0.3
 """Time to wait for the site's simulated time before a service starts. It usually takes ms."""
-ASKED_CLOCK_PATIENCE_S = 2.0
+CLOCK_REQUEST_TIMEOUT_S = 2.0
 """The same if the command line says that there is one: many processes may start slowly at once."""
 
 
@@ -113,12 +113,12 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
         check_launches([launch], link.addresses)
         if options["while_parent_lives"]:
             exit_with_parent()
-        patience_s: float | None = None
+        timeout_s: float | None = None
         if options["clock"] == "site":
             source = click.get_current_context().get_parameter_source("clock")
             is_default = source is click.core.ParameterSource.DEFAULT
-            patience_s = CLOCK_PATIENCE_S if is_default else ASKED_CLOCK_PATIENCE_S
-        return run_until_shutdown(_serve(launch, link, patience_s))
+            timeout_s = CLOCK_TIMEOUT_S if is_default else CLOCK_REQUEST_TIMEOUT_S
+        return run_until_shutdown(_serve(launch, link, timeout_s))
 
     scope = "several" if service.SEVERAL else service.SCOPE
     return _command(service.NAME, scope, (service.__doc__ or "").strip(), service.CONFIG, callback)
@@ -157,8 +157,8 @@ def _command(
         click.Option(["--while-parent-lives"], is_flag=True, hidden=True),
     ]
     if scope == "user":
-        whose = click.Option(["--user"], required=True, help="whose service it is, the key's {user}")
-        parameters.insert(0, whose)
+        user_option = click.Option(["--user"], required=True, help="owner of the service, the key's {user}")
+        parameters.insert(0, user_option)
     if scope == "several":
         parameters.insert(0, click.Option(["--name"], help="its name, where a site has several of its kind"))
     prefix = environment_prefix(name)
@@ -229,16 +229,16 @@ def log_option() -> click.Option:
         ["--log-level"],
         type=click.Choice(["debug", "info", "warning", "error"]),
         default="info",
-        help="what to log",
+        help="least severe level that is logged",
     )
 
 
-async def _serve(launch: Launch, link: Link, clock_patience_s: float | None) -> int:
+async def _serve(launch: Launch, link: Link, clock_timeout_s: float | None) -> int:
     if link.listen:
         link = Link(site=link.site, listen=link.listen)
     bus = await ZenohBus.open(link)
     try:
-        clock, _ = await asyncio.gather(_clock(bus, clock_patience_s), _claim(bus, launch))
+        clock, _ = await asyncio.gather(_clock(bus, clock_timeout_s), _claim(bus, launch))
         log.info("%s of site %s runs", launch.instance, link.site)
         await run_services([launch], bus, clock)
     finally:
@@ -253,11 +253,11 @@ async def _claim(bus: ZenohBus, launch: Launch) -> None:
         await claim_names(bus, SERVICE_ALIVE, {launch.instance}, advice)
 
 
-async def _clock(bus: ZenohBus, patience_s: float | None) -> Clock:
-    if patience_s is None:
+async def _clock(bus: ZenohBus, timeout_s: float | None) -> Clock:
+    if timeout_s is None:
         return WallClock()
     clock = SiteClock(bus)
-    if not await clock.wait_for_tick(patience_s) and patience_s > CLOCK_PATIENCE_S:
+    if not await clock.wait_for_tick(timeout_s) and timeout_s > CLOCK_TIMEOUT_S:
         log.warning("this site publishes no simulated time; it is wall time until it does")
     return clock
 

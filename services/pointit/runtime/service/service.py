@@ -209,7 +209,7 @@ async def _run_once(
     """Run one service. Return why it ended: by itself, for its clock, or since the bus or name is gone."""
     kind = launch.service
     view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
-    succession = TakeoverMonitor(bus, launch.instance)
+    takeover = TakeoverMonitor(bus, launch.instance)
     if launch.plugin:
         watch_for_stalls(kind.__module__, launch.plugin, view)
     try:
@@ -223,11 +223,11 @@ async def _run_once(
         async with asyncio.TaskGroup() as group:
             running = service.run() if guard is None else guard.run(service.run)
             work = group.create_task(running, name=launch.instance)
-            reporting = _report(view, health, succession, clock, guard)
+            reporting = _report(view, health, takeover, clock, guard)
             report = group.create_task(reporting, name=f"{launch.instance} health")
             tasks = {work, report}
             if launch.is_single:  # duplicates of another shared service both go on, with a warning
-                tasks.add(group.create_task(_until_lost(succession, launch), name=f"{launch.instance} name"))
+                tasks.add(group.create_task(_until_lost(takeover, launch), name=f"{launch.instance} name"))
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:
                 task.cancel()
@@ -235,7 +235,7 @@ async def _run_once(
             return "set back"
         return "ended" if done == {work} else "over"
     finally:
-        succession.close()
+        takeover.close()
         await view.close()
         log.debug("%s ended", launch.instance)
 
@@ -268,23 +268,23 @@ async def _wait_for_restart(
         await view.close()
 
 
-async def _until_lost(succession: TakeoverMonitor, launch: Launch) -> None:
-    await succession.superseded.wait()
-    ends, by = launch.instance, succession.successor
+async def _until_lost(takeover: TakeoverMonitor, launch: Launch) -> None:
+    await takeover.superseded.wait()
+    ends, by = launch.instance, takeover.successor
     log.error("%s ends: %s has taken over the name, having begun later", ends, by)
 
 
 async def _report(
     view: ServiceBus,
     health: Publisher[Health],
-    succession: TakeoverMonitor,
+    takeover: TakeoverMonitor,
     clock: SteadyClock,
     guard: PluginGuard | None,
 ) -> bool:
     """Publish health until the bus is closed, or the service must be restarted: then return True."""
     with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
         while not clock.needs_restart():
-            view.warn("twice", succession.duplicate_instance_warning())
+            view.warn("twice", takeover.duplicate_instance_warning())
             view.warn("plug-in", "" if guard is None else guard.problem)
             health.put(view.report())
             await asyncio.sleep(HEALTH_PERIOD_S)

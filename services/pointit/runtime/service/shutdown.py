@@ -13,10 +13,10 @@ from typing import Any
 from pointit.runtime.errors import first_cause
 
 EXIT_FAILED = 1
-END_PATIENCE_S = 5.0
+END_TIMEOUT_S = 5.0
 """After a signal, how long the end may take before the process is cut off; it takes well below 2 s."""
 MAX_CROWDING = 12.0
-"""Limit of the factor by which `END_PATIENCE_S` is longer where many processes share each core."""
+"""Limit of the factor by which `END_TIMEOUT_S` is longer where many processes share each core."""
 SWITCH_INTERVAL_S = 0.0001
 """Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
@@ -80,15 +80,15 @@ def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
 
     def end() -> None:
         # a process that gets a small share of a core is slow, not stuck
-        patience_s = END_PATIENCE_S * crowding()
-        if has_ended.wait(patience_s - END_PATIENCE_S):
+        timeout_s = END_TIMEOUT_S * crowding()
+        if has_ended.wait(timeout_s - END_TIMEOUT_S):
             return
         names = ", ".join(sorted(task.get_name() for task in asyncio.all_tasks(loop)))
-        sys.stderr.write(f"Error: did not end within {patience_s:.1f} s: {names}\n")
+        sys.stderr.write(f"Error: did not end within {timeout_s:.1f} s: {names}\n")
         sys.stderr.flush()
         os._exit(EXIT_FAILED)
 
-    timer = threading.Timer(END_PATIENCE_S, end)
+    timer = threading.Timer(END_TIMEOUT_S, end)
     timer.daemon = True
     try:
         yield timer

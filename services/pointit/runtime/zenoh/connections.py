@@ -24,7 +24,7 @@ from pointit.schemas.topics import ANY, SERVICE_ALIVE
 log = logging.getLogger(__name__)
 
 ASK_S = 1.0
-MOST = 20
+MAX_SITES = 20
 """Names that are told: more are of no use to anybody."""
 
 
@@ -45,12 +45,12 @@ async def sites_at(link: Link) -> tuple[str, ...]:
     finally:
         await close_session(session)
     found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
-    return tuple(sorted(filter(NAME.match, found)))[:MOST]  # anybody can have written them
+    return tuple(sorted(filter(NAME.match, found)))[:MAX_SITES]  # anybody can have written them
 
 
-DOUBT_S = 2.0
+SUSPICION_S = 2.0
 """A router that is lost for longer than a restart takes is asked whether it still wants us, repeatedly."""
-LONGEST_DOUBT_S = 30.0
+MAX_SUSPICION_S = 30.0
 """Longest time between two questions, which doubles from the first on, s."""
 
 
@@ -122,7 +122,7 @@ class LinkWatch:
         self._link = link
         self._on_back = on_back
         self._why = ""
-        self._doubt: asyncio.Task[None] | None = None
+        self._suspicion_timer: asyncio.Task[None] | None = None
         self._loop = asyncio.get_running_loop()
         self._where = " or ".join(link.connect)
         self._lost_s: float | None = None
@@ -144,34 +144,34 @@ class LinkWatch:
     def close(self) -> None:
         """Say nothing any more."""
         self._connections.close()
-        self._end_doubt()
+        self._end_suspicion()
 
     def _on_change(self) -> None:
         if bool(self._connections) == self.up:
             return
         if self._connections:
             self._lost_s = None
-            self._end_doubt()
+            self._end_suspicion()
             log.info("router at %s is back", self._where)
             self._on_back()
         else:
             self._lost_s = self._loop.time()
             log.warning("router at %s is lost; trying again until it is back", self._where)
             if self._link.credentials is not None:
-                self._doubt = self._loop.create_task(self._ask_why(), name="refusal")
+                self._suspicion_timer = self._loop.create_task(self._ask_why(), name="refusal")
 
     async def _ask_why(self) -> None:
         """Find out whether the router is there and refuses us, as when the certificate has expired."""
-        wait_s = DOUBT_S
+        wait_s = SUSPICION_S
         while True:
             await asyncio.sleep(wait_s)
-            wait_s = min(2.0 * wait_s, LONGEST_DOUBT_S)
+            wait_s = min(2.0 * wait_s, MAX_SUSPICION_S)
             before, self._why = self._why, await in_daemon_thread(lambda: refusals(self._link), "refusal")
             if self._why and self._why != before:
                 log.warning("%s", self._why)
 
-    def _end_doubt(self) -> None:
+    def _end_suspicion(self) -> None:
         self._why = ""
-        if self._doubt is not None:
-            self._doubt.cancel()
-            self._doubt = None
+        if self._suspicion_timer is not None:
+            self._suspicion_timer.cancel()
+            self._suspicion_timer = None

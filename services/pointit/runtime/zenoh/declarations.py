@@ -29,7 +29,8 @@ def declare_publisher(
     """Return a `zenoh.Publisher` of `key`, or with a cache a `zenoh.ext.AdvancedPublisher`.
 
     BLOCK would let one stuck reader stop this process for seconds. What DROP loses is fetched again from the
-    `cache` of so many messages, if there is one. `missed`: how readers notice that they lost the last of it.
+    `cache` of that number of messages, if there is one. `missed`: the way in which readers notice that they
+    lost the last of it.
     """
     options |= {
         "congestion_control": zenoh.CongestionControl.DROP,

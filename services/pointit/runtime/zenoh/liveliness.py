@@ -137,7 +137,7 @@ class ZenohWatcher(PresenceWatcher):
         self._tokens = LivelinessSubscriber(session, presence.at(ANY), self._on_tokens, bus.dispatcher)
 
     def notify_departure(self, name: str) -> None:
-        """Say that `name` is gone if only this process still announced it."""
+        """Report that `name` is gone if only this process still announced it."""
         if name in self._withheld:
             self._change(name, False)
 

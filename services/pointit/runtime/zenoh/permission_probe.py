@@ -34,7 +34,7 @@ message is denied. A busy machine delays the whole round, since a session delive
 RETRY_S = (2.0, 5.0, 15.0, 60.0)
 """After so long what is denied is tested again, the last one from then on: a router that was just restarted,
 with everybody at its door, answers late; and rules change."""
-MOST_KEYS = 3
+MAX_KEYS = 3
 """Keys that a sentence names."""
 
 Right = tuple[str, str]
@@ -69,7 +69,7 @@ class PermissionProbe:
         self._tested = asyncio.Event()
         """Set, and replaced, at the end of each test."""
         self._denied: set[Right] = set()
-        self._is_nobody = False
+        self._is_unknown_identity = False
         self._denials = 0
         """Tests in a row in which something was denied."""
         self._is_due = asyncio.Event()
@@ -109,14 +109,18 @@ class PermissionProbe:
                 return ""
             if was_pending:
                 return (
-                    _nobody(self._credentials)
-                    if self._is_nobody
+                    _unknown_identity_error(self._credentials)
+                    if self._is_unknown_identity
                     else _sentence(self._credentials, verb, [key])
                 )
         arrived = await self._arrived({(verb, key)})
         if arrived is None or (verb, key) in arrived:
             return ""
-        return _nobody(self._credentials) if not arrived else _sentence(self._credentials, verb, [key])
+        return (
+            _unknown_identity_error(self._credentials)
+            if not arrived
+            else _sentence(self._credentials, verb, [key])
+        )
 
     async def close(self) -> None:
         """Test nothing any more."""
@@ -156,7 +160,7 @@ class PermissionProbe:
                 self._is_due.set()
             return
         before = self.problem
-        self._is_nobody = not arrived
+        self._is_unknown_identity = not arrived
         self._denied = (self._denied - rights) | (rights - arrived)
         self._denials = self._denials + 1 if self._denied else 0
         for sentence in self._sentences():
@@ -203,8 +207,8 @@ class PermissionProbe:
         return {keys[key] for key in arrived & keys.keys()} if is_answered and self._is_up() else None
 
     def _sentences(self) -> list[str]:
-        if self._is_nobody:
-            return [_nobody(self._credentials)]
+        if self._is_unknown_identity:
+            return [_unknown_identity_error(self._credentials)]
         sentences: list[str] = []
         for verb in VERBS:
             by_person: dict[str, list[str]] = {}
@@ -214,7 +218,7 @@ class PermissionProbe:
         return sentences
 
 
-def _nobody(credentials: Credentials) -> str:
+def _unknown_identity_error(credentials: Credentials) -> str:
     name = credentials.link.name
     return (
         f"{credentials.description} may do nothing here: it was revoked or its certificate replaced; copy "
@@ -223,9 +227,9 @@ def _nobody(credentials: Credentials) -> str:
 
 
 def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
-    named = ", ".join(keys[:MOST_KEYS])
-    if len(keys) > MOST_KEYS:
-        named += f" and {len(keys) - MOST_KEYS} more"
+    named = ", ".join(keys[:MAX_KEYS])
+    if len(keys) > MAX_KEYS:
+        named += f" and {len(keys) - MAX_KEYS} more"
     person = _person(keys[0])
     if person and person != credentials.link.name:
         remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"

@@ -27,9 +27,9 @@ T = TypeVar("T")
 MAX_WAITING = 512
 """Length of one queue, twice what one request answers at a time. Further items are rejected."""
 SLICE_S = 0.001
-"""So long a line works in one turn of the loop before everybody else gets theirs."""
+"""Time for which a line works in one turn of the loop before everybody else gets theirs."""
 SHOWN_S = 5.0
-"""So long it is said that somebody was turned away, after the last of them."""
+"""Time for which the warning about refused queries is shown after the last of them, s."""
 LOG_PERIOD_S = 1.0
 
 

@@ -35,7 +35,7 @@ IN_USE = re.compile(r"\(os error (48|98|10048)\)")
 OPEN_RETRY_S = 0.5
 PASSES_S = 10.0
 """Time after which a `PassingRefusal` counts as one that does not pass."""
-CLOSE_PATIENCE_S = 1.0
+CLOSE_TIMEOUT_S = 1.0
 """Time to wait for the closing of a session. It takes some ms, but with a lost router as long as the current
 attempt to reach it."""
 RUNTIME = "(rx: (worker_threads: 1))"
@@ -119,7 +119,7 @@ async def open_cancellable(config: zenoh.Config, *, runtime: str = RUNTIME) -> z
     )
 
 
-async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_PATIENCE_S) -> None:
+async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_TIMEOUT_S) -> None:
     """Close `session`, in a thread, since that waits for callbacks that run; go on after `patience_s`."""
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(patience_s):

@@ -34,7 +34,7 @@ from pointit.schemas.topics import Delivery
 
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
 """Before each question; what has not come after the last one counts as lost."""
-MOST_OF_FIRST = 3
+MAX_OF_FIRST = 3
 """Questions about what was before the first event of a writer; not every writer keeps what it has sent."""
 TIMEOUT_S = 2.0
 MAX_GAPS = 32
@@ -72,8 +72,8 @@ class EventRecovery:
     ) -> None:
         """Begin with nothing heard; must be called in the loop.
 
-        `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` is told how many
-        never came.
+        `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` gets the
+        number of lost ones.
         """
         self._bus = bus
         self._session = session
@@ -152,10 +152,10 @@ class EventRecovery:
             found = {each.source_info.source_sn: each for each in samples if each.source_info is not None}
             with self._lock:
                 gap.held |= {number: each for number, each in found.items() if number in missing}
-                has_said_all = beyond in found and beyond > max(gap.wanted)
-                if asked == MOST_OF_FIRST:
+                has_sent_all = beyond in found and beyond > max(gap.wanted)
+                if asked == MAX_OF_FIRST:
                     gap.wanted = {number for number in gap.wanted if number > gap.heard_from}
-                if has_said_all or gap.wanted <= gap.held.keys():
+                if has_sent_all or gap.wanted <= gap.held.keys():
                     break
         with self._lock:
             if self._gaps.get(writer) is gap:
@@ -174,11 +174,11 @@ MAX_USERS = 256
 MAX_NAMES = 4096
 """Limit for all placeholders but users: lamps, service instances."""
 SILENT_S = 60.0
-"""A name that was not heard for so long gives way to a new one."""
+"""Time without a message after which a name gives way to a new one, s."""
 
 
-class Places:
-    """Names that every reader of a bus takes, whatever strangers make up: the map's lamps."""
+class NameAllowlist:
+    """Names that every reader of a bus takes, whatever unknown peers make up: the map's lamps."""
 
     def __init__(self) -> None:
         self._kept: dict[str, frozenset[str]] = {}
@@ -204,14 +204,14 @@ class NameLimiter:
     time and memory of those who were there before.
     """
 
-    def __init__(self, placeholder: str, name_in: Callable[[str], str], places: Places) -> None:
+    def __init__(self, placeholder: str, name_in: Callable[[str], str], places: NameAllowlist) -> None:
         """Take what stands for `placeholder`; `name_in` reads it from a key, or raises `SchemaError`."""
         self._places = places
         self._what = placeholder or "name"
         self._limit = max_names_for(placeholder)
         self._name_in = name_in
         self._lock = threading.Lock()
-        self._heard: collections.OrderedDict[str, tuple[str, float]] = collections.OrderedDict()
+        self._received: collections.OrderedDict[str, tuple[str, float]] = collections.OrderedDict()
         """By key: its name and when it was last heard, s; the one longest silent first."""
 
     def admit(self, key: str, now_s: float) -> str:
@@ -221,23 +221,23 @@ class NameLimiter:
             SchemaError: there cannot be such a name, or there are too many others.
         """
         with self._lock:
-            known = self._heard.get(key)
+            known = self._received.get(key)
             if known is not None:
-                self._heard[key] = (known[0], now_s)
-                self._heard.move_to_end(key)
+                self._received[key] = (known[0], now_s)
+                self._received.move_to_end(key)
                 return known[0]
         name = self._name_in(key)
         with self._lock:
             is_known = self._places.holds(self._what, name)
-            if key not in self._heard and len(self._heard) >= self._limit and not is_known:
-                _, oldest_s = next(iter(self._heard.values()))
+            if key not in self._received and len(self._received) >= self._limit and not is_known:
+                _, oldest_s = next(iter(self._received.values()))
                 if now_s - oldest_s <= SILENT_S:
                     raise KeyNameError(
                         f"{self._what} {name!r}: more than {self._limit} names, the rest are not heard; "
                         f"a name makes room when it is silent for {SILENT_S:g} s"
                     )
-                self._heard.popitem(last=False)
-            self._heard[key] = (name, now_s)
+                self._received.popitem(last=False)
+            self._received[key] = (name, now_s)
         return name
 
 
@@ -268,7 +268,7 @@ class EncodedMessage:
         return None if stamp is None else Sent(stamp.get_time_as_ntp64().as_nanos(), str(stamp.get_id()))
 
     def decode(self) -> Message:
-        """Return the message; decoded for the first who asks, the same object for all others.
+        """Return the message; decoded for the first reader, the same object for all others.
 
         Raises:
             DecodeError: it is none.
@@ -286,10 +286,10 @@ class EncodedMessage:
         return message
 
 
-class _Inlet(ABC):
+class _SampleInput(ABC):
     """The input of samples of other processes, for the readers of one key. Called on Zenoh's threads."""
 
-    def __init__(self, topic: AnyTopic, places: Places) -> None:
+    def __init__(self, topic: AnyTopic, places: NameAllowlist) -> None:
         self.mailboxes: tuple[Mailbox, ...] = ()
         """Replaced, never changed: other threads read it."""
         self._kind = topic.message
@@ -306,18 +306,18 @@ class _Inlet(ABC):
             for mailbox in mailboxes:
                 mailbox.count_invalid(error)
             return
-        parcel = EncodedMessage(self._kind, sample)
+        encoded = EncodedMessage(self._kind, sample)
         for mailbox in mailboxes:
-            mailbox.offer(name, parcel)
+            mailbox.offer(name, encoded)
 
     @abstractmethod
     def undeclare(self) -> None: ...
 
 
-class SharedSubscriber(_Inlet):
+class SharedSubscriber(_SampleInput):
     """The shared input of all readers of a key: a sample is received and decoded once."""
 
-    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, places: Places) -> None:
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, places: NameAllowlist) -> None:
         super().__init__(topic, places)
         self._subscriber = declare_subscriber(session, key, self.on_sample)
 
@@ -326,7 +326,7 @@ class SharedSubscriber(_Inlet):
         self._subscriber.undeclare()
 
 
-class _KeptInlet(_Inlet):
+class _RetainedInput(_SampleInput):
     """The input of one reader of states or events, which begins with a history of its own."""
 
     def __init__(
@@ -337,20 +337,20 @@ class _KeptInlet(_Inlet):
         key: str,
         mailbox: Mailbox,
         *,
-        places: Places,
+        places: NameAllowlist,
     ) -> None:
         super().__init__(topic, places)
         self.mailboxes = (mailbox,)
         self._began = session.new_timestamp()
         is_event = topic.delivery is Delivery.EVENT
-        self._arrears = EventRecovery(bus, session, self._on_event, mailbox.count_lost) if is_event else None
-        on_sample = self.on_sample if self._arrears is None else self._arrears.on_sample
+        self._recovery = EventRecovery(bus, session, self._on_event, mailbox.count_lost) if is_event else None
+        on_sample = self.on_sample if self._recovery is None else self._recovery.on_sample
         self._subscriber = declare_caching_subscriber(session, key, on_sample, history=0 if is_event else 1)
 
     def undeclare(self) -> None:
         self._subscriber.undeclare()
-        if self._arrears is not None:
-            self._arrears.close()
+        if self._recovery is not None:
+            self._recovery.close()
 
     def _on_event(self, sample: zenoh.Sample) -> None:
         # A writer that is heard for the first time makes Zenoh fetch everything it has kept: a button that
@@ -371,27 +371,29 @@ class ZenohSubscription(MailboxSubscription):
         mailbox: Mailbox,
         name: str,
         *,
-        inlets: dict[str, SharedSubscriber],
-        places: Places,
+        inputs: dict[str, SharedSubscriber],
+        places: NameAllowlist,
     ) -> None:
-        """Fill `mailbox`; `inlets` are those of the bus, by key, `places` the names it takes in any case."""
+        """Fill `mailbox`; `inputs` are those of the bus, by key, `places` the names it takes in any case."""
         super().__init__(bus, topic, mailbox, name)
         self._key = topic.at(name)
-        self._inlets = inlets
-        self._inlet: SharedSubscriber | _KeptInlet
+        self._inputs = inputs
+        self._input: SharedSubscriber | _RetainedInput
         if topic.delivery is not Delivery.LATEST:
-            self._inlet = _KeptInlet(bus, session, topic, self._key, mailbox, places=places)
+            self._input = _RetainedInput(bus, session, topic, self._key, mailbox, places=places)
             return
-        shared = inlets.get(self._key)
+        shared = inputs.get(self._key)
         if shared is None:
-            shared = inlets[self._key] = SharedSubscriber(session, topic, self._key, places)
+            shared = inputs[self._key] = SharedSubscriber(session, topic, self._key, places)
         shared.mailboxes = (*shared.mailboxes, mailbox)
-        self._inlet = shared
+        self._input = shared
 
     def _undeclare(self) -> None:
         super()._undeclare()
-        inlet = self._inlet
-        inlet.mailboxes = tuple(mailbox for mailbox in inlet.mailboxes if mailbox is not self._mailbox)
-        if not inlet.mailboxes:
-            self._inlets.pop(self._key, None)
-            inlet.undeclare()
+        sample_input = self._input
+        sample_input.mailboxes = tuple(
+            mailbox for mailbox in sample_input.mailboxes if mailbox is not self._mailbox
+        )
+        if not sample_input.mailboxes:
+            self._inputs.pop(self._key, None)
+            sample_input.undeclare()

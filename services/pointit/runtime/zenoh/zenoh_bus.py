@@ -43,7 +43,12 @@ from pointit.runtime.zenoh.permission_probe import PermissionProbe
 from pointit.runtime.zenoh.queries import MAX_WAITING, OverflowCounter, QueuedQueryable, query_replies, refuse
 from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, recall_for_others
 from pointit.runtime.zenoh.session import close_session, open_session
-from pointit.runtime.zenoh.subscribers import EncodedMessage, Places, SharedSubscriber, ZenohSubscription
+from pointit.runtime.zenoh.subscribers import (
+    EncodedMessage,
+    NameAllowlist,
+    SharedSubscriber,
+    ZenohSubscription,
+)
 from pointit.runtime.zenoh.wire_format import PRIORITY, check_size, decoded, encoding_of, name_from_key
 from pointit.schemas import DecodeError, Environment, Message, Query, Reply, SchemaError, encode
 from pointit.schemas.table_types import NAME
@@ -73,9 +78,9 @@ class _LatestWriter:
         self._listener = self._publisher.declare_matching_listener(RingChannel(1))
 
     def put(self, message: Message) -> None:
-        news = self._listener.try_recv()
-        if news is not None:
-            self._wanted = news.matching
+        matching = self._listener.try_recv()
+        if matching is not None:
+            self._wanted = matching.matching
         if self._wanted:
             self._publisher.put(encode(message))
 
@@ -84,7 +89,7 @@ class _LatestWriter:
         self._publisher.undeclare()
 
 
-class _KeptWriter:
+class _RetainedWriter:
     """Sends states and events, and keeps the last of them for readers that come late or were cut off."""
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
@@ -113,7 +118,7 @@ class ZenohPublisher(MemoryPublisher[M]):
         self._writer = (
             _LatestWriter(session, topic, key)
             if topic.delivery is Delivery.LATEST
-            else _KeptWriter(session, topic, key)
+            else _RetainedWriter(session, topic, key)
         )
         self._retires = False
         super().__init__(bus, topic, name, self._writer.put)
@@ -218,13 +223,13 @@ class ZenohBus(MemoryBus):
         super().__init__()
         self.session = session
         self.link = link
-        self._inlets: dict[str, SharedSubscriber] = {}
-        self._places = Places()
-        self._recollection: RetainedStateFetcher | None = None
+        self._inputs: dict[str, SharedSubscriber] = {}
+        self._places = NameAllowlist()
+        self._state_fetcher: RetainedStateFetcher | None = None
         self._turned_away = OverflowCounter()
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
         self._self_test: PermissionProbe | None = None
-        self._is_onlooker = link.credentials is not None and link.credentials.is_observer
+        self._is_observer = link.credentials is not None and link.credentials.is_observer
         """True if its own health and presence stay in this process, since the router would refuse them."""
         if link.credentials is not None and self._watch is not None:
             self._self_test = PermissionProbe(session, link.credentials, self._second, lambda: self.connected)
@@ -269,7 +274,7 @@ class ZenohBus(MemoryBus):
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
         self._check_open()
-        if topic in ACCOUNTS and self._is_onlooker:
+        if topic in ACCOUNTS and self._is_observer:
             return super().publisher(topic, name)
         if topic not in ACCOUNTS:
             self._want("writes", topic.at(name))
@@ -298,12 +303,12 @@ class ZenohBus(MemoryBus):
     def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, kept: bool) -> Subscription:
         self._want("reads", topic.at(name))
         subscription = ZenohSubscription(
-            self, self.session, topic, mailbox, name, inlets=self._inlets, places=self._places
+            self, self.session, topic, mailbox, name, inputs=self._inputs, places=self._places
         )
         if topic.delivery is Delivery.STATE and kept:
-            if self._recollection is None:
-                self._recollection = RetainedStateFetcher(self, self.session)
-            self._recollection.fetch(topic, name, mailbox)
+            if self._state_fetcher is None:
+                self._state_fetcher = RetainedStateFetcher(self, self.session)
+            self._state_fetcher.fetch(topic, name, mailbox)
         return subscription
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
@@ -341,7 +346,7 @@ class ZenohBus(MemoryBus):
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed, or until this process dies."""
         here = super().announce(presence, name)
-        if self._is_onlooker:
+        if self._is_observer:
             return here
         return self._both(here, self.session.liveliness().declare_token(presence.at(name)))
 
@@ -349,7 +354,7 @@ class ZenohBus(MemoryBus):
         """Call `handler(name, present)` now and on every change."""
         self._check_open()
         watcher = ZenohWatcher(self, self.session, presence, handler)
-        if self._is_onlooker:
+        if self._is_observer:
             for name in self.exchange.present.get(presence.key, {}):
                 self._loop.call_soon(watcher.notify, name, True)
         return watcher
@@ -361,7 +366,7 @@ class ZenohBus(MemoryBus):
         return {name for name in names if NAME.match(name)} | await super().list_present(presence)
 
     def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
-        if self._is_onlooker:
+        if self._is_observer:
             super()._tell(presence, name, present)
         elif not present:  # all else is told by Zenoh
             for watcher in self.exchange.watchers.get(presence.key, ()):
@@ -374,19 +379,19 @@ class ZenohBus(MemoryBus):
             return
         if self._watch is not None:
             self._watch.close()
-        if self._recollection is not None:
-            self._recollection.close()
+        if self._state_fetcher is not None:
+            self._state_fetcher.close()
         if self._self_test is not None:
             await self._self_test.close()
         await super().close()
         await close_session(self.session)
 
-    def _both(self, here: Closable, *elsewhere: Declared) -> Closable:
-        """Return a declaration that ends `here`, in this process, and `elsewhere`, in the session."""
+    def _both(self, here: Closable, *declarations: Declared) -> Closable:
+        """Return a declaration that ends `here`, in this process, and `declarations`, in the session."""
 
         def undo() -> None:
             here.close()
-            for each in elsewhere:
+            for each in declarations:
                 each.undeclare()
 
         return Declaration(undo, self.declarations)

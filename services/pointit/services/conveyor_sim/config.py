@@ -94,7 +94,7 @@ class ConveyorSimConfig(Config):
     speed_mps: float = Field(
         default=0.5, ge=-10, le=10, description="speed at the start, m/s; negative: towards the lines' starts"
     )
-    rate_hz: float = Field(default=25.0, gt=0, le=200, description="how often objects are reported, Hz")
+    rate_hz: float = Field(default=25.0, gt=0, le=200, description="rate of the objects' reports, Hz")
     seed: int = Field(default=0, ge=0, description="seed of all random number generators")
     bay_selected: str = Field(default="1", description="bay of the map for selected packages")
     bay_rest: str = Field(default="3", description="bay of the map for all other packages")

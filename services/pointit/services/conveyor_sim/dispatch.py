@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, BayCount, Departure, SelectionEvent
-from pointit.services.conveyor_sim.network.routes import Routes
+from pointit.services.conveyor_sim.network.routes import BeltRoutes
 from pointit.services.conveyor_sim.traffic.last_way import LastWay
 from pointit.services.conveyor_sim.traffic.package import Package
 
@@ -19,7 +19,7 @@ DEPARTURES = 50
 class Dispatch:
     """Sends selected packages to one bay and the rest to another, and counts them."""
 
-    def __init__(self, routes: Routes, last_way: LastWay, *, bay_selected: str, bay_rest: str) -> None:
+    def __init__(self, routes: BeltRoutes, last_way: LastWay, *, bay_selected: str, bay_rest: str) -> None:
         self._routes = routes
         self._last_way = last_way
         self._bay_selected = bay_selected

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from pointit.runtime.host.state_file import expand_home
-from pointit.runtime.host.store import Layout, Store
+from pointit.runtime.host.store import Store, StoreLayout
 from pointit.schemas import NS_PER_S, Environment, SelectionEvent
 from pointit.schemas.base import Count, Ns, SchemaModel
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.plant import Plant
 
 FILE = "plant.sqlite"
-LAYOUT = Layout(
+LAYOUT = StoreLayout(
     tables="""
         CREATE TABLE IF NOT EXISTS plant (
             id INTEGER PRIMARY KEY CHECK (id = 1),
@@ -100,8 +100,8 @@ class PlantPersistence:
             event.model_copy(update={"seq": seq}) for seq, event in enumerate(events, start=self._seq + 1)
         ]
         self._seq += len(numbered)
-        is_news = bool(events) or plant is not self._plant or plant.changes != self._changes
-        if self._store.is_open and (is_news or abs(now_ns - self._saved_ns) >= PERIOD_NS):
+        is_changed = bool(events) or plant is not self._plant or plant.changes != self._changes
+        if self._store.is_open and (is_changed or abs(now_ns - self._saved_ns) >= PERIOD_NS):
             self._store.write(now_ns, lambda db: self._replace(db, plant, mark, now_ns, numbered))
             self._plant, self._changes, self._saved_ns = plant, plant.changes, now_ns
         return numbered

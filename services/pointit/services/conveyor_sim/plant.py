@@ -10,7 +10,7 @@ from pointit.services.conveyor_sim.dispatch import Dispatch
 from pointit.services.conveyor_sim.feeding.infeed import Infeed
 from pointit.services.conveyor_sim.feeding.schedule import END, Feeders
 from pointit.services.conveyor_sim.from_map import UnusableMapError, network_of
-from pointit.services.conveyor_sim.network.routes import Routes
+from pointit.services.conveyor_sim.network.routes import BeltRoutes
 from pointit.services.conveyor_sim.tracking import ground_truth_objects
 from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import Traffic
@@ -45,7 +45,7 @@ class Plant:
         """
         self.config = config
         self.network = network_of(environment, config)
-        routes = Routes(self.network)
+        routes = BeltRoutes(self.network)
         self._traffic = Traffic(self.network, routes, longest_m=config.longest_fed_m)
         self._dispatch = Dispatch(
             routes, self._traffic.last_way, bay_selected=config.bay_selected, bay_rest=config.bay_rest
@@ -63,7 +63,7 @@ class Plant:
                         f"set conveyor-sim.feeders.{feeder.name}.belt"
                     )
         prefix = f"{start_ns // 1_000_000:x}"  # unique across restarts and maps
-        self._intake = Infeed(self._traffic, self._dispatch.assign_bay, prefix=prefix)
+        self._infeed = Infeed(self._traffic, self._dispatch.assign_bay, prefix=prefix)
         self.changes = 0
         """Counter of changes that must be saved: feeds, departures, speeds, bays."""
         self._speed_mps = config.speed_mps
@@ -80,7 +80,7 @@ class Plant:
     @property
     def fed(self) -> int:
         """Return the number of packages put on the conveyor so far."""
-        return self._intake.fed
+        return self._infeed.fed
 
     @property
     def is_feeding(self) -> bool:
@@ -99,18 +99,18 @@ class Plant:
         events, self._pending = self._pending, []
         was_foreseen = False
         while True:
-            is_fed = self._intake.feed(self._feeders.active)
+            is_fed = self._infeed.feed(self._feeders.active)
             self.changes += is_fed
             if rest_s <= 0.0:
                 break
-            most_s = min(rest_s, self._traffic.step_s)
-            next_s = self._intake.next_s(self._feeders.active)
+            max_step_s = min(rest_s, self._traffic.step_s)
+            next_s = self._infeed.next_s(self._feeders.active)
             if self._feeders.schedule is not None:
                 next_s = min(next_s, self._feeders.schedule.left_s)
             if next_s <= 0.0 or (was_foreseen and not is_fed):  # a package is held unexpectedly
                 next_s = max(next_s, SHORTEST_S)
-            was_foreseen = next_s <= most_s
-            until_s = min(most_s, next_s)
+            was_foreseen = next_s <= max_step_s
+            until_s = min(max_step_s, next_s)
             events += self._pass(until_s)
             rest_s -= until_s
         self.changes += len(events)
@@ -159,7 +159,7 @@ class Plant:
             UnknownLaneError: If one of `belts` does not exist; nothing is changed.
         """
         for belt in belts:
-            self._intake.check(belt)
+            self._infeed.check(belt)
         if not belts:
             self._run_at(speed_mps)
         for belt in belts:
@@ -185,13 +185,13 @@ class Plant:
             NoRoomError: If another package is in the way, or it is too long.
         """
         self.changes += 1
-        return self._intake.add(kind, belt or self._entries[0], length_m, position)
+        return self._infeed.add(kind, belt or self._entries[0], length_m, position)
 
     def reset(self) -> None:
         """Remove all packages, set the counts to 0 and restart the feeders; paused ones stay paused."""
         self._traffic.clear()
         self._dispatch.reset()
-        self._intake.fed = 0
+        self._infeed.fed = 0
         self._pending.clear()
         self._restart_feeders()
         self._fill()
@@ -199,34 +199,34 @@ class Plant:
 
     def snapshot(self) -> dict[str, Any]:
         """Return all state besides the map and the configuration, as JSON values."""
-        traffic, dispatch, intake = self._traffic, self._dispatch, self._intake
+        traffic, dispatch, infeed = self._traffic, self._dispatch, self._infeed
         return {
-            "prefix": intake.prefix,
-            "ids": intake.ids,
-            "fed": intake.fed,
+            "prefix": infeed.prefix,
+            "ids": infeed.ids,
+            "fed": infeed.fed,
             "left": dispatch.left,
             "refused": dispatch.refused,
             "counts": [[*key, *counts] for key, counts in dispatch.counts.items()],
             "departures": [departure.model_dump() for departure in dispatch.departures],
             "speed_mps": self._speed_mps,
             "own_speeds": dict(self._own_speeds),
-            "is_reverse": dict(intake.is_reverse),
+            "is_reverse": dict(infeed.is_reverse),
             **self._feeders.to_state(),
             "packages": [package.to_state(self.network) for package in traffic.packages],
         }
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Restore the plant that made the snapshot `snapshot` of the same map and configuration."""
-        traffic, dispatch, intake = self._traffic, self._dispatch, self._intake
+        traffic, dispatch, infeed = self._traffic, self._dispatch, self._infeed
         traffic.clear()
-        intake.prefix, intake.ids, intake.fed = snapshot["prefix"], snapshot["ids"], snapshot["fed"]
+        infeed.prefix, infeed.ids, infeed.fed = snapshot["prefix"], snapshot["ids"], snapshot["fed"]
         dispatch.left, dispatch.refused = snapshot["left"], snapshot["refused"]
         dispatch.counts = {(bay, kind): (count, n) for bay, kind, count, n in snapshot["counts"]}
         dispatch.departures.extend(Departure(**values) for values in snapshot.get("departures", ()))
         self._run_at(snapshot["speed_mps"])
         for belt, speed_mps in snapshot["own_speeds"].items():
             self.set_speed(speed_mps, (belt,))
-        intake.is_reverse = dict(snapshot["is_reverse"])
+        infeed.is_reverse = dict(snapshot["is_reverse"])
         self._feeders.resume(snapshot)
         traffic.restore([Package.from_state(values, self.network) for values in snapshot["packages"]])
         dispatch.selected = {package.id: package.user for package in traffic.packages if package.user}
@@ -245,13 +245,13 @@ class Plant:
 
     def _turn(self, belt: str, speed_mps: float) -> None:
         self._traffic.set_speed(belt, speed_mps)
-        self._intake.turn(belt, speed_mps)
+        self._infeed.turn(belt, speed_mps)
 
     def _fill(self) -> None:
         initial = self.config.feeder.initial
         if initial and self._feeders.schedule is None and not self.config.feeders:
             for feeder in self._feeders.active:  # one, unless paused
-                self._intake.fill(feeder, initial)
+                self._infeed.fill(feeder, initial)
 
     def _pass(self, elapsed_s: float) -> list[SelectionEvent]:
         events = [

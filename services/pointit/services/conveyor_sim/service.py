@@ -26,7 +26,7 @@ from pointit.services.conveyor_sim.feeding.schedule import check_schedule
 from pointit.services.conveyor_sim.from_map import UnusableMapError
 from pointit.services.conveyor_sim.persistence import PlantPersistence, discard, fingerprint
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.conveyor_sim.tracking import Tracker
+from pointit.services.conveyor_sim.tracking import PackageTracker
 
 TRACKER = "conveyor"
 """Name of the tracker under which objects are reported."""
@@ -54,7 +54,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
     def __init__(self, config: ConveyorSimConfig, context: Context) -> None:
         super().__init__(config, context)
         self._plant: Plant | None = None
-        self._tracker: Tracker | None = None
+        self._tracker: PackageTracker | None = None
         self._mark = ""
         self._persistence = PlantPersistence(config, site_folder(self.bus.site, self.NAME))
         self._is_resumed = False
@@ -139,7 +139,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             return
         self.bus.clear("map")
         self._plant, self._mark, self._stepped_ns = plant, mark, now_ns
-        self._tracker = Tracker(self.config.tracking, plant.network.lines, seed=self.config.seed)
+        self._tracker = PackageTracker(self.config.tracking, plant.network.lines, seed=self.config.seed)
         if before is not None:
             plant.set_speed(before.state(now_ns).speed_mps)
         if self._owners is not None:

@@ -13,7 +13,7 @@ from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.traffic import Traffic
 
 
-class Tracker:
+class PackageTracker:
     """Adds the configured faults to exact reports, reproducibly by a seed."""
 
     def __init__(self, config: TrackingConfig, lines: Mapping[str, Polyline], *, seed: int) -> None:

@@ -21,7 +21,7 @@ class GoalConfig(Config):
     )
     take: Literal["press", "dwell"] = Field(
         default="press",
-        description="how a robot pointed at is taken: by a press, or by staying on it for dwell_s",
+        description="gesture that takes a pointed robot: a press, or staying on it for dwell_s",
     )
     surfaces: tuple[str, ...] = Field(
         default=("workspace/horizontal",),

@@ -89,8 +89,8 @@ class GoalConfirmation:
         """Process a gesture: a press confirms the proposal if so configured."""
         outputs = self.tick(now_ns)
         proposal = self._proposal
-        is_meant = self._config.confirm == "press" and event.gesture == "press"
-        if proposal is None or self._cursor is None or not is_meant or event.stamp_ns < proposal.stamp_ns:
+        is_confirmed = self._config.confirm == "press" and event.gesture == "press"
+        if proposal is None or self._cursor is None or not is_confirmed or event.stamp_ns < proposal.stamp_ns:
             return outputs
         if abs(now_ns - event.stamp_ns) > round(self._config.max_age_s * NS_PER_S):
             late = "your press came late, or by another clock: point there and press once more"

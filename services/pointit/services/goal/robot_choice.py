@@ -82,20 +82,20 @@ class RobotChoice:
         """
         chosen = self._identify(now_ns)
         (asked, asked_ns), self._asked = self._asked, ("", 0)
-        likely, one = self._likely()
+        candidates, one = self._likely()
         if one and one == asked and 0 <= now_ns - asked_ns <= PENDING_NS:
             chosen = chosen or asked
         if chosen:
             self._pressed_ns = None
             return ChosenRobot(chosen, "")
-        if not likely:
+        if not candidates:
             self._pressed_ns = None
             return ChosenRobot("", "no robot is where you point: point at one, then press")
         self._pressed_ns = now_ns
         if one:
             self._asked = (one, now_ns)
             return ChosenRobot("", f"{one} may be meant: press again to take it")
-        return ChosenRobot("", _unclear(likely))
+        return ChosenRobot("", _unclear(candidates))
 
     def step(self, now_ns: int) -> ChosenRobot | None:
         """Return a choice that became clear by pointing on, or None. Identifies at 5 Hz only.
@@ -126,9 +126,11 @@ class RobotChoice:
 
     def _likely(self) -> tuple[list[Candidate], str]:
         """Return the robots that may be meant, and the one that is if any is, `""` if that is unclear."""
-        likely = [each for each in self.candidates if each.probability >= LIKELY]
-        is_one = bool(likely) and likely[0].probability >= ONE * sum(each.probability for each in likely)
-        return likely, likely[0].object_id if is_one else ""
+        candidates = [each for each in self.candidates if each.probability >= LIKELY]
+        is_one = bool(candidates) and candidates[0].probability >= ONE * sum(
+            each.probability for each in candidates
+        )
+        return candidates, candidates[0].object_id if is_one else ""
 
     def _identify(self, now_ns: int) -> str:
         found = self._identifier.identify(now_ns)
@@ -138,8 +140,8 @@ class RobotChoice:
         return found.chosen
 
 
-def _unclear(likely: list[Candidate]) -> str:
-    names = [each.object_id for each in likely]
+def _unclear(candidates: list[Candidate]) -> str:
+    names = [each.object_id for each in candidates]
     count = "two" if len(names) == 2 else str(len(names))
     listed = f"{', '.join(names[:-1])} and {names[-1]}"
     return f"{count} robots may be meant, {listed}: point longer at one"

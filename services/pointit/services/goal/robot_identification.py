@@ -24,7 +24,7 @@ from pointit.schemas import NS_PER_S, Candidate, PointingRay, UserPose
 
 Array = NDArray[np.float64]
 
-NOWHERE_RAD = np.array([1.8, 0.5])
+NO_TARGET_RAD = np.array([1.8, 0.5])
 """1 sigma of the direction of a ray at no robot: about its mean azimuth, and `DOWNWARDS_RAD`."""
 
 DOWNWARDS_RAD = math.radians(-15.0)
@@ -101,9 +101,9 @@ def log_likelihoods(
     """
     ages = blocks.ages_s
     centre = np.array([blocks.angles[:, 0].mean(), DOWNWARDS_RAD])
-    aimless = (blocks.angles - centre).T.ravel()
+    no_target = (blocks.angles - centre).T.ravel()
     noise = _of_both_axes(_correlated(ages, settings))
-    constant = np.kron(np.diag(NOWHERE_RAD**2), np.ones((len(ages), len(ages))))
+    constant = np.kron(np.diag(NO_TARGET_RAD**2), np.ones((len(ages), len(ages))))
     walked = _of_both_axes(np.minimum.outer(ages, ages))
     roams = constant + np.square(settings.walks_rad)[:, None, None] * walked
     logs = list[Array]()
@@ -114,9 +114,9 @@ def log_likelihoods(
             _log_density(miss[late], _part(spread, late), _part(noise, late), settings.scales)
             for miss, spread in zip(missed, spreads, strict=True)
         ]
-        none = _at_none(aimless[late], _part(roams, late), _part(noise, late), settings)
+        none = _at_none(no_target[late], _part(roams, late), _part(noise, late), settings)
         if len(early):
-            before = _at_none(aimless[early], _part(roams, early), _part(noise, early), settings)
+            before = _at_none(no_target[early], _part(roams, early), _part(noise, early), settings)
         else:
             before = 0.0
         logs.append(math.log(odds) + before + np.array([*robots, none]))
@@ -160,10 +160,10 @@ MAX_RAYS = 2048
 MAX_AHEAD_S = 0.5
 """Longest time for which a robot is extrapolated beyond its newest report."""
 
-LEAST_LEVEL = 0.2
+MIN_LEVEL = 0.2
 """Lower bound of the cosine of an elevation: a steeper ray has no usable azimuth."""
 
-LEAST_STEP_S = 1e-3
+MIN_STEP_S = 1e-3
 """Lower bound of the time between two reports: their difference is no velocity if a clock was set."""
 
 MAX_VARIANCE = 1e4
@@ -296,7 +296,7 @@ class RobotIdentifier:
         seen = places - blocks.eyes_m
         level = np.maximum(np.hypot(seen[:, 0], seen[:, 1]), 1e-3)
         reach = np.hypot(level, seen[:, 2])
-        flat = np.maximum(level / reach, LEAST_LEVEL)
+        flat = np.maximum(level / reach, MIN_LEVEL)
         turn = np.arctan2(seen[:, 1], seen[:, 0]) - blocks.angles[:, 0]
         aside = (np.remainder(turn + math.pi, math.tau) - math.pi) * flat
         upwards = np.arctan2(seen[:, 2], level) - blocks.angles[:, 1]
@@ -349,7 +349,7 @@ def _positions(track: _Track, times_ns: NDArray[np.int64]) -> tuple[Array, Array
     wanted_s = np.minimum((times_ns - base_ns) / NS_PER_S, own_s[-1] + MAX_AHEAD_S)
     if len(own_s) < 2:
         return np.repeat(places, len(times_ns), axis=0), np.zeros((len(times_ns), 3))
-    speeds = np.diff(places, axis=0) / np.maximum(np.diff(own_s), LEAST_STEP_S)[:, None]
+    speeds = np.diff(places, axis=0) / np.maximum(np.diff(own_s), MIN_STEP_S)[:, None]
     leg = np.clip(np.searchsorted(own_s, wanted_s) - 1, 0, len(speeds) - 1)
     velocities = np.where((wanted_s < 0.0)[:, None], 0.0, speeds[leg])
     return places[leg] + (wanted_s - own_s[leg])[:, None] * velocities, velocities

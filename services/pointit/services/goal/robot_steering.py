@@ -35,8 +35,8 @@ ANSWER_NS = 3 * NS_PER_S
 """Time within which a robot answers a request, or a goal."""
 DECIDED_NS = NS_PER_S // 2
 """Time after a request from which a reason given by the robot is its answer."""
-TOLD_NS = 2 * NS_PER_S
-"""Least time between two reasons that the person is told: numbers in them change."""
+REPORTED_NS = 2 * NS_PER_S
+"""Least time between two reasons that the person receives: numbers in them change."""
 ARRIVED_M = 0.3
 """Distance from a goal within which a robot has arrived."""
 
@@ -69,8 +69,8 @@ class TakenRobot:
         self._user = user
         self._since_ns = now_ns
         self._reason = ""
-        """Reason that was told last."""
-        self._told_ns = 0
+        """Reason that was reported last."""
+        self._reported_ns = 0
         self._goal: Goal | None = None
         """Goal that was sent and has no result yet."""
         self._sent_ns = 0
@@ -95,9 +95,9 @@ class TakenRobot:
             )
             return RobotCue("deselected", f"{self.name} is no longer yours: {why}", ends=True)
         if state.reason and state.reason != self._reason:
-            if now_ns - self._told_ns < TOLD_NS:
+            if now_ns - self._reported_ns < REPORTED_NS:
                 return None
-            self._reason, self._told_ns = state.reason, now_ns
+            self._reason, self._reported_ns = state.reason, now_ns
             if state.phase != "moving":
                 self._goal = None
             return RobotCue("refused", f"{self.name}: {state.reason}", place_m=state.target_m)
@@ -344,8 +344,8 @@ class RobotSteering:
         if self._taken is None:
             return self._output([], now_ns)
         self._taken.checked_ns = now_ns
-        answer = self._taken.tick(now_ns, is_silent=self._taken.name not in self._robots)
-        return self._answered(answer, now_ns)
+        cue = self._taken.tick(now_ns, is_silent=self._taken.name not in self._robots)
+        return self._answered(cue, now_ns)
 
     @property
     def _is_owner(self) -> bool:

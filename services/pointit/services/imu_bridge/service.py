@@ -40,7 +40,7 @@ REPORT_S = 1.0
 MOVED_FROM_OUTSIDE = f"page {DEVICE_NAMES['arm']}"
 """Mounting of an arm that is not moved by a device on it, as in `ImuSample`."""
 EXPLANATIONS = ("link", "port", "silent", "sensor", "number")
-"""Topics of sources' warnings that say why nothing comes."""
+"""Topics of sources' warnings with the reason that nothing comes."""
 
 
 class ImuBridge(Service[ImuBridgeConfig]):
@@ -63,8 +63,11 @@ class ImuBridge(Service[ImuBridgeConfig]):
         super().__init__(config, context)
         self._state = StateFile(StoredMountings, self.user, PURPOSE)
         self._setting = asyncio.Lock()
-        kept = self._read_state()
-        self._mounting, self._phone = MountingSelection(config, kept), MountingSelection.of_phone(kept)
+        stored_mountings = self._read_state()
+        self._mounting, self._phone = (
+            MountingSelection(config, stored_mountings),
+            MountingSelection.of_phone(stored_mountings),
+        )
         self.bus.warn("mounting", self._mounting.warning)
         self._frame = ArmFrame(self._mounting.sensor_from_arm, math.radians(config.yaw_origin_deg))
         numbers = itertools.count(1)
@@ -137,7 +140,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         sample = wrist.take(item, self.clock.now_ns(), self._time_s())
         if sample is not None and not self._has_page:
             self._publish(sample)
-        if wrist.has_news:
+        if wrist.has_changed:
             self._show_warnings()
         if isinstance(item, Press) and not wrist.is_refused and not self._has_page:
             self._button_count += 1
@@ -239,7 +242,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
         async with self._setting:  # so that the last setting is stored
             selection = self._selected_mounting()
             before = selection.sensor_from_arm
-            kept = selection.set(query, self.clock.now_ns())
+            stored_mountings = selection.set(query, self.clock.now_ns())
             is_new = selection.sensor_from_arm != before
             if selection is self._phone:
                 if is_new:
@@ -250,9 +253,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
                     self._wrist.epoch.start_new_epoch()
                 self.bus.warn("mounting", selection.warning)
             problem = ""
-            if kept is not None:
-                self._mounting.kept = self._phone.kept = kept
-                problem = await self._keep(kept)
+            if stored_mountings is not None:
+                self._mounting.stored_mountings = self._phone.stored_mountings = stored_mountings
+                problem = await self._keep(stored_mountings)
         message = selection.describe() + (f"; it is used now, but not stored: {problem}" if problem else "")
         return SetMountingReply(message=message, sensor_from_arm_xyzw=selection.sensor_from_arm)
 
@@ -278,10 +281,10 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self.bus.warn("state", f"the person's measured mounting is not used: {error}")
             return None
 
-    async def _keep(self, kept: StoredMountings) -> str:
+    async def _keep(self, stored_mountings: StoredMountings) -> str:
         try:
-            if kept.by_source:
-                await asyncio.to_thread(self._state.write, kept)
+            if stored_mountings.by_source:
+                await asyncio.to_thread(self._state.write, stored_mountings)
             else:
                 await asyncio.to_thread(self._state.erase)
         except ConfigError as error:

@@ -33,19 +33,23 @@ class MountingSelection:
     """The mounting in use; a rotation in the configuration overrides a stored one."""
 
     def __init__(
-        self, config: ImuBridgeConfig, kept: StoredMountings | None = None, *, key: str | None = None
+        self,
+        config: ImuBridgeConfig,
+        stored_mountings: StoredMountings | None = None,
+        *,
+        key: str | None = None,
     ) -> None:
-        """Select between the configured and the `kept` mounting of `key`. None: the source's."""
+        """Select between the configured and the `stored_mountings` mounting of `key`. None: the source's."""
         self._config = config
         self._key = key or config.source
-        self.kept = kept or StoredMountings()
+        self.stored_mountings = stored_mountings or StoredMountings()
         """Stored mountings of all kinds of sources."""
         self.sensor_from_arm = config.configured_mounting
         self.is_measured = False
         """True if it differs from the configured one."""
         self.warning = ""
         """Warning that a stored mounting is not used, or `""`."""
-        own = self.kept.by_source.get(self._key)
+        own = self.stored_mountings.by_source.get(self._key)
         if own is None:
             return
         if config.explicit_mounting is not None:
@@ -65,9 +69,9 @@ class MountingSelection:
             self.is_measured = True
 
     @classmethod
-    def of_phone(cls, kept: StoredMountings | None = None) -> "MountingSelection":
+    def of_phone(cls, stored_mountings: StoredMountings | None = None) -> "MountingSelection":
         """Return the mounting of a page's phone."""
-        return cls(ImuBridgeConfig(source="page", mounting="phone"), kept, key=PHONE)
+        return cls(ImuBridgeConfig(source="page", mounting="phone"), stored_mountings, key=PHONE)
 
     @property
     def label(self) -> str:
@@ -84,13 +88,17 @@ class MountingSelection:
         A relative rotation by 0 changes nothing and serves as a query.
         """
         wanted = query.sensor_from_arm_xyzw
-        others = {name: kept for name, kept in self.kept.by_source.items() if name != self._key}
+        others = {
+            name: stored_mountings
+            for name, stored_mountings in self.stored_mountings.by_source.items()
+            if name != self._key
+        }
         if wanted is None:
             self.sensor_from_arm = self._config.configured_mounting
             self.is_measured = False
             self.warning = ""
-            self.kept = StoredMountings(by_source=others)
-            return self.kept
+            self.stored_mountings = StoredMountings(by_source=others)
+            return self.stored_mountings
         if query.is_relative:
             if wanted[:3] == (0.0, 0.0, 0.0):
                 return None
@@ -102,8 +110,8 @@ class MountingSelection:
         own = StoredMounting(
             sensor_from_arm_xyzw=self.sensor_from_arm, configured=self._config.mounting, set_ns=now_ns
         )
-        self.kept = StoredMountings(by_source={**others, self._key: own})
-        return self.kept
+        self.stored_mountings = StoredMountings(by_source={**others, self._key: own})
+        return self.stored_mountings
 
     def describe(self) -> str:
         """Return a message about the mounting in use."""

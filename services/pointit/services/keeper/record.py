@@ -11,7 +11,7 @@ from pointit.schemas.base import Many, Ns
 FILE = "states.msgpack"
 
 
-class KeptState(SchemaModel):
+class StoredState(SchemaModel):
     """One encoded state."""
 
     key: str
@@ -21,31 +21,31 @@ class KeptState(SchemaModel):
     payload: bytes
 
 
-class Record(SchemaModel):
+class StateRecord(SchemaModel):
     """All stored states."""
 
     max_bytes: ClassVar[int] = 80 * 1024 * 1024
     """More than the largest `max_mb`."""
 
     stamp_ns: Ns
-    states: Many[KeptState] = ()
+    states: Many[StoredState] = ()
 
 
-def read(path: Path) -> Record | None:
+def read(path: Path) -> StateRecord | None:
     """Return the record in the file at `path`, or None if there is no file.
 
     Raises:
         ConfigError: If there is a file but it cannot be read or used; names the file.
     """
     try:
-        return decode(Record, read_limited(path, Record.max_bytes + 1))
+        return decode(StateRecord, read_limited(path, StateRecord.max_bytes + 1))
     except FileNotFoundError:
         return None
     except DecodeError as error:
         raise ConfigError(f"{path}: cannot be used and will be overwritten ({error})") from error
 
 
-def write(path: Path, record: Record) -> None:
+def write(path: Path, record: StateRecord) -> None:
     """Replace the file by `record`, readable by its owner only.
 
     Raises:

@@ -30,7 +30,7 @@ from pointit.schemas.topics import (
     Topic,
 )
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.record import KeptState, Record
+from pointit.services.keeper.record import StateRecord, StoredState
 
 NOT_RETAINED: tuple[Topic[Any], ...] = (CLOCK, LAMP_LEASES, CONFIGURATION)
 """States that end with their writers."""
@@ -127,19 +127,19 @@ class RetainedStates:
             elif now_ns - value.owned_ns >= self._limit_ns(value.topic):
                 self._drop((key, name))
 
-    def record(self, now_ns: int) -> Record:
+    def record(self, now_ns: int) -> StateRecord:
         """Return the record for the next keeper."""
-        return Record(
+        return StateRecord(
             stamp_ns=now_ns,
             states=tuple(
-                KeptState(
+                StoredState(
                     key=key, name=name, schema_name=value.topic.message.schema_name(), payload=value.payload
                 )
                 for (key, name), value in self._values.items()
             ),
         )
 
-    def restore(self, record: Record, now_ns: int) -> int:
+    def restore(self, record: StateRecord, now_ns: int) -> int:
         """Restore the states of `record` that are not replaced yet. Return the number of unusable ones."""
         broken = 0
         rows = {topic.key: topic for topic in retained()}

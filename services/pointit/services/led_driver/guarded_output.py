@@ -30,7 +30,7 @@ class GuardedOutput:
         self._make = make
         self._guard = guard
         self._strip_ids = strip_ids
-        self._shown: StripsFrame | None = None
+        self._last_frame: StripsFrame | None = None
         """Its part of the last frame, or None if the next one is shown whatever is in it."""
         self._map: Environment | None = None
         self._colors: dict[str, Rgb] = {}
@@ -60,7 +60,7 @@ class GuardedOutput:
     def set_map(self, environment: Environment) -> None:
         """Set the map, with its strips and lamps."""
         self._map = environment
-        self._shown = None
+        self._last_frame = None
         lamps = {lamp.id for lamp in environment.lamps}
         self._colors = {lamp_id: color for lamp_id, color in self._colors.items() if lamp_id in lamps}
         if (strips := self._strips) is not None:
@@ -82,13 +82,13 @@ class GuardedOutput:
             own = tuple(strip for strip in frame.strips if strip.id in self._strip_ids)
         else:
             own = frame.strips
-        if self._shown is not None and self._shown.strips == own:
+        if self._last_frame is not None and self._last_frame.strips == own:
             return False
         part = frame if own is frame.strips else frame.model_copy(update={"strips": own})
 
         def send() -> bool:
             output.show(part, age_s)
-            self._shown = part  # not if it raised, so that the next frame is another attempt
+            self._last_frame = part  # not if it raised, so that the next frame is another attempt
             return True
 
         return self._guard.call("show", send) or False
@@ -111,7 +111,7 @@ class GuardedOutput:
     async def _run(self) -> None:
         if not self._is_new:
             self._use(self._make())
-            colors, shown = self._colors, self._shown
+            colors, shown = self._colors, self._last_frame
             if self._map is not None:
                 self.set_map(self._map)
             if shown is not None:

@@ -140,7 +140,7 @@ def make_outputs(
     Raises:
         ConfigError: If an address is missing or used twice.
     """
-    made: list[GuardedOutput] = []
+    outputs: list[GuardedOutput] = []
     taken: set[tuple[str, str]] = set()
     uses = Counter(config.kind for config in configs)
     seen = Counter[str]()
@@ -163,8 +163,8 @@ def make_outputs(
                 raise ConfigError(f"{where}: {which} is used by two outputs: {remedy}")
             taken.add((config.kind, which))
         around = surroundings(OUTPUTS.kind, config.kind, "", which)
-        told = (which if plugin.argument else f"outputs.{number}") if uses[config.kind] > 1 else ""
-        guard = guard_of(OUTPUTS, config.kind, health, told)
+        name = (which if plugin.argument else f"outputs.{number}") if uses[config.kind] > 1 else ""
+        guard = guard_of(OUTPUTS, config.kind, health, name)
         make = functools.partial(plugin.make, config, around)
-        made.append(GuardedOutput(make, guard, config.strip_ids()))
-    return made
+        outputs.append(GuardedOutput(make, guard, config.strip_ids()))
+    return outputs

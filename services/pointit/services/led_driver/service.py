@@ -80,17 +80,17 @@ class LedDriver(Service[LedDriverConfig]):
         """
         super().__init__(config, context)
         self._lights = LightState(config)
-        self._pacer = FrameLimiter(config.max_rate_hz, config.patience_s)
+        self._frame_limiter = FrameLimiter(config.max_rate_hz, config.patience_s)
         self._frame_timer = Timer(self.bus.call_later, self._draw)
         self._expiry_timer = Timer(self.bus.call_later, self._expire)
-        self._lamp_timer = Timer(self.bus.call_later, self._shine)
-        self._shown_timer = Timer(self.bus.call_later, self._wish)
+        self._lamp_timer = Timer(self.bus.call_later, self._publish_lamps)
+        self._shown_timer = Timer(self.bus.call_later, self._schedule_frame)
         self._lamps_s = -LAMP_PERIOD_S
         self._lamp = functools.cache(functools.partial(self.bus.publisher, LAMP_COLOR))
         self._lit: dict[str, Rgb] = {}
         """Last published colours of the lamps."""
         self._lamp_seqs = Counter[str]()
-        self._served = LampService()
+        self._lamp_service = LampService()
         """Leases and targets as last published."""
         self._lease_seq = 0
         self._ended = False
@@ -144,8 +144,8 @@ class LedDriver(Service[LedDriverConfig]):
         self.bus.clear("map")
         for output in self._outputs:
             output.set_map(environment)
-        self._wish()
-        self._shine()
+        self._schedule_frame()
+        self._publish_lamps()
 
     def _on_profile(self, profile: UserProfile, user: str) -> None:
         try:
@@ -154,36 +154,36 @@ class LedDriver(Service[LedDriverConfig]):
             self.bus.warn(f"profile {user}", f"profile of {user}: {error}; the cursor's colour is shown")
         else:
             self.bus.clear(f"profile {user}")
-        self._wish()
+        self._schedule_frame()
         if self._lights.things.lamps:
             self._look_at_lamps_in(0.0)
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._lights.content.set_selection(selection)
-        self._wish()
+        self._schedule_frame()
         if self._lights.things.set_selection(selection):
-            self._shine()
+            self._publish_lamps()
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         self._lights.content.set_objects(tracker, objects, self.clock.now_ns())
-        self._wish()
+        self._schedule_frame()
 
     def _on_hover(self, hover: Hover, user: str) -> None:
         now_ns = self.clock.now_ns()
         if self._lights.content.set_hover(user, hover, now_ns):
-            self._wish()
+            self._schedule_frame()
         if self._lights.things.lamps:
             change = self._lights.things.on_hover(user, hover, now_ns)
             if change == "lamps":
-                self._shine()
+                self._publish_lamps()
             elif change == "level":
                 self._look_at_lamps_in(0.0)
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         # only a cursor on a line is drawn at once, so that no other delays it
         if self._lights.on_cursor(user, cursor, self.clock.now_ns()):
-            self._wish(fresh=cursor.surface in LINES)
-        self._wish_lamps()
+            self._schedule_frame(fresh=cursor.surface in LINES)
+        self._schedule_lamps()
         if self._beams and not self._ended:
             self._beamed.add(user)
             self._show_on_beams(user, cursor)
@@ -209,7 +209,7 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _on_feedback(self, feedback: Feedback, _user: str) -> None:
         self._lights.lamps.on_feedback(feedback)
-        self._wish_lamps()
+        self._schedule_lamps()
 
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
         try:
@@ -217,9 +217,9 @@ class LedDriver(Service[LedDriverConfig]):
         except ValueError as error:
             raise RefusedError(str(error)) from error
         self.bus.set_metric("brightness", self._lights.brightness)
-        self._wish()
-        whose = f"brightness of {', '.join(query.strips)}" if query.strips else "strips' brightness"
-        return Done(message=f"the {whose} is {query.brightness:.0%} now")
+        self._schedule_frame()
+        purpose = f"brightness of {', '.join(query.strips)}" if query.strips else "strips' brightness"
+        return Done(message=f"the {purpose} is {query.brightness:.0%} now")
 
     async def _set_lamp(self, query: SetLamp, lamp_id: str) -> Done:
         try:
@@ -248,11 +248,11 @@ class LedDriver(Service[LedDriverConfig]):
         self._draw()  # at once: the caller waits for the light
         return Done(message=f"shown for {query.for_s:g} s")
 
-    def _wish(self, *, fresh: bool = False) -> None:
+    def _schedule_frame(self, *, fresh: bool = False) -> None:
         """Schedule a frame, at once if a `fresh` cursor came and the rate allows."""
         if self._ended:  # messages that arrive during shutdown
             return
-        wait_s = self._pacer.request_frame(asyncio.get_running_loop().time(), fresh=fresh)
+        wait_s = self._frame_limiter.request_frame(asyncio.get_running_loop().time(), fresh=fresh)
         if wait_s == 0.0:
             self._draw()
         elif wait_s is not None:
@@ -260,7 +260,7 @@ class LedDriver(Service[LedDriverConfig]):
 
     def _draw(self) -> None:
         self._frame_timer.cancel()
-        self._pacer.drawn(asyncio.get_running_loop().time())
+        self._frame_limiter.drawn(asyncio.get_running_loop().time())
         now_ns = self.clock.now_ns()
         frame = self._lights.frame(now_ns, max((output.light_s for output in self._changed), default=0.0))
         if frame is None:
@@ -275,12 +275,12 @@ class LedDriver(Service[LedDriverConfig]):
         self._watch_expiry(now_ns)
 
     def _arbitrate(self) -> None:
-        if self._lights.lamps.queue.service() != self._served:
-            self._shine()
+        if self._lights.lamps.queue.service() != self._lamp_service:
+            self._publish_lamps()
         else:
-            self._wish_lamps()
+            self._schedule_lamps()
 
-    def _wish_lamps(self) -> None:
+    def _schedule_lamps(self) -> None:
         if self._lights.lamps.follow_people:
             self._look_at_lamps_in(0.0)
 
@@ -289,18 +289,18 @@ class LedDriver(Service[LedDriverConfig]):
             period_left_s = self._lamps_s + LAMP_PERIOD_S - asyncio.get_running_loop().time()
             self._lamp_timer.start(max(wait_s, period_left_s, 0.0))
 
-    def _shine(self) -> None:
+    def _publish_lamps(self) -> None:
         self._lamp_timer.cancel()
         if self._ended:
             return
         self._lamps_s = asyncio.get_running_loop().time()
         now_ns = self.clock.now_ns()
         self._light(self._lights.lamps.colors(now_ns))
-        before, self._served = self._served, self._lights.lamps.queue.service()
-        if before.leases != self._served.leases:
+        before, self._lamp_service = self._lamp_service, self._lights.lamps.queue.service()
+        if before.leases != self._lamp_service.leases:
             self._lease_seq += 1
-            news = LampLeases(stamp_ns=now_ns, seq=self._lease_seq, leases=self._served.leases)
-            self._leases.put(news)
+            leases = LampLeases(stamp_ns=now_ns, seq=self._lease_seq, leases=self._lamp_service.leases)
+            self._leases.put(leases)
         change_ns = self._lights.lamps.next_change_ns(now_ns)
         if change_ns is not None:
             self._look_at_lamps_in((change_ns - now_ns) / NS_PER_S / self.clock.speed)
@@ -329,7 +329,7 @@ class LedDriver(Service[LedDriverConfig]):
         now_ns = self.clock.now_ns()
         end_ns = self._lights.content.next_change_ns()
         if end_ns is not None and end_ns <= now_ns:
-            self._wish()
+            self._schedule_frame()
         else:
             self._watch_expiry(now_ns)
 

@@ -1,4 +1,4 @@
-"""Whether a word is clear enough to act on, or the person has to be asked."""
+"""Decision to act on a word, or to ask the person if it is not clear enough."""
 
 from collections.abc import Collection, Sequence
 from typing import Literal, NamedTuple

@@ -1,4 +1,4 @@
-"""Whether the times of a recogniser's words agree with the site's time.
+"""Check that the times of a recogniser's words agree with the site's time.
 
 No word ends after it has arrived. Arrivals tell nothing of a clock that is behind, as recognisers are slow.
 But arms arrive about their words: the median time between them tells of clocks in both directions.

@@ -61,7 +61,7 @@ _HALVINGS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
+class OffsetSighting:
     """One pointing at a known place: the raw ray and the direction from its origin to the place, in {W}."""
 
     azimuth_rad: float
@@ -83,18 +83,20 @@ class OffsetFit:
     """Indices of the outliers among the sightings."""
 
 
-def sighting(anchor: Anchor) -> Sighting | None:
+def sighting(anchor: Anchor) -> OffsetSighting | None:
     """Return the sighting of an anchor, or None if it has no position."""
     if anchor.target_m is None:
         return None
     eye = vector.add(anchor.position_m, vector.rotate_z(anchor.origin_m, anchor.yaw_rad))
     way = vector.subtract(anchor.target_m, eye)
     ray = vector.rotate_z(anchor.raw_direction, anchor.yaw_rad)
-    return Sighting(vector.azimuth(ray), vector.elevation(ray), vector.azimuth(way), vector.elevation(way))
+    return OffsetSighting(
+        vector.azimuth(ray), vector.elevation(ray), vector.azimuth(way), vector.elevation(way)
+    )
 
 
 def fit(
-    sightings: Sequence[Sighting],
+    sightings: Sequence[OffsetSighting],
     fitted_ns: int = 0,
     *,
     highest: Literal["pitch", "polynomial"] = "polynomial",
@@ -111,9 +113,9 @@ def fit(
     ).reshape(-1, 4)
     off = _wrapped(rays[:, 2:] - rays[:, :2])
     level = np.cos(rays[:, 3])
-    kept, heading = _gate(off, level)
-    dropped = tuple(index for index in range(len(rays)) if not kept[index])
-    rays, off, level = rays[kept], off[kept], level[kept]
+    accepted, heading = _gate(off, level)
+    dropped = tuple(index for index in range(len(rays)) if not accepted[index])
+    rays, off, level = rays[accepted], off[accepted], level[accepted]
     if not len(rays):
         return OffsetFit(offset=None, heading_rad=0.0, heading_sigma_rad=math.pi, dropped=dropped)
 
@@ -159,20 +161,22 @@ def fit(
 
 def _gate(off: Array, level: Array) -> tuple[NDArray[np.bool_], float]:
     """Return which sightings are not outliers, and the median azimuth error."""
-    kept = np.abs(off[:, 1]) <= NOT_POINTING_RAD
-    if not kept.any():
-        return kept, 0.0
-    between = np.abs(_wrapped(off[:, None, 0] - off[None, kept, 0]))
-    own = np.flatnonzero(kept)
-    heading = float(off[own[np.argmin(between[kept].sum(axis=1))], 0])  # a median on the circle
-    count = int(kept.sum())
+    accepted = np.abs(off[:, 1]) <= NOT_POINTING_RAD
+    if not accepted.any():
+        return accepted, 0.0
+    between = np.abs(_wrapped(off[:, None, 0] - off[None, accepted, 0]))
+    own = np.flatnonzero(accepted)
+    heading = float(off[own[np.argmin(between[accepted].sum(axis=1))], 0])  # a median on the circle
+    count = int(accepted.sum())
     if count >= 3:
-        away = np.stack([level * _wrapped(off[:, 0] - heading), off[:, 1] - np.median(off[kept, 1])], axis=1)
-        deviation = 1.4826 * np.median(np.abs(away[kept]), axis=0)
+        away = np.stack(
+            [level * _wrapped(off[:, 0] - heading), off[:, 1] - np.median(off[accepted, 1])], axis=1
+        )
+        deviation = 1.4826 * np.median(np.abs(away[accepted]), axis=0)
         sigmas = np.abs(away / np.maximum(deviation, [HOLD_AZIMUTH_RAD, HOLD_RAD])).max(axis=1)
-        worst = [index for index in np.argsort(-sigmas) if kept[index]][: count // 3]
-        kept[[index for index in worst if sigmas[index] > GATE_SIGMAS]] = False
-    return kept, heading
+        worst = [index for index in np.argsort(-sigmas) if accepted[index]][: count // 3]
+        accepted[[index for index in worst if sigmas[index] > GATE_SIGMAS]] = False
+    return accepted, heading
 
 
 def _pitch(off: Array) -> tuple[float, float]:

@@ -168,13 +168,13 @@ class Pointer:
         profile: UserProfile | None = None,
         *,
         stale_after_s: float = 0.2,
-        smoothing: OneEuro | None = None,
+        one_euro: OneEuro | None = None,
     ) -> None:
         """Set the person's profile (average measures without one) and the filter, if any."""
         self.freshness = Freshness(stale_after_s)
         self.verdict: Verdict | Literal["no direction"] = "fresh"
         """Verdict on the last sample; "no direction": the finger was at the eyes."""
-        self._smoothing = smoothing
+        self._smoothing = one_euro
         self._yaw_rad: float | None = None
         self._seq = 0
         self.set_profile(profile if profile is not None else UserProfile(stamp_ns=0))

@@ -24,7 +24,7 @@ class Pointing(Service[PointingConfig]):
 
     def __init__(self, config: PointingConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._pointer = Pointer(stale_after_s=config.stale_after_s, smoothing=config.smoothing())
+        self._pointer = Pointer(stale_after_s=config.stale_after_s, one_euro=config.smoothing())
         self._waits = True
         self._fresh_ns: int | None = None
         """Time of the last fresh sample, or None before the first sample."""

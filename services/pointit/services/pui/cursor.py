@@ -30,7 +30,7 @@ from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceS
 LOOK_NS = NS_PER_S // 10
 """Minimum time between searches for the nearest thing, so that passing costs little more than a hit, ns."""
 
-PATIENCE_NS = 3 * NS_PER_S // 2
+TIMEOUT_NS = 3 * NS_PER_S // 2
 """Time of continuous pointing past everything before the cue, ns. Sweeps from thing to thing are shorter."""
 
 AGAIN_NS = 6 * NS_PER_S
@@ -81,7 +81,7 @@ class Passing:
             self._looked_ns = stamp_ns
             self._missed_ns += LOOK_NS
             found = self._things.nearest(origin_m, direction)
-            is_long = stamp_ns - self._since_ns >= PATIENCE_NS
+            is_long = stamp_ns - self._since_ns >= TIMEOUT_NS
             if found is None or not is_in_range(found[1].point_m):
                 self._passed = None
             else:
@@ -157,7 +157,7 @@ def _about(angle_rad: float) -> str:
 
 STEEPEST_RAD = math.pi / 2.0
 
-MOST_BIAS_RAD = math.radians(45.0)
+MAX_BIAS_RAD = math.radians(45.0)
 """Limit of the elevation bias of a pose. A larger bias is clamped."""
 
 RIVAL_NS = 2 * NS_PER_S
@@ -388,6 +388,6 @@ class PersonCursor:
 
 def _lowered(direction: Vec3, bias_rad: float) -> Vec3:
     """Return `direction` with its elevation reduced by `bias_rad`, at most straight up or down."""
-    bias_rad = max(-MOST_BIAS_RAD, min(MOST_BIAS_RAD, bias_rad))
+    bias_rad = max(-MAX_BIAS_RAD, min(MAX_BIAS_RAD, bias_rad))
     elevation_rad = vector.elevation(direction) - bias_rad
     return vector.direction(vector.azimuth(direction), max(-STEEPEST_RAD, min(STEEPEST_RAD, elevation_rad)))

@@ -48,7 +48,7 @@ from pointit.services.pui.cursor import NearbyLamps, PersonCursor
 from pointit.services.pui.shapes import Clouds, group_by_priority
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.things import PERIOD_S, TRACKER, listing
-from pointit.services.pui.tracked_objects import Tracked, TwinFinder
+from pointit.services.pui.tracked_objects import DuplicateFinder, Tracked
 from pointit.services.pui.workspace import WorkspaceError, WorkspaceStart
 
 WIDEST_RAD = 1.569
@@ -82,16 +82,16 @@ class Pui(Service[PuiConfig]):
             distance_m=config.workspace_distance_m,
             grazing_rad=math.radians(config.grazing_deg),
         )
-        self._twins = TwinFinder()
+        self._duplicate_finder = DuplicateFinder()
         self._persons: dict[str, PersonCursor] = {}
         self._cursors = functools.cache(functools.partial(self.bus.publisher, CURSOR))
         self._cues = functools.cache(functools.partial(self.bus.publisher, FEEDBACK))
-        nowhere = Environment(stamp_ns=0, name="")
-        self._room = _Room(Surfaces(nowhere, may_be_empty=True), None, Tracked(nowhere))
+        empty_environment = Environment(stamp_ns=0, name="")
+        self._room = _Room(Surfaces(empty_environment, may_be_empty=True), None, Tracked(empty_environment))
         self._has_map = bool(config.map_to_read)
         """False in a shard while the site has no map at which its people can point."""
         self._map_came = asyncio.Event()
-        self._environment = nowhere
+        self._environment = empty_environment
         self._map = _full_name(config.map_to_read)
         if config.map_to_read:
             environment, clouds = load_map_and_clouds(config.map_to_read, self.clock.now_ns())
@@ -136,14 +136,14 @@ class Pui(Service[PuiConfig]):
 
     async def run(self) -> None:
         """Serve the people of a shard as long as there is a map; list the things of the site's map."""
-        listed: Publisher[TrackedObjects] | None = None
+        object_publisher: Publisher[TrackedObjects] | None = None
         room, things = self._environment, listing(self._environment, 0)
         while True:
-            while listed is not None or self._environment.fixed_things:
-                listed = listed or self.bus.publisher(OBJECTS, TRACKER)
+            while object_publisher is not None or self._environment.fixed_things:
+                object_publisher = object_publisher or self.bus.publisher(OBJECTS, TRACKER)
                 if room is not self._environment:
                     room, things = self._environment, listing(self._environment, 0)
-                listed.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))
+                object_publisher.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))
                 await sleep(self.clock, PERIOD_S)
             self._map_came.clear()
             if self._has_map:
@@ -217,10 +217,10 @@ class Pui(Service[PuiConfig]):
         self._room.tracked.on_objects(tracker, objects)
         if self.config.people:
             return
-        self._twins.on_objects(tracker, objects)
-        twins = self._twins.twins
-        more = f" ({len(twins) - 1} more: `pointit track`)" if len(twins) > 1 else ""
-        self.bus.warn("objects of two trackers", f"{twins[0].sentence}{more}" if twins else "")
+        self._duplicate_finder.on_objects(tracker, objects)
+        duplicates = self._duplicate_finder.twins
+        more = f" ({len(duplicates) - 1} more: `pointit track`)" if len(duplicates) > 1 else ""
+        self.bus.warn("objects of two trackers", f"{duplicates[0].sentence}{more}" if duplicates else "")
 
     async def _on_workspace(self, query: SetWorkspace, user: str) -> Done:
         person = self._persons.get(user)

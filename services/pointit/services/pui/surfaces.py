@@ -40,7 +40,7 @@ class Caster(Protocol):
         ...
 
 
-class _Party(NamedTuple):
+class _CasterGroup(NamedTuple):
     """A caster and the surfaces of its targets."""
 
     caster: Caster
@@ -163,7 +163,7 @@ class Surfaces:
 
     def _parties(
         self, shapes: list[Shape], method: Literal["exact", "kd_tree"], step_m: float, reach_m: float
-    ) -> list[_Party]:
+    ) -> list[_CasterGroup]:
         lines: list[Polyline] = []
         points: list[Vec3] = []
         clouds: list[NDArray[Any]] = []
@@ -182,16 +182,16 @@ class Surfaces:
             else:
                 solids.append(form)
                 named[3].append(surface)
-        parties: list[_Party] = []
+        parties: list[_CasterGroup] = []
         if method == "kd_tree" and (lines or points or clouds):
             tree = PointTree(lines, points, clouds, step_m=step_m, reach_m=reach_m)
-            parties.append(_Party(tree, named[0] + named[1] + named[2]))
+            parties.append(_CasterGroup(tree, named[0] + named[1] + named[2]))
         elif lines or points:
-            parties.append(_Party(RayCaster(lines, points, measure=self._measure), named[0] + named[1]))
+            parties.append(_CasterGroup(RayCaster(lines, points, measure=self._measure), named[0] + named[1]))
         if clouds and method == "exact":
-            parties.append(_Party(_CloudCaster(clouds, self._measure), named[2]))
+            parties.append(_CasterGroup(_CloudCaster(clouds, self._measure), named[2]))
         if solids:
-            parties.append(_Party(SolidCaster(solids, measure=self._measure), named[3]))
+            parties.append(_CasterGroup(SolidCaster(solids, measure=self._measure), named[3]))
         return parties
 
 

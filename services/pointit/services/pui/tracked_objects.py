@@ -38,7 +38,7 @@ STALE_NS = 2 * NS_PER_S
 
 
 @dataclass(frozen=True, order=True)
-class Twin:
+class DuplicateObject:
     """An object that two trackers report."""
 
     tracker: str
@@ -60,12 +60,12 @@ class Twin:
         )
 
 
-class TwinFinder:
+class DuplicateFinder:
     """Compares the newest objects of all trackers."""
 
     def __init__(self) -> None:
         self._newest: dict[str, TrackedObjects] = {}
-        self._since_ns: dict[Twin, int] = {}
+        self._since_ns: dict[DuplicateObject, int] = {}
         self._checked_ns: int | None = None
 
     def on_objects(self, tracker: str, message: TrackedObjects) -> None:
@@ -87,7 +87,7 @@ class TwinFinder:
         self._since_ns = {twin: min(self._since_ns.get(twin, now_ns), now_ns) for twin in near}
 
     @property
-    def twins(self) -> tuple[Twin, ...]:
+    def twins(self) -> tuple[DuplicateObject, ...]:
         """Return the objects that two trackers report now, in order."""
         now_ns = self._checked_ns or 0
         return tuple(
@@ -99,7 +99,7 @@ class TwinFinder:
         )
 
 
-def _near(trackers: dict[str, TrackedObjects], now_ns: int) -> Iterator[Twin]:
+def _near(trackers: dict[str, TrackedObjects], now_ns: int) -> Iterator[DuplicateObject]:
     """Yield the pairs of objects of different trackers with one id, or at one place at `now_ns`."""
     names = list(trackers)
     for index, name in enumerate(names):
@@ -107,10 +107,10 @@ def _near(trackers: dict[str, TrackedObjects], now_ns: int) -> Iterator[Twin]:
         ids = {item.id for item in own}
         order = np.argsort(places[:, 0])
         for other in names[index + 1 :]:
-            theirs, other_places, other_sigmas = _placed(trackers[other], now_ns)
-            for item in theirs:
+            other_objects, other_places, other_sigmas = _placed(trackers[other], now_ns)
+            for item in other_objects:
                 if item.id in ids:
-                    yield Twin(name, item.id, other, item.id)
+                    yield DuplicateObject(name, item.id, other, item.id)
             reach_m = GATE * math.hypot(float(sigmas.max()), float(other_sigmas.max()))
             ends = np.searchsorted(places[order, 0], other_places[:, :1] + (-reach_m, reach_m))
             for row, (begin, end) in enumerate(ends.tolist()):
@@ -118,8 +118,8 @@ def _near(trackers: dict[str, TrackedObjects], now_ns: int) -> Iterator[Twin]:
                 apart_m = np.linalg.norm(places[columns] - other_places[row], axis=1)
                 is_near = apart_m <= GATE * np.hypot(sigmas[columns], other_sigmas[row])
                 for column in map(int, columns[is_near]):
-                    if own[column].id != theirs[row].id:
-                        yield Twin(name, own[column].id, other, theirs[row].id)
+                    if own[column].id != other_objects[row].id:
+                        yield DuplicateObject(name, own[column].id, other, other_objects[row].id)
 
 
 def _placed(message: TrackedObjects, now_ns: int) -> tuple[tuple[TrackedObject, ...], Array, Array]:
@@ -176,9 +176,9 @@ class Tracked:
     def _moved(self, tracked: TrackedObject, late_s: float) -> Vec3:
         line = self._lines.get((tracked.surface, tracked.surface_id))
         if line is not None:  # along its bends, at the same offset from the line
-            path = Polyline(line)
-            there = path.point_at(tracked.surface_position_m + tracked.surface_speed_mps * late_s)
-            shift = vector.subtract(there, path.point_at(tracked.surface_position_m))
+            polyline = Polyline(line)
+            there = polyline.point_at(tracked.surface_position_m + tracked.surface_speed_mps * late_s)
+            shift = vector.subtract(there, polyline.point_at(tracked.surface_position_m))
         else:
             shift = vector.scale(tracked.velocity_mps, late_s)
         return vector.add(tracked.position_m, shift)

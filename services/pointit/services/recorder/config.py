@@ -10,8 +10,8 @@ class RecorderConfig(Config):
 
     file: str = Field(
         default="",
-        description="where to write; never over an existing file. If empty, pointit-SITE-TIME.mcap in the "
-        "current folder",
+        description="output file; an existing one is never overwritten. If empty, pointit-SITE-TIME.mcap "
+        "in the current folder",
     )
     without: tuple[str, ...] = Field(
         default=(), description="topics to leave out, by a part of their key, such as imu or strips"

@@ -34,9 +34,9 @@ class Pseudonyms:
         """Pseudonyms by the name in lower case, for other spellings of it."""
         self._pattern: re.Pattern[str] | None = None
 
-    def learn(self, found: Entry) -> None:
-        """Note the names that `found` tells: whose key it is, and who is the user in its body."""
-        _, _, row, name, body = found
+    def learn(self, entry: Entry) -> None:
+        """Note the names that `entry` tells: whose key it is, and who is the user in its body."""
+        _, _, row, name, body = entry
         is_own = row.placeholder == "user" or row is USER_ALIVE
         if is_own or (row is DEPLOYMENT and not name.startswith(RUN)):
             self._learn(name)

@@ -72,12 +72,12 @@ class Recorder(Service[RecorderConfig]):
         )
         self._sink = Sink(path.resolve(), head, Pseudonyms() if config.pseudonyms else None)
         self._began_s = time.monotonic()
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._others: set[str] = set()
         self._alone_s: float | None = self._began_s if self.IS_COMMAND else None
         """Monotonic time since which no other service is there. None if there is one, or it was said."""
         self.has_heard = False
-        """Whether anything of the site has come."""
+        """True if anything of the site has been received."""
         for presence in PRESENCES:
             self.bus.watch(presence, functools.partial(self._on_presence, presence))
         for topic in TOPICS:
@@ -93,13 +93,13 @@ class Recorder(Service[RecorderConfig]):
 
     async def run(self) -> None:
         """Report until cancelled."""
-        told_s = self._began_s
+        reported_s = self._began_s
         try:
             while not (self.IS_COMMAND and self.problem):
                 await asyncio.sleep(REPORT_S)
                 self._report()
-                if time.monotonic() - told_s >= PROGRESS_S:
-                    told_s = time.monotonic()
+                if time.monotonic() - reported_s >= PROGRESS_S:
+                    reported_s = time.monotonic()
                     log.info("%s so far", self._figures())
         finally:
             await self._sink.close()
@@ -120,8 +120,8 @@ class Recorder(Service[RecorderConfig]):
             self._warn(cause, f"{count} messages are not in the recording: {cause}")
         problem = self.bus.problem
         kind = re.sub(r"\d+", "", problem)  # without the seconds, which count up
-        if problem and kind not in self._told:
-            self._told.add(kind)
+        if problem and kind not in self._reported:
+            self._reported.add(kind)
             log.warning("not everything is recorded: %s", problem)
         if self._alone_s is not None and time.monotonic() - self._alone_s >= ALONE_S:
             self._alone_s = None
@@ -133,17 +133,17 @@ class Recorder(Service[RecorderConfig]):
 
     def _warn(self, topic: str, sentence: str) -> None:
         """Show `sentence` in health, and log it if it is a new kind of trouble."""
-        if sentence and topic not in self._told:
+        if sentence and topic not in self._reported:
             log.error("%s", sentence)
-            self._told.add(topic)
+            self._reported.add(topic)
         self.bus.warn(topic, sentence)
 
     def _on_message(self, topic: AnyTopic, message: Message | Undecoded, name: str) -> None:
-        self._hear(name)
+        self._should_record(name)
         self._sink.add(Arrival(self.clock.now_ns(), topic, name, message))
 
     def _on_presence(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if self._hear(name) and presence is SERVICE_ALIVE:
+        if self._should_record(name) and presence is SERVICE_ALIVE:
             (self._others.add if present else self._others.discard)(name)
             if self._others:
                 self._alone_s = None
@@ -151,7 +151,7 @@ class Recorder(Service[RecorderConfig]):
                 self._alone_s = time.monotonic()
         self._sink.add(Arrival(self.clock.now_ns(), presence, name, present))
 
-    def _hear(self, name: str) -> bool:
+    def _should_record(self, name: str) -> bool:
         is_of_site = not name.startswith(NOT_OF_SITE)
         self.has_heard = self.has_heard or is_of_site
         return is_of_site

@@ -44,7 +44,7 @@ class FileSeries:
         self.closed_entries = 0
         """Number of entries in all files but the one that is being written."""
         self._closed_size = 0
-        self._kept: dict[tuple[str, str], Entry] = {}
+        self._retained_entries: dict[tuple[str, str], Entry] = {}
         """By row and name: the newest of each state, and who is present."""
         try:
             self._file, self._writer = self._open(head)
@@ -70,12 +70,12 @@ class FileSeries:
             self._next(entry.time_ns)
         self._write(entry)
         if isinstance(entry.row, Topic) and entry.row.delivery is Delivery.STATE:
-            self._kept[entry.row.key, entry.name] = entry
+            self._retained_entries[entry.row.key, entry.name] = entry
         elif isinstance(entry.row, Presence):
             if entry.body is True:
-                self._kept[entry.row.key, entry.name] = entry
+                self._retained_entries[entry.row.key, entry.name] = entry
             else:
-                self._kept.pop((entry.row.key, entry.name), None)
+                self._retained_entries.pop((entry.row.key, entry.name), None)
 
     def flush(self) -> None:
         """Make what was added so far readable."""
@@ -92,7 +92,7 @@ class FileSeries:
         self._file.close()
         self._file, self._writer = self._open(self._head.model_copy(update={"began_ns": now_ns}))
         log.info("the recording goes on in %s", self.path)
-        for each in self._kept.values():
+        for each in self._retained_entries.values():
             self._write(each._replace(time_ns=now_ns))
 
     def _write(self, entry: Entry) -> None:

@@ -42,7 +42,7 @@ class RobotConfig(PluginConfig):
     kind: RobotKind = Field(default="ground", description="quadrotor or ground")
     start_m: Vec3 = Field(
         default=(0.0, 0.0, 0.0),
-        description="where it stands at first, if it cannot tell, in the frame of the driver, m",
+        description="initial position if the robot reports none, in the frame of the driver, m",
     )
     start_yaw_deg: float = Field(default=0.0, ge=-360, le=360, description="azimuth of its front there, °")
     radius_m: float = Field(default=0.25, gt=0, le=5, description="of the circle that it fills, m")

@@ -24,7 +24,7 @@ WINDOW_S = 2.0
 """Time after which its present place is what it may not leave, s."""
 
 STUCK_S = 15.0
-"""Time without motion after which a take-off or landing is given up, and a path is said to be held up, s."""
+"""Time without motion after which a take-off or landing is given up, and a path is reported as held up, s."""
 
 REPEAT_S = 1.0
 """Time after its brakes have stopped it, and between two more orders to stop, s."""
@@ -63,7 +63,7 @@ class CurrentOrder:
         return self._count
 
     def give(self, command: Command, now_ns: int, goal_ns: int = 0) -> None:
-        """Note that the driver is told `command`, for the goal of the stamp `goal_ns`."""
+        """Note that the driver receives `command`, for the goal of the stamp `goal_ns`."""
         before = self._given
         goes_on = isinstance(command, Follow) and before is not None and isinstance(before.command, Follow)
         first = before.first if goes_on and before is not None else command.order

@@ -51,7 +51,7 @@ TURNS = 8
 RISES_M = (0.0, 0.5)
 """Vertical amplitudes of a quadrotor's figures."""
 
-MOST_VERTICAL = 0.7
+MAX_VERTICAL = 0.7
 """Largest share of a course that may be vertical."""
 
 LOWEST_M = 0.3
@@ -93,13 +93,13 @@ def figures(
     courses = np.stack([course for _, course in named]) + start_m
     places = np.array([person.place_m for person in people])
     apart = np.linalg.norm(courses[:, None, :, :2] - places[:, None, :2], axis=3).min(axis=2)
-    kept = (apart >= [person.keep_out_m for person in people]).all(axis=1)
+    is_clear = (apart >= [person.keep_out_m for person in people]).all(axis=1)
     if is_flying:
-        kept &= courses[:, :, 2].min(axis=1) >= min(LOWEST_M, start_m[2])
-    sigmas = position_sigmas_m(courses[kept], places).mean(axis=1)
+        is_clear &= courses[:, :, 2].min(axis=1) >= min(LOWEST_M, start_m[2])
+    sigmas = position_sigmas_m(courses[is_clear], places).mean(axis=1)
     found = [
         FollowedFigure(named[index][0], tuple(_vec3(point) for point in courses[index]), float(sigma_m))
-        for index, sigma_m in zip(np.flatnonzero(kept).tolist(), sigmas, strict=True)
+        for index, sigma_m in zip(np.flatnonzero(is_clear).tolist(), sigmas, strict=True)
     ]
     return sorted(found, key=lambda each: each.sigma_m)
 
@@ -152,7 +152,7 @@ def _courses(length_m: float, *, is_flying: bool) -> Iterator[tuple[str, Array]]
     for name, (along, aside) in shapes:
         for rise_m in RISES_M if is_flying else RISES_M[:1]:
             for rate in (1.0, 2.0) if rise_m else (1.0,):
-                if 2.0 * rate * rise_m > MOST_VERTICAL * length_m:
+                if 2.0 * rate * rise_m > MAX_VERTICAL * length_m:
                     continue
                 up = rise_m * 0.5 * (1.0 - np.cos(rate * share))
                 level_m = _level_length(along, aside, up, length_m)
@@ -226,12 +226,16 @@ class FigureFlight:
         """Update a person's pose: who is found needs no figure."""
         self._poses[user] = pose
 
-    def on_localization(self, user: str, news: Localization) -> None:
+    def on_localization(self, user: str, localization: Localization) -> None:
         """Update whether `user` is localized by this robot."""
-        is_ours = news.phase == "sampling" and news.purpose == "pose" and news.target_id == self._name
+        is_ours = (
+            localization.phase == "sampling"
+            and localization.purpose == "pose"
+            and localization.target_id == self._name
+        )
         self.followers.pop(user, None)
-        if is_ours and not news.ahead:
-            self.followers[user] = news.since_ns
+        if is_ours and not localization.ahead:
+            self.followers[user] = localization.since_ns
 
     def on_gone(self, user: str) -> None:
         """Note that the localizer of `user` has ended."""

@@ -5,7 +5,7 @@ from pointit.schemas import Steering
 NOTHING = Steering(stamp_ns=0)
 
 
-class Ownership:
+class RobotOwnership:
     """The one person who steers a robot, and those who want to."""
 
     def __init__(self, robot: str) -> None:

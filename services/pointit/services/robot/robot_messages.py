@@ -30,7 +30,7 @@ class RobotMessages:
         self._name = name
         self._pilot = pilot
         self._state_ns = self._plan_ns = self._objects_ns = 0
-        self._told: tuple[RobotPhase, str, str] | None = None
+        self._reported: tuple[RobotPhase, str, str] | None = None
         self._plan: RobotPlan | None = None
         self._report: RobotReport | None = None
         """The last one that was published as an object."""
@@ -42,9 +42,9 @@ class RobotMessages:
         """Return the state ten times a second, and at once if its phase, user or reason changes."""
         pilot, config = self._pilot, self._config
         told = (pilot.phase, pilot.user, pilot.reason)
-        if told == self._told and 0 <= now_ns - self._state_ns < STATE_NS:
+        if told == self._reported and 0 <= now_ns - self._state_ns < STATE_NS:
             return None
-        self._told, self._state_ns = told, now_ns
+        self._reported, self._state_ns = told, now_ns
         self._states += 1
         yaw_rad = math.radians(config.start_yaw_deg)
         report = pilot.report

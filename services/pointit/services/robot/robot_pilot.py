@@ -1,4 +1,4 @@
-"""Decides what a robot is told: who steers it, where it may go, when it stops. Pure."""
+"""Decides which orders a robot receives: who steers it, where it may go, when it stops. Pure."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder, ProgressMonitor, StandstillMonitor
 from pointit.services.robot.driver_frame import report_fault
 from pointit.services.robot.figure_flight import FigureFlight
-from pointit.services.robot.ownership import Ownership
+from pointit.services.robot.ownership import RobotOwnership
 from pointit.services.robot.robot_driver import (
     Command,
     Follow,
@@ -24,7 +24,7 @@ from pointit.services.robot.robot_driver import (
 )
 from pointit.services.robot.robot_safety import StopReason
 from pointit.services.robot.safety.safety import Safety
-from pointit.services.robot.steering.errand import Errand
+from pointit.services.robot.steering.errand import CommandPlanner
 from pointit.services.robot.steering.table import HOLDS, Stage, hold_of, stage_of, verdict_of
 
 CLAIM_AGE_S = 2.0
@@ -39,13 +39,13 @@ class RobotPilot:
     """Turns what people want of a robot into commands to its driver, as far as safety permits."""
 
     def __init__(self, config: RobotConfig, name: str, safety: Safety) -> None:
-        """Start without any report. The robot is told to stop when it reports first."""
+        """Start without any report. The robot gets an order to stop when it reports first."""
         self._config = config
         self._name = name
         self._safety = safety
-        self._owners = Ownership(name)
+        self._owners = RobotOwnership(name)
         self._order = CurrentOrder()
-        self._errand = Errand(config, safety, self._owners, self._order)
+        self._planner = CommandPlanner(config, safety, self._owners, self._order)
         self._figure = FigureFlight(config, name)
         self._standstill = StandstillMonitor(config, name)
         self._progress = ProgressMonitor()
@@ -78,8 +78,8 @@ class RobotPilot:
             return "" if self._is_expected else self._lost
         if self._standstill.problem:
             return self._standstill.problem
-        held = self._errand.problem or self._wait or self._figure.problem
-        is_asked = not self.user and self._errand.problem  # who asks hears why not, not why others lost it
+        held = self._planner.problem or self._wait or self._figure.problem
+        is_asked = not self.user and self._planner.problem  # who asks hears why not, not why others lost it
         return held if self._stop is None or is_asked else self._stop.text
 
     @property
@@ -118,7 +118,7 @@ class RobotPilot:
 
     def on_map(self, environment: Environment) -> None:
         """Update the map."""
-        self._errand.targets.on_map(environment)
+        self._planner.targets.on_map(environment)
         self._safety.on_map(environment)
 
     def on_presence(self, user: str, *, present: bool) -> None:
@@ -138,9 +138,9 @@ class RobotPilot:
         """Note that nothing localizes a person any longer."""
         self._figure.on_gone(user)
 
-    def on_localization(self, user: str, news: Localization) -> None:
+    def on_localization(self, user: str, localization: Localization) -> None:
         """Update whether a person is localized by following the robot."""
-        self._figure.on_localization(user, news)
+        self._figure.on_localization(user, localization)
 
     def on_steering(self, user: str, steering: Steering) -> None:
         """Update what a person wants."""
@@ -154,7 +154,7 @@ class RobotPilot:
     def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
         """Take a goal of the person who steers the robot. One that comes twice or late is not followed."""
         if user == self.user and goal.robot in ("", self._name):
-            self._errand.on_goal(user, goal, now_ns)
+            self._planner.on_goal(user, goal, now_ns)
 
     def on_item(self, item: ReportItem, now_ns: int) -> str:
         """Take what the driver reports. Return why it cannot be used, or `""`."""
@@ -173,7 +173,7 @@ class RobotPilot:
                 self._order.pass_points(item.position_m, max(NEAR_M, self._config.radius_m))
             case LinkLost(reason=reason):
                 self._lost, self._is_expected = reason, False
-                self._errand.interrupt()
+                self._planner.interrupt()
                 self._safety.on_link_lost(reason)
             case OrderStatus():
                 self._on_status(item)
@@ -189,7 +189,7 @@ class RobotPilot:
             self._started_ns = now_ns if self._started_ns is None else self._started_ns
             self._is_expected = now_ns - self._started_ns <= self._config.report_timeout_s * NS_PER_S
         self._change_owner(now_ns)
-        self._obey_safety(now_ns)
+        self._apply_safety(now_ns)
         self._halts |= self._moves_without_order(now_ns)
         stuck = self._progress.problem(self._order.command, self.report, now_ns)
         self._wait = stuck if isinstance(self._order.command, FollowPath) else ""
@@ -207,7 +207,7 @@ class RobotPilot:
         if not self.user:
             return self._figure_command(report, now_ns)
         self._figure.forget()
-        return self._errand.step(self._stage, report, self._cursors.get(self.user), now_ns)
+        return self._planner.step(self._stage, report, self._cursors.get(self.user), now_ns)
 
     def _moves_without_order(self, now_ns: int) -> bool:
         """Return True if it has to be told again to stop. A landed quadrotor may be carried."""
@@ -227,7 +227,7 @@ class RobotPilot:
             self._order.give(command, now_ns)
         return command
 
-    def _obey_safety(self, now_ns: int) -> None:
+    def _apply_safety(self, now_ns: int) -> None:
         stop = self._safety.stop(self.user, self._owners.steering.mode, now_ns)
         self._kind = "" if stop is None else stop.kind
         change = HOLDS[hold_of(self._stop, self.user)][verdict_of(stop)]
@@ -236,7 +236,7 @@ class RobotPilot:
         if change in ("resume", "note", "halt"):
             self._stop = stop
         if change in ("end", "note", "halt"):
-            self._errand.interrupt()
+            self._planner.interrupt()
         self._halts |= change == "halt"
 
     def _change_owner(self, now_ns: int) -> None:
@@ -255,7 +255,7 @@ class RobotPilot:
             problem = barred or self._safety.take_problem(wanted, now_ns)
         elif late := self._owners.late(*span_ns):
             problem = f"{late} asked for the robot too long ago, or by another clock: take it again"
-        self._errand.problem = problem
+        self._planner.problem = problem
         if wanted and not problem:
             self._owners.user = wanted
             self._stop = None
@@ -272,15 +272,15 @@ class RobotPilot:
 
     def _end_steering(self) -> None:
         self._halts = True
-        self._errand.forget()
+        self._planner.forget()
 
     def _on_status(self, status: OrderStatus) -> None:
-        """Note what became of the present order. What is said of earlier ones is no news."""
+        """Note what became of the present order. Reports about earlier orders are ignored."""
         command = self._order.end(status)
         if command is None:
             return
         if status.state != "done":
-            self._errand.on_failure(command, status.state, status.reason)
+            self._planner.on_failure(command, status.state, status.reason)
         elif isinstance(command, Land):
             self._free()
         elif isinstance(command, TakeOff) and self.report is not None:

@@ -83,7 +83,9 @@ class Robot(Service[RobotConfig]):
         self.bus.subscribe(topics.STEERING, self._on_steering)
         self.bus.subscribe(topics.GOAL, self._on_goal)
         self.bus.subscribe(topics.ROBOT_STATE, self._on_robot)
-        self.bus.subscribe(topics.LOCALIZATION, lambda news, user: self._pilot.on_localization(user, news))
+        self.bus.subscribe(
+            topics.LOCALIZATION, lambda localization, user: self._pilot.on_localization(user, localization)
+        )
 
     @classmethod
     def validate_config(cls, config: RobotConfig) -> None:
@@ -92,7 +94,7 @@ class Robot(Service[RobotConfig]):
         guard.made(lambda: ROBOTS.get(config.driver).check(config.section(config.driver)))
 
     async def run(self) -> None:
-        """Drive until cancelled; at the end the robot is told to stop."""
+        """Drive until cancelled; at the end the robot gets an order to stop."""
         driving = asyncio.create_task(self._guard.keep_running(self._run_driver), name="driver")
         try:
             async for now_ns in ticks(self.clock, TICK_HZ):
@@ -157,8 +159,8 @@ class Robot(Service[RobotConfig]):
             self._objects.put(objects)
 
     def _tell(self, command: Command) -> None:
-        told = command if self._frame is None else in_frame(command, self._frame)
-        self._guard.call("command", lambda: self._driver.command(told))
+        sent_command = command if self._frame is None else in_frame(command, self._frame)
+        self._guard.call("command", lambda: self._driver.command(sent_command))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._pilot.on_map(environment)

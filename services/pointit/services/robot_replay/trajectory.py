@@ -4,7 +4,7 @@ import numpy as np
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
-from pointit.sim.recordings import Motion
+from pointit.sim.recordings import RecordedMotion
 
 KIND = "robot"
 
@@ -15,21 +15,21 @@ LATENCY_SIGMA_S = 0.02
 class Trajectory:
     """The reports of a recording, one a sample with a position; samples that share a time make one report."""
 
-    def __init__(self, recording: Motion, robot_id: str = "robot") -> None:
-        """Read the robot of `recording`; its velocity comes from finite differences.
+    def __init__(self, motion: RecordedMotion, robot_id: str = "robot") -> None:
+        """Read the robot of `motion`; its velocity comes from finite differences.
 
         Raises:
             ConfigError: If the recording has no robot, or a single sample.
         """
-        if recording.robot_m is None:
+        if motion.robot_m is None:
             raise ConfigError(
-                f"{recording.path}: has no positions in 'robot_x', 'robot_y', 'robot_z': no robot to replay"
+                f"{motion.path}: has no positions in 'robot_x', 'robot_y', 'robot_z': no robot to replay"
             )
-        is_known = np.isfinite(recording.robot_m).all(axis=1)
-        t_s, robot_m = recording.t_s[is_known], recording.robot_m[is_known]
+        is_known = np.isfinite(motion.robot_m).all(axis=1)
+        t_s, robot_m = motion.t_s[is_known], motion.robot_m[is_known]
         times_ns, first = np.unique(np.rint(t_s * NS_PER_S).astype(np.int64), return_index=True)
         if len(times_ns) < 2:
-            raise ConfigError(f"{recording.path}: a robot that moves needs two samples at different times")
+            raise ConfigError(f"{motion.path}: a robot that moves needs two samples at different times")
         places = robot_m[first]
         self._robot_id = robot_id
         self._places: list[list[float]] = places.tolist()

@@ -12,7 +12,7 @@ Behaviour = Literal["rest", "lamps", "strips", "select", "random", "send", "fly"
 """Behaviour of the person while they may point."""
 
 
-class BodyConfig(Config):
+class SimulatedBodyConfig(Config):
     """The person's true measures. The profile should equal them, or it is wrong."""
 
     footprint_to_neck_m: float = Field(default=1.43, gt=0, lt=3, description="floor to neck, m")
@@ -121,7 +121,7 @@ class AimConfig(Config):
     )
 
 
-class MindConfig(Config):
+class DecisionConfig(Config):
     """Times of finding and choosing, and lapses (`decision_times.py` has the sources)."""
 
     check_period_s: float = Field(
@@ -239,8 +239,8 @@ class UserSimConfig(Config):
     rest_elevation_deg: float = Field(
         default=-75.0, ge=-90, le=0, description="elevation of the resting arm, deg"
     )
-    body: BodyConfig = Field(default=BodyConfig(), description="measures")
+    body: SimulatedBodyConfig = Field(default=SimulatedBodyConfig(), description="measures")
     arm: ArmConfig = Field(default=ArmConfig(), description="movement")
     aim: AimConfig = Field(default=AimConfig(), description="aiming")
-    mind: MindConfig = Field(default=MindConfig(), description="finding and choosing")
+    mind: DecisionConfig = Field(default=DecisionConfig(), description="finding and choosing")
     wristband: WristbandConfig = Field(default=WristbandConfig(), description="the IMU")

@@ -16,7 +16,7 @@ from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.behaviour import asked_goal, make_behaviour
 from pointit.services.user_sim.decision.correction import Correction
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
-from pointit.services.user_sim.decision.goal import REST, Goal
+from pointit.services.user_sim.decision.goal import REST, PersonGoal
 from pointit.services.user_sim.decision.perception import Perception
 from pointit.services.user_sim.decision.press import ButtonModel
 from pointit.services.user_sim.sight.sight import Sight
@@ -26,21 +26,21 @@ RATE_STEP_NS = 10_000_000
 """Time step of the estimate of an aim's rate, ns."""
 
 
-class Person:
+class SimulatedPerson:
     """One simulated person with their wristband. Step it at the band's rate."""
 
     def __init__(self, config: UserSimConfig, user: str, rng: np.random.Generator) -> None:
-        hand_rng, eye_rng, band_rng, foot_rng, mind_rng = rng.spawn(5)
+        hand_rng, eye_rng, band_rng, foot_rng, decision_rng = rng.spawn(5)
         given = config.aim.skill
         self.user = user
-        self.skill = skill = float(mind_rng.random()) if given is None else given
+        self.skill = skill = float(decision_rng.random()) if given is None else given
         """Skill, 0 to 1."""
         self.yaw_rad = yaw_rad = (
             float(rng.uniform(-math.pi, math.pi)) if config.yaw_deg is None else math.radians(config.yaw_deg)
         )
         """Azimuth of {H} in {W}, unknown to the person."""
         self._config = config
-        self._feet = StandingPosition(
+        self._standing = StandingPosition(
             config.position_m, config.stance_shift_sd_m, config.stance_shift_every_s, foot_rng
         )
         self._stance = Stance(
@@ -53,16 +53,16 @@ class Person:
         self._correction = Correction(config.aim, self._stance, hand_rng)
         self._sight = Sight(config.aim.visual_delay_s, config.deadline)
         self._perception = Perception(self._sight, self._correction, config.mind.check_period_s)
-        pace = DecisionTimes(config, skill, mind_rng)
-        self._new_behaviour = partial(make_behaviour, config, self._perception.things, pace, mind_rng)
+        times = DecisionTimes(config, skill, decision_rng)
+        self._new_behaviour = partial(make_behaviour, config, self._perception.things, times, decision_rng)
         self._behaviour = self._new_behaviour()
         self._has_yielded = False
         self._band = Wristband(yaw_rad, config.wristband, band_rng)
-        self.goal: Goal = REST
+        self.goal: PersonGoal = REST
         """Current goal of the hand."""
-        self._wanted: Goal = REST
+        self._goal: PersonGoal = REST
         self._act_at_ns = 0
-        self._press = ButtonModel(config)
+        self._button = ButtonModel(config)
         self._presses = 0
         """Number of presses so far that the behaviour has decided on."""
 
@@ -92,7 +92,7 @@ class Person:
             self._behaviour = self._new_behaviour()  # otherwise that time would count
             self._presses = 0
         self._perception.update(now_ns, self.goal)
-        self._stance.move(self._feet.at(now_ns))
+        self._stance.move(self._standing.at(now_ns))
         self._turn_when_decided(now_ns, REST if yields else self._wants(now_ns))
         correction, closed = self._correction, self.goal.closed_loop
         if closed and correction.step(now_ns):
@@ -100,13 +100,13 @@ class Person:
         orientation = self._arm.follow(now_ns, self._aim(now_ns))
         correction.remember(now_ns, self._arm.deviation(now_ns))
         if yields:
-            self._press.wait(now_ns)
+            self._button.wait(now_ns)
             self._band.sample(now_ns, orientation)  # it drifts on
             return None, None
-        if self._wanted.presses > self._presses:
-            self._presses = self._wanted.presses
-            return self._band.sample(now_ns, orientation), self._press.decided(now_ns, self._wanted.gesture)
-        press = self._press.step(
+        if self._goal.presses > self._presses:
+            self._presses = self._goal.presses
+            return self._band.sample(now_ns, orientation), self._button.decided(now_ns, self._goal.gesture)
+        press = self._button.step(
             now_ns,
             self._perception.belief,
             known_ns=self._sight.profile_ns,
@@ -120,25 +120,25 @@ class Person:
     def _sees_light(self) -> bool:
         return self._sight.frame_ns is not None and self.goal.on_line and not self.goal.robot
 
-    def _wants(self, now_ns: int) -> Goal:
+    def _wants(self, now_ns: int) -> PersonGoal:
         belief = self._perception.belief
         if belief.state == "asked" and self._config.points_when_asked:
             return asked_goal(now_ns, self._sight, belief)
         return self._behaviour.goal(now_ns, self._sight) if belief.state == "pointing" else REST
 
-    def _turn_when_decided(self, now_ns: int, wanted: Goal) -> None:
+    def _turn_when_decided(self, now_ns: int, goal: PersonGoal) -> None:
         """Update the same goal. Turn to another one only after the reaction time."""
-        if wanted.key != self._wanted.key:
+        if goal.key != self._goal.key:
             aim = self._config.aim
             thinks_s = max(aim.reaction_s - aim.visual_delay_s, 0.0)  # the delay has passed with the sight
             self._act_at_ns = now_ns + round(thinks_s * NS_PER_S)
-        self._wanted = wanted
-        if wanted.key == self.goal.key:
-            self.goal = wanted
+        self._goal = goal
+        if goal.key == self.goal.key:
+            self.goal = goal
         elif now_ns >= self._act_at_ns:
-            self._turn_to(now_ns, wanted)
+            self._turn_to(now_ns, goal)
 
-    def _turn_to(self, now_ns: int, goal: Goal) -> None:
+    def _turn_to(self, now_ns: int, goal: PersonGoal) -> None:
         self._correction.settle(self.goal, goal)
         self.goal = goal
         amplitude_rad = self._arm.amplitude_rad(now_ns, self._aim_with_rate(now_ns))

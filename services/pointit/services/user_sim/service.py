@@ -9,7 +9,7 @@ from pointit.runtime.clock import ticks
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, WristSample, topics
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.person import Person
+from pointit.services.user_sim.person import SimulatedPerson
 
 IN_THE_ROOM: tuple[topics.Topic[Any], ...] = (
     topics.MAP,
@@ -37,7 +37,7 @@ class UserSim(Service[UserSimConfig]):
         super().__init__(config, context)
         # the name is part of the seed, so that several people with one seed are not the same person
         seed = None if config.seed is None else [config.seed, zlib.crc32(self.user.encode())]
-        self._person = Person(config, self.user, np.random.default_rng(seed))
+        self._person = SimulatedPerson(config, self.user, np.random.default_rng(seed))
         self._page_ns: int | None = None
         """Time of the last sample from the page that moves the wrist, ns."""
         self._has_yielded = False
@@ -66,8 +66,8 @@ class UserSim(Service[UserSimConfig]):
         self._page_ns = self.clock.now_ns()
 
     def _yields(self, now_ns: int) -> bool:
-        patience_ns = WRIST_PATIENCE_S * NS_PER_S * self.clock.speed
-        return self._page_ns is not None and abs(now_ns - self._page_ns) <= patience_ns
+        timeout_ns = WRIST_PATIENCE_S * NS_PER_S * self.clock.speed
+        return self._page_ns is not None and abs(now_ns - self._page_ns) <= timeout_ns
 
     def _see(self, message: Message, name: str) -> None:
         self._person.see(self.clock.now_ns(), message, name)

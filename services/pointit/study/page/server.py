@@ -43,14 +43,14 @@ async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[s
         PointItError: If there is no free port, or no local network.
     """
     tokens: dict[Page, str] = {"participant": new_token(), "experimenter": new_token()}
-    doors = Access(tokens["experimenter"], tokens["participant"])
-    app = _application(view, doors)
+    access = Access(tokens["experimenter"], tokens["participant"])
+    app = _application(view, access)
     async with contextlib.AsyncExitStack() as stack:
         if lan:
             network = Lan(WebConfig(), "study", app)
             stack.push_async_callback(network.close)
             base, tidy = await network.open(), network.close_idle
-            doors.know_hosts([network.address])
+            access.know_hosts([network.address])
         else:
             listener = Listener(app, bind(HOST, 0, "--page"))
             stack.push_async_callback(listener.close)
@@ -72,12 +72,12 @@ async def served(view: PageView, *, lan: bool = False) -> AsyncGenerator[tuple[s
                         await view.changed.wait()
 
 
-def _application(view: PageView, doors: Access) -> ASGIApp:
+def _application(view: PageView, access: Access) -> ASGIApp:
     own, shared = Bundle(STATIC), Bundle()
 
     def page_of(connection: HTTPConnection) -> Page | None:
         asked = replace(asked_of(connection), bearer=connection.path_params["token"], cookies={})
-        role = doors.admit(asked, time.monotonic())
+        role = access.admit(asked, time.monotonic())
         return None if role is None else "experimenter" if role == "operator" else "participant"
 
     async def index(request: Request) -> Response:
@@ -112,7 +112,7 @@ def _application(view: PageView, doors: Access) -> ASGIApp:
         Route("/{token}/image/{number:int}", image, methods=["GET"]),
         WebSocketRoute("/{token}/ws", socket),
     ]
-    return SecurityMiddleware(Starlette(routes=routes), doors)
+    return SecurityMiddleware(Starlette(routes=routes), access)
 
 
 async def _serve(view: PageView, page: Page, socket: WebSocket) -> None:

@@ -13,7 +13,7 @@ from pointit.schemas.text import describe_mistake
 from pointit.study.questionnaires import Scale
 from pointit.study.session import StoppedError
 from pointit.study.step import Picture, Step
-from pointit.study.view import BREAK, Command, Status
+from pointit.study.view import BREAK, StudyCommand, StudyStatus
 
 Page = Literal["participant", "experimenter"]
 CommandName = Literal["repeat", "skip", "pause", "stop"]
@@ -30,7 +30,7 @@ TITLES: dict[str, Mapping[str, object]] = {
 """Content of the participant's page by `Status.state`."""
 
 
-class Said(Config):
+class ParticipantMessage(Config):
     """A message of the participant's page."""
 
     id: int = Field(description="number of the text or questionnaire that is answered")
@@ -38,7 +38,7 @@ class Said(Config):
     answers: tuple[int, ...] = Field(default=(), max_length=MAX_ANSWERS)
 
 
-class Order(Config):
+class ExperimenterMessage(Config):
     """A message of the experimenter's page."""
 
     command: CommandName
@@ -53,11 +53,11 @@ class PageView:
         self._pictures: dict[str, Picture] = {**(pictures or {})}
         self._who = {"study": study, "who": participant}
         self._shown: Mapping[str, object] = WAITING
-        self._status: Status | None = None
-        self._commands = deque[Command]()
+        self._status: StudyStatus | None = None
+        self._commands = deque[StudyCommand]()
         self._number = 0
         self._scale: Scale | None = None
-        self._answer: asyncio.Future[Said] | None = None
+        self._message: asyncio.Future[ParticipantMessage] | None = None
         self.pages: dict[Page, int] = {"participant": 0, "experimenter": 0}
         """Number of open pages."""
         self.changed = asyncio.Event()
@@ -86,7 +86,7 @@ class PageView:
         shown = {"show": "scale", "title": "Please answer", "text": text, **scale.model_dump(mode="json")}
         return list((await self._ask(shown)).answers)
 
-    def status(self, status: Status, /) -> None:
+    def status(self, status: StudyStatus, /) -> None:
         """Show where the study stands."""
         if status == self._status:
             return
@@ -99,7 +99,7 @@ class PageView:
             self._shown = {**self._shown, "text": status.say}
         self.change()
 
-    def command(self) -> Command | None:
+    def command(self) -> StudyCommand | None:
         """Return the next command of the experimenter."""
         return self._commands.popleft() if self._commands else None
 
@@ -131,48 +131,48 @@ class PageView:
         """Obey a message of a page; return what is wrong with it, or `""`."""
         try:
             if page == "participant":
-                return self._on_answer(Said.model_validate_json(text, strict=True))
-            return self._on_order(Order.model_validate_json(text, strict=True))
+                return self._on_answer(ParticipantMessage.model_validate_json(text, strict=True))
+            return self._on_order(ExperimenterMessage.model_validate_json(text, strict=True))
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
             return f"{'.'.join(map(str, first['loc'])) or 'message'}: {describe_mistake(first)}"
 
     @property
     def _is_asking(self) -> bool:
-        return self._answer is not None and not self._answer.done()
+        return self._message is not None and not self._message.done()
 
-    async def _ask(self, shown: Mapping[str, object]) -> Said:
+    async def _ask(self, shown: Mapping[str, object]) -> ParticipantMessage:
         self._number += 1
         self._shown = {"id": self._number, **shown}
-        self._answer = asyncio.get_running_loop().create_future()
+        self._message = asyncio.get_running_loop().create_future()
         self.change()
         try:
-            return await self._answer
+            return await self._message
         finally:
-            self._answer, self._scale, self._shown, self._status = None, None, WAITING, None
+            self._message, self._scale, self._shown, self._status = None, None, WAITING, None
             self.change()
 
-    def _on_answer(self, said: Said) -> str:
-        if self._answer is None or self._answer.done() or said.id != self._number:
+    def _on_answer(self, message: ParticipantMessage) -> str:
+        if self._message is None or self._message.done() or message.id != self._number:
             return ""  # another page was faster
-        if self._shown.get("go") == "agree" and said.agrees is None:
+        if self._shown.get("go") == "agree" and message.agrees is None:
             return "agrees: write true or false; without it there is no consent"
-        if self._scale is not None and (problem := _problem(self._scale, said.answers)):
+        if self._scale is not None and (problem := _problem(self._scale, message.answers)):
             return problem
-        self._answer.set_result(said)
+        self._message.set_result(message)
         return ""
 
-    def _on_order(self, order: Order) -> str:
+    def _on_order(self, order: ExperimenterMessage) -> str:
         if order.command not in self.content("experimenter")["can"]:
             return f"{order.command}: the participant reads or answers; wait, or stop"
         if order.command == "skip" and not order.reason.strip():
             return "reason: write why the trial is skipped"
-        if self._is_asking and self._answer is not None:
-            self._answer.set_exception(
+        if self._is_asking and self._message is not None:
+            self._message.set_exception(
                 StoppedError(f"{self._who['who']} is stopped; the same command goes on")
             )
         else:
-            self._commands.append(Command(order.command, " ".join(order.reason.split())))
+            self._commands.append(StudyCommand(order.command, " ".join(order.reason.split())))
         return ""
 
 

@@ -13,9 +13,9 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.measure import load_end_rule
 from pointit.study.model import SHIPPED, Study
-from pointit.study.plan import Plan, plan_of
+from pointit.study.plan import StudyPlan, plan_of
 from pointit.study.step import Picture, read_pictures
-from pointit.study.tasks.scene import Scene
+from pointit.study.tasks.scene import StudyScene
 
 
 def scenario_file(study: Study, recording: Path | None = None) -> Path:
@@ -37,7 +37,7 @@ def scenario_file(study: Study, recording: Path | None = None) -> Path:
     return copy
 
 
-def scenes_of(study: Study, plan: Plan, block: int, settings: Mapping[str, object]) -> list[Scene]:
+def scenes_of(study: Study, plan: StudyPlan, block: int, settings: Mapping[str, object]) -> list[StudyScene]:
     """Return the scenes of all trials of a block, in their order, without starting anything.
 
     Raises: ConfigError: If the scenario or a parameter of `settings` cannot be used, or the room lacks a
@@ -46,7 +46,7 @@ def scenes_of(study: Study, plan: Plan, block: int, settings: Mapping[str, objec
     run = pointit.run(scenario_file(study), users=[plan.participant], settings=settings)
     if (room := room_of(run.check())) is None:
         raise ConfigError(f"scenario {study.scenario} has no map, in which targets could be")
-    scenes: list[Scene] = []
+    scenes: list[StudyScene] = []
     for trial in plan.block(block):
         scenes.append(study.task_in(trial.cell).scene(trial, room, scenes[-1] if scenes else None))
     return scenes

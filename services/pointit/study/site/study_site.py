@@ -14,13 +14,13 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, topics
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
-from pointit.study.tasks.scene import Scene
+from pointit.study.tasks.scene import StudyScene
 from pointit.study.view import Point, TopView, flat
 
 TRACKER = "study"
 SHOW_S = 0.1
 """Time between two reports of the targets, s."""
-PATIENCE_S = 5.0
+TIMEOUT_S = 5.0
 """Time for a package to appear, s."""
 TARGET_COLOR = "#ff1e00"
 DWELL = {"gauge": "selector.gauge.full_s", "hold": "selector.window_s", "fraction": "selector.window_s"}
@@ -60,8 +60,8 @@ class StudySite:
         self._user = user
         self._settings = dict(settings)
         self._tracker = site.tracker(TRACKER)
-        self._scene: Scene | None = None
-        self._heard_ns = 0
+        self._scene: StudyScene | None = None
+        self._received_ns = 0
         self._cursor: Cursor | None = None
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -106,7 +106,7 @@ class StudySite:
             interaction = self.site.latest.interaction[self._user]
             if interaction.state != "pointing":
                 return interaction.next_step or "press the button to begin to point"
-        if self.site.now_ns() - self._heard_ns > SILENT_S * NS_PER_S:
+        if self.site.now_ns() - self._received_ns > SILENT_S * NS_PER_S:
             return "no ray comes: is the wrist on, and in reach?"
         return ""
 
@@ -122,7 +122,7 @@ class StudySite:
     def live(self) -> TopView:
         """The room from above, as it is now."""
         pose, attempt = self.site.latest.pose.get(self._user), self.attempt
-        is_silent = self.site.now_ns() - self._heard_ns > SILENT_S * NS_PER_S
+        is_silent = self.site.now_ns() - self._received_ns > SILENT_S * NS_PER_S
         ray = None if is_silent else self._cursor
         return TopView(
             lines=self._lines,
@@ -141,7 +141,7 @@ class StudySite:
         lines += [(*fence.outline_m, fence.outline_m[0]) for fence in room.fences]
         return tuple(tuple(filter(None, map(flat, line))) for line in lines)
 
-    async def show(self, scene: Scene) -> tuple[str, Vec3]:
+    async def show(self, scene: StudyScene) -> tuple[str, Vec3]:
         """Show the target of `scene`; return its id and position as soon as it is there.
 
         Raises: PointItError: If a package does not appear, or a request is refused.
@@ -165,11 +165,11 @@ class StudySite:
             for p in scene.packages
         ]
         target = added[0].object_id
-        end_ns = self.site.now_ns() + PATIENCE_S * NS_PER_S
+        end_ns = self.site.now_ns() + TIMEOUT_S * NS_PER_S
         while (place_m := self.position(target)) is None:
             if self.site.now_ns() > end_ns:
                 raise PointItError(
-                    f"package {target} does not appear within {PATIENCE_S:g} s; see `pointit doctor`"
+                    f"package {target} does not appear within {TIMEOUT_S:g} s; see `pointit doctor`"
                 )
             await self.site.sleep(SHOW_S / 2)
         self._scene = scene
@@ -215,7 +215,7 @@ class StudySite:
         async for message in feed:
             now_ns = self.site.now_ns()
             if isinstance(message, Cursor):
-                self._heard_ns, self._cursor = now_ns, message
+                self._received_ns, self._cursor = now_ns, message
             self.on_message(message, now_ns)  # first, as LSL pairs its clock with this time
             if self.attempt is not None:
                 handle(self.attempt, message, now_ns)

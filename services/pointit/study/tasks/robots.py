@@ -9,7 +9,7 @@ from pydantic import Field
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment
-from pointit.study.tasks.scene import Scene, TaskConfig, Trial, pick
+from pointit.study.tasks.scene import StudyScene, StudyTrial, TaskConfig, pick
 
 Robot = Annotated[str, Field(description="quadrotor of the scenario")]
 
@@ -31,13 +31,13 @@ class Steer(TaskConfig):
     robot: Robot = "quad"
     stay_s: float = Field(default=0.5, ge=0, le=10, description="time over the place that ends `follow`, s")
 
-    def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
+    def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`: any place but the last one."""
         del room
         names = [name for name in self.places if before is None or name != before.name] or list(self.places)
         name = pick(names, np.random.default_rng(trial.seed))
         does = "Land" if self.kind == "land" else "Keep"
-        return Scene(
+        return StudyScene(
             target=name,
             name=name,
             width_m=self.width_m,
@@ -47,7 +47,7 @@ class Steer(TaskConfig):
             say=f"{does} {self.robot} {'at' if self.kind == 'land' else 'over'} {name}.",
         )
 
-    def simulated(self, scenes: Sequence[Scene]) -> dict[str, object]:
+    def simulated(self, scenes: Sequence[StudyScene]) -> dict[str, object]:
         """Return the way of the robot."""
         return {"user-sim.spots_m": [scene.target_m for scene in scenes]}
 
@@ -63,21 +63,21 @@ class Localize(TaskConfig):
     method: Literal["moving_target", "static_targets"] = Field(
         default="moving_target", description="moving_target: by a robot; static_targets: by lamps"
     )
-    place_m: Vec3 = Field(default=(3.0, 0.0, 0.0), description="where the participant stands, {W}, m")
+    place_m: Vec3 = Field(default=(3.0, 0.0, 0.0), description="position of the participant, {W}, m")
     width_m: float = Field(default=1.0, gt=0, le=20, description="twice the error that is accepted, m")
 
-    def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
+    def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`. Raises: ConfigError: If the map has no lamps for `static_targets`."""
         del trial, before
         if self.method == "static_targets" and not room.lamps:
             raise ConfigError("the map has no lamps to localize by; use task.method moving_target")
         say = "Follow the robot." if self.method == "moving_target" else "Point at each lamp that is lit."
         width_m, target_m = self.width_m, self.place_m
-        return Scene(
+        return StudyScene(
             target="pose", name="position", width_m=width_m, target_m=target_m, localize=self.method, say=say
         )
 
-    def simulated(self, scenes: Sequence[Scene]) -> dict[str, object]:
+    def simulated(self, scenes: Sequence[StudyScene]) -> dict[str, object]:
         """Return that the robot is not taken."""
         del scenes
         return {"user-sim.behaviour": "rest"}

@@ -19,7 +19,7 @@ def pick(items: Sequence[T], rng: np.random.Generator) -> T:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trial:
+class StudyTrial:
     """One trial of a plan."""
 
     number: int
@@ -35,7 +35,7 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Package:
+class ScenePackage:
     """A package to be put on a lane."""
 
     kind: str
@@ -46,7 +46,7 @@ class Package:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
+class StudyScene:
     """The target of a trial, and what stands beside it."""
 
     target: str
@@ -57,7 +57,7 @@ class Scene:
     target_m: Vec3 | None = None
     """Centre, or None for that of the first of `packages`."""
     objects: tuple[TrackedObject, ...] = ()
-    packages: tuple[Package, ...] = ()
+    packages: tuple[ScenePackage, ...] = ()
     lamp: str = ""
     """To be lit."""
     say: str = ""
@@ -75,7 +75,7 @@ class Scene:
 class TaskConfig(Config):
     """Base of the parameters of a task."""
 
-    def simulated(self, scenes: Sequence[Scene]) -> dict[str, object]:
+    def simulated(self, scenes: Sequence[StudyScene]) -> dict[str, object]:
         """Return parameters with which a simulated participant does `scenes`, the rest of a block."""
         del scenes
         return {}

@@ -11,14 +11,14 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, TrackedObject
-from pointit.study.tasks.scene import Package, Scene, TaskConfig, Trial, pick
+from pointit.study.tasks.scene import ScenePackage, StudyScene, StudyTrial, TaskConfig, pick
 
 TARGET, OTHER = "red", "blue"
 """Kinds of the target and of all others: those whose colours strips, pages and simulated people know."""
 Width = Annotated[float, Field(gt=0, le=5, description="extent of a target, m")]
 
 
-class Reach(TaskConfig):
+class TargetReach(TaskConfig):
     """Reach a target on an LED strip, `distance_m` along it from the last one where that fits."""
 
     kind: Literal["reach"]
@@ -27,7 +27,7 @@ class Reach(TaskConfig):
     distance_m: float = Field(default=1.0, gt=0, le=100, description="between two targets, m")
     others: int = Field(default=0, ge=0, le=20, description="number of targets beside that are wrong")
 
-    def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
+    def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`, after the one `before` of its block.
 
         Raises: ConfigError: If the map has no such strip, or the target does not fit.
@@ -62,7 +62,7 @@ class Reach(TaskConfig):
             )
             for n, place in enumerate(places)
         )
-        return Scene(
+        return StudyScene(
             target=objects[0].id,
             name=f"strip {strip} at {at_m:.2f} m",
             width_m=self.width_m,
@@ -87,7 +87,7 @@ class Tapping(TaskConfig):
     center_m: Vec3 = Field(default=(3.0, 0.0, 1.4), description="centre of the circle, {W}, m")
     azimuth_deg: float = Field(default=0.0, description="azimuth of the normal of the circle's plane, deg")
 
-    def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
+    def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`; the next target is across the circle, one further each time.
 
         Raises: ConfigError: If the map has no such strip, or it is too short.
@@ -124,7 +124,7 @@ class Tapping(TaskConfig):
                 if n != last  # where the ray rests, which would be selected first
             ]
         target = next(each for each in objects if each.kind == TARGET)
-        return Scene(
+        return StudyScene(
             target=target.id,
             name=f"place {now + 1}",
             width_m=self.width_m,
@@ -139,7 +139,7 @@ class Tapping(TaskConfig):
         return (x - side_m * sin(azimuth_rad), y + side_m * cos(azimuth_rad), z + radius_m * sin(angle_rad))
 
 
-class Packages(TaskConfig):
+class TargetPackages(TaskConfig):
     """Choose the red one of some packages that move on a lane of the simulated conveyor."""
 
     kind: Literal["packages"]
@@ -149,7 +149,7 @@ class Packages(TaskConfig):
     others: int = Field(default=2, ge=0, le=20, description="number of blue packages")
     start: float = Field(default=0.1, ge=0, le=1, description="of the hindmost package, share of the lane")
 
-    def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
+    def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`.
 
         Raises: ConfigError: If the map has no such lane, or it is too short.
@@ -166,7 +166,7 @@ class Packages(TaskConfig):
             )
         now = int(np.random.default_rng(trial.seed).integers(self.others + 1))
         queue = [
-            Package(
+            ScenePackage(
                 kind=TARGET if n == now else OTHER,
                 lane=lane,
                 length_m=self.width_m,
@@ -175,10 +175,10 @@ class Packages(TaskConfig):
             for n in range(self.others + 1)
         ]
         queue.insert(0, queue.pop(now))
-        return Scene(target="", name="red package", width_m=self.width_m, packages=tuple(queue))
+        return StudyScene(target="", name="red package", width_m=self.width_m, packages=tuple(queue))
 
 
-class Places(TaskConfig):
+class TargetPlaces(TaskConfig):
     """Point at marked places of the room, its lamps, which are lit, or its things, one after the other."""
 
     kind: Literal["places"]
@@ -187,7 +187,7 @@ class Places(TaskConfig):
     things: tuple[str, ...] = Field(default=(), description="ids of things of the map that are buttons")
     width_m: Width = 0.3
 
-    def scene(self, trial: Trial, room: Environment, before: Scene | None) -> Scene:
+    def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`: any place but the last one.
 
         Raises: ConfigError: If there is no place, or the map has no such lamp or button.
@@ -209,7 +209,7 @@ class Places(TaskConfig):
         target = TrackedObject(
             id=f"t{trial.number}-0", kind=TARGET, position_m=places[name], length_m=self.width_m
         )
-        return Scene(
+        return StudyScene(
             target=thing.id if thing else target.id,
             name=name,
             width_m=max(thing.size_m[:2]) if thing else self.width_m,

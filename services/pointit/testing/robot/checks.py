@@ -78,7 +78,7 @@ async def newest_wins(harness: RobotHarness) -> None:
 
 @ROBOT_SUITE.check("Send the robot's own command to stop, before anything else that waits to be sent")
 async def stops(harness: RobotHarness) -> None:
-    """Stops when it is told to, and does nothing further."""
+    """Stops on request, and does nothing further."""
     async with connected(harness.trial()) as trial:
         await trial.rise()
         order = trial.next()

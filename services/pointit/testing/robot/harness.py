@@ -29,7 +29,7 @@ STILL_MPS = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class RobotHarness(DeviceHarness[RobotPlugin]):
-    """A robot driver with a fake robot that stands for the real one, and moves as it is told.
+    """A robot driver with a fake robot that stands for the real one, and moves as ordered.
 
     The fake robot is a `FakeDevice` that stands at the origin when it is made. It may report and move by
     tasks of its own from `plug` to `unplug`.

@@ -11,7 +11,7 @@ import pytest
 from pointit.plugins import Disconnected, ImuSource, Press, RawReading, Reading, Reconnected
 from pointit.services.imu_bridge.network import datagram_source
 from pointit.services.imu_bridge.network.osc import OSC
-from pointit.services.imu_bridge.network.sender_choice import MOST_OTHERS, SenderChoice
+from pointit.services.imu_bridge.network.sender_choice import MAX_OTHERS, SenderChoice
 from pointit.services.imu_bridge.network.udp import UDP
 from pointit.services.imu_bridge.network.ximu3 import XIMU3
 from pointit_lab.devices.harnesses.network import osc_quaternion
@@ -209,7 +209,7 @@ def test_senders_beyond_the_limit_are_forgotten_and_the_place_is_free_after_a_si
     senders.use(("10.0.0.1", 5000), 0.0)
     for number in range(2, 200):
         assert not senders.may_use((f"10.0.0.{number}", 5000), 1.0)
-    assert senders.others(1.0) == [f"10.0.0.{number}" for number in range(2, 2 + MOST_OTHERS)]
+    assert senders.others(1.0) == [f"10.0.0.{number}" for number in range(2, 2 + MAX_OTHERS)]
     assert senders.others(7.0) == []
     assert not senders.may_use(("10.0.0.2", 5000), 9.0)
     assert senders.may_use(("10.0.0.2", 5000), 10.1)

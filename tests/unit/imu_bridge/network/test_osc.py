@@ -16,7 +16,7 @@ from pythonosc.osc_message_builder import build_msg
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.contents import DatagramError, orientation
-from pointit.services.imu_bridge.network.osc import MOST_MESSAGES, OscConfig, OscDecoder, OscMessage, parse
+from pointit.services.imu_bridge.network.osc import MAX_MESSAGES, OscConfig, OscDecoder, OscMessage, parse
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading, fault
 
 WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
@@ -45,29 +45,29 @@ def items(decoder: OscDecoder, address: str, *arguments: float | str) -> list[It
 def test_orientations_of_known_devices(address: str, numbers: list[float]) -> None:
     decoder = OscDecoder(OscConfig())
     assert items(decoder, address, *numbers) == [Reading(NOW, XYZW)]
-    assert decoder.doubt == ""
+    assert decoder.uncertainty == ""
 
 
 def test_order_of_an_unknown_address_is_doubted_until_it_is_set() -> None:
     decoder = OscDecoder(OscConfig())
     assert items(decoder, "/chest/left/quat", *WXYZ) == [Reading(NOW, XYZW)]
-    assert decoder.doubt == (
+    assert decoder.uncertainty == (
         "the order of the numbers at /chest/left/quat is not known; they are read as wxyz: set osc.order to "
         "wxyz or xyzw"
     )
     for config in (OscConfig(order="wxyz"), OscConfig(order="xyzw")):
         decoder = OscDecoder(config)
         items(decoder, "/chest/left/quat", *WXYZ)
-        assert decoder.doubt == ""
+        assert decoder.uncertainty == ""
 
 
 def test_address_of_two_parts_is_that_of_zig_sim_only_beside_its_device_info() -> None:
     decoder = OscDecoder(OscConfig())
     assert items(decoder, "/my-phone/quaternion", *XYZW) == [Reading(NOW, XYZW)]
-    assert "/my-phone/quaternion is not known; they are read as xyzw" in decoder.doubt
+    assert "/my-phone/quaternion is not known; they are read as xyzw" in decoder.uncertainty
     items(decoder, "/my-phone/deviceinfo", "iPhone", "my-phone", "ios", "18.1", 1170.0, 2532.0)
     items(decoder, "/my-phone/quaternion", *XYZW)
-    assert decoder.doubt == ""
+    assert decoder.uncertainty == ""
 
 
 def test_address_and_order_are_configurable() -> None:
@@ -183,7 +183,7 @@ def test_bundles_that_are_too_deep_or_too_full_are_bounded() -> None:
     with pytest.raises(DatagramError, match="too many bundles"):
         parse(data)
     element = struct.pack(">i", 8) + b"/a\0\0,\0\0\0"
-    assert len(parse(b"#bundle\0" + struct.pack(">Q", 1) + 600 * element)) == MOST_MESSAGES
+    assert len(parse(b"#bundle\0" + struct.pack(">Q", 1) + 600 * element)) == MAX_MESSAGES
 
 
 @given(
@@ -195,4 +195,4 @@ def test_any_bytes_are_parsed_or_refused(head: bytes, rest: bytes) -> None:
         found = parse(head + rest)
     except DatagramError:
         return
-    assert len(found) <= MOST_MESSAGES
+    assert len(found) <= MAX_MESSAGES

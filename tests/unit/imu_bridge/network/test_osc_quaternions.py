@@ -183,7 +183,7 @@ def test_order_in_an_address_is_used() -> None:
     w, x, y, z = turned(20)
     ((_, reading),), _ = read_all(decoder, [message("/imu/quat_xyzw", "ffff", (x, y, z, w))])
     assert reading.world_from_sensor == pytest.approx((x, y, z, w))
-    assert decoder.doubt == ""
+    assert decoder.uncertainty == ""
 
 
 @pytest.mark.parametrize("prefix", ["/quaternion/", "/imu/quat/", "/SceneRotator/q", "/wrist/quat_"])

@@ -8,11 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
-from pointit.services.imu_bridge.network.slimevr import MOST_CALLERS, Admission, Trackers
+from pointit.services.imu_bridge.network.slimevr import MAX_CALLERS, Admission, SlimevrTrackers
 from pointit.services.imu_bridge.network.slimevr_protocol import (
     BatteryLevel,
-    Button,
-    Datagram,
     FlagsRequest,
     Handshake,
     Packet,
@@ -21,6 +19,8 @@ from pointit.services.imu_bridge.network.slimevr_protocol import (
     SensorFault,
     SensorInfo,
     SignalStrength,
+    SlimevrButton,
+    SlimevrDatagram,
     decode,
 )
 
@@ -47,7 +47,7 @@ def only(data: bytes) -> Packet:
 
 
 def test_rotation_of_the_table() -> None:
-    assert decode(IDENTITY) == Datagram(1, (Rotation(0, (0.0, 0.0, 0.0, 1.0)),))
+    assert decode(IDENTITY) == SlimevrDatagram(1, (Rotation(0, (0.0, 0.0, 0.0, 1.0)),))
 
 
 @pytest.mark.parametrize(
@@ -55,16 +55,16 @@ def test_rotation_of_the_table() -> None:
     [
         (12, struct.pack(">ff", 3.875, 0.75), BatteryLevel(0.75, 3.875)),
         (12, struct.pack(">f", 0.5), BatteryLevel(0.5, None)),
-        (13, b"\x00\x01", Button("press")),
-        (13, b"\x00\x41", Button("double")),
+        (13, b"\x00\x01", SlimevrButton("press")),
+        (13, b"\x00\x41", SlimevrButton("double")),
         (14, b"\x01\x05", SensorFault(1, 5)),
         (15, b"\x01\x01\x04", SensorInfo(1, 1)),
         (19, b"\xff\xc4", SignalStrength(-60.0)),
-        (21, b"\x02", Button("double")),
-        (21, b"\x03", Button("press")),
-        (21, b"\x04", Button("hold")),
+        (21, b"\x02", SlimevrButton("double")),
+        (21, b"\x03", SlimevrButton("press")),
+        (21, b"\x04", SlimevrButton("hold")),
         (22, b"\x02", FlagsRequest()),
-        (60, b"\x00", Button("press")),
+        (60, b"\x00", SlimevrButton("press")),
     ],
 )
 def test_packets_of_the_table(kind: int, payload: bytes, expected: Packet) -> None:
@@ -90,12 +90,12 @@ def test_orientations_of_every_kind(kind: int, payload: bytes, sensor: int) -> N
 
 @pytest.mark.parametrize("numbers", [(0.0,) * 4, (math.nan, 0, 0, 1), (math.inf, 0, 0, 0), (0, 0, 0, 2.0)])
 def test_what_is_no_orientation_is_unreadable(numbers: tuple[float, ...]) -> None:
-    assert decode(datagram(1, struct.pack(">4f", *numbers))) == Datagram(7, (), 1)
+    assert decode(datagram(1, struct.pack(">4f", *numbers))) == SlimevrDatagram(7, (), 1)
 
 
 def test_corrections_and_packets_of_other_kinds_are_passed_over() -> None:
-    assert decode(datagram(17, b"\x00\x02" + QUARTER_TURN + b"\x00")) == Datagram(7, ())
-    assert decode(datagram(20, b"\x00" + struct.pack(">f", 31.0))) == Datagram(7, ())
+    assert decode(datagram(17, b"\x00\x02" + QUARTER_TURN + b"\x00")) == SlimevrDatagram(7, ())
+    assert decode(datagram(20, b"\x00" + struct.pack(">f", 31.0))) == SlimevrDatagram(7, ())
 
 
 def test_handshakes_of_boards_and_apps() -> None:
@@ -115,7 +115,7 @@ def test_handshakes_of_boards_and_apps() -> None:
 
 def test_echoes_and_handshakes_have_no_number() -> None:
     echo = decode(datagram(10, struct.pack(">I", 9), 4711))
-    assert echo == Datagram(0, (Pong(9),))
+    assert echo == SlimevrDatagram(0, (Pong(9),))
     assert protocol.ping(9) == datagram(10, struct.pack(">I", 9), 0)
 
 
@@ -126,7 +126,7 @@ def test_bundles_of_both_kinds(kind: int, length: str, name: str) -> None:
     data = datagram(kind, b"".join(struct.pack(length, len(each)) + each for each in inner))
     content = decode(data)
     assert content is not None
-    assert [type(packet) for packet in content.packets] == [Rotation, BatteryLevel, Button]
+    assert [type(packet) for packet in content.packets] == [Rotation, BatteryLevel, SlimevrButton]
     cut = decode(data[:-1])
     assert cut is not None
     assert [type(packet) for packet in cut.packets] == [Rotation, BatteryLevel]
@@ -148,7 +148,7 @@ def test_answers_are_those_of_the_table() -> None:
 def test_no_datagram_raises_or_gives_an_orientation_that_is_none(kind: int, number: int, rest: bytes) -> None:
     content = decode(datagram(kind, rest, number))
     assert content is not None
-    assert len(content.packets) <= protocol.MOST_BUNDLED
+    assert len(content.packets) <= protocol.MAX_BUNDLED
     for packet in content.packets:
         if isinstance(packet, Rotation):
             assert math.hypot(*packet.orientation_xyzw) == pytest.approx(1.0)
@@ -169,17 +169,17 @@ FIRST, AGAIN = Admission(is_reconnected=True), Admission(is_reconnected=True, ke
 NEXT = Admission()
 
 
-def sent(number: int) -> Datagram:
-    return Datagram(number, ())
+def sent(number: int) -> SlimevrDatagram:
+    return SlimevrDatagram(number, ())
 
 
-def connected(trackers: Trackers, handshake: Handshake = BOARD, number: int = 5) -> None:
+def connected(trackers: SlimevrTrackers, handshake: Handshake = BOARD, number: int = 5) -> None:
     assert trackers.called(ANNA, handshake, 0.0) is not None
     assert trackers.admit(ANNA, sent(number), 0.1) == FIRST
 
 
 def test_a_tracker_that_goes_on_calling_beside_the_one_in_use_is_named() -> None:
-    trackers = Trackers()
+    trackers = SlimevrTrackers()
     for second in range(100, 120):
         assert trackers.called(ANNA, BOARD, second) is not None
         trackers.admit(ANNA, sent(second), second + 0.1)
@@ -189,7 +189,7 @@ def test_a_tracker_that_goes_on_calling_beside_the_one_in_use_is_named() -> None
 
 
 def test_datagrams_that_are_late_or_repeated_are_dropped_unless_they_have_no_number() -> None:
-    trackers = Trackers()
+    trackers = SlimevrTrackers()
     connected(trackers)
     assert trackers.admit(ANNA, sent(8), 0.2) == NEXT
     assert trackers.admit(ANNA, sent(0), 0.25) == NEXT
@@ -199,14 +199,14 @@ def test_datagrams_that_are_late_or_repeated_are_dropped_unless_they_have_no_num
 
 
 def test_numbers_that_fall_far_are_a_restart() -> None:
-    trackers = Trackers()
+    trackers = SlimevrTrackers()
     connected(trackers, number=5000)
     assert trackers.admit(ANNA, sent(1), 0.2) == FIRST
     assert trackers.admit(ANNA, sent(2), 0.3) == NEXT
 
 
 def test_a_handshake_in_between_keeps_the_yaw_only_if_the_numbers_run_on() -> None:
-    trackers = Trackers()
+    trackers = SlimevrTrackers()
     connected(trackers, number=50)
     assert trackers.called(ANNA, BOARD, 1.0) is not None
     assert trackers.admit(ANNA, sent(51), 1.1) == AGAIN
@@ -215,7 +215,7 @@ def test_a_handshake_in_between_keeps_the_yaw_only_if_the_numbers_run_on() -> No
 
 
 def test_loss_is_told_once_and_the_same_tracker_may_come_back_without_a_handshake() -> None:
-    trackers = Trackers()
+    trackers = SlimevrTrackers()
     connected(trackers, number=50)
     assert [trackers.step(time_s) for time_s in (1.0, 3.0, 3.2, 4.0)] == [False, False, True, False]
     assert trackers.is_lost
@@ -224,7 +224,7 @@ def test_loss_is_told_once_and_the_same_tracker_may_come_back_without_a_handshak
 
 
 def test_two_phones_without_a_mac_do_not_displace_each_other() -> None:
-    trackers = Trackers()
+    trackers = SlimevrTrackers()
     connected(trackers, PHONE)
     assert trackers.called(BEN, PHONE, 0.2) is None
     assert trackers.admit(BEN, sent(100), 0.3) is None
@@ -237,7 +237,7 @@ def test_two_phones_without_a_mac_do_not_displace_each_other() -> None:
 
 
 def test_a_board_that_comes_back_at_another_address_is_the_same() -> None:
-    trackers = Trackers()
+    trackers = SlimevrTrackers()
     connected(trackers, number=50)
     elsewhere = ("192.168.1.77", 6969)
     assert trackers.called(elsewhere, BOARD, 0.5) is None  # while the first is there, it is another one
@@ -248,7 +248,7 @@ def test_a_board_that_comes_back_at_another_address_is_the_same() -> None:
 
 def test_only_the_named_tracker_is_answered() -> None:
     for name in (OTHER_BOARD.mac, BEN[0]):
-        trackers = Trackers(name)
+        trackers = SlimevrTrackers(name)
         assert trackers.called(ANNA, BOARD, 0.0) is None
         assert trackers.called(ANNA, BOARD, 2.0) is None
         assert trackers.admit(ANNA, sent(1), 2.1) is None
@@ -260,7 +260,7 @@ def test_only_the_named_tracker_is_answered() -> None:
 
 
 def test_a_second_tracker_that_was_answered_in_vain_is_let_go() -> None:
-    trackers = Trackers()
+    trackers = SlimevrTrackers()
     for address, board in ((ANNA, BOARD), (BEN, OTHER_BOARD)):
         assert trackers.called(address, board, 0.0) is not None
     assert trackers.admit(ANNA, sent(1), 0.1) == FIRST
@@ -269,11 +269,11 @@ def test_a_second_tracker_that_was_answered_in_vain_is_let_go() -> None:
 
 
 def test_callers_beyond_the_limit_are_ignored_but_for_the_named_one() -> None:
-    trackers = Trackers(BOARD.mac)
+    trackers = SlimevrTrackers(BOARD.mac)
     for number in range(100):
         trackers.called((f"10.0.0.{number}", 6969), PHONE, 0.0)
         trackers.called((f"10.0.1.{number}", 6969), BOARD, 0.0)
-        assert len(trackers._known) <= MOST_CALLERS
+        assert len(trackers._known) <= MAX_CALLERS
     assert trackers.called(ANNA, BOARD, 0.1) is not None
     assert trackers.admit(ANNA, sent(1), 0.2) == FIRST
     trackers.step(20.0)
@@ -295,7 +295,7 @@ def test_callers_beyond_the_limit_are_ignored_but_for_the_named_one() -> None:
 def test_any_sequence_of_datagrams_is_bounded_and_uses_one_tracker(
     events: list[tuple[int, Handshake | None, int, float]], wanted: str
 ) -> None:
-    trackers, now_s = Trackers(wanted), 0.0
+    trackers, now_s = SlimevrTrackers(wanted), 0.0
     for host, handshake, number, wait_s in events:
         now_s += wait_s
         address = (f"10.0.0.{host}", 6969)
@@ -306,4 +306,4 @@ def test_any_sequence_of_datagrams_is_bounded_and_uses_one_tracker(
             assert trackers.used.address == address
             assert not wanted or trackers.used.is_named(wanted)
         trackers.step(now_s)
-        assert len(trackers._known) <= MOST_CALLERS
+        assert len(trackers._known) <= MAX_CALLERS

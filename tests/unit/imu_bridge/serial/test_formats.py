@@ -247,7 +247,7 @@ def test_device_is_switched_to_quaternions_and_then_to_a_higher_rate(baud: int, 
     assert commands(reader) == ["ff aa 69 88 b5", "ff aa 24 01 00", "ff aa 02 08 02"]
     reader.feed(GOLDEN, 0)
     assert commands(reader) == ["ff aa 69 88 b5", "ff aa 02 00 02", rate]
-    assert "quaternions" in reader.told
+    assert "quaternions" in reader.notice
     reader.feed(GOLDEN * 50 + witmotion_packet(ANGLES, 0, 0, 0, 0) * 200, 0)
     assert commands(reader) == []
 

@@ -13,7 +13,7 @@ from pointit.services.imu_bridge.reading import Item, Reading, Reconnected
 from pointit.services.imu_bridge.serial.bno085 import LENGTH as BNO085_LENGTH
 from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
 from pointit.services.imu_bridge.serial.detection import Detection, Format, SerialConfig
-from pointit.services.imu_bridge.serial.framer import Framer
+from pointit.services.imu_bridge.serial.framer import SerialFramer
 from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.serial.witmotion import LENGTH as WITMOTION_LENGTH
@@ -34,35 +34,41 @@ POSTURE = rotation.from_azimuth_elevation(0.7, -0.3)
 
 @dataclass(frozen=True)
 class Kind:
-    make: Callable[[], Framer]
+    make: Callable[[], SerialFramer]
     packet: bytes
     end: bytes
     """Bytes behind which a packet is found, whatever was before."""
-    kept: Callable[[Framer], int]
+    kept: Callable[[SerialFramer], int]
     most_kept: int
 
 
 KINDS = {
-    "text": Kind(TextFramer, text(POSTURE), b"\n", lambda framer: framer._splitter.kept, LONGEST_LINE),  # type: ignore[attr-defined]
+    "text": Kind(
+        TextFramer,
+        text(POSTURE),
+        b"\n",
+        lambda framer: framer._splitter.buffered_bytes,  # type: ignore[attr-defined]
+        LONGEST_LINE,
+    ),
     "witmotion": Kind(
         lambda: WitMotionFramer(configure=True, baud=0),
         witmotion_quaternion(POSTURE),
         b"\0" * WITMOTION_LENGTH,
-        lambda framer: framer._cutter.kept,  # type: ignore[attr-defined]
+        lambda framer: framer._cutter.buffered_bytes,  # type: ignore[attr-defined]
         WITMOTION_LENGTH,
     ),
     "bno085": Kind(
         Bno085Framer,
         bno085_orientation(POSTURE),
         b"\0" * BNO085_LENGTH,
-        lambda framer: framer._cutter.kept,  # type: ignore[attr-defined]
+        lambda framer: framer._cutter.buffered_bytes,  # type: ignore[attr-defined]
         BNO085_LENGTH,
     ),
     "ximu3": Kind(
         Ximu3Framer,
         ximu3_quaternion(POSTURE, 77),
         b"\n",
-        lambda framer: framer.kept,  # type: ignore[attr-defined]
+        lambda framer: framer.buffered_bytes,  # type: ignore[attr-defined]
         LONGEST,
     ),
 }

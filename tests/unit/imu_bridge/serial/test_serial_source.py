@@ -15,7 +15,7 @@ from serial.tools import list_ports
 
 from pointit.geometry import rotation
 from pointit.runtime.config.plugins import FoundDevice
-from pointit.runtime.host.serial_port import PortSettings, is_open_elsewhere, open_port
+from pointit.runtime.host.serial_port import PortSettings, is_open_in_another_process, open_port
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Disconnected, Reading, Reconnected
 from pointit.services.imu_bridge.serial import source as serial_source
@@ -220,8 +220,8 @@ async def test_search_lists_all_ports_and_leaves_alone_those_of_other_programs(
         with (tmp_path / "held").open("rb") as port:
             holder = subprocess.Popen(["sleep", "600"], stdin=port)  # noqa: ASYNC220, S607
         try:
-            assert is_open_elsewhere(str(held.path))
-            assert not is_open_elsewhere(str(silent.path))
+            assert is_open_in_another_process(str(held.path))
+            assert not is_open_in_another_process(str(silent.path))
 
             def step() -> None:
                 wrist.send(LINE)

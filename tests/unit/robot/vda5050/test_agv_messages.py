@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from pointit.services.robot.drivers.vda5050.master_messages import (
     InstantAction,
     MessageEncoder,
-    Node,
     Order,
+    OrderNode,
     Version,
 )
-from pointit.vda5050.agv_messages import Connection, State, Visualization, blocked_by, parse
+from pointit.vda5050.agv_messages import AgvConnection, AgvState, Visualization, blocked_by, parse
 
 HEADER = """"headerId": 15, "timestamp": "2017-04-15T11:40:03.12Z", "version": "2.0.0",
   "manufacturer": "KIT", "serialNumber": "0001" """
@@ -41,7 +41,7 @@ state_fields = st.dictionaries(
 
 
 def test_a_state_of_the_specification_is_understood() -> None:
-    state = parse(State, STATE.encode())
+    state = parse(AgvState, STATE.encode())
     assert state is not None
     assert (state.header_id, state.order_id, state.order_update_id) == (15, "1234", 1)
     assert (state.last_node_id, state.last_node_sequence_id) == ("pumpenhaus_1", 4)
@@ -73,7 +73,7 @@ def test_a_state_of_the_specification_is_understood() -> None:
     ],
 )
 def test_an_agv_that_takes_no_orders_says_why(change: dict[str, object], sentence: str) -> None:
-    state = parse(State, json.dumps({**json.loads(STATE), **change}).encode())
+    state = parse(AgvState, json.dumps({**json.loads(STATE), **change}).encode())
     assert state is not None
     assert blocked_by(state) == sentence
 
@@ -84,18 +84,18 @@ def test_an_agv_that_takes_no_orders_says_why(change: dict[str, object], sentenc
     ids=lambda payload: str(payload)[:12],
 )
 def test_what_is_no_message_is_none(payload: object) -> None:
-    assert parse(State, payload) is None
+    assert parse(AgvState, payload) is None
 
 
 @given(st.binary(max_size=200) | anything.map(lambda each: json.dumps(each).encode()))
 def test_no_payload_raises(payload: bytes) -> None:
-    for kind in (Connection, State, Visualization):
+    for kind in (AgvConnection, AgvState, Visualization):
         parse(kind, payload)
 
 
 @given(state_fields)
 def test_no_state_with_wrong_fields_raises(fields: dict[str, object]) -> None:
-    state = parse(State, json.dumps({**json.loads(STATE), **fields}).encode())
+    state = parse(AgvState, json.dumps({**json.loads(STATE), **fields}).encode())
     if state is not None:
         assert len(blocked_by(state)) < 1000
 
@@ -109,7 +109,7 @@ def written_node(number: int, **place: float) -> dict[str, object]:
 @pytest.mark.parametrize("version", ["1.1.0", "2.0.0"])
 def test_orders_and_actions_are_written_as_the_specification_wants(version: Version) -> None:
     letterhead = MessageEncoder("uagv", version, "KIT", "0001", lambda: 1_492_256_403_120_000_000)
-    order = Order("o", 1, (Node(2, 0.5, 0.0), Node(4, 1.0, 0.123456, theta=1.5)), 0.5)
+    order = Order("o", 1, (OrderNode(2, 0.5, 0.0), OrderNode(4, 1.0, 0.123456, theta=1.5)), 0.5)
     topic, payload = letterhead.order(order, "f1")
     header = {
         "headerId": 0,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from pointit.vda5050.agv_messages import State, Visualization
+from pointit.vda5050.agv_messages import AgvState, Visualization
 from pointit.vda5050.map_velocity import MOVED_M, LastPose, MapVelocity, velocity_on_map
 
 
@@ -73,5 +73,5 @@ def test_agv_that_states_a_velocity_again_is_believed_again() -> None:
 
 
 def test_state_without_a_position_has_no_velocity() -> None:
-    message = State.model_validate({"velocity": ZERO})
+    message = AgvState.model_validate({"velocity": ZERO})
     assert MapVelocity().update(message, LastPose((0.0, 0.0), (0.4, 0.0), 1.0)) == (0.0, 0.0)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.vda5050.agv_messages import Connection, State, Visualization, blocked_by, parse
+from pointit.vda5050.agv_messages import AgvConnection, AgvState, Visualization, blocked_by, parse
 
 PLACE: dict[str, Any] = {"x": 4.0, "y": -2.0, "theta": 1.2, "mapId": "f2", "positionInitialized": True}
 IDLE: dict[str, Any] = {
@@ -31,10 +31,10 @@ IDLE: dict[str, Any] = {
 NONE: set[str] = set()
 
 
-def state(*missing: str, **change: object) -> State:
+def state(*missing: str, **change: object) -> AgvState:
     """Return the message with fields changed or missing; it must be understood."""
     fields = {name: value for name, value in {**IDLE, **change}.items() if name not in missing}
-    parsed = parse(State, json.dumps(fields).encode())
+    parsed = parse(AgvState, json.dumps(fields).encode())
     assert parsed is not None
     return parsed
 
@@ -277,14 +277,14 @@ def test_a_position_without_a_coordinate_is_none_and_the_rest_of_the_state_is_us
 def test_text_that_is_not_utf_8_and_a_byte_order_mark_lose_no_message() -> None:
     text = json.dumps({**IDLE, "manufacturer": "Bär"}, ensure_ascii=False)
     for payload in (text.encode("latin-1"), b"\xef\xbb\xbf" + text.encode(), text.encode() + b"\0"):
-        parsed = parse(State, payload)
+        parsed = parse(AgvState, payload)
         assert parsed is not None
         assert parsed.charge == 63.5
 
 
 @pytest.mark.parametrize("payload", [b"{}", b'{"state": "ON"}', b'"ON"', b"[]", b"21.5"])
 def test_json_of_other_devices_is_no_message(payload: bytes) -> None:
-    assert parse(State, payload) is None
+    assert parse(AgvState, payload) is None
     assert parse(Visualization, payload) is None
 
 
@@ -298,13 +298,13 @@ def test_json_of_other_devices_is_no_message(payload: bytes) -> None:
     ],
 )
 def test_spellings_of_a_connection_are_understood(written: str, read: str) -> None:
-    connection = parse(Connection, json.dumps({"headerId": None, "connectionState": written}).encode())
+    connection = parse(AgvConnection, json.dumps({"headerId": None, "connectionState": written}).encode())
     assert connection is not None
     assert (connection.connection_state, connection.unreadable) == (read, {})
 
 
 @pytest.mark.parametrize("written", ["UP", "", None, []])
 def test_a_connection_that_cannot_be_read_is_reported_by_name(written: object) -> None:
-    connection = parse(Connection, json.dumps({"headerId": 3, "connectionState": written}).encode())
+    connection = parse(AgvConnection, json.dumps({"headerId": 3, "connectionState": written}).encode())
     assert connection is not None
     assert set(connection.unreadable) == {"connectionState"}

@@ -13,7 +13,7 @@ STREAMS = frozenset({"tcp", "tls", "ws"})
 """Protocols that share the ports of TCP."""
 
 Place = tuple[bool, str, int]
-"""Whether the port is one of TCP's, host, port."""
+"""True if the port is one of TCP's, host, port."""
 
 
 def place_of(endpoint: str) -> Place | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pointit.bridges.ros2.outbound import values
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import Observation, Report
+from pointit.diagnosis.observation import DiagnosisReport, Observation
 from pointit.schemas import Health
 
 INFO, WARN, ERROR = 20, 30, 40
@@ -137,9 +137,9 @@ class Rosout:
 
 def _findings(name: str, health: Health, before: Health | None) -> dict[str, int]:
     """Return the level of each finding of `name` by a report and the one `before` it."""
-    reports = [Report(received_s=LONG_S, health=health)]
+    reports = [DiagnosisReport(received_s=LONG_S, health=health)]
     if before is not None and (before.host, before.pid) == (health.host, health.pid):
-        reports.insert(0, Report(received_s=LONG_S, health=before))
+        reports.insert(0, DiagnosisReport(received_s=LONG_S, health=before))
     seen = Observation(began_s=0.0, now_s=LONG_S, present=frozenset({name}), reports={name: reports})
     found: dict[str, int] = {}
     for each in diagnose(seen):  # the worst first

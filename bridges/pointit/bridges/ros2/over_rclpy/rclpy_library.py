@@ -27,7 +27,7 @@ class Rclpy:
     serialize: Callable[[object], bytes]
     deserialize: Callable[[bytes, type[object]], object]
     has_info: bool
-    """Whether callbacks get a `MessageInfo`: from Iron on."""
+    """True if callbacks get a `MessageInfo`: from Iron on."""
 
     def profile(self, qos: Qos) -> Profile:
         """Return `qos` as an rclpy profile."""

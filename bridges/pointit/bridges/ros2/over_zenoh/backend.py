@@ -44,7 +44,7 @@ class ZenohWriter(RosEndpoint[EndpointContext]):
         # Zenoh's caches do not expire: with a lifespan nothing is cached, rather than everything for ever.
         # Subscribers of a latched topic still receive later messages.
         self._writer = context.session.publisher(
-            context.rmw.key(topic, kind), kept=qos.depth if qos.lasts else 0, reliable=qos.reliable
+            context.rmw.key(topic, kind), cache_size=qos.depth if qos.lasts else 0, reliable=qos.reliable
         )
         self._token = context.announce("publisher", topic, kind, qos)
         context.ends.add(self)
@@ -100,7 +100,7 @@ class ZenohReader(RosEndpoint[EndpointContext]):
         subscriber = context.session.subscriber(
             key,
             lambda sample: queue.put(sample, is_oversized=sample.is_oversized(context.max_bytes)),
-            kept=qos.depth if qos and qos.latched else 0,
+            cache_size=qos.depth if qos and qos.latched else 0,
             reliable=qos is not None and qos.reliable,
         )
         return subscriber, queue

@@ -33,7 +33,8 @@ class Ros2RobotConfig(Config):
     """A robot that is a ROS 2 node."""
 
     backend: RobotBackendConfig = Field(
-        default=RobotBackendConfig(), description="how the driver joins the ROS graph, and as whom"
+        default=RobotBackendConfig(),
+        description="connection of the driver to the ROS graph, and its name there",
     )
     control: Literal["nav2", "setpoints"] = Field(
         default="nav2",
@@ -51,7 +52,7 @@ class Ros2RobotConfig(Config):
         default="map", min_length=1, max_length=150, description="frame in ROS of goals and of reported poses"
     )
     pose: PoseSource = Field(
-        default=PoseSource(type=TF, frame="base_link"), description="where the robot's pose comes from"
+        default=PoseSource(type=TF, frame="base_link"), description="source of the robot's pose"
     )
 
     @field_validator("action", "setpoint_topic")

@@ -73,7 +73,7 @@ class Person:
     hover: Hover | None = None
     steering: Steering | None = None
     is_here: bool = False
-    """Whether the site announces them."""
+    """True if the site announces them."""
     arm: Vec3 | None = None
     """Direction of the arm in {H}, a unit vector."""
     facing_rad: float = 0.0

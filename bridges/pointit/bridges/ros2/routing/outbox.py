@@ -26,7 +26,7 @@ class _Line:
         self.ros = ros
         self._site = site
         self._has_reader = has_reader
-        """Whether the ROS graph shows a subscriber."""
+        """True if the ROS graph shows a subscriber."""
         self._unread = unread
         self._is_read = False
         self._rate_limiter = RateLimiter(route.rate_hz)

@@ -55,9 +55,9 @@ class RouteChange(Config):
     rate_hz: Annotated[
         float | None, Field(gt=0, le=1000, description="highest rate, Hz; as in the table if empty")
     ] = None
-    enabled: Annotated[
-        bool | None, Field(description="whether the route is there; as in the table if empty")
-    ] = None
+    enabled: Annotated[bool | None, Field(description="true to have the route; as in the table if empty")] = (
+        None
+    )
     frame: Annotated[
         str | None, Field(max_length=MAX_NAME, description="name of its frame; as in the table if empty")
     ] = None
@@ -87,7 +87,7 @@ class RoutesFile(Config):
     )
     kinds: Annotated[
         tuple[Annotated[str, Field(min_length=1, max_length=64)], ...],
-        Field(min_length=1, max_length=255, description="what the numbers 0, 1, 2 ... of kinds mean"),
+        Field(min_length=1, max_length=255, description="meanings of the numbers 0, 1, 2 ... of kinds"),
     ] = KINDS
     routes: dict[str, RouteChange] = Field(default={}, description="changes by a route's name")
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pointit.bridges.web.wire import FindingLine, PersonLine, ServiceLine, Status
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import Finding, Observation, Report, expected_services
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, expected_services
 from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import Deployment, Health
 
@@ -44,7 +44,7 @@ class SiteObservation:
         """Time of leaving, by service that has left."""
         self._missed_s: dict[str, float] = {}
         """Time of the first expectation, by expected service that was never present."""
-        self._reports: dict[str, deque[Report]] = {}
+        self._reports: dict[str, deque[DiagnosisReport]] = {}
         self._began_run_s = -math.inf
         """Start of the scenario that runs, if another one ran before."""
         self._settled_s = -math.inf
@@ -83,7 +83,7 @@ class SiteObservation:
         if instance not in self._since_s:
             return
         reports = self._reports.setdefault(instance, deque())
-        reports.append(Report(received_s=now_s, health=health))
+        reports.append(DiagnosisReport(received_s=now_s, health=health))
         while now_s - reports[0].received_s > KEPT_S:
             reports.popleft()
 

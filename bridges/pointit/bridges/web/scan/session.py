@@ -24,7 +24,16 @@ from pointit.bridges.web.scan.wire import (
 from pointit.geometry.vector import Vec3
 from pointit.maps.edit.new_file import write_new
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
-from pointit.scan.views import KnownLength, LampSpec, Mark, Sighting, StripSpec, Survey, View, check_survey
+from pointit.scan.views import (
+    CameraView,
+    KnownLength,
+    LampSpec,
+    Mark,
+    StripSighting,
+    StripSpec,
+    Survey,
+    check_survey,
+)
 from pointit.schemas import LitPixels, Strip
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import check_name
@@ -114,7 +123,7 @@ class ScanSession:
         self._leds_per_m: dict[str, float] = {}
         self._begun = ScanBegin()
         self._lights: tuple[tuple[str, int], ...] = ()
-        self._views: list[View] = []
+        self._views: list[CameraView] = []
         self._things: dict[str, ScanThing] = {}
         self._solution: Solution | None = None
         self._solving: asyncio.Task[None] | None = None
@@ -178,8 +187,8 @@ class ScanSession:
             raise RefusedError(f"{MAX_VIEWS} views are enough: save the map, or begin again")
         if any(index >= len(self._lights) for index, _, _ in said.seen):
             raise RefusedError(CHANGED)
-        seen = tuple(Sighting(*self._lights[index], u, v) for index, u, v in said.seen)
-        view = View(said.width, said.height, seen, said.gravity)
+        seen = tuple(StripSighting(*self._lights[index], u, v) for index, u, v in said.seen)
+        view = CameraView(said.width, said.height, seen, said.gravity)
         try:
             check_survey(self._survey(()).strips, self._survey(()).lamps, (view,))
         except ConfigError as error:
@@ -297,7 +306,7 @@ class ScanSession:
         ]
         self._lights = tuple(lights[:MAX_LIGHTS])
 
-    def _survey(self, views: tuple[View, ...]) -> Survey:
+    def _survey(self, views: tuple[CameraView, ...]) -> Survey:
         per_m = self._begun.leds_per_m
         strips = tuple(
             StripSpec(name, count, 1.0 / per_m[name] if name in per_m else None)
@@ -317,7 +326,7 @@ class ScanSession:
 
     async def _solve_all(self) -> None:
         """Solve until no view has come meanwhile."""
-        views: tuple[View, ...] | None = None
+        views: tuple[CameraView, ...] | None = None
         try:
             while views != tuple(self._views):
                 views = tuple(self._views)

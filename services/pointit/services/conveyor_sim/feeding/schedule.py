@@ -65,7 +65,7 @@ def read_schedule(path: Path) -> ScheduleFile:
 
 
 @dataclass(frozen=True)
-class Step:
+class FeedingStep:
     """A step with its feeders."""
 
     name: str
@@ -77,7 +77,7 @@ class Step:
 class Schedule:
     """Runs the steps once; after the last one nothing is fed and the speed stays."""
 
-    def __init__(self, steps: Sequence[Step]) -> None:
+    def __init__(self, steps: Sequence[FeedingStep]) -> None:
         """Start with the first of `steps`, at least one."""
         self._steps = tuple(steps)
         self.restart()
@@ -97,7 +97,7 @@ class Schedule:
         return len(self._steps)
 
     @property
-    def step(self) -> Step:
+    def step(self) -> FeedingStep:
         """Return the current step, or the last one."""
         return self._steps[min(self.index, len(self._steps) - 1)]
 
@@ -135,7 +135,7 @@ def scheduled(config: ConveyorSimConfig, belts: Mapping[str, object], seed: int)
     if not config.schedule:
         return None
     path = expand_home(config.schedule)
-    steps: list[Step] = []
+    steps: list[FeedingStep] = []
     for name, entry in read_schedule(path).steps.items():
         feeders: list[Feeder] = []
         for feeder_name, feeder in entry.feeders.items():
@@ -144,7 +144,7 @@ def scheduled(config: ConveyorSimConfig, belts: Mapping[str, object], seed: int)
             supply = _supply(where, feeder, config)
             if entry.feed:
                 feeders.append(Feeder(f"{name}/{feeder_name}", (belt,), supply, seed=seed))
-        steps.append(Step(name, entry.speed, entry.duration, tuple(feeders)))
+        steps.append(FeedingStep(name, entry.speed, entry.duration, tuple(feeders)))
     return Schedule(steps)
 
 

@@ -63,8 +63,8 @@ class Junctions:
             along = section.direction(section.to_m)
             parts = any(float(a @ b) < APART for a in ahead for b in ahead)
             turns = any(float(along @ a) < SHARP for a in ahead)
-            meets = any(len(self._sections[index].predecessors) > 1 for index in section.successors)
-            if parts or turns or meets:
+            is_merge = any(len(self._sections[index].predecessors) > 1 for index in section.successors)
+            if parts or turns or is_merge:
                 centres.append(self._lines[section.index].vertices_m[-1])
         for section in self._sections:
             if section.target:

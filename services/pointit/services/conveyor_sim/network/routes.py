@@ -7,7 +7,7 @@ from pointit.services.conveyor_sim.network.network import Network
 from pointit.services.conveyor_sim.network.piece import NONE
 
 
-class Routes:
+class BeltRoutes:
     """Ways by bay, precomputed (Dijkstra). Without a bay: straight on, at ends by the first link."""
 
     def __init__(self, network: Network) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from pointit.services.conveyor_sim.network.network import Network
 from pointit.services.conveyor_sim.network.piece import NONE
-from pointit.services.conveyor_sim.network.routes import Routes
+from pointit.services.conveyor_sim.network.routes import BeltRoutes
 from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.right_of_way import RightOfWay, Way
 
@@ -17,7 +17,7 @@ class LastWay:
     """
 
     def __init__(
-        self, network: Network, routes: Routes, right_of_way: RightOfWay, speeds: Mapping[str, float]
+        self, network: Network, routes: BeltRoutes, right_of_way: RightOfWay, speeds: Mapping[str, float]
     ) -> None:
         """Use the belts' `speeds`, which other classes change."""
         self._pieces = network.pieces

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from pointit.services.conveyor_sim.network.junctions import SHARP
 from pointit.services.conveyor_sim.network.network import Network
 from pointit.services.conveyor_sim.network.piece import NONE, Piece
-from pointit.services.conveyor_sim.network.routes import Routes
+from pointit.services.conveyor_sim.network.routes import BeltRoutes
 from pointit.services.conveyor_sim.traffic.package import Package
 
 PAST_M = 1e-6
@@ -15,7 +15,7 @@ Way = tuple[int, ...]
 """Pieces in order."""
 
 
-class Request(NamedTuple):
+class EntryRequest(NamedTuple):
     """Request of a package to enter a junction."""
 
     turn: int
@@ -36,7 +36,7 @@ class RightOfWay:
     def __init__(
         self,
         network: Network,
-        routes: Routes,
+        routes: BeltRoutes,
         longest_m: float,
         *,
         held: Sequence[Sequence[Package]],
@@ -53,7 +53,7 @@ class RightOfWay:
         for piece in network.pieces:
             if piece.junction != NONE:
                 self._members[piece.junction].append(piece.index)
-        self._waiting: list[dict[Package, Request]] = [{} for _ in range(network.junctions)]
+        self._waiting: list[dict[Package, EntryRequest]] = [{} for _ in range(network.junctions)]
         """By junction: the last requests of packages that wait, in order of arrival."""
         self.turn = 0
         """Number of steps of the conveyor."""
@@ -75,15 +75,15 @@ class RightOfWay:
         """Ask for `package` to enter a junction ahead on `way`. Return True if it may enter now."""
         junction = self._pieces[way[0]].junction
         if self._ring_takes(package, way):
-            request = Request(self.turn, way[-1], is_ready=self._has_room(package, way))
+            request = EntryRequest(self.turn, way[-1], is_ready=self._has_room(package, way))
         else:  # packages on the ring go first
-            request = Request(self.turn, NONE, is_ready=False)
+            request = EntryRequest(self.turn, NONE, is_ready=False)
         is_open = self._is_on(way, junction) if self._is_straight(way) else not self.inside(junction)
         return self._may_enter(package, junction, request, is_open=is_open)
 
     def admits_back(self, package: Package, junction: int, belt: Way) -> bool:
         """Ask for `package`, whose `belt` runs backwards, to enter `junction`. Return True if it may now."""
-        request = Request(self.turn, NONE, is_ready=True)
+        request = EntryRequest(self.turn, NONE, is_ready=True)
         return self._may_enter(package, junction, request, is_open=self._is_on(belt, junction))
 
     def takes(self, piece: int) -> bool:
@@ -92,7 +92,7 @@ class RightOfWay:
         is_free = junction == NONE or not self.inside(junction)
         return is_free and (ring == NONE or self._on_ring(ring) <= self._rings.capacity[ring])
 
-    def _may_enter(self, package: Package, junction: int, request: Request, *, is_open: bool) -> bool:
+    def _may_enter(self, package: Package, junction: int, request: EntryRequest, *, is_open: bool) -> bool:
         waiting = self._waiting[junction]
         for gone in [other for other, before in waiting.items() if before.turn < self.turn - 1]:
             del waiting[gone]  # it stopped asking

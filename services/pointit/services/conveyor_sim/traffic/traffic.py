@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from pointit.services.conveyor_sim.network.network import Network
 from pointit.services.conveyor_sim.network.piece import NONE, Piece
-from pointit.services.conveyor_sim.network.routes import Routes
+from pointit.services.conveyor_sim.network.routes import BeltRoutes
 from pointit.services.conveyor_sim.traffic.last_way import LastWay
 from pointit.services.conveyor_sim.traffic.package import Package
 from pointit.services.conveyor_sim.traffic.right_of_way import RightOfWay
@@ -26,7 +26,7 @@ class Traffic:
     at any speed, and a held package holds those behind it.
     """
 
-    def __init__(self, network: Network, routes: Routes, *, longest_m: float) -> None:
+    def __init__(self, network: Network, routes: BeltRoutes, *, longest_m: float) -> None:
         """Create empty belts at rest; `longest_m` is that for which `network` has its junctions."""
         self.network = network
         self.longest_m = longest_m
@@ -36,19 +36,19 @@ class Traffic:
         self._right_of_way = RightOfWay(network, routes, longest_m, held=self.held, speeds=self.speeds)
         self.last_way = LastWay(network, routes, self._right_of_way, self.speeds)
         self._routes = routes
-        self._most_m = longest_m
+        self._longest_m = longest_m
         """Length of the longest package so far."""
         self._order = list(network.front_first)
 
     @property
     def packages(self) -> Iterator[Package]:
         """Yield every package, belt by belt."""
-        return (package for held in self.held for package in held)
+        return (package for blocked_packages in self.held for package in blocked_packages)
 
     @property
     def size(self) -> int:
         """Return the number of packages."""
-        return sum(len(held) for held in self.held)
+        return sum(len(blocked_packages) for blocked_packages in self.held)
 
     @property
     def step_s(self) -> float:
@@ -71,8 +71,8 @@ class Traffic:
 
     def clear(self) -> None:
         """Remove all packages."""
-        for held in self.held:
-            held.clear()
+        for blocked_packages in self.held:
+            blocked_packages.clear()
 
     def put(self, package: Package, piece: Piece, offset_m: float) -> None:
         """Put `package` at `offset_m` of `piece`, after `is_clear` returned True."""
@@ -101,7 +101,7 @@ class Traffic:
     def move(self, elapsed_s: float) -> list[Package]:
         """Advance by `elapsed_s`, at most `step_s`. Return the packages that left at an end, in order."""
         turn = self._right_of_way.turn = self._right_of_way.turn + 1
-        passed: list[Package] = []
+        passed_packages: list[Package] = []
         for index in self._order:
             if not self.held[index]:
                 continue
@@ -109,19 +109,19 @@ class Traffic:
             for package in self.held[index][:: -1 if is_ahead else 1]:
                 if package.turn != turn:  # it may have come in this step from a piece that moved earlier
                     package.turn = turn
-                    self._advance(package, elapsed_s, passed)
-        return passed
+                    self._advance(package, elapsed_s, passed_packages)
+        return passed_packages
 
     def _speed(self, piece: Piece) -> float:
         speed_mps = self.speeds[piece.belt]
         return max(0.0, speed_mps) if piece.target else speed_mps  # bridges do not run backwards
 
     def _insert(self, package: Package) -> None:
-        held = self.held[package.piece]
-        held.insert(bisect_left(held, package.offset_m, key=_offset_m), package)
-        self._most_m = max(self._most_m, package.length_m)
+        blocked_packages = self.held[package.piece]
+        blocked_packages.insert(bisect_left(blocked_packages, package.offset_m, key=_offset_m), package)
+        self._longest_m = max(self._longest_m, package.length_m)
 
-    def _advance(self, package: Package, elapsed_s: float, passed: list[Package]) -> None:
+    def _advance(self, package: Package, elapsed_s: float, passed_packages: list[Package]) -> None:
         """Move `package`, the first of those of its piece that have not moved yet."""
         while True:
             piece = self.network.pieces[package.piece]
@@ -150,7 +150,7 @@ class Traffic:
                 return
             self.held[piece.index].remove(package)
             if is_end:
-                passed.append(package)
+                passed_packages.append(package)
                 return
             elapsed_s = max(0.0, elapsed_s - left_m / abs(speed_mps))
             entered = self.network.pieces[following]
@@ -185,10 +185,16 @@ class Traffic:
 
         `package` may not be put on its piece yet. `further_m` is looked beyond the longest one's reach.
         """
-        pieces, held = self.network.pieces, self.held[package.piece]
-        is_there = package in held
-        here = held.index(package) if is_there else bisect_left(held, package.offset_m, key=_offset_m)
-        for other in held[here + is_there :][:1] if is_ahead else held[max(here - 1, 0) : here]:
+        pieces, blocked_packages = self.network.pieces, self.held[package.piece]
+        is_there = package in blocked_packages
+        here = (
+            blocked_packages.index(package)
+            if is_there
+            else bisect_left(blocked_packages, package.offset_m, key=_offset_m)
+        )
+        for other in (
+            blocked_packages[here + is_there :][:1] if is_ahead else blocked_packages[max(here - 1, 0) : here]
+        ):
             apart_m = abs(other.offset_m - package.offset_m)
             return apart_m - (package.length_m + other.length_m) / 2.0, other.speed_mps
         piece = pieces[package.piece]
@@ -197,7 +203,7 @@ class Traffic:
         seen = {package.piece}
         while waiting:
             far_m, piece = waiting.pop()
-            if far_m > self._most_m + further_m:
+            if far_m > self._longest_m + further_m:
                 continue
             for index in piece.successors if is_ahead else piece.predecessors:
                 beyond, there = pieces[index], self.held[index]

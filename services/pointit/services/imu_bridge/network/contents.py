@@ -10,7 +10,7 @@ from pointit.services.imu_bridge.streams.json_content import Order
 
 
 class DatagramError(ValueError):
-    """A datagram cannot be used; the message, a clause, says why."""
+    """A datagram cannot be used; the message, a clause, is the reason."""
 
 
 def orientation(numbers: Sequence[float], order: Order) -> Quaternion:

@@ -12,7 +12,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.port_source import PortSource
-from pointit.services.imu_bridge.network.sender_choice import MOST_OTHERS, RESTARTED_S, SenderChoice
+from pointit.services.imu_bridge.network.sender_choice import MAX_OTHERS, RESTARTED_S, SenderChoice
 from pointit.services.imu_bridge.network.udp_server import Address
 from pointit.services.imu_bridge.reading import Disconnected, Item, Reconnected
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
@@ -70,7 +70,7 @@ class DatagramConfig(AddressConfig):
 class Decoder(ABC):
     """Reads the datagrams of one device, from its connection on."""
 
-    doubt: str = ""
+    uncertainty: str = ""
     """Sentence about what was guessed of its format, with what to set, or `""`."""
     problem: str = ""
     """Clause about what could not be read in a datagram beside what could, or `""`. The owner resets it."""
@@ -152,9 +152,9 @@ class DatagramSource(PortSource):
 
     def _new_decoder(self, sender: Address) -> Decoder:
         host, decoder = sender[0], self._make_decoder()
-        if len(self._decoders) >= MOST_OTHERS:
+        if len(self._decoders) >= MAX_OTHERS:
             del self._decoders[next(iter(self._decoders))]
-        if len(self._sensors) >= MOST_OTHERS:
+        if len(self._sensors) >= MAX_OTHERS:
             del self._sensors[next(iter(self._sensors))]
         decoder.sensors = self._sensors.setdefault(host, decoder.sensors)
         self._decoders[sender] = decoder
@@ -184,7 +184,7 @@ class DatagramSource(PortSource):
             else "",
         )
         decoder = None if used is None else self._decoders.get(used)
-        self._health.warn("order", "" if decoder is None else decoder.doubt)
+        self._health.warn("order", "" if decoder is None else decoder.uncertainty)
         if self._bad_s is not None and now_s - self._bad_s > BAD_S:
             self._bad_s, self._bad_count = None, 0
         self._health.warn(

@@ -20,7 +20,7 @@ from pointit.services.imu_bridge.streams.json_content import Order, component
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 LONGEST_DATAGRAM = 8192
-MOST_MESSAGES = 64
+MAX_MESSAGES = 64
 DEEPEST = 4
 """Bundles within bundles that are read."""
 IMMEDIATELY = 1
@@ -77,7 +77,7 @@ def parse_each(data: bytes) -> tuple[list[OscMessage], str]:
     messages: list[OscMessage] = []
     problem = ""
     for content, time_ns in _contents(data, None, 0):
-        if len(messages) >= MOST_MESSAGES:
+        if len(messages) >= MAX_MESSAGES:
             break
         try:
             messages.append(_message(content, time_ns))
@@ -216,7 +216,7 @@ ZIG_SIM = "/ZIGSIM/"
 """Beginning of addresses of ZIG SIM on iPhones; before, and on Android, they begin with the device's name."""
 SENSORS = "/sensors"
 """NGIMU's rates, °/s, then its accelerations, g."""
-MOST_SHOWN = 4
+MAX_SHOWN = 4
 """Number of addresses without an orientation that a warning names."""
 MAX_POSITIONS = 64
 """Number of addresses and formats of which the position of the quaternion is known."""
@@ -343,11 +343,11 @@ class OscDecoder(Decoder):
         if address == "/battery" and len(numbers) >= 3:
             return self._changed_battery(numbers)
         if address.endswith("/deviceinfo"):
-            self._zig_sim, self.doubt = f"{address.removesuffix('deviceinfo')}quaternion", ""
+            self._zig_sim, self.uncertainty = f"{address.removesuffix('deviceinfo')}quaternion", ""
         if address.rpartition("/")[2] == "button":
             is_pressed = not numbers or numbers[-1] > 0
             return Press(stamp_ns) if is_pressed and not self._is_of_other(address) else None
-        if not self._has_orientation and len(self._addresses) < MOST_SHOWN:
+        if not self._has_orientation and len(self._addresses) < MAX_SHOWN:
             self._addresses[address] = None
             self.unused = (
                 f"gets messages ({', '.join(self._addresses)}), but none with a quaternion: switch it on in "
@@ -429,7 +429,7 @@ class OscDecoder(Decoder):
             has_name = address.count("/") == 2 and address.endswith("/quaternion")
             order = "xyzw" if is_zig_sim or has_name else "wxyz"
             if not is_zig_sim:
-                self.doubt = (
+                self.uncertainty = (
                     f"the order of the numbers at {address} is not known; they are read as {order}: set "
                     "osc.order to wxyz or xyzw"
                 )

@@ -9,8 +9,8 @@ RESTARTED_S = 3.0
 restarted, s."""
 OTHERS_S = 5.0
 """Time for which another sender is named, s."""
-MOST_OTHERS = 8
-MOST_RIVALS = 64
+MAX_OTHERS = 8
+MAX_RIVALS = 64
 ROAMING = 8
 """Number of other ports of its machine, while it is silent, that show a new port for each datagram."""
 
@@ -27,7 +27,7 @@ class SenderChoice:
         self._excludes_rivals = excludes_rivals
         self.used: Address | None = None
         """Sender in use."""
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._others: dict[Address, float] = {}
         self._ports: set[int] = set()
         """Other ports of its machine that were heard since it was."""
@@ -44,18 +44,18 @@ class SenderChoice:
         """Return True if `address` is that of the sender in use."""
         return self.used is not None and self.name(address) == self.name(self.used)
 
-    def may_use(self, address: Address, now_s: float, patience_s: float = REPLACED_S) -> bool:
+    def may_use(self, address: Address, now_s: float, timeout_s: float = REPLACED_S) -> bool:
         """Return True if datagrams of `address` may be used; else remember it.
 
         Args:
             address: sender.
             now_s: the time, s.
-            patience_s: time for which the sender in use must have been silent, s. At most `RESTARTED_S` for
+            timeout_s: time for which the sender in use must have been silent, s. At most `RESTARTED_S` for
                 its own machine.
         """
         is_beside = self.used is not None and address[0] == self.used[0]
-        patience_s = min(patience_s, RESTARTED_S) if is_beside else patience_s
-        is_free = self.used is None or self.is_used(address) or now_s - self._heard_s > patience_s
+        timeout_s = min(timeout_s, RESTARTED_S) if is_beside else timeout_s
+        is_free = self.used is None or self.is_used(address) or now_s - self._received_s > timeout_s
         if is_free and self._wanted in ("", address[0]) and (self._wanted or not self._is_rival(address)):
             return True
         if is_beside:
@@ -63,15 +63,15 @@ class SenderChoice:
             if len(self._ports) == ROAMING:
                 self._roaming, self._others = address[0], {}
                 return True
-        if address in self._others or len(self._others) < MOST_OTHERS:
+        if address in self._others or len(self._others) < MAX_OTHERS:
             self._others[address] = now_s
         return False
 
     def use(self, address: Address, now_s: float) -> None:
         """Use `address`, which has sent something readable."""
-        if self._excludes_rivals and address == self.used and len(self._rivals) < MOST_RIVALS:
+        if self._excludes_rivals and address == self.used and len(self._rivals) < MAX_RIVALS:
             self._rivals |= {each if each[0] == address[0] else (each[0], 0) for each in self._others}
-        self.used, self._heard_s = address, now_s
+        self.used, self._received_s = address, now_s
         self._ports.clear()
         self._others.pop(address, None)
 

@@ -16,8 +16,8 @@ from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
 from pointit.services.imu_bridge.network.port_source import PortSource
 from pointit.services.imu_bridge.network.sender_choice import REPLACED_S, SenderChoice
-from pointit.services.imu_bridge.network.slimevr_protocol import Datagram, Handshake
-from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, overhear
+from pointit.services.imu_bridge.network.slimevr_protocol import Handshake, SlimevrDatagram
+from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, receive_shared
 from pointit.services.imu_bridge.reading import (
     Battery,
     Disconnected,
@@ -29,7 +29,7 @@ from pointit.services.imu_bridge.reading import (
 )
 from pointit.services.imu_bridge.sources import ImuSource
 
-MOST_CALLERS = 16
+MAX_CALLERS = 16
 """Trackers that are remembered at the same time; further ones are ignored."""
 SILENT_S = 1.0
 """Time without a datagram after which a tracker may be answered at another address."""
@@ -42,7 +42,7 @@ LATE = 100
 
 
 @dataclass(slots=True)
-class Tracker:
+class SlimevrTracker:
     """A tracker that called."""
 
     address: Address
@@ -50,7 +50,7 @@ class Tracker:
     called_s: float
     """Time of its first handshake without an answer, s."""
     newest_call_s: float
-    heard_s: float
+    received_s: float
     is_answered: bool = False
     has_sent: bool = False
     """True if it has sent a datagram since its handshake."""
@@ -83,28 +83,28 @@ class Admission:
     """True if the numbers ran on, so that the tracker was not restarted meanwhile."""
 
 
-class Trackers:
+class SlimevrTrackers:
     """Chooses the tracker of one person among those that call."""
 
     def __init__(self, wanted: str = "") -> None:
         """Use the tracker with the MAC or IP address `wanted`, or the first that sends if it is `""`."""
         self._wanted = wanted
-        self._known: dict[Address, Tracker] = {}
+        self._known: dict[Address, SlimevrTracker] = {}
         self._senders = SenderChoice()
-        self.used: Tracker | None = None
+        self.used: SlimevrTracker | None = None
         """The tracker whose datagrams are used, or None."""
         self.is_lost = True
         """True if there is none, or if it is out of reach."""
 
-    def called(self, address: Address, handshake: Handshake, now_s: float) -> Tracker | None:
+    def called(self, address: Address, handshake: Handshake, now_s: float) -> SlimevrTracker | None:
         """Return the tracker if it is to be answered, else None."""
         tracker = self._known.get(address)
         if tracker is None or tracker.handshake != handshake:
-            tracker = Tracker(address, handshake, now_s, now_s, now_s)
+            tracker = SlimevrTracker(address, handshake, now_s, now_s, now_s)
             if address not in self._known and not self._has_room(tracker):
                 return None
             self._known[address] = tracker
-        tracker.newest_call_s = tracker.heard_s = now_s
+        tracker.newest_call_s = tracker.received_s = now_s
         if not self._may_be_used(tracker, now_s):
             tracker.is_answered = False
             return None
@@ -117,7 +117,7 @@ class Trackers:
         tracker.called_s = now_s
         return tracker
 
-    def admit(self, address: Address, datagram: Datagram, now_s: float) -> Admission | None:
+    def admit(self, address: Address, datagram: SlimevrDatagram, now_s: float) -> Admission | None:
         """Return the use of a datagram, or None if it is late or not of the tracker in use."""
         tracker = self._known.get(address)
         if tracker is None or not tracker.is_answered:
@@ -133,7 +133,7 @@ class Trackers:
         is_reconnected = is_first or has_restarted or self.used is not tracker or self.is_lost
         keeps_yaw = number > before > 0 or (not is_first and not has_restarted and self.used is tracker)
         tracker.number = number or (0 if is_first else before)
-        tracker.has_sent, tracker.heard_s = True, now_s
+        tracker.has_sent, tracker.received_s = True, now_s
         self.used, self.is_lost = tracker, False
         self._senders.use(address, now_s)
         return Admission(is_reconnected, is_reconnected and keeps_yaw)
@@ -141,17 +141,17 @@ class Trackers:
     def step(self, now_s: float) -> bool:
         """Forget trackers that are gone. Return True if the one in use has just been lost."""
         for address, tracker in [*self._known.items()]:
-            if tracker is not self.used and now_s - tracker.heard_s > REPLACED_S:
+            if tracker is not self.used and now_s - tracker.received_s > REPLACED_S:
                 del self._known[address]
-        if self.is_lost or self.used is None or now_s - self.used.heard_s <= LOST_S:
+        if self.is_lost or self.used is None or now_s - self.used.received_s <= LOST_S:
             return False
         self.is_lost = True
         return True
 
-    def answered(self, now_s: float) -> list[Tracker]:
+    def answered(self, now_s: float) -> list[SlimevrTracker]:
         """Return the trackers that expect to hear from the server."""
         known = self._known.values()
-        return [each for each in known if each.is_answered and now_s - each.heard_s <= REPLACED_S]
+        return [each for each in known if each.is_answered and now_s - each.received_s <= REPLACED_S]
 
     def others(self, now_s: float) -> list[str]:
         """Return the labels of trackers that have called for a while and that nobody answers."""
@@ -163,17 +163,17 @@ class Trackers:
             and tracker.newest_call_s - tracker.called_s >= SILENT_S
         ]
 
-    def _has_room(self, tracker: Tracker) -> bool:
+    def _has_room(self, tracker: SlimevrTracker) -> bool:
         """Return True if `tracker` may be remembered. The one that is named always may."""
-        if len(self._known) < MOST_CALLERS:
+        if len(self._known) < MAX_CALLERS:
             return True
         if not (self._wanted and tracker.is_named(self._wanted)):
             return False
         rest = [each for each in self._known.values() if each is not self.used]
-        del self._known[min(rest, key=lambda each: each.heard_s).address]
+        del self._known[min(rest, key=lambda each: each.received_s).address]
         return True
 
-    def _may_be_used(self, tracker: Tracker, now_s: float) -> bool:
+    def _may_be_used(self, tracker: SlimevrTracker, now_s: float) -> bool:
         if self._wanted and not tracker.is_named(self._wanted):
             return False
         mac = tracker.handshake.mac
@@ -184,7 +184,7 @@ class Trackers:
 TAKEN = (
     "end the program that has it, such as a SlimeVR server, or set slimevr.port here and in the tracker's app"
 )
-MOST_FOUND = 64
+MAX_FOUND = 64
 BAD_S = 10.0
 """Time for which packets that cannot be read are told, s."""
 STEP_S = 0.4
@@ -201,10 +201,10 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
     found: dict[str, FoundDevice] = {}
 
     def on_datagram(data: bytes, address: Address) -> None:
-        datagram = protocol.decode(data) if len(found) < MOST_FOUND else None
+        datagram = protocol.decode(data) if len(found) < MAX_FOUND else None
         for packet in datagram.packets if datagram is not None else ():
             if isinstance(packet, protocol.Handshake):
-                tracker = Tracker(address, packet, 0.0, 0.0, 0.0)
+                tracker = SlimevrTracker(address, packet, 0.0, 0.0, 0.0)
                 details: dict[str, str | float] = {
                     "ip": address[0],
                     "firmware": packet.firmware,
@@ -213,7 +213,7 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
                 label = f"{tracker.label()}; set imu-bridge.slimevr.host={ANY_HOST}"
                 found[tracker.identity] = FoundDevice(tracker.identity, label, details)
 
-    await overhear(protocol.PORT, seconds, on_datagram, remedy=TAKEN)
+    await receive_shared(protocol.PORT, seconds, on_datagram, remedy=TAKEN)
     return [found[identity] for identity in sorted(found)]
 
 
@@ -261,7 +261,7 @@ class SlimevrSource(PortSource):
     def __init__(self, config: SlimevrConfig, clock: Clock, health: HealthSink) -> None:
         super().__init__("slimevr", (config.host, config.port), clock, health, remedy=TAKEN, is_shared=True)
         self._config = config
-        self._trackers = Trackers(config.tracker)
+        self._trackers = SlimevrTrackers(config.tracker)
         self._battery: Battery | None = None
         self._sensors: set[int] = set()
         self._pinged_s = 0.0
@@ -334,12 +334,14 @@ class SlimevrSource(PortSource):
             if item is not None:
                 self._pass_on(item)
 
-    def _item(self, packet: protocol.Packet, used: Tracker, stamp_ns: int, now_s: float) -> Item | None:
+    def _item(
+        self, packet: protocol.Packet, used: SlimevrTracker, stamp_ns: int, now_s: float
+    ) -> Item | None:
         match packet:
             case protocol.Rotation(sensor, orientation_xyzw):
                 self._sensors.add(sensor)
                 return Reading(stamp_ns, orientation_xyzw) if sensor == self._config.sensor else None
-            case protocol.Button(gesture):
+            case protocol.SlimevrButton(gesture):
                 return Press(stamp_ns, gesture)
             case protocol.BatteryLevel(level, volts):
                 before, self._battery = self._battery, Battery(level, volts)
@@ -350,7 +352,7 @@ class SlimevrSource(PortSource):
                 self._answer(packet, used, now_s)
                 return None
 
-    def _answer(self, packet: protocol.Packet, used: Tracker, now_s: float) -> None:
+    def _answer(self, packet: protocol.Packet, used: SlimevrTracker, now_s: float) -> None:
         match packet:
             case protocol.SensorInfo(sensor, status):
                 self._send(protocol.sensor_answer(packet), used)
@@ -366,7 +368,7 @@ class SlimevrSource(PortSource):
             case _:
                 pass
 
-    def _send(self, data: bytes, tracker: Tracker) -> None:
+    def _send(self, data: bytes, tracker: SlimevrTracker) -> None:
         self._server.send(data, tracker.address)
 
     def _warn_sensor(self, clause: str) -> None:

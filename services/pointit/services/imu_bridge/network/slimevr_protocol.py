@@ -15,7 +15,7 @@ from pointit.services.imu_bridge.network.contents import DatagramError, orientat
 
 PORT = 6969
 LONGEST_DATAGRAM = 1500
-MOST_BUNDLED = 64
+MAX_BUNDLED = 64
 """Packets of a bundle that are read; the rest is dropped."""
 WHOLE_TRACKER = 255
 """Number in place of a sensor's, for the tracker as a whole."""
@@ -71,7 +71,7 @@ class BatteryLevel:
 
 
 @dataclass(frozen=True, slots=True)
-class Button:
+class SlimevrButton:
     """A tap, or a press of a button."""
 
     gesture: Gesture
@@ -117,7 +117,7 @@ Packet = (
     Handshake
     | Rotation
     | BatteryLevel
-    | Button
+    | SlimevrButton
     | SensorInfo
     | SensorFault
     | SignalStrength
@@ -127,7 +127,7 @@ Packet = (
 
 
 @dataclass(frozen=True, slots=True)
-class Datagram:
+class SlimevrDatagram:
     """Content of a datagram, without packets of other kinds or without sense."""
 
     number: int
@@ -137,7 +137,7 @@ class Datagram:
     """Packets that are too short, or whose numbers make no sense."""
 
 
-def decode(data: bytes) -> Datagram | None:
+def decode(data: bytes) -> SlimevrDatagram | None:
     """Return the content of `data`, or None if a SlimeVR tracker sends no such datagram."""
     if not _HEAD.size <= len(data) <= LONGEST_DATAGRAM:
         return None
@@ -155,7 +155,7 @@ def decode(data: bytes) -> Datagram | None:
             packets.append(packet)
     if kind in (HANDSHAKE, PING):  # the former has none, the latter is an echo of ours
         number = 0
-    return Datagram(number, tuple(packets), unreadable)
+    return SlimevrDatagram(number, tuple(packets), unreadable)
 
 
 def ping(number: int) -> bytes:
@@ -179,7 +179,7 @@ def _bundled(kind: int, payload: bytes) -> Iterator[tuple[int, bytes]]:
         return
     length_bytes, kind_bytes = (2, 4) if kind == BUNDLE else (1, 1)
     at = 0
-    for _ in range(MOST_BUNDLED):
+    for _ in range(MAX_BUNDLED):
         begin = at + length_bytes
         at = begin + int.from_bytes(payload[at:begin])
         if at > len(payload) or begin >= len(payload):
@@ -199,7 +199,7 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
         case 12:
             return _battery(payload)
         case 13:
-            return Button("double" if payload[1] & _DOUBLE_TAP else "press")
+            return SlimevrButton("double" if payload[1] & _DOUBLE_TAP else "press")
         case 14:
             return SensorFault(payload[0], payload[1])
         case 15:
@@ -212,14 +212,14 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
         case 19:
             return SignalStrength(float(struct.unpack_from(">xb", payload)[0]))
         case 21:
-            return Button(_ACTIONS[payload[0]]) if payload[0] in _ACTIONS else None
+            return SlimevrButton(_ACTIONS[payload[0]]) if payload[0] in _ACTIONS else None
         case 22:
             return FlagsRequest()
         case 23:
             sensor, *parts = struct.unpack_from(">B4h", payload)
             return Rotation(sensor, orientation([part / 32768 for part in parts], "xyzw"))
         case 60:
-            return Button("press")
+            return SlimevrButton("press")
         case _:
             return None
 

@@ -26,7 +26,7 @@ from pointit.services.imu_bridge.streams.json_content import (
 from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 LONGEST_DATAGRAM = 4096
-MOST_LINES = 64
+MAX_LINES = 64
 TOGETHER_NS = NS_PER_S // 10
 """Largest age of the acceleration that belongs to a rate, ns."""
 MIN_UNIX_MS, MAX_UNIX_MS = 1e12, 1e13
@@ -84,8 +84,8 @@ class UdpDecoder(Decoder):
         return self._text(text, stamp_ns)
 
     def _text(self, text: bytes, stamp_ns: int) -> Sequence[Item]:
-        found: list[Item] = []
-        for line in text.splitlines()[:MOST_LINES]:
+        items: list[Item] = []
+        for line in text.splitlines()[:MAX_LINES]:
             try:
                 parsed = self._lines.parse(line)
             except LineError as error:
@@ -93,12 +93,12 @@ class UdpDecoder(Decoder):
                 continue
             if isinstance(parsed, ButtonLine):
                 if not self.sensors.is_other(*parsed.names):
-                    found.append(Press(stamp_ns, parsed.gesture))
+                    items.append(Press(stamp_ns, parsed.gesture))
             elif parsed is not None and self.sensors.accepts(*parsed.names):
-                found.append(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
-        if self.problem and not found:
+                items.append(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
+        if self.problem and not items:
             raise DatagramError(self.problem)
-        return found
+        return items
 
     def _json(self, text: bytes, stamp_ns: int) -> Sequence[Item]:
         try:
@@ -193,7 +193,7 @@ UDP = ImuSource(
 
 
 def _unix_ns(content: Mapping[str, Any]) -> int | None:
-    """Return the Unix time of a message in ns. Since its unit is not stated, it is told by the amount."""
+    """Return the Unix time of a message in ns. Since its unit is not stated, it follows from the amount."""
     time = content.get("timestamp")
     if not isinstance(time, int | float) or isinstance(time, bool) or not MIN_UNIX_MS <= time < 2**62:
         return None

@@ -15,7 +15,7 @@ SocketAddress = tuple[str, int] | tuple[str, int, int, int]
 MAPPED = "::ffff:"
 """Beginning of an address of IPv4 at a socket of IPv6 (RFC 4291, 2.5.5.2)."""
 LONGEST_DATAGRAM = 65536
-MOST_AT_ONCE = 512
+MAX_AT_ONCE = 512
 """Datagrams that are read before other work of the loop has its turn. Linux keeps about 300 small ones."""
 RETRY_S = 2.0
 """Wait before a port is opened again, s."""
@@ -117,7 +117,7 @@ class UdpServer(asyncio.DatagramProtocol):
             link.close()
 
     def _read(self, waiting: socket.socket) -> None:
-        for _ in range(MOST_AT_ONCE):
+        for _ in range(MAX_AT_ONCE):
             try:
                 data, sender = waiting.recvfrom(LONGEST_DATAGRAM)
             except OSError:  # that was all, or nobody listens there any more
@@ -186,7 +186,7 @@ class _Problem(NullHealth):
         self.sentence = ""
 
 
-async def overhear(
+async def receive_shared(
     port: int, seconds: float, on_datagram: Callable[[bytes, Address], None], *, remedy: str
 ) -> None:
     """Receive what devices of the network send to `port` for so many seconds, beside others that share it.
@@ -206,8 +206,8 @@ async def overhear(
 class DatagramLimit:
     """Limits the datagrams of a second, so that a flood costs little."""
 
-    def __init__(self, most_per_s: int = 2000) -> None:
-        self._most = most_per_s
+    def __init__(self, max_per_s: int = 2000) -> None:
+        self._max_per_s = max_per_s
         self._second = 0
         self._count = 0
         self._flooded_s = -1
@@ -218,7 +218,7 @@ class DatagramLimit:
         if second != self._second:
             self._second, self._count = second, 0
         self._count += 1
-        if self._count > self._most:
+        if self._count > self._max_per_s:
             self._flooded_s = second
             return False
         return True
@@ -227,4 +227,4 @@ class DatagramLimit:
         """Return the problem of the last seconds, a clause, or `""`."""
         if self._flooded_s < 0 or now_s - self._flooded_s > 3.0:
             return ""
-        return f"sends more than {self._most} datagrams a second; the rest is dropped: lower its rate"
+        return f"sends more than {self._max_per_s} datagrams a second; the rest is dropped: lower its rate"

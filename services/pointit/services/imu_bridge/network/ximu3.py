@@ -13,7 +13,7 @@ from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
-from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, overhear
+from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, receive_shared
 from pointit.services.imu_bridge.reading import Item
 from pointit.services.imu_bridge.serial.framer import FLASH_S
 from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
@@ -23,8 +23,8 @@ from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 ANNOUNCEMENTS = 10000
 """UDP port to which each device announces itself once a second."""
 LONGEST_DATAGRAM = 1500
-MOST_MESSAGES = 64
-MOST_FOUND = 64
+MAX_MESSAGES = 64
+MAX_FOUND = 64
 """Number of devices that a search remembers."""
 
 
@@ -62,10 +62,10 @@ class Ximu3Decoder(Decoder):
             DatagramError: If nothing in it can be read, or if it is too long.
         """
         messages = data.rstrip(b"\n").split(b"\n")
-        if len(data) > LONGEST_DATAGRAM or len(messages) > MOST_MESSAGES:
+        if len(data) > LONGEST_DATAGRAM or len(messages) > MAX_MESSAGES:
             raise DatagramError(
                 f"has {len(data)} bytes and {len(messages)} messages, more than {LONGEST_DATAGRAM} or "
-                f"{MOST_MESSAGES}"
+                f"{MAX_MESSAGES}"
             )
         before = self.framer.bad
         items = self.framer.feed(b"\n".join(messages) + b"\n", stamp_ns)
@@ -121,10 +121,10 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
 
     def on_datagram(data: bytes, address: Address) -> None:
         device = announced(data, address[0])
-        if device is not None and len(found) < MOST_FOUND:
+        if device is not None and len(found) < MAX_FOUND:
             found[device.address] = device
 
-    await overhear(ANNOUNCEMENTS, seconds, on_datagram, remedy="end the x-IMU3 program that has it")
+    await receive_shared(ANNOUNCEMENTS, seconds, on_datagram, remedy="end the x-IMU3 program that has it")
     return [found[address] for address in sorted(found)]
 
 

@@ -15,7 +15,7 @@ from typing import Final
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.services.imu_bridge.reading import Item, Reading
-from pointit.services.imu_bridge.serial.framer import Framer, PacketCutter
+from pointit.services.imu_bridge.serial.framer import PacketCutter, SerialFramer
 
 LENGTH = 19
 HEADER = rb"\xaa(?:\xaa|\Z)"
@@ -33,7 +33,7 @@ EARLY = 32
 _VALUES = struct.Struct("<6h")
 
 
-class Bno085Framer(Framer):
+class Bno085Framer(SerialFramer):
     """Reads yaw, pitch and roll."""
 
     def __init__(self) -> None:

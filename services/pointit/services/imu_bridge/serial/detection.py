@@ -14,7 +14,7 @@ from pointit.services.imu_bridge.reading import Item, RawReading, Reading, Recon
 from pointit.services.imu_bridge.serial import bno085, witmotion
 from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
 from pointit.services.imu_bridge.serial.fifth_number import Fifth
-from pointit.services.imu_bridge.serial.framer import Framer
+from pointit.services.imu_bridge.serial.framer import SerialFramer
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
 from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
@@ -90,7 +90,7 @@ class FormatRow:
 
     label: str
     """Name for people."""
-    make: Callable[[SerialConfig, int, SensorChoice], Framer]
+    make: Callable[[SerialConfig, int, SensorChoice], SerialFramer]
     """Makes a framer for a port with a speed, bits per second, and the choice of a sensor."""
     bauds: tuple[int, ...]
     """Speeds of such devices."""
@@ -124,7 +124,7 @@ FORMATS: Final[dict[Format, FormatRow]] = {
 
 
 @dataclass(frozen=True)
-class Found:
+class DetectedSensor:
     """Format and speed of a device."""
 
     format: Format
@@ -153,7 +153,7 @@ class Detection:
     """Tries formats side by side and speeds in turn until one format is recognized."""
 
     def __init__(
-        self, config: SerialConfig, first: Found | None = None, sensors: SensorChoice | None = None
+        self, config: SerialConfig, first: DetectedSensor | None = None, sensors: SensorChoice | None = None
     ) -> None:
         """Begin with the speed of `first` and the choice `sensors`, if known from an earlier connection."""
         self._config = config
@@ -162,15 +162,15 @@ class Detection:
         rows = [FORMATS[name] for name in self._formats]
         self._bauds = (config.baud,) if config.baud else rows[0].bauds
         self._number = self._bauds.index(first.baud) if first and first.baud in self._bauds else 0
-        self.found: Found | None = None
+        self.found: DetectedSensor | None = None
         """The recognized format and speed."""
-        self.framer: Framer | None = None
+        self.framer: SerialFramer | None = None
         """Framer of the recognized format."""
         self.good = 0
         """Number of valid packets or lines of the recognized format."""
         self._restarts = RestartWatch()
         self._was_silent = False
-        self._candidates: dict[Format, Framer] = {}
+        self._candidates: dict[Format, SerialFramer] = {}
         self._since_s: float | None = None
         """Time of the first byte at this speed."""
         self._only_text = True
@@ -239,7 +239,7 @@ class Detection:
         self._only_text = True
 
     def _recognize(self, name: Format) -> None:
-        self.found = Found(name, self.baud)
+        self.found = DetectedSensor(name, self.baud)
         self.framer = self._candidates[name]
         self._candidates = {}
         self.good = self.framer.good

@@ -15,14 +15,14 @@ QUATERNION: Final = 0
 EULER: Final = 1
 RAW: Final = 2
 """Kinds of orientations that one device may send side by side, from the best to the worst."""
-PATIENCE = 16
+RESET_TIMEOUTS = 16
 """Number of packets without a better kind after which a worse one is used."""
-MOST_COMMANDS = 16
+MAX_COMMANDS = 16
 FLASH_S = 0.3
 """Duration of a cue on a device with a lamp, s."""
 
 
-class Framer(ABC):
+class SerialFramer(ABC):
     """Converts bytes of a device to items."""
 
     UNIT: ClassVar[str] = "bytes"
@@ -37,9 +37,9 @@ class Framer(ABC):
         """Number of unreadable lines or bytes after the first valid one. The owner may set it back to 0."""
         self.reason: str = ""
         """Error of the last of them."""
-        self.commands: deque[bytes] = deque(maxlen=MOST_COMMANDS)
+        self.commands: deque[bytes] = deque(maxlen=MAX_COMMANDS)
         """Commands to the device, to be sent one after another with a pause between them."""
-        self.told: str = ""
+        self.notice: str = ""
         """Message about what `commands` change, or `""`."""
         self.ran_on: bool = False
         """True if a counter showed after the last silence that the device had not been restarted."""
@@ -80,7 +80,7 @@ class PacketCutter:
         """Number of bytes so far that belong to no packet."""
 
     @property
-    def kept(self) -> int:
+    def buffered_bytes(self) -> int:
         """Return the number of buffered bytes of an unfinished packet, less than its length."""
         return len(self._rest)
 
@@ -117,4 +117,4 @@ class Preference:
         """Return True if a packet of `kind`, which has just arrived, is to be used."""
         self._ages = [age + 1 for age in self._ages]
         self._ages[kind] = 0
-        return all(age > PATIENCE for age in self._ages[:kind])
+        return all(age > RESET_TIMEOUTS for age in self._ages[:kind])

@@ -196,7 +196,7 @@ Gesture = Literal["press", "double", "hold"]
 
 
 class LineError(ValueError):
-    """A line is neither a quaternion nor a button; the message says why."""
+    """A line is neither a quaternion nor a button; the message is the reason."""
 
 
 class AnglesError(LineError):

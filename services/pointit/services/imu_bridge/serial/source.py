@@ -20,15 +20,20 @@ from pointit.runtime.host.serial_port import (
     SerialPort,
     SerialThread,
     describe_error,
-    is_open_elsewhere,
+    is_open_in_another_process,
     open_port,
     serial_ports,
 )
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
-from pointit.services.imu_bridge.serial.detection import Detection, Found, SerialConfig, sensor_choice
-from pointit.services.imu_bridge.serial.framer import FLASH_S, Framer
+from pointit.services.imu_bridge.serial.detection import (
+    DetectedSensor,
+    Detection,
+    SerialConfig,
+    sensor_choice,
+)
+from pointit.services.imu_bridge.serial.framer import FLASH_S, SerialFramer
 from pointit.services.imu_bridge.sources import ImuSource
 from pointit.services.imu_bridge.streams.json_content import quoted
 
@@ -39,12 +44,12 @@ NOTHING_S = 4.0
 
 
 @dataclass(frozen=True)
-class Answer:
+class PortAnswer:
     """A port, and what answers on it."""
 
     path: str
     description: str
-    found: Found | None
+    found: DetectedSensor | None
     problem: str
     """Reason why nothing was recognized, or `""`."""
 
@@ -52,7 +57,7 @@ class Answer:
         return f"{self.path} ({self.description}): {self.found or self.problem}"
 
 
-async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_s: float) -> list[Answer]:
+async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_s: float) -> list[PortAnswer]:
     """Listen on those `ports` that nobody else has open, side by side. Return what answers on each.
 
     Nothing is sent, but opening its port restarts some boards.
@@ -93,14 +98,14 @@ def set_speed(port: serial.Serial, baud: int) -> None:
         raise OSError(errno.EIO, str(error)) from error
 
 
-def several(answers: Sequence[Answer]) -> str:
+def several(answers: Sequence[PortAnswer]) -> str:
     """Return `answers` for a sentence."""
     return ", ".join(map(str, answers)) or "none"
 
 
-def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: threading.Event) -> Answer:
-    if is_open_elsewhere(port.path):
-        return Answer(port.path, port.description, None, "another program has it open")
+def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: threading.Event) -> PortAnswer:
+    if is_open_in_another_process(port.path):
+        return PortAnswer(port.path, port.description, None, "another program has it open")
     detection = Detection(config)
     count = 0
     try:
@@ -115,11 +120,11 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
                 count += len(data)
                 detection.feed(data, 0, time.monotonic())
                 if detection.found is not None and detection.good:
-                    return Answer(port.path, port.description, detection.found, "")
+                    return PortAnswer(port.path, port.description, detection.found, "")
     except OSError as error:
-        return Answer(port.path, port.description, None, describe_error(error, port.path))
+        return PortAnswer(port.path, port.description, None, describe_error(error, port.path))
     problem = f"{count} bytes, none readable" if count else "silent"
-    return Answer(port.path, port.description, None, problem)
+    return PortAnswer(port.path, port.description, None, problem)
 
 
 SHOWN_BYTES = 32
@@ -132,11 +137,11 @@ class SilenceWatch:
     def __init__(self, port: str, timeout_s: float, now_s: float) -> None:
         self._port = port
         self._timeout_s = timeout_s
-        self._heard_s = now_s
+        self._received_s = now_s
         self._good = 0
         self._first = b""
         self._silent = False
-        self.heard_bytes = 0
+        self.received_bytes = 0
         """Number of bytes since the last readable ones."""
 
     def step(self, data: bytes, good: int, now_s: float, tried: str) -> str | None:
@@ -148,26 +153,26 @@ class SilenceWatch:
             now_s: time of the clock of the first `now_s`, s.
             tried: formats and speeds that were tried.
         """
-        self.heard_bytes += len(data)
+        self.received_bytes += len(data)
         if len(self._first) < SHOWN_BYTES:
             self._first = (self._first + data)[:SHOWN_BYTES]
         if good != self._good:
             self._good = good
-            self._heard_s, self.heard_bytes, self._first = now_s, 0, b""
+            self._received_s, self.received_bytes, self._first = now_s, 0, b""
             if self._silent:
                 self._silent = False
                 return ""
-        elif not self._silent and now_s - self._heard_s > self._timeout_s:
+        elif not self._silent and now_s - self._received_s > self._timeout_s:
             self._silent = True
             return self._message(tried)
         return None
 
     def _message(self, tried: str) -> str:
         where = f"{self._port} is connected but sent nothing readable for {self._timeout_s:g} s"
-        if not self.heard_bytes:
+        if not self.received_bytes:
             return f"{where}, not one byte: check the cable and that the device sends"
         return (
-            f"{where}: {self.heard_bytes} bytes, the first {quoted(self._first)}; {tried}; check baud and "
+            f"{where}: {self.received_bytes} bytes, the first {quoted(self._first)}; {tried}; check baud and "
             "format, or what the device sends"
         )
 
@@ -196,7 +201,7 @@ class SerialSource:
         self._health = health
         self._name = config.port
         """Port that is used."""
-        self._first: Found | None = None
+        self._first: DetectedSensor | None = None
         """Format and speed of the last connection."""
         self._lost = asyncio.Event()
         """Set when a port that a search has found is gone: the wrist may come back at another."""
@@ -253,7 +258,7 @@ class SerialSource:
     async def _search(self) -> str:
         """Return the only port that answers; wait until there is one."""
         time_s = asyncio.get_running_loop().time
-        answers: dict[str, Answer] = {}
+        answers: dict[str, PortAnswer] = {}
         pause_s = SEARCH_PAUSE_S[0]
         due_s = math.inf
         while True:
@@ -268,12 +273,12 @@ class SerialSource:
                 due_s = time_s() + pause_s
             if is_due:
                 pause_s = min(2 * pause_s, SEARCH_PAUSE_S[1])
-            heard = [answer for answer in answers.values() if answer.found is not None]
-            if len(heard) == 1:
-                self._first = heard[0].found
+            detected_answers = [answer for answer in answers.values() if answer.found is not None]
+            if len(detected_answers) == 1:
+                self._first = detected_answers[0].found
                 self._health.clear("port")
-                return heard[0].path
-            self._health.warn("port", _choice(heard, [*answers.values()]))
+                return detected_answers[0].path
+            self._health.warn("port", _choice(detected_answers, [*answers.values()]))
             await asyncio.sleep(SEARCH_STEP_S)
 
     def _on_change(self, problem: str) -> None:
@@ -290,7 +295,7 @@ class SerialSource:
         self._detection = detection = Detection(self._config, self._first, self._sensors)
         self._port = port
         watch = SilenceWatch(self._name, self._config.timeout_s, time.monotonic())
-        told: Found | None = None
+        detected: DetectedSensor | None = None
         command_s = 0.0
         try:
             while not stopping.is_set():
@@ -302,9 +307,9 @@ class SerialSource:
                 now_s = time.monotonic()
                 for item in detection.feed(data, self._clock.now_ns(), now_s):
                     self._post(item)
-                if detection.found != told:
-                    told = detection.found
-                    self._tell(told)
+                if detection.found != detected:
+                    detected = detection.found
+                    self._tell(detected)
                 framer = detection.framer
                 if framer is not None:
                     if framer.commands and now_s > command_s:
@@ -314,28 +319,28 @@ class SerialSource:
                 change = watch.step(data, detection.good, now_s, detection.tried)
                 if change is not None:
                     self._thread.post(self._on_silence, change)
-                    if change and watch.heard_bytes:
+                    if change and watch.received_bytes:
                         detection.forget()
         finally:
             self._port = None
 
-    def _tell(self, found: Found | None) -> None:
+    def _tell(self, found: DetectedSensor | None) -> None:
         if found is not None and found != self._first:
             log.info("%s: %s", self._name, found)
         self._first = found or self._first
         self._thread.post(self._show, found)
 
-    def _show(self, found: Found | None) -> None:
+    def _show(self, found: DetectedSensor | None) -> None:
         label = "" if found is None else found.label
-        for each in Found.labels():
+        for each in DetectedSensor.labels():
             baud = float(found.baud) if found is not None and each == label else None
             self._health.set_metric(f"port of {each}", baud, "baud")
 
-    def _command(self, port: serial.Serial, framer: Framer) -> None:
+    def _command(self, port: serial.Serial, framer: SerialFramer) -> None:
         port.write(framer.commands.popleft())
-        if framer.told and not framer.commands:
-            log.info("%s: the device was %s", self._name, framer.told)
-            framer.told = ""
+        if framer.notice and not framer.commands:
+            log.info("%s: the device was %s", self._name, framer.notice)
+            framer.notice = ""
 
     def _post(self, item: Item) -> None:
         """Pass `item` to the event loop for delivery; runs in the port's thread."""
@@ -352,7 +357,7 @@ class SerialSource:
     def _on_silence(self, message: str) -> None:
         self._health.warn("silent", message)
 
-    def _watch_bad(self, framer: Framer, now_s: float) -> None:
+    def _watch_bad(self, framer: SerialFramer, now_s: float) -> None:
         if self._sensors.warning != self._others:
             self._others = self._sensors.warning
             self._thread.post(self._health.warn, "sensors", self._others)
@@ -375,10 +380,10 @@ class SerialSource:
         )
 
 
-def _choice(heard: list[Answer], answers: list[Answer]) -> str:
-    if heard:
-        example = f"--imu serial:{heard[0].path}"
-        return f"{len(heard)} serial ports answer: {several(heard)}; name one, as in {example}"
+def _choice(detected: list[PortAnswer], answers: list[PortAnswer]) -> str:
+    if detected:
+        example = f"--imu serial:{detected[0].path}"
+        return f"{len(detected)} serial ports answer: {several(detected)}; name one, as in {example}"
     return f"no serial port answers: plug the wrist in, or name its port; ports found: {several(answers)}"
 
 

@@ -2,7 +2,7 @@
 
 from pointit.services.imu_bridge.reading import Item, Press, Reading
 from pointit.services.imu_bridge.serial.fifth_number import Fifth
-from pointit.services.imu_bridge.serial.framer import Framer
+from pointit.services.imu_bridge.serial.framer import SerialFramer
 from pointit.services.imu_bridge.serial.line_parser import (
     LONGEST_LINE,
     AnglesError,
@@ -27,7 +27,7 @@ class LineSplitter:
         """Number of discarded pieces that exceeded the longest line."""
 
     @property
-    def kept(self) -> int:
+    def buffered_bytes(self) -> int:
         """Return the number of buffered bytes of an unfinished line, at most `LONGEST_LINE`."""
         return len(self._rest)
 
@@ -53,7 +53,7 @@ class LineSplitter:
         return lines
 
 
-class TextFramer(Framer):
+class TextFramer(SerialFramer):
     """Reads quaternions and gestures."""
 
     UNIT = "lines"

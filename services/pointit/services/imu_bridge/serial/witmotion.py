@@ -11,7 +11,14 @@ from typing import Final
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.reading import Item, RawReading, Reading, Reconnected
-from pointit.services.imu_bridge.serial.framer import EULER, QUATERNION, RAW, Framer, PacketCutter, Preference
+from pointit.services.imu_bridge.serial.framer import (
+    EULER,
+    QUATERNION,
+    RAW,
+    PacketCutter,
+    Preference,
+    SerialFramer,
+)
 
 BAUDS: Final = (115200, 9600, 921600, 230400, 460800, 57600, 38400, 19200, 4800)
 """Speeds of the devices, in the order in which they are tried."""
@@ -41,7 +48,7 @@ ASKED_PACKETS = 64
 _VALUES = struct.Struct("<4h")
 
 
-class WitMotionFramer(Framer):
+class WitMotionFramer(SerialFramer):
     """Reads quaternions, else Euler angles, else angular velocity and acceleration.
 
     A device that sends no quaternions is switched to them until it is switched off, if that is wanted.
@@ -124,7 +131,7 @@ class WitMotionFramer(Framer):
 
     def _end(self, what: str) -> None:
         self._configure = False
-        self.told = (
+        self.notice = (
             f"switched to {what}, {self._rate_hz} Hz, 6 axes (no magnetometer) until its power is off; "
             "imu-bridge.serial.configure=false leaves it as it is"
         )

@@ -16,7 +16,7 @@ from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading, Signal
-from pointit.services.imu_bridge.serial.framer import EULER, QUATERNION, RAW, Framer, Preference
+from pointit.services.imu_bridge.serial.framer import EULER, QUATERNION, RAW, Preference, SerialFramer
 
 LONGEST = 512
 """Longest message that is waited for, bytes; the longest with numbers has 91."""
@@ -31,7 +31,7 @@ _HEAD = struct.Struct("<Q")
 
 
 class MessageError(ValueError):
-    """A message cannot be read; the text says why."""
+    """A message cannot be read; the text is the reason."""
 
 
 def split(message: bytes) -> tuple[str, int, list[float]] | None:
@@ -79,7 +79,7 @@ def _check_letter(letter: str) -> None:
         raise MessageError(f"begins with {letter[:20]!r}")
 
 
-class Ximu3Framer(Framer):
+class Ximu3Framer(SerialFramer):
     """Reads quaternions, else Euler angles, else angular velocity and acceleration.
 
     Also battery, signal and button.
@@ -95,7 +95,7 @@ class Ximu3Framer(Framer):
         self._preference = Preference()
 
     @property
-    def kept(self) -> int:
+    def buffered_bytes(self) -> int:
         """Return the number of buffered bytes of an unfinished message, at most `LONGEST`."""
         return len(self._rest)
 

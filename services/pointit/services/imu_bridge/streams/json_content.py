@@ -17,9 +17,9 @@ MIN_READABLE = 0.8
 _UNREADABLE = "\ufffd"
 
 
-def quoted(data: bytes, most: int = 40) -> str:
-    """Return the first `most` bytes: text in quotes with escaped control characters, else hexadecimal."""
-    shown = data[:most]
+def quoted(data: bytes, max_bytes: int = 40) -> str:
+    """Return the first `max_bytes` bytes: quoted text with escaped control characters, else hexadecimal."""
+    shown = data[:max_bytes]
     letters = _decoded(shown, "replace")
     readable = sum(each != _UNREADABLE and (each.isprintable() or each in "\t\r\n") for each in letters)
     if readable < MIN_READABLE * len(letters):
@@ -202,13 +202,13 @@ def _four_numbers(value: Any) -> list[Any] | None:
     return values if is_four and not any(is_object(each) or _is_list(each) for each in values) else None
 
 
-def _with_own_names(found: list[NamedQuaternion]) -> list[NamedQuaternion]:
+def _with_own_names(quaternions: list[NamedQuaternion]) -> list[NamedQuaternion]:
     """Return those with the same names with that of their field or position, each rotation once."""
-    counts = Counter(each.names for each in found)
-    keys = Counter((each.names, each.key) for each in found)
+    counts = Counter(each.names for each in quaternions)
+    keys = Counter((each.names, each.key) for each in quaternions)
     named: list[NamedQuaternion] = []
-    for number, each in enumerate(found, 1):
-        if any(each.names == other.names and _are_same(each, other) for other in found[: number - 1]):
+    for number, each in enumerate(quaternions, 1):
+        if any(each.names == other.names and _are_same(each, other) for other in quaternions[: number - 1]):
             continue
         is_key_own = each.key != "" and keys[each.names, each.key] == 1
         own = (each.key if is_key_own else f"{number}",) if counts[each.names] > 1 else ()

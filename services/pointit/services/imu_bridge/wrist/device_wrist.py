@@ -161,12 +161,12 @@ class DeviceClock:
             return False
         if late < 0.0:
             return True
-        since_ns, least, most = off[0], min(late, off[1]), max(late, off[2])
+        since_ns, lowest, highest = off[0], min(late, off[1]), max(late, off[2])
         if arrival_ns - since_ns <= STEADY_NS:
-            self._off = (since_ns, least, most)
+            self._off = (since_ns, lowest, highest)
             return False
         self._off = None
-        return most < 2.0 * least
+        return highest < 2.0 * lowest
 
     def _jumped(self, device_ns: int, arrival_ns: int, late: float) -> int:
         self._start(device_ns, arrival_ns)
@@ -247,7 +247,7 @@ class DeviceWrist:
         self.monitor = WristMonitor(label, silence_s)
         self.newest: Quaternion | None = None
         """Newest world_from_sensor."""
-        self.has_news = False
+        self.has_changed = False
         """True if the last item may have changed a warning."""
         self._label = label
         self._plugin = plugin
@@ -272,7 +272,7 @@ class DeviceWrist:
             now_s: the monotonic time.
         """
         problem = self._check.problem(item, now_ns)
-        self.has_news = problem != self._problem
+        self.has_changed = problem != self._problem
         self._problem = problem
         if self._check.is_refused and not isinstance(item, Reconnected | Disconnected):
             return None
@@ -291,7 +291,7 @@ class DeviceWrist:
                 return None
             self.newest = fused
             return SensorSample(stamp_ns, fused, device_ns)
-        self.has_news = True
+        self.has_changed = True
         if isinstance(item, Battery):
             self.monitor.battery = item.level
         elif isinstance(item, Signal):
@@ -319,7 +319,7 @@ class DeviceWrist:
         return chain(self.monitor.report(now_s), (clock_figure, age), fusion)
 
     def warnings(self, now_s: float, *, is_explained: bool) -> Iterator[WarningText]:
-        """Yield the warnings. `is_explained`: the source itself says why nothing comes."""
+        """Yield the warnings. `is_explained`: the source itself reports why nothing comes."""
         yield "readings", f"{self._plugin} {self._problem}" if self._problem else ""
         yield "fusion", f"{self._plugin} {self._no_fusion}" if self._no_fusion else ""
         yield "clock", self._clock_warning(now_s)

@@ -128,7 +128,7 @@ class Fusion:
             ) from error
         self._make: Callable[[float], Vqf] = module.VQF
         self._gyr, self._acc = np.zeros(3), np.zeros(3)
-        self._filter: Vqf | None = None
+        self._vqf: Vqf | None = None
         self._offset: Vec3 = (0.0, 0.0, 0.0)
         """Angular velocity of the device at rest at the start, rad/s. That of cheap gyroscopes exceeds the
         2 °/s that the filter accepts as a bias."""
@@ -149,15 +149,15 @@ class Fusion:
     def _begin(self) -> None:
         self._period_s = 0.0
         self._filter_period_s = 0.0
-        self._arrivals = PeriodRegression()
+        self._arrival_regression = PeriodRegression()
         self._before_ns: int | None = None
         self._held_back: list[tuple[Values, float]] = []
 
     def restart(self) -> None:
         """Start again with the bias: readings were lost, or the device was moved without them."""
-        if self._filter is not None:
-            self._bias = self._filter.getBiasEstimate()[0]
-            self._filter = None
+        if self._vqf is not None:
+            self._bias = self._vqf.getBiasEstimate()[0]
+            self._vqf = None
             self.restarts += 1
         self._begin()
 
@@ -170,11 +170,11 @@ class Fusion:
             return None
         if step_s <= 0.0:
             return None
-        vqf = self._filter
+        vqf = self._vqf
         values = (*reading.angular_velocity_radps, *reading.acceleration_mps2)
         if vqf is None:
             self._held_back.append((values, step_s))
-            if self._arrivals.span_s < START_S or self._arrivals.count < MIN_START:
+            if self._arrival_regression.span_s < START_S or self._arrival_regression.count < MIN_START:
                 return None
             vqf = self._start()
         else:
@@ -198,7 +198,7 @@ class Fusion:
 
         The change of the bias during a rest is the rate at which the heading drifted before it.
         """
-        vqf = self._filter
+        vqf = self._vqf
         is_resting, rate_degps, since_s = False, None, 0.0
         if vqf is not None:
             is_resting = vqf.getRestDetected()
@@ -219,7 +219,7 @@ class Fusion:
 
     def warning(self, label: str) -> str:
         """Return a message if the bias of the gyroscope is not known yet, else `""`."""
-        if self._filter is None or self.uncertainty_degps < MAX_UNCERTAINTY_DEGPS:
+        if self._vqf is None or self.uncertainty_degps < MAX_UNCERTAINTY_DEGPS:
             return ""
         return (
             f"the heading of {label} drifts by up to {60.0 * self.uncertainty_degps:.0f}°/min, since it "
@@ -228,7 +228,7 @@ class Fusion:
 
     def _start(self) -> "Vqf":
         self._filter_period_s = self._period_s
-        vqf = self._filter = self._make(self._period_s)
+        vqf = self._vqf = self._make(self._period_s)
         values = np.array([each for each, _ in self._held_back])
         spread = values.std(0)
         if spread[:3].max() < STILL_RADPS and spread[3:].max() < STILL_MPS2:
@@ -243,7 +243,7 @@ class Fusion:
 
     def _step(self, reading: RawReading) -> float:
         """Return the time since the last reading, s. 0: nothing is to be done with this one."""
-        arrivals, device_ns = self._arrivals, reading.device_time_ns
+        arrivals, device_ns = self._arrival_regression, reading.device_time_ns
         time_ns = reading.stamp_ns if device_ns is None else device_ns
         before_ns, self._before_ns = self._before_ns, time_ns
         if before_ns is None:
@@ -261,7 +261,7 @@ class Fusion:
         period_s = arrivals.period_s
         if period_s is None:
             return 0.0
-        if self._filter is not None and abs(period_s / self._filter_period_s - 1.0) > MAX_CHANGE:
+        if self._vqf is not None and abs(period_s / self._filter_period_s - 1.0) > MAX_CHANGE:
             return math.inf
         if period_s < MIN_PERIOD_S:
             return 0.0 if arrivals.span_s < START_S else math.inf

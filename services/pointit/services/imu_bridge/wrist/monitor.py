@@ -126,7 +126,7 @@ class WristMonitor:
 
         Args:
             now_s: the time, s.
-            is_explained: the source itself says why nothing comes.
+            is_explained: the source itself reports why nothing comes.
         """
         label = self._label
         yield "connection", self._lost

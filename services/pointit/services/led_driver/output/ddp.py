@@ -115,13 +115,13 @@ def _encode(pixels: bytes, pixel_map: PixelMap, number: int) -> Sequence[Datagra
     return [Datagram(data) for data in ddp_protocol.encode_frame(pixels, pixel_map.colors, number)]
 
 
-def _make(config: DdpConfig, around: Surroundings) -> NetworkOutput:
+def _make(config: DdpConfig, surroundings: Surroundings) -> NetworkOutput:
     if not config.host:
         raise ConfigError("host: is missing; give the controller's name or address, as in --output ddp:HOST")
     destination = Destination(host=config.host, port=config.port)
     wire = Wire(encode=_encode, max_rate_hz=config.max_rate_hz)
     address = config.host if config.port == ddp_protocol.PORT else format_address(config.host, config.port)
-    return NetworkOutput(config, destination, wire, around.health, address)
+    return NetworkOutput(config, destination, wire, surroundings.health, address)
 
 
 DDP = LedOutput(

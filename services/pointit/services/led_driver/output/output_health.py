@@ -4,7 +4,7 @@ import asyncio
 
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas.text import round_beyond
-from pointit.services.led_driver.output.power import Load
+from pointit.services.led_driver.output.power import PowerLoad
 
 LIMIT_SHOWN_S = 2.0
 """Time for which dimming is reported, s. Health is read once a second."""
@@ -37,7 +37,7 @@ class OutputHealth:
         """Record the age of captured data at the moment at which it becomes visible."""
         self._health.reached(latency_s)
 
-    def show_load(self, load: Load, limit_a: float | None) -> None:
+    def show_load(self, load: PowerLoad, limit_a: float | None) -> None:
         """Show the current of a frame, and warn while frames are dimmed to `limit_a`."""
         self.set_metric("current", load.drawn_a, "A")
         now_s = asyncio.get_running_loop().time()

@@ -16,7 +16,7 @@ _COLORS = "RGB"
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class PixelBlock:
     """Consecutive bytes of an output's pixels that are addressed together, such as those of a universe."""
 
     number: int
@@ -31,7 +31,7 @@ class PixelMap:
     """Source of each byte that an output sends."""
 
     def __init__(
-        self, strips: Sequence[Strip], gather: Indices, colors: int, blocks: tuple[Block, ...]
+        self, strips: Sequence[Strip], gather: Indices, colors: int, blocks: tuple[PixelBlock, ...]
     ) -> None:
         """Map `strips`; `map_pixels` does so by segments.
 
@@ -66,11 +66,11 @@ class PixelMap:
         sizes = {block.number: block.size for block in old.blocks}
         dark = sum(self._sizes.values())
         gather = np.zeros(0, dtype=np.intp)
-        blocks: list[Block] = []
+        blocks: list[PixelBlock] = []
         for number in sorted(own.keys() | sizes.keys()):
             part = own.get(number, gather[:0])
             size = max(len(part), sizes.get(number, 0))
-            blocks.append(Block(number, len(gather), size))
+            blocks.append(PixelBlock(number, len(gather), size))
             gather = np.concatenate((gather, part, np.full(size - len(part), dark, dtype=np.intp)))
         return PixelMap(self._strips, gather, self.colors, tuple(blocks))
 
@@ -148,7 +148,7 @@ def _start(segment: Segment, end: int, block_pixels: int, first_block: int) -> i
 
 def _divide(
     target: Indices, colors: int, block_pixels: int, first_block: int
-) -> tuple[Indices, tuple[Block, ...]]:
+) -> tuple[Indices, tuple[PixelBlock, ...]]:
     """Return the places of the pixels `target` where only blocks in use are kept, and these."""
     numbers, block_of = np.unique(target // block_pixels, return_inverse=True)
     pixels = np.zeros(len(numbers), dtype=np.intp)
@@ -156,7 +156,7 @@ def _divide(
     np.maximum.at(pixels, block_of, within + 1)
     starts = np.cumsum(pixels) - pixels
     blocks = tuple(
-        Block(first_block + int(number), int(start) * colors, int(count) * colors)
+        PixelBlock(first_block + int(number), int(start) * colors, int(count) * colors)
         for number, start, count in zip(numbers, starts, pixels, strict=True)
     )
     return starts[block_of] + within, blocks

@@ -11,7 +11,7 @@ FULL_PIXEL = 3 * 255
 
 
 @dataclass(frozen=True, slots=True)
-class Load:
+class PowerLoad:
     """Current of one frame."""
 
     wanted_a: float
@@ -40,7 +40,7 @@ class Power:
         self._a_per_count = config.current_per_pixel_ma / 1000.0 / FULL_PIXEL
         self._limit_a = config.max_current_a
 
-    def send(self, pixels: bytes) -> tuple[bytes, Load]:
+    def send(self, pixels: bytes) -> tuple[bytes, PowerLoad]:
         """Return the bytes to send for the `pixels` of a frame, and their current."""
         sent = pixels.translate(self._table)
         wanted_a = drawn_a = self._current_a(sent)
@@ -48,7 +48,7 @@ class Power:
             scaled = np.floor(self._sent * (self._limit_a / wanted_a))  # rounding must not exceed the limit
             sent = pixels.translate(scaled.astype(np.uint8).tobytes())
             drawn_a = self._current_a(sent)
-        return sent, Load(wanted_a, drawn_a)
+        return sent, PowerLoad(wanted_a, drawn_a)
 
     def _current_a(self, sent: bytes) -> float:
         return int(np.frombuffer(sent, dtype=np.uint8).sum(dtype=np.uint32)) * self._a_per_count

@@ -21,7 +21,7 @@ from pointit.services.led_driver.picture.render import (
     Bytes,
 )
 
-NOBODY = UserProfile(stamp_ns=0)
+NO_PROFILE = UserProfile(stamp_ns=0)
 """Profile of a person who has not published one: a white cursor, solid."""
 WHITE: Rgb = (255, 255, 255)
 
@@ -64,7 +64,7 @@ class AppearanceTable:
         """Return the number of a kind, or 0 if it has no colour of its own."""
         return self._kinds.get(name, 0)
 
-    def looks(
+    def appearance(
         self,
         kinds: Indices,
         ids: Mapping[str, Sequence[int]],
@@ -73,7 +73,7 @@ class AppearanceTable:
         profiles: Mapping[str, UserProfile],
     ) -> Appearance:
         """Return the appearance of objects of `kinds`; `ids` has their indices, `hovers` is by user."""
-        looks = Appearance(
+        appearance = Appearance(
             self._plain[kinds],
             np.zeros(len(kinds)),
             np.zeros(len(kinds), dtype=np.intp),
@@ -82,33 +82,38 @@ class AppearanceTable:
         )
         for object_id, state in _states(hovers, selection).items():
             for index in ids.get(object_id, ()):
-                self._dress(looks, index, int(kinds[index]), state, profiles)
-        return looks
+                self._apply_style(appearance, index, int(kinds[index]), state, profiles)
+        return appearance
 
-    def _dress(
-        self, looks: Appearance, index: int, kind: int, state: _State, profiles: Mapping[str, UserProfile]
+    def _apply_style(
+        self,
+        appearance: Appearance,
+        index: int,
+        kind: int,
+        state: _State,
+        profiles: Mapping[str, UserProfile],
     ) -> None:
         selected = state.owner is not None
-        palette = looks.palette[index]
+        palette = appearance.palette[index]
         levels = (self._dim[kind], self._bright[kind])
         palette[BODY] = levels[selected]
         palette[FILL] = levels[not selected]
         palette[GAP] = self._gap[kind]
-        colors = [profiles.get(user, NOBODY).cursor_color for user in sorted(state.hovers)]
+        colors = [profiles.get(user, NO_PROFILE).cursor_color for user in sorted(state.hovers)]
         if state.owner is not None:
             owner = profiles.get(state.owner)
             color = self._style.unknown_owner_color if owner is None else owner.cursor_color
             palette[OWNER] = color
-            looks.patterns[index] = 0 if owner is None else PATTERNS.index(owner.pattern)
+            appearance.patterns[index] = 0 if owner is None else PATTERNS.index(owner.pattern)
             colors = _with_owner(color, colors, _color(self._gap[kind]))
         elif state.reserver is not None:
-            color = profiles.get(state.reserver, NOBODY).cursor_color
-            looks.thin[index] = not colors
+            color = profiles.get(state.reserver, NO_PROFILE).cursor_color
+            appearance.thin[index] = not colors
             colors = [color, *(each for each in colors if each != color)]
         colors = colors[:MARGIN_COLORS]
         palette[MARGIN : MARGIN + len(colors)] = colors
-        looks.margins[index] = len(colors)
-        looks.progress[index] = max(
+        appearance.margins[index] = len(colors)
+        appearance.progress[index] = max(
             (hover.progress for hover in state.hovers.values() if _changes(hover, selected=selected)),
             default=0.0,
         )

@@ -18,7 +18,7 @@ class LampService(NamedTuple):
     """Lamps as they are shared out."""
 
     leases: tuple[LampLease, ...] = ()
-    """Lamps of each person, and who comes first."""
+    """Lamps of each person, and the order of the waiting users."""
     targets: frozenset[str] | set[str] = frozenset()
     """Ids of the lamps to light."""
 
@@ -32,11 +32,11 @@ class LampQueue:
         self._active: dict[str, tuple[int, Localization]] = {}
         """By user: time of arrival, ns, and last message. Those silent for longest come first."""
 
-    def on_localization(self, user: str, news: Localization, now_ns: int) -> None:
+    def on_localization(self, user: str, localization: Localization, now_ns: int) -> None:
         """Set the state of `user`'s localization."""
         self._active.pop(user, None)
-        if news.phase == "sampling":
-            self._active[user] = (now_ns, news)
+        if localization.phase == "sampling":
+            self._active[user] = (now_ns, localization)
         while len(self._active) > MAX_PEOPLE:
             del self._active[next(iter(self._active))]
 
@@ -45,38 +45,41 @@ class LampQueue:
         self._active.pop(user, None)
 
     def expire(self, now_ns: int) -> None:
-        """Remove localizations silent for so long that they have crashed."""
+        """Remove localizations that have sent nothing for longer than the timeout."""
         self._active = {
-            user: (at_ns, news)
-            for user, (at_ns, news) in self._active.items()
-            if 0 <= now_ns - at_ns < self._patience_ns(news)
+            user: (at_ns, localization)
+            for user, (at_ns, localization) in self._active.items()
+            if 0 <= now_ns - at_ns < self._timeout_ns(localization)
         }
 
     def next_expiry_ns(self) -> int | None:
         """Return the time of the next expiry without new messages, or None."""
-        return min((at_ns + self._patience_ns(news) for at_ns, news in self._active.values()), default=None)
+        return min(
+            (at_ns + self._timeout_ns(localization) for at_ns, localization in self._active.values()),
+            default=None,
+        )
 
     @property
     def is_in_use(self) -> bool:
         """True if anybody localizes rather than waits."""
-        return any(not news.ahead for _, news in self._active.values())
+        return any(not localization.ahead for _, localization in self._active.values())
 
     def service(self) -> LampService:
         """Return the order of people, those who point before those who wait, and the lamps to light."""
         # those who point come first: clocks differ, so a later request may state an earlier time
         wanted = (
-            (bool(news.ahead), news.since_ns, user, news)
-            for user, (_, news) in self._active.items()
-            if news.lamps
+            (bool(localization.ahead), localization.since_ns, user, localization)
+            for user, (_, localization) in self._active.items()
+            if localization.lamps
         )
         leases: list[LampLease] = []
         targets: set[str] = set()
-        for _, since_ns, user, news in sorted(wanted, key=lambda each: each[:3]):
-            ahead = tuple(lease.user for lease in leases if not set(news.lamps).isdisjoint(lease.lamps))
-            leases.append(LampLease(user=user, since_ns=since_ns, lamps=news.lamps, ahead=ahead))
-            if not ahead and not news.ahead and news.target_id in news.lamps:
-                targets.add(news.target_id)
+        for _, since_ns, user, localization in sorted(wanted, key=lambda each: each[:3]):
+            ahead = tuple(each.user for each in leases if not set(localization.lamps).isdisjoint(each.lamps))
+            leases.append(LampLease(user=user, since_ns=since_ns, lamps=localization.lamps, ahead=ahead))
+            if not ahead and not localization.ahead and localization.target_id in localization.lamps:
+                targets.add(localization.target_id)
         return LampService(tuple(leases), targets)
 
-    def _patience_ns(self, news: Localization) -> int:
-        return FRESH_NS if news.lamps else self._silence_ns
+    def _timeout_ns(self, localization: Localization) -> int:
+        return FRESH_NS if localization.lamps else self._silence_ns

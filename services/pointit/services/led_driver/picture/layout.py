@@ -138,15 +138,15 @@ class Layout:
         entries = np.arange(len(spans)) - (ends - counts - first).repeat(counts)
         if not len(narrow):
             return spans, entries
-        whose, those = self._lit_run_by_run(lines[narrow], start_m[narrow], end_m[narrow])
-        spans, entries = np.concatenate([spans, narrow[whose]]), np.concatenate([entries, those])
+        line_of_entry, those = self._lit_run_by_run(lines[narrow], start_m[narrow], end_m[narrow])
+        spans, entries = np.concatenate([spans, narrow[line_of_entry]]), np.concatenate([entries, those])
         order = np.argsort(spans, kind="stable")
         return spans[order], entries[order]
 
     def _lit_run_by_run(self, lines: Indices, start_m: Array, end_m: Array) -> tuple[Indices, Indices]:
         """Return the same as `lit`: the entries in each span, or else for each run the one at its middle."""
-        whose, run = _expanded(self._runs_bounds[lines], self._runs_bounds[lines + 1])
-        start_m, end_m = start_m[whose], end_m[whose]
+        line_of_entry, run = _expanded(self._runs_bounds[lines], self._runs_bounds[lines + 1])
+        start_m, end_m = start_m[line_of_entry], end_m[line_of_entry]
         low = self._rows(self._run_at_m, run, start_m, bisect_left)
         high = self._rows(self._run_at_m, run, end_m, bisect_right)
         middle_m = (start_m + end_m) / 2.0
@@ -156,7 +156,7 @@ class Layout:
         is_about = (low >= high) & is_there
         low, high = np.where(is_about, about, low), np.where(is_about, about + 1, np.maximum(low, high))
         pairs, rows = _expanded(low, high)
-        return whose[pairs], self._entry_of[rows]
+        return line_of_entry[pairs], self._entry_of[rows]
 
     def _rows(self, values_m: list[float], run: Indices, at_m: Array, search: Callable[..., int]) -> Indices:
         """Return the positions of `at_m` in `values_m`, sorted within each run: few, so without arrays."""
@@ -183,8 +183,10 @@ class Layout:
 def _expanded(first: Indices, end: Indices) -> tuple[Indices, Indices]:
     """Return every number from `first` up to `end`, preceded by the index of its pair."""
     counts = end - first
-    whose = np.repeat(np.arange(len(counts)), counts)
-    return whose, np.arange(len(whose)) - np.repeat(np.cumsum(counts) - counts - first, counts)
+    line_of_entry = np.repeat(np.arange(len(counts)), counts)
+    return line_of_entry, np.arange(len(line_of_entry)) - np.repeat(
+        np.cumsum(counts) - counts - first, counts
+    )
 
 
 def _own_run(strip: Strip, first: int) -> tuple[_Run, Array]:

@@ -102,34 +102,39 @@ class Renderer:
         start_m, end_m = segments.at_m - segments.half_m, segments.at_m + segments.half_m
         tails_m = segments.tail_m
         if tails_m is None:
-            whose, entries = layout.lit(segments.lines, start_m, end_m)
+            line_of_entry, entries = layout.lit(segments.lines, start_m, end_m)
         else:
-            whose, entries = layout.lit(segments.lines, start_m - tails_m[0], end_m + tails_m[1])
+            line_of_entry, entries = layout.lit(segments.lines, start_m - tails_m[0], end_m + tails_m[1])
         if not len(entries):
             return
         at_m = layout.at_m[entries]
-        before_m, after_m = at_m - start_m[whose], end_m[whose] - at_m
+        before_m, after_m = at_m - start_m[line_of_entry], end_m[line_of_entry] - at_m
         if tails_m is not None:
             tail_m = tails_m[0] + tails_m[1]
             outside_m = np.minimum(before_m, after_m)
-            behind = (outside_m < -_ROUNDING_M) & (tail_m > 0.0)[whose]
+            behind = (outside_m < -_ROUNDING_M) & (tail_m > 0.0)[line_of_entry]
             tail = np.flatnonzero(behind)
             if len(tail):
-                fade = self._style.tail_level * (1.0 + outside_m[tail] / tail_m[whose[tail]])
-                colors = segments.palette[whose[tail], BODY] * np.maximum(fade, 0.0)[:, None]
+                fade = self._style.tail_level * (1.0 + outside_m[tail] / tail_m[line_of_entry[tail]])
+                colors = segments.palette[line_of_entry[tail], BODY] * np.maximum(fade, 0.0)[:, None]
                 self._buffer[layout.pixels[entries[tail]]] = colors
                 body = np.flatnonzero(~behind)
-                whose, entries, before_m, after_m = whose[body], entries[body], before_m[body], after_m[body]
-        roles = np.zeros(len(whose), dtype=np.intp)
-        stated = np.flatnonzero((segments.margins > 0)[whose])
+                line_of_entry, entries, before_m, after_m = (
+                    line_of_entry[body],
+                    entries[body],
+                    before_m[body],
+                    after_m[body],
+                )
+        roles = np.zeros(len(line_of_entry), dtype=np.intp)
+        stated = np.flatnonzero((segments.margins > 0)[line_of_entry])
         if len(stated):
-            those, these = whose[stated], entries[stated]
+            those, these = line_of_entry[stated], entries[stated]
             first, last = self._counted(segments, those, these, start_m, end_m)
             roles[stated] = self._roles(segments, those, self._margin[these], first, last)
-        self._buffer[layout.pixels[entries]] = segments.palette[whose, roles]
+        self._buffer[layout.pixels[entries]] = segments.palette[line_of_entry, roles]
 
     def _counted(
-        self, segments: Segments, whose: Indices, entries: Indices, start_m: Array, end_m: Array
+        self, segments: Segments, line_of_entry: Indices, entries: Indices, start_m: Array, end_m: Array
     ) -> tuple[Indices, Indices]:
         """Return for each pixel the numbers of its segment's pixels before and after it on the same strip.
 
@@ -138,28 +143,32 @@ class Renderer:
         layout = self.layout
         run, number = layout.run[entries], layout.number[entries]
         stated = np.cumsum(segments.margins > 0) - 1
-        slot = stated[whose] * len(layout.pitch_m) + run
+        slot = stated[line_of_entry] * len(layout.pitch_m) + run
         low = np.full((int(stated[-1]) + 1) * len(layout.pitch_m), layout.count, dtype=np.intp)
         high = np.zeros_like(low)
         np.minimum.at(low, slot, number)
         np.maximum.at(high, slot, number)
         low, high = low[slot], high[slot]
         pitch_m = layout.pitch_m[run]
-        before = _whole((layout.first_m[run] - start_m[whose]) / pitch_m) * (low == 0)
-        after = _whole((end_m[whose] - layout.last_m[run]) / pitch_m) * (high == layout.pixels_of[run] - 1)
+        before = _whole((layout.first_m[run] - start_m[line_of_entry]) / pitch_m) * (low == 0)
+        after = _whole((end_m[line_of_entry] - layout.last_m[run]) / pitch_m) * (
+            high == layout.pixels_of[run] - 1
+        )
         return number - low + before, high - number + after
 
     @staticmethod
-    def _roles(segments: Segments, whose: Indices, widest: Indices, first: Indices, last: Indices) -> Indices:
+    def _roles(
+        segments: Segments, line_of_entry: Indices, widest: Indices, first: Indices, last: Indices
+    ) -> Indices:
         """Return the role of each pixel: the `first`-th from its segment's start, `last`-th from the end."""
         nearer = np.minimum(first, last)
         count = first + last + 1
-        roles = np.zeros(len(whose), dtype=np.intp)
-        roles[nearer < np.rint(segments.progress[whose] * count / 2.0)] = FILL
+        roles = np.zeros(len(line_of_entry), dtype=np.intp)
+        roles[nearer < np.rint(segments.progress[line_of_entry] * count / 2.0)] = FILL
         margin = np.minimum(widest, count // 3)
-        patterns = segments.patterns[whose]
+        patterns = segments.patterns[line_of_entry]
         if patterns.any():
-            trailing = np.where(segments.forth[whose], first, last)
+            trailing = np.where(segments.forth[line_of_entry], first, last)
             _draw_patterns(
                 roles,
                 patterns,
@@ -168,8 +177,8 @@ class Renderer:
                 trailing=trailing - margin,
                 body=count - 2 * margin,
             )
-        margin = np.where(segments.thin[whose], np.minimum(margin, 1), margin)
-        colors = segments.margins[whose]
+        margin = np.where(segments.thin[line_of_entry], np.minimum(margin, 1), margin)
+        colors = segments.margins[line_of_entry]
         # each end begins with another colour if there are more colours than pixels
         turn = (nearer + (last < first) * np.maximum(colors - margin, 0)) % np.maximum(colors, 1)
         ends = nearer < margin
@@ -181,19 +190,19 @@ class Renderer:
         line, place_m, width_m, color = zip(*cursors, strict=True)
         lines, colors = np.array(line, dtype=np.intp), np.array(color, dtype=np.uint8)
         at_m, half_m = np.array(place_m), np.array(width_m) / 2.0
-        whose, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
+        line_of_entry, entries = layout.lit(lines, at_m - half_m, at_m + half_m)
         pixels = layout.pixels[entries]
         if len(cursors) > 1 and len(pixels):
             # the k-th cursor over a pixel shows if k is the pixel's number modulo the number of cursors
-            order = np.lexsort((whose, pixels))
-            pixels, whose = pixels[order], whose[order]
+            order = np.lexsort((line_of_entry, pixels))
+            pixels, line_of_entry = pixels[order], line_of_entry[order]
             begins = np.ones(len(pixels), dtype=np.bool_)
             np.not_equal(pixels[1:], pixels[:-1], out=begins[1:])
             group = np.cumsum(begins) - 1
             rank = np.arange(len(pixels)) - np.flatnonzero(begins)[group]
             shown = rank == layout.wire[pixels] % np.bincount(group)[group]
-            pixels, whose = pixels[shown], whose[shown]
-        self._buffer[pixels] = colors[whose]
+            pixels, line_of_entry = pixels[shown], line_of_entry[shown]
+        self._buffer[pixels] = colors[line_of_entry]
 
 
 def _whole(pixels: Array) -> Indices:

@@ -22,7 +22,7 @@ from pointit.schemas import (
 from pointit.schemas.base import Rgb
 from pointit.schemas.pointing import LINES
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.picture.appearance import NOBODY, Appearance, AppearanceTable
+from pointit.services.led_driver.picture.appearance import NO_PROFILE, Appearance, AppearanceTable
 from pointit.services.led_driver.picture.layout import Array, Indices, Layout
 from pointit.services.led_driver.picture.render import CursorMark, Segments, tails
 
@@ -31,7 +31,7 @@ BLINK_NS = NS_PER_S // 2
 """Time for which the pixel nearest to a ray that points past everything is lit, then dark: 1 Hz."""
 MOTION_PERIOD_NS = NS_PER_S // 25
 """Time after which moving objects are drawn again without a message, ns: some trackers send 5 a second."""
-NOWHERE = Cursor(stamp_ns=0)
+NO_CURSOR = Cursor(stamp_ns=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class StripContent:
         self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)
         self._style = config.style
-        self._wardrobe = AppearanceTable(config.style)
+        self._appearances = AppearanceTable(config.style)
         self._layout = Layout(())
         self._cursors: dict[str, tuple[int, Cursor]] = {}
         self._hovers: dict[str, tuple[int, Hover]] = {}
@@ -73,19 +73,19 @@ class StripContent:
         self._motion_ns: int | None = None
         """Time at which moving objects are drawn again, ns. None if no object moves."""
         self._placed: _Placed | None = None
-        self._looks: Appearance | None = None
+        self._appearance: Appearance | None = None
 
     def set_layout(self, layout: Layout) -> None:
         """Draw on `layout` from now on."""
         self._layout = layout
-        self._placed = self._looks = None
+        self._placed = self._appearance = None
 
     def set_cursor(self, user: str, cursor: Cursor, now_ns: int) -> bool:
         """Set `user`'s cursor. Return True if that changes the strips.
 
         It does if the cursor is or was on a line, or if another pixel is nearest to a ray past everything.
         """
-        _, before = self._cursors.get(user, (0, NOWHERE))
+        _, before = self._cursors.get(user, (0, NO_CURSOR))
         self._cursors[user] = (now_ns, cursor)
         if cursor.surface in LINES:
             self._new_ns = max(cursor.stamp_ns, self._new_ns or 0)
@@ -96,12 +96,12 @@ class StripContent:
 
     def cursor_color(self, user: str) -> Rgb:
         """Return the colour of `user`'s cursor, or of their profile without one."""
-        _, cursor = self._cursors.get(user, (0, NOWHERE))
-        return self._color(self._profiles.get(user, NOBODY), cursor)
+        _, cursor = self._cursors.get(user, (0, NO_CURSOR))
+        return self._color(self._profiles.get(user, NO_PROFILE), cursor)
 
     def profile_color(self, user: str) -> Rgb:
         """Return the colour of `user`'s profile."""
-        return self._profiles.get(user, NOBODY).cursor_color
+        return self._profiles.get(user, NO_PROFILE).cursor_color
 
     @property
     def people_with_cursors(self) -> frozenset[str]:
@@ -114,18 +114,18 @@ class StripContent:
         self._hovers[user] = (now_ns, hover)
         if not hover.object_id and (before is None or not before[1].object_id):
             return False
-        self._looks = None
+        self._appearance = None
         return True
 
     def set_objects(self, tracker: str, objects: TrackedObjects, now_ns: int) -> None:
         """Set all objects of `tracker`."""
         self._objects[tracker] = (now_ns, objects)
-        self._placed = self._looks = None
+        self._placed = self._appearance = None
 
     def set_selection(self, selection: Selection) -> None:
         """Set the selection."""
         self._selection = selection
-        self._looks = None
+        self._appearance = None
 
     def set_profile(self, user: str, profile: UserProfile) -> None:
         """Set `user`'s colour, pattern and cursor width.
@@ -134,7 +134,7 @@ class StripContent:
             UnknownColormapError: If there is no colormap of that name. The cursor keeps its colour.
         """
         self._profiles[user] = profile.model_copy(update={"cursor_colormap": ""})
-        self._looks = None
+        self._appearance = None
         if profile.cursor_colormap:
             colormap(profile.cursor_colormap)
             self._profiles[user] = profile
@@ -143,9 +143,9 @@ class StripContent:
         """Drop what has expired."""
         _forget(self._cursors, now_ns, self._cursor_timeout_ns)
         if _forget(self._hovers, now_ns, self._cursor_timeout_ns):
-            self._looks = None
+            self._appearance = None
         if _forget(self._objects, now_ns, self._objects_timeout_ns):
-            self._placed = self._looks = None
+            self._placed = self._appearance = None
 
     def next_change_ns(self) -> int | None:
         """Return the time of the next expiry without new messages, blink or step of a moving object."""
@@ -173,7 +173,7 @@ class StripContent:
                 continue
             line = self._layout.line(cursor.surface, cursor.surface_id)
             if line is not None:
-                profile = self._profiles.get(user, NOBODY)
+                profile = self._profiles.get(user, NO_PROFILE)
                 marks.append(
                     CursorMark(
                         line=line,
@@ -189,7 +189,7 @@ class StripContent:
         line = self._layout.line(passed.surface, passed.surface_id)
         if line is None:
             return []
-        profile = self._profiles.get(user, NOBODY)
+        profile = self._profiles.get(user, NO_PROFILE)
         tints = profile.cursor_colormap
         color = colormap(tints).rgb(0.0) if tints else profile.cursor_color
         red, green, blue = (round(value * self._cursor_looks.passed_level) for value in color)
@@ -226,12 +226,12 @@ class StripContent:
         if self._placed is None:
             self._placed = self._place()
         placed = self._placed
-        if self._looks is None:
+        if self._appearance is None:
             hovers = {user: hover for user, (_, hover) in self._hovers.items()}
-            self._looks = self._wardrobe.looks(
+            self._appearance = self._appearances.appearance(
                 placed.kinds, placed.ids, hovers, self._selection, self._profiles
             )
-        looks = self._looks
+        looks = self._appearance
         self._motion_ns = now_ns + MOTION_PERIOD_NS if placed.moves else None
         # never beyond the timeout, and a clock ahead of ours must not move them backwards
         elapsed_ns = np.maximum(np.minimum(now_ns - placed.stamp_ns, self._objects_timeout_ns), 0)
@@ -268,7 +268,7 @@ class StripContent:
             forth=speed_mps >= 0.0,
             tail_m=tails(self._layout, lines, half_m, speed_mps, self._style),
             stamp_ns=np.array([stamp_ns for _, _, stamp_ns in rows], dtype=np.int64),
-            kinds=np.array([self._wardrobe.kind(item.kind) for _, item, _ in rows], dtype=np.intp),
+            kinds=np.array([self._appearances.kind(item.kind) for _, item, _ in rows], dtype=np.intp),
             ids=ids,
         )
 
@@ -280,9 +280,9 @@ class StripContent:
                     yield line, item
 
 
-def _forget(heard: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
-    count = len(heard)
-    for name, (at, _) in list(heard.items()):
+def _forget(received: dict[str, tuple[int, T]], now_ns: int, timeout_ns: int) -> bool:
+    count = len(received)
+    for name, (at, _) in list(received.items()):
         if now_ns - at >= timeout_ns:
-            del heard[name]
-    return len(heard) < count
+            del received[name]
+    return len(received) < count

@@ -44,11 +44,11 @@ class KeepOut(_Fence):
         beside_m = self._shape.signed_distance_m(place_m[:2])
         return max(beside_m, self._low_m - place_m[2], place_m[2] - self._high_m) - apart_m
 
-    def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, least_m: float) -> bool:
-        """Return True if the clearance is at least `least_m` all along a segment."""
-        reach_m = apart_m + least_m
+    def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, min_m: float) -> bool:
+        """Return True if the clearance is at least `min_m` all along a segment."""
+        reach_m = apart_m + min_m
         if reach_m < 0.0:
-            return all(self.clearance_m(each, apart_m) >= least_m for each in _samples(start_m, end_m))
+            return all(self.clearance_m(each, apart_m) >= min_m for each in _samples(start_m, end_m))
         part = _between_heights(start_m, end_m, self._low_m - reach_m, self._high_m + reach_m)
         if part is None:
             return True
@@ -73,14 +73,14 @@ class KeepIn(_Fence):
         inside_m = -self._shape.signed_distance_m(place_m[:2]) - apart_m
         return min(inside_m, self._high_m - place_m[2] - apart_m, place_m[2] - self._low_m + FLOOR_M)
 
-    def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, least_m: float) -> bool:
-        """Return True if the clearance is at least `least_m` all along a segment."""
-        reach_m = apart_m + least_m
+    def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, min_m: float) -> bool:
+        """Return True if the clearance is at least `min_m` all along a segment."""
+        reach_m = apart_m + min_m
         if reach_m < 0.0:
-            return all(self.clearance_m(each, apart_m) >= least_m for each in _samples(start_m, end_m))
+            return all(self.clearance_m(each, apart_m) >= min_m for each in _samples(start_m, end_m))
         lowest_m, highest_m = sorted((start_m[2], end_m[2]))
         return (
-            lowest_m >= self._low_m - FLOOR_M + least_m
+            lowest_m >= self._low_m - FLOOR_M + min_m
             and highest_m <= self._high_m - reach_m
             and self._shape.contains(start_m[:2])
             and self._shape.is_apart(start_m[:2], end_m[:2], reach_m)
@@ -111,9 +111,9 @@ class CylinderObstacle:
         beside_m = math.dist(place_m[:2], self._axis_m) - self.radius_m
         return max(beside_m, self._low_m - place_m[2], place_m[2] - self._high_m) - apart_m
 
-    def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, least_m: float) -> bool:
-        """Return True if the clearance is at least `least_m` all along a segment."""
-        reach_m = apart_m + least_m
+    def is_clear(self, start_m: Vec3, end_m: Vec3, apart_m: float, min_m: float) -> bool:
+        """Return True if the clearance is at least `min_m` all along a segment."""
+        reach_m = apart_m + min_m
         part = _between_heights(start_m, end_m, self._low_m - reach_m, self._high_m + reach_m)
         return part is None or point_segment_m(self._axis_m, *part) >= self.radius_m + reach_m
 

@@ -18,7 +18,7 @@ FORGOTTEN_S = 600.0
 """Time after which a person whose services have ended is no longer kept clear of."""
 
 
-class People:
+class PeopleNearRobot:
     """Poses, interactions, cursors and presence of everybody."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
@@ -30,7 +30,7 @@ class People:
         self._pointing_since_ns: dict[str, int] = {}
         """Time since which each person points. There are no cursors while they are localized."""
         self._cursors: dict[str, Cursor] = {}
-        self._pointed: dict[str, Cursor] = {}
+        self._pointed_cursors: dict[str, Cursor] = {}
         """The last cursor of each person that is on something."""
         self._gone_ns: dict[str, int | None] = {}
         """People whose services have ended, and when that was seen."""
@@ -49,7 +49,7 @@ class People:
             self._gone_ns.pop(user, None)
             return
         self._gone_ns.setdefault(user, None)
-        for state in (self._interactions, self._cursors, self._pointed):
+        for state in (self._interactions, self._cursors, self._pointed_cursors):
             state.pop(user, None)
 
     def on_interaction(self, user: str, interaction: Interaction) -> None:
@@ -63,7 +63,7 @@ class People:
         """Update a person's cursor."""
         self._cursors[user] = cursor
         if cursor.point_m is not None:
-            self._pointed[user] = cursor
+            self._pointed_cursors[user] = cursor
 
     def cylinders(self, now_ns: int) -> tuple[CylinderObstacle, ...]:
         """Return the space of each person: `keep_out_m` and twice the sigma of their place around it."""
@@ -142,7 +142,7 @@ class People:
             return StopReason("cursor", text, is_freeing=False)
         if not follows:
             return None
-        pointed = self._pointed.get(user)
+        pointed = self._pointed_cursors.get(user)
         if pointed is None or (now_ns - pointed.stamp_ns) / NS_PER_S > timeout_s:
             text = f"{user} points past everything: point at the place for {self._robot}"
             return StopReason("cursor", text, is_freeing=False)

@@ -53,8 +53,8 @@ class Region:
         """Return the permitted part of the straight way to `end_m`."""
         share, blocker = 1.0, None
         for obstacle in self.obstacles:
-            least_m = min(margin_m, self.clearance_m(obstacle, start_m)) - ROUNDING_M
-            permitted = self._permitted_share(obstacle, start_m, end_m, least_m, share)
+            min_m = min(margin_m, self.clearance_m(obstacle, start_m)) - ROUNDING_M
+            permitted = self._permitted_share(obstacle, start_m, end_m, min_m, share)
             if permitted < share:
                 share, blocker = permitted, obstacle
         return PermittedSegment(share, blocker)
@@ -119,13 +119,13 @@ class Region:
         return add(along, scale(away, short_m))
 
     def _permitted_share(
-        self, obstacle: Obstacle, start_m: Vec3, end_m: Vec3, least_m: float, share: float
+        self, obstacle: Obstacle, start_m: Vec3, end_m: Vec3, min_m: float, share: float
     ) -> float:
-        """Return the part, at most `share`, of a segment that has the clearance `least_m`."""
+        """Return the part, at most `share`, of a segment that has the clearance `min_m`."""
         way = subtract(end_m, start_m)
 
         def is_clear(part: float) -> bool:
-            return obstacle.is_clear(start_m, add(start_m, scale(way, part)), self.apart_m, least_m)
+            return obstacle.is_clear(start_m, add(start_m, scale(way, part)), self.apart_m, min_m)
 
         if is_clear(share):
             return share
@@ -137,8 +137,8 @@ class Region:
 
     def _depth_m(self, place_m: Vec3) -> float:
         """Return the depth of `place_m` in forbidden space, m, rounded so that equal depths are equal."""
-        least = min(self.clearance_m(each, place_m) for each in self.obstacles)
-        return round(max(MARGIN_M - least, 0.0), 3)
+        min_clearance_m = min(self.clearance_m(each, place_m) for each in self.obstacles)
+        return round(max(MARGIN_M - min_clearance_m, 0.0), 3)
 
 
 def _within(step: Vec3, reach_m: float) -> Vec3:

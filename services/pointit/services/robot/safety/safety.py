@@ -12,7 +12,7 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
 from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
 from pointit.services.robot.safety.obstacles import CylinderObstacle, KeepIn, KeepOut, Obstacle, ObstacleKind
-from pointit.services.robot.safety.people import FORGOTTEN_S, People
+from pointit.services.robot.safety.people import FORGOTTEN_S, PeopleNearRobot
 from pointit.services.robot.safety.region import MARGIN_M, Region
 from pointit.services.robot.safety.reports import MOVING_MPS, TURN_S, Reports
 
@@ -24,7 +24,7 @@ SPARE = 0.8
 """Share of the acceleration that is planned with."""
 LEAD_S = 0.5
 """Time by which a set-point is farther away than the way to stop, so that a robot need not brake for it."""
-LEAST_MPS = 0.02
+MIN_MPS = 0.02
 """Speed at which a robot may always go to a permitted place."""
 TURN_STEP_RAD = math.radians(30.0)
 """Angle between two directions in which a robot that turns is checked."""
@@ -66,7 +66,7 @@ def speed_limit_mps(config: RobotConfig, region: Region, place_m: Vec3, step: Ve
             limit = min(
                 limit, max(_from(config, gap_m, config.max_approach_mps), config.max_approach_mps) / closing
             )
-    return max(limit, LEAST_MPS)
+    return max(limit, MIN_MPS)
 
 
 def path_limit_mps(config: RobotConfig, region: Region, points_m: Sequence[Vec3]) -> float:
@@ -120,17 +120,17 @@ NO_MAP = "the map of the room has not come yet, with its fences: see that `pui` 
 
 
 class Safety:
-    """Permission of what one robot is told. Times are the service's, ns; places are in {W}, m."""
+    """Permission of the orders to one robot. Times are the service's, ns; places are in {W}, m."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
         self._config = config
         self._robot = robot
-        self._people = People(config, robot)
+        self._people = PeopleNearRobot(config, robot)
         self._reports = Reports(config, robot)
         self._fences: tuple[Obstacle, ...] | None = None
         """None before the map has come: then it must not move."""
         self._others: dict[str, RobotState] = {}
-        self._heard_ns: dict[str, int] = {}
+        self._received_ns: dict[str, int] = {}
         """Time of the first step after the last state of another robot."""
         self._now_ns = 0
         self._stop: tuple[str, StopReason] | None = None
@@ -164,7 +164,7 @@ class Safety:
         is_unknown = state.phase == "lost" and name not in self._others  # its place is only that of its start
         if name != self._robot and not is_unknown:
             self._others[name] = state
-            self._heard_ns.pop(name, None)
+            self._received_ns.pop(name, None)
 
     def on_report(self, report: RobotReport, now_ns: int) -> str:
         """Check a report of this robot, in {W}. Return why it is not used, or `""`."""
@@ -236,9 +236,9 @@ class Safety:
         report = self._reports.newest
         yaw_rad = 0.0 if report is None else report.yaw_rad
         limit_mps = speed_limit_mps(self._config, region, place_m, step, yaw_rad)
-        most_m = max(lead_m(self._config, limit_mps), MARGIN_M)
-        if norm(step) > most_m:
-            ahead_m = add(place_m, scale(step, most_m / norm(step)))
+        max_m = max(lead_m(self._config, limit_mps), MARGIN_M)
+        if norm(step) > max_m:
+            ahead_m = add(place_m, scale(step, max_m / norm(step)))
         problem = "" if blocker is None else f"{blocker.name} is in {self._robot}'s way: point elsewhere"
         return PermittedSetPoint(ahead_m, limit_mps, problem)
 
@@ -249,7 +249,7 @@ class Safety:
         """
         self._now_ns = now_ns
         for name in tuple(self._others):
-            if now_ns - self._heard_ns.setdefault(name, now_ns) > FORGOTTEN_S * NS_PER_S:
+            if now_ns - self._received_ns.setdefault(name, now_ns) > FORGOTTEN_S * NS_PER_S:
                 del self._others[name]
         stop = self._reports.stop_reason(now_ns)
         if stop is None and user and mode == "land":
@@ -340,9 +340,9 @@ def _not_left(region: Region, place_m: Vec3, rest_m: Vec3) -> Obstacle | None:
 
     Their spaces are infinitely high: up and down do not lead away.
     """
-    least_m = LEAVING * abs(rest_m[2] - place_m[2])
+    min_m = LEAVING * abs(rest_m[2] - place_m[2])
     for each in region.obstacles:
         gap_m = region.clearance_m(each, place_m)
-        if each.kind == "people" and gap_m < 0.0 and region.clearance_m(each, rest_m) - gap_m <= least_m:
+        if each.kind == "people" and gap_m < 0.0 and region.clearance_m(each, rest_m) - gap_m <= min_m:
             return each
     return None

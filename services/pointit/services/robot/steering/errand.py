@@ -5,7 +5,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Goal
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder
-from pointit.services.robot.ownership import Ownership
+from pointit.services.robot.ownership import RobotOwnership
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, RobotReport, Stop, TakeOff
 from pointit.services.robot.safety.safety import Safety
 from pointit.services.robot.steering.table import ACTIONS, Stage
@@ -27,10 +27,12 @@ MAX_STEP_M = 0.3
 """Height over or under a ground robot up to which a place is on its floor: ramps are, tables are not, m."""
 
 
-class Errand:
+class CommandPlanner:
     """Makes the commands of the table of actions, as far as safety permits."""
 
-    def __init__(self, config: RobotConfig, safety: Safety, owners: Ownership, order: CurrentOrder) -> None:
+    def __init__(
+        self, config: RobotConfig, safety: Safety, owners: RobotOwnership, order: CurrentOrder
+    ) -> None:
         self._config = config
         self._safety = safety
         self._owners = owners

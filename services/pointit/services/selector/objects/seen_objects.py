@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
-from pointit.geometry.solids import MOST_EYES, BoxSolid
+from pointit.geometry.solids import MAX_EYES, BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
@@ -146,7 +146,7 @@ class SeenObjects:
         halves_rad = self._halves_m / ranges_m
         sights = (centers_m, reach_m, ranges_m, halves_rad, self._leave_factor * halves_rad + self._reach_rad)
         if self._are_still:
-            if len(self._sights) >= MOST_EYES:
+            if len(self._sights) >= MAX_EYES:
                 self._sights.clear()
             self._sights[origin_m] = sights
         return sights

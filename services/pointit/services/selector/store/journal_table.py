@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pydantic import ConfigDict, TypeAdapter
 
-from pointit.runtime.host.store import Layout, read_rows
+from pointit.runtime.host.store import StoreLayout, read_rows
 from pointit.schemas.base import MAX_ID
 from pointit.services.selector.outputs import Record
 
@@ -14,7 +14,7 @@ FILE = "journal.sqlite"
 MAX_COUNT = 2**63 - 1
 """Upper limit of times and numbers, in messages and in SQLite."""
 
-LAYOUT = Layout(
+LAYOUT = StoreLayout(
     tables=f"""
         CREATE TABLE IF NOT EXISTS events (
             id INTEGER PRIMARY KEY,

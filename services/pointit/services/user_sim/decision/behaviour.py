@@ -13,7 +13,7 @@ from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
-from pointit.services.user_sim.decision.goal import REST, Goal, on_object
+from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
 from pointit.services.user_sim.decision.robot_user import GroundRobotUser, QuadrotorUser
 from pointit.services.user_sim.decision.selecting import Selecting
 from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
@@ -33,7 +33,7 @@ FIND_S = 1.0
 class Behaviour(Protocol):
     """Behaviour of a person while they may point."""
 
-    def goal(self, now_ns: int, sight: Sight) -> Goal:
+    def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         """Return the goal to point at. Called at every step."""
         ...
 
@@ -41,7 +41,7 @@ class Behaviour(Protocol):
 class Resting:
     """Does nothing."""
 
-    def goal(self, now_ns: int, sight: Sight) -> Goal:  # noqa: ARG002 - the protocol's signature
+    def goal(self, now_ns: int, sight: Sight) -> PersonGoal:  # noqa: ARG002 - the protocol's signature
         """Return rest."""
         return REST
 
@@ -53,7 +53,7 @@ class AlongStrips:
         self._speed_mps = speed_mps
         self._start_ns: int | None = None
 
-    def goal(self, now_ns: int, sight: Sight) -> Goal:
+    def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         """Return the point that moves along the strips."""
         kind: Kind = "strip"
         lines = sight.lines_of(kind)
@@ -77,7 +77,7 @@ class AlongStrips:
             if at_m <= line.length_m:
                 break
             at_m -= line.length_m if number < len(lines) - 1 else 0.0
-        return Goal(
+        return PersonGoal(
             key=f"{kind}s {stretch}",
             point_m=last.point_at(at_m),
             velocity_mps=vector.scale(last.tangent_at(at_m), sign * self._speed_mps),
@@ -91,16 +91,16 @@ class SequentialTargets:
     """Points at random goals, at each for a while."""
 
     def __init__(
-        self, choose: Callable[[str, int, Sight], Goal | None], hold_s: float, pace: DecisionTimes
+        self, choose: Callable[[str, int, Sight], PersonGoal | None], hold_s: float, times: DecisionTimes
     ) -> None:
         """Create with `choose`, which returns the next goal after the one of the given key at a time."""
         self._choose = choose
         self._hold_s = hold_s
-        self._pace = pace
+        self._pace = times
         self._goal = REST
         self._until_ns: int | None = None
 
-    def goal(self, now_ns: int, sight: Sight) -> Goal:
+    def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         """Return the current goal, updated if it moves."""
         is_gone = bool(self._goal.object_id) and sight.find(self._goal.object_id, now_ns) is None
         if self._until_ns is None or now_ns >= self._until_ns or is_gone:
@@ -114,9 +114,9 @@ class SequentialTargets:
         return self._goal
 
 
-def next_lamp(before: str, now_ns: int, sight: Sight) -> Goal | None:  # noqa: ARG001 - as `choose` has it
+def next_lamp(before: str, now_ns: int, sight: Sight) -> PersonGoal | None:  # noqa: ARG001 - as `choose` has it
     """Return the lamp after the one of key `before`, in the map's order, cyclically."""
-    goals = [Goal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
+    goals = [PersonGoal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
     if not goals:
         return None
     keys = [goal.key for goal in goals]
@@ -129,14 +129,14 @@ class Anything:
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
 
-    def __call__(self, before: str, now_ns: int, sight: Sight) -> Goal | None:
+    def __call__(self, before: str, now_ns: int, sight: Sight) -> PersonGoal | None:
         """Return something other than the goal of key `before`, if possible."""
         goals = [on_object(seen, sight, closed_loop=True) for seen in sight.objects(now_ns)]
-        goals += [Goal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
+        goals += [PersonGoal(key=f"lamp {lamp}", point_m=place_m) for lamp, place_m in sight.lamps_m.items()]
         for key, line in sight.lines.items():
             along_m = float(self._rng.uniform(0.0, line.length_m))
             name = f"{key[0]} {key[1]} {along_m:.2f}"
-            goals.append(Goal(key=name, point_m=line.point_at(along_m), closed_loop=True, kind=key[0]))
+            goals.append(PersonGoal(key=name, point_m=line.point_at(along_m), closed_loop=True, kind=key[0]))
         others = [goal for goal in goals if goal.key != before] or goals
         return others[int(self._rng.integers(len(others)))] if others else None
 
@@ -150,53 +150,53 @@ class Sending:
         self._step = -1
         self._place_m = feet_m
 
-    def __call__(self, before: str, now_ns: int, sight: Sight) -> Goal | None:  # noqa: ARG002 - as `choose` has it
+    def __call__(self, before: str, now_ns: int, sight: Sight) -> PersonGoal | None:  # noqa: ARG002 - as `choose` has it
         """Return the next of the four steps: there, up, there again, up."""
         self._step += 1
         if self._step % 4 == 0:
             way = vector.direction(float(self._rng.uniform(-math.pi, math.pi)), 0.0)
             self._place_m = vector.add(self._feet_m, vector.scale(way, float(self._rng.uniform(*PLACES_M))))
         up_m = RAISED_M if self._step % 2 else 0.0
-        return Goal(key=f"place {self._step}", point_m=vector.add(self._place_m, (0.0, 0.0, up_m)))
+        return PersonGoal(key=f"place {self._step}", point_m=vector.add(self._place_m, (0.0, 0.0, up_m)))
 
 
 def make_behaviour(
-    config: UserSimConfig, things: ObjectBeliefs, pace: DecisionTimes, rng: np.random.Generator
+    config: UserSimConfig, things: ObjectBeliefs, times: DecisionTimes, rng: np.random.Generator
 ) -> Behaviour:
     """Return the behaviour of `config.behaviour`."""
     match config.behaviour:
         case "rest":
             return Resting()
         case "lamps":
-            return SequentialTargets(next_lamp, config.lamp_hold_s, pace)
+            return SequentialTargets(next_lamp, config.lamp_hold_s, times)
         case "strips":
             return AlongStrips(config.strip_speed_mps)
         case "random":
-            return SequentialTargets(Anything(rng), config.lamp_hold_s, pace)
+            return SequentialTargets(Anything(rng), config.lamp_hold_s, times)
         case "send":
-            return SequentialTargets(Sending(config.position_m, rng), config.lamp_hold_s, pace)
+            return SequentialTargets(Sending(config.position_m, rng), config.lamp_hold_s, times)
         case "fly":
-            return QuadrotorUser(config.spots_m, pace)
+            return QuadrotorUser(config.spots_m, times)
         case "drive":
-            return GroundRobotUser(config.spots_m, pace)
+            return GroundRobotUser(config.spots_m, times)
         case "select":
-            return Selecting(config, things, pace)
+            return Selecting(config, things, times)
 
 
-def asked_goal(now_ns: int, sight: Sight, belief: Belief) -> Goal:
+def asked_goal(now_ns: int, sight: Sight, belief: Belief) -> PersonGoal:
     """Return the requested goal: the named lamp or thing, else the lit lamp."""
     requested = belief.target
     if belief.is_queuing:
         return REST
     lamp = requested if requested in sight.lamps_m else sight.lit_lamp() if not requested else ""
     if lamp:
-        return Goal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])
+        return PersonGoal(key=f"lamp {lamp}", point_m=sight.lamps_m[lamp])
     seen = sight.find(requested, now_ns) if requested else None
     return on_object(seen, sight, closed_loop=False) if seen is not None else REST
 
 
-def _gap_m(line: Polyline, following: Polyline) -> float:
-    return math.dist(_end(line, -1), _end(following, 0))
+def _gap_m(line: Polyline, polyline: Polyline) -> float:
+    return math.dist(_end(line, -1), _end(polyline, 0))
 
 
 def _end(line: Polyline, index: int) -> Vec3:

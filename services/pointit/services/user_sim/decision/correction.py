@@ -13,7 +13,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import AimConfig
-from pointit.services.user_sim.decision.goal import Goal
+from pointit.services.user_sim.decision.goal import PersonGoal
 from pointit.sim.aim import Stance
 
 MEMORY_S = 1.5
@@ -81,7 +81,7 @@ class Correction:
         """Return the angle from the cursor to the felt direction, rad. Infinite if it is lost."""
         return math.inf if self.is_lost else math.hypot(*self.now_rad)
 
-    def settle(self, left: Goal, goal: Goal) -> None:
+    def settle(self, left: PersonGoal, goal: PersonGoal) -> None:
         """Change from goal `left` to `goal`. A part of the correction remains, as adaptation.
 
         It applies to the next goal with a cursor. Without a cursor the person aims along their finger. Only
@@ -112,7 +112,7 @@ class Correction:
         while self._done[0][0] < now_ns - MEMORY_S * NS_PER_S:
             self._done.popleft()
 
-    def expected_m(self, at_ns: int, goal: Goal) -> Vec3 | None:
+    def expected_m(self, at_ns: int, goal: PersonGoal) -> Vec3 | None:
         """Return the approximate position of the cursor at `at_ns`, {W}, or None if unknown."""
         target, did = goal.point_at(at_ns), self._recall(at_ns)
         if target is None or did is None:
@@ -121,7 +121,7 @@ class Correction:
         away = vector.direction(azimuth + did[0] + self._beside[0], elevation + did[1] + self._beside[1])
         return vector.add(self._stance.eyes_m, vector.scale(away, math.dist(target, self._stance.eyes_m)))
 
-    def see(self, point_m: Vec3, at_ns: int, goal: Goal, *, confirms: bool = True) -> None:
+    def see(self, point_m: Vec3, at_ns: int, goal: PersonGoal, *, confirms: bool = True) -> None:
         """Process the position of the cursor at `at_ns`. `confirms`: it is exact, as far as people see."""
         target, did = goal.point_at(at_ns), self._recall(at_ns)
         if target is None or did is None:
@@ -140,7 +140,7 @@ class Correction:
         """Search for nothing now: what shows the cursor is visible, but has not followed the hand yet."""
         self._newest_ns = max(self._newest_ns, now_ns)
 
-    def see_mark(self, point_m: Vec3, at_ns: int, goal: Goal) -> None:
+    def see_mark(self, point_m: Vec3, at_ns: int, goal: PersonGoal) -> None:
         """Process that the ray passed everything at `at_ns`, nearest to `point_m`."""
         target, did = goal.point_at(at_ns), self._recall(at_ns)
         if target is None or did is None or at_ns < self._look_from_ns:
@@ -148,7 +148,7 @@ class Correction:
         shown, intended = self._stance.sight_of(point_m), self._stance.sight_of(target)
         self._aside_rad = did[0] - vector.wrap(shown[0] - intended[0])
 
-    def turn(self, turn_rad: Pair, at_ns: int, now_ns: int, goal: Goal, named_m: Vec3 | None) -> None:
+    def turn(self, turn_rad: Pair, at_ns: int, now_ns: int, goal: PersonGoal, named_m: Vec3 | None) -> None:
         """Turn by a cue's angles to the right and up, relative to the ray of `at_ns`.
 
         They lead to the thing that the cue names, at `named_m` if it is visible, and from there to the goal.

@@ -20,7 +20,7 @@ class DecisionTimes:
 
     def __init__(self, config: UserSimConfig, skill: float, rng: np.random.Generator) -> None:
         """Create from the person's configuration and skill, 0 to 1."""
-        self._mind = config.mind
+        self._decision = config.mind
         self._rng = rng
         self.quickness = 1.0 - UNSKILLED_SHARE * skill
         """Factor on times."""
@@ -28,15 +28,17 @@ class DecisionTimes:
 
     def find_s(self, items: int, choices: int) -> float:
         """Return the time to find a target among `items`, of which `choices` are suitable, s."""
-        mind = self._mind
-        usual_s = mind.search_base_s + mind.search_per_item_s * items
-        usual_s += mind.decide_per_bit_s * math.log2(choices + 1.0)
-        return self.quickness * usual_s * math.exp(mind.search_spread * float(self._rng.standard_normal()))
+        decision = self._decision
+        usual_s = decision.search_base_s + decision.search_per_item_s * items
+        usual_s += decision.decide_per_bit_s * math.log2(choices + 1.0)
+        return (
+            self.quickness * usual_s * math.exp(decision.search_spread * float(self._rng.standard_normal()))
+        )
 
     def lapses(self) -> bool:
         """Return True if a lapse occurs now."""
         return self._lapse_share > 0.0 and float(self._rng.random()) < self._lapse_share
 
-    def between(self, least: float, most: float) -> float:
+    def between(self, minimum: float, maximum: float) -> float:
         """Return a uniformly random number between the two."""
-        return float(self._rng.uniform(least, most))
+        return float(self._rng.uniform(minimum, maximum))

@@ -17,7 +17,7 @@ IN_AIR_M = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Goal:
+class PersonGoal:
     """A goal that moves at constant speed. Without a point the arm rests."""
 
     key: str
@@ -55,15 +55,15 @@ class Goal:
         return vector.add(self.point_m, vector.scale(self.velocity_mps, passed_s))
 
 
-REST = Goal("rest")
+REST = PersonGoal("rest")
 
 
-def on_object(seen: SeenObject, sight: Sight, *, closed_loop: bool) -> Goal:
+def on_object(seen: SeenObject, sight: Sight, *, closed_loop: bool) -> PersonGoal:
     """Return the goal at the middle of an object."""
     thing = seen.thing
     line = sight.lines.get(seen.key) if seen.key is not None else None
     is_bent = line is not None and len(line.tangents) > 1 and thing.surface_speed_mps != 0.0
-    return Goal(
+    return PersonGoal(
         key=f"object {thing.id}",
         point_m=thing.position_m,
         velocity_mps=thing.velocity_mps,

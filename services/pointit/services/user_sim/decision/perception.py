@@ -6,7 +6,7 @@ from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Feedback
 from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.correction import Correction
-from pointit.services.user_sim.decision.goal import IN_AIR_M, Goal
+from pointit.services.user_sim.decision.goal import IN_AIR_M, PersonGoal
 from pointit.services.user_sim.sight.eyes import SeenCursor, Span
 from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs, Status
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
@@ -41,7 +41,7 @@ class Perception:
         """Thing whose light has shown last that the ray is on it, or `""`: a cursor has shown it."""
         self._cursor_ns = 0
 
-    def update(self, now_ns: int, goal: Goal) -> None:
+    def update(self, now_ns: int, goal: PersonGoal) -> None:
         """Process cues, and look at the strips if it is time."""
         for cue in self._sight.cues:
             self.belief.on_cue(cue, now_ns)
@@ -61,7 +61,7 @@ class Perception:
                 self._correction.wait(now_ns)  # no light would show that a search succeeds, or it has
             self._look(now_ns, goal)
 
-    def _watch(self, now_ns: int, goal: Goal) -> None:
+    def _watch(self, now_ns: int, goal: PersonGoal) -> None:
         """Look at the robot that follows: it, or the place below it if the goal is low, is the cursor."""
         robot = self._sight.robots(now_ns).get(goal.robot)
         self._correction.wait(now_ns)
@@ -73,7 +73,7 @@ class Perception:
         height_m = z if goal.point_m[2] > IN_AIR_M else goal.point_m[2]
         self._correction.see((x, y, height_m), robot.stamp_ns, goal)
 
-    def _look(self, now_ns: int, goal: Goal) -> None:
+    def _look(self, now_ns: int, goal: PersonGoal) -> None:
         frame_ns = self._sight.frame_ns
         is_new, self._frame_ns = frame_ns is not None and frame_ns != self._frame_ns, frame_ns
         self._looks += is_new
@@ -91,11 +91,11 @@ class Perception:
             if is_round or seen.thing.id == goal.object_id:
                 self.things.see(seen.thing.id, self._sight.looks(seen), now_ns)
 
-    def _see_answer(self, answering: SeenObject, at_ns: int, goal: Goal) -> None:
+    def _see_answer(self, answering: SeenObject, at_ns: int, goal: PersonGoal) -> None:
         is_goal = answering.thing.id == goal.object_id
         self._correction.see(answering.thing.position_m, at_ns, goal, confirms=is_goal)
 
-    def _answering(self, goal: Goal, objects: list[SeenObject]) -> SeenObject | None:
+    def _answering(self, goal: PersonGoal, objects: list[SeenObject]) -> SeenObject | None:
         """Return the thing whose own light shows that the ray is on it, rather the goal than another one."""
         sight, things = self._sight, self.things
         shown = [
@@ -105,7 +105,7 @@ class Perception:
         ]
         return min(shown, key=lambda seen: seen.thing.id != goal.object_id, default=None)
 
-    def _find_cursor(self, frame_ns: int, goal: Goal, objects: list[SeenObject]) -> None:
+    def _find_cursor(self, frame_ns: int, goal: PersonGoal, objects: list[SeenObject]) -> None:
         expected_m = self._correction.expected_m(frame_ns, goal)
         self.cursor = self._sight.eyes.cursor(goal.kind, expected_m, _spans(objects, frame_ns))
         if self.cursor is not None:
@@ -116,7 +116,7 @@ class Perception:
         if mark_m is not None:
             self._correction.see_mark(mark_m, frame_ns, goal)
 
-    def _on_selection_cue(self, cue: Feedback, now_ns: int, goal: Goal) -> None:
+    def _on_selection_cue(self, cue: Feedback, now_ns: int, goal: PersonGoal) -> None:
         """Relate a cue of selecting to the object under the own cursor, or that it names, or to the goal."""
         object_id = self._under_cursor(now_ns) or goal.object_id
         if not goal.on_line and goal.closed_loop:
@@ -128,8 +128,8 @@ class Perception:
                 object_id = seen.thing.id
                 self._see_answer(seen, cue.stamp_ns, goal)
         if object_id:
-            told: dict[str, Status] = {"selected": "mine", "deselected": "free", "refused": "theirs"}
-            self.things.believe(object_id, told[cue.cue], now_ns)
+            status_of_cue: dict[str, Status] = {"selected": "mine", "deselected": "free", "refused": "theirs"}
+            self.things.believe(object_id, status_of_cue[cue.cue], now_ns)
 
     def _under_cursor(self, now_ns: int) -> str:
         cursor, at_ns = self.cursor, self._cursor_ns
@@ -137,13 +137,13 @@ class Perception:
             return ""
         if cursor is None:
             return self._answering_id
-        best, least_m = "", float("inf")
+        best, min_distance_m = "", float("inf")
         for seen in self._sight.objects(now_ns):
             if seen.key != (cursor.kind, cursor.line_id):
                 continue
             gap_m = abs(seen.along_m(at_ns) - cursor.position_m)
-            if gap_m < min(seen.thing.length_m / 2.0 + ON_M, least_m):
-                best, least_m = seen.thing.id, gap_m
+            if gap_m < min(seen.thing.length_m / 2.0 + ON_M, min_distance_m):
+                best, min_distance_m = seen.thing.id, gap_m
         return best
 
 

@@ -9,9 +9,9 @@ from pointit.services.user_sim.decision.belief import Belief
 
 OFF_S = 2.0
 """Time for which the cursor is off before the person reacts, s."""
-PATIENCE_S = 15.0
+WAIT_S = 15.0
 """Time for a requested anchor to help before it is requested again, s."""
-GREETING_S = 3.0
+GREETING_PERIOD_S = 3.0
 """Time without a profile after which the person presses anyway, s."""
 
 Gesture = Literal["press", "double", "hold"]
@@ -79,7 +79,7 @@ class ButtonModel:
         return None
 
     def _begin(self, now_ns: int, belief: Belief, known_ns: int | None) -> ButtonEvent | None:
-        greeted_ns = (self._born_ns or 0) + round(GREETING_S * NS_PER_S)
+        greeted_ns = (self._born_ns or 0) + round(GREETING_PERIOD_S * NS_PER_S)
         ready_ns = max(belief.since_ns, greeted_ns if known_ns is None else known_ns) + self._think_ns
         if self._free_ns is not None and self._free_ns <= now_ns:
             ready_ns = max(ready_ns, self._free_ns + self._think_ns)
@@ -107,7 +107,7 @@ class ButtonModel:
         since_ns = belief.since_ns if asked_ns is None else asked_ns
         is_old = 0 < self._every_ns <= now_ns - since_ns
         is_off = self._off_rad > 0.0 and now_ns - self._on_ns > OFF_S * NS_PER_S
-        may_again = asked_ns is None or now_ns - asked_ns > PATIENCE_S * NS_PER_S
+        may_again = asked_ns is None or now_ns - asked_ns > WAIT_S * NS_PER_S
         if not is_old and not (is_off and may_again):
             return None
         self._anchored_ns = self._on_ns = now_ns

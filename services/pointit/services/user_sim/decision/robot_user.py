@@ -9,8 +9,8 @@ from typing import Literal
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback, RobotKind, RobotState
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
-from pointit.services.user_sim.decision.goal import IN_AIR_M, REST, Goal
-from pointit.services.user_sim.decision.press import PATIENCE_S, Gesture
+from pointit.services.user_sim.decision.goal import IN_AIR_M, REST, PersonGoal
+from pointit.services.user_sim.decision.press import WAIT_S, Gesture
 from pointit.services.user_sim.sight.sight import Sight
 
 AIM_S = 2.4
@@ -44,10 +44,10 @@ Stage = Literal["choose", "aim", "asked", "steer", "sent"]
 class _RobotUser(ABC):
     """Takes a robot of one kind. Cues are told apart by ear: tick, double chime, buzz, tock."""
 
-    def __init__(self, kind: RobotKind, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
+    def __init__(self, kind: RobotKind, spots_m: Sequence[Vec3], times: DecisionTimes) -> None:
         self._kind = kind
         self._spots_m = spots_m
-        self._pace = pace
+        self._pace = times
         self._stage: Stage = "choose"
         self._since_ns = self._called_ns = 0
         self._attempts: int = 0
@@ -62,7 +62,7 @@ class _RobotUser(ABC):
         """Index of the next spot, which counts on."""
         self._pause_until_ns: dict[str, int] = {}
 
-    def goal(self, now_ns: int, sight: Sight) -> Goal:
+    def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         """Return the robot or spot to point at, with the presses so far, or rest."""
         if not 0 <= now_ns - self._called_ns <= NS_PER_S:
             self._enter("choose", now_ns)  # the person did not point meanwhile, so that they have no robot
@@ -81,7 +81,7 @@ class _RobotUser(ABC):
         return self._at_spot(robot, now_ns)
 
     @abstractmethod
-    def _at_spot(self, robot: RobotState | None, now_ns: int) -> Goal:
+    def _at_spot(self, robot: RobotState | None, now_ns: int) -> PersonGoal:
         """Return the spot to point at with `robot`, which the person has."""
 
     @abstractmethod
@@ -99,7 +99,7 @@ class _RobotUser(ABC):
             self._attempts += 1
             self._enter("aim", now_ns)
 
-    def _at_robot(self, robot: RobotState | None, now_ns: int) -> Goal:
+    def _at_robot(self, robot: RobotState | None, now_ns: int) -> PersonGoal:
         if robot is None:
             self._enter("choose", now_ns)
             return REST
@@ -110,11 +110,11 @@ class _RobotUser(ABC):
         goal = self._goal(f"robot {self._robot} {self._attempts}", robot.position_m)
         return replace(goal, velocity_mps=robot.velocity_mps, stamp_ns=robot.stamp_ns)
 
-    def _spot(self) -> Goal:
+    def _spot(self) -> PersonGoal:
         return replace(self._goal(f"spot {self._next} {self._attempts}", self._spot_m), closed_loop=True)
 
-    def _goal(self, key: str, point_m: Vec3) -> Goal:
-        return Goal(key, point_m, presses=self._presses, gesture=self._gesture)
+    def _goal(self, key: str, point_m: Vec3) -> PersonGoal:
+        return PersonGoal(key, point_m, presses=self._presses, gesture=self._gesture)
 
     def _on_cue(self, cue: Feedback, now_ns: int) -> None:
         if cue.cue == "refused" and self._needs_lamp(cue.text, now_ns):
@@ -148,7 +148,7 @@ class _RobotUser(ABC):
         self._unclear += "longer" in text
         is_unsure = "press twice" in text or ("localize again" in text and is_settled)
         is_needed = is_unsure or ("longer" in text and self._unclear % 2 == 0)
-        return is_needed and not 0 <= now_ns - self._lamp_ns < PATIENCE_S * NS_PER_S
+        return is_needed and not 0 <= now_ns - self._lamp_ns < WAIT_S * NS_PER_S
 
     def _aim_again(self, now_ns: int) -> None:
         self._attempts += 1
@@ -186,11 +186,11 @@ class _RobotUser(ABC):
 class QuadrotorUser(_RobotUser):
     """Takes a quadrotor, steers it over a spot, seeing where it hovers, and lands it. Then the next spot."""
 
-    def __init__(self, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
-        super().__init__("quadrotor", spots_m, pace)
+    def __init__(self, spots_m: Sequence[Vec3], times: DecisionTimes) -> None:
+        super().__init__("quadrotor", spots_m, times)
         self._over_since_ns: int | None = None
 
-    def _at_spot(self, robot: RobotState | None, now_ns: int) -> Goal:
+    def _at_spot(self, robot: RobotState | None, now_ns: int) -> PersonGoal:
         if self._stage == "sent" and self._lasted_s(now_ns) > RESULT_S:
             self._enter("choose", now_ns)
         elif self._stage == "steer" and self._is_content(robot, now_ns):
@@ -223,12 +223,12 @@ class QuadrotorUser(_RobotUser):
 class GroundRobotUser(_RobotUser):
     """Takes a ground robot and sends it along spots, seeing the cursor's light. Then along the next ones."""
 
-    def __init__(self, spots_m: Sequence[Vec3], pace: DecisionTimes) -> None:
-        super().__init__("ground", spots_m, pace)
+    def __init__(self, spots_m: Sequence[Vec3], times: DecisionTimes) -> None:
+        super().__init__("ground", spots_m, times)
         self._set = 0
         """Number of way-points set so far."""
 
-    def _at_spot(self, robot: RobotState | None, now_ns: int) -> Goal:  # noqa: ARG002 - the other kind's need
+    def _at_spot(self, robot: RobotState | None, now_ns: int) -> PersonGoal:  # noqa: ARG002 - the other kind's need
         if self._stage == "sent" and self._lasted_s(now_ns) > RESULT_S:
             self._enter("steer", now_ns)
         elif self._stage == "steer" and self._set >= PATH:

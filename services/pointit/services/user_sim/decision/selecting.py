@@ -7,7 +7,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
-from pointit.services.user_sim.decision.goal import REST, Goal, on_object
+from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
 from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
@@ -27,10 +27,10 @@ class Selecting:
     have, are left alone.
     """
 
-    def __init__(self, config: UserSimConfig, things: ObjectBeliefs, pace: DecisionTimes) -> None:
+    def __init__(self, config: UserSimConfig, things: ObjectBeliefs, times: DecisionTimes) -> None:
         self._kinds = frozenset(config.target_kinds)
         self._things = things
-        self._pace = pace
+        self._pace = times
         self._give_up_ns = round(config.give_up_s * NS_PER_S)
         self._retry_ns = round(config.retry_s * NS_PER_S)
         self._look_ns = round(config.mind.check_period_s * NS_PER_S)
@@ -49,12 +49,12 @@ class Selecting:
         self._pause_until_ns: dict[str, int] = {}
         self._fired_ns: dict[str, int] = {}
         """Time at which each button fired last, ns."""
-        self._is_told = False
+        self._is_instructed = False
         self._presses = 0
         self._confirmed_ns = 0
         """Time of turning to the object that was confirmed last, ns."""
 
-    def goal(self, now_ns: int, sight: Sight) -> Goal:
+    def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         """Return the object on which to hold the cursor, or rest."""
         self._listen(now_ns, sight)
         if self._current:
@@ -74,8 +74,8 @@ class Selecting:
             if cue.cue == "target" and not cue.target_id:
                 kinds = {seen.thing.kind for seen in sight.objects(now_ns)}
                 named = frozenset(kind for kind in kinds if f" {kind}." in cue.text)
-                if named or self._is_told:
-                    self._kinds, self._is_told, self._current, self._next = named, True, "", ""
+                if named or self._is_instructed:
+                    self._kinds, self._is_instructed, self._current, self._next = named, True, "", ""
 
     def _go_on(self, now_ns: int, sight: Sight) -> None:
         """End with the current object if it is done or timed out."""

@@ -23,7 +23,7 @@ from pointit.services.user_sim.sight.observed_appearance import (
     OwnColor,
     UsualLooks,
 )
-from pointit.services.user_sim.sight.pixels import Key, Kind, Pixels, ShownLine
+from pointit.services.user_sim.sight.pixels import Key, Kind, SeenPixels, ShownLine
 
 LEVEL_SHARE = 0.8
 """Minimum brightness of a cursor, as a share of its recent brightness."""
@@ -35,9 +35,9 @@ INTERLEAVED = 4.5
 """Maximum distance of two own pixels, in pixels, where as many cursors overlap as have distinct colours."""
 SCALE_M = 0.7
 """Distance from the felt direction that adds as much doubt as a third of the cursor's width, m."""
-MAX_DISTANCE_DOUBT = 2.0
+MAX_DISTANCE_COST = 2.0
 """Limit of the doubt by distance for a light that may not be a margin."""
-MAX_DOUBT = 2.6
+MAX_COST = 2.6
 """Maximum doubt at which a run still counts as a cursor."""
 END_M = 0.06
 """Distance beyond the end of a thing at which a run may be its margin, m. Twice that within, as margins are
@@ -85,7 +85,7 @@ class Eyes:
     """Perception of frames of one room by one person."""
 
     def __init__(self) -> None:
-        self._pixels = Pixels(Environment(stamp_ns=0, name="nothing"))
+        self._pixels = SeenPixels(Environment(stamp_ns=0, name="nothing"))
         self._lights: dict[Key, list[tuple[float, float]]] = {}
         """Parts of strips that are lights of things, as arc lengths from and to, m."""
         self._frame: StripsFrame | None = None
@@ -102,7 +102,7 @@ class Eyes:
 
     def learn(self, room: Environment) -> None:
         """Set the map."""
-        self._pixels = Pixels(room)
+        self._pixels = SeenPixels(room)
         self._lights = {}
         for thing in room.things:
             self._lights.setdefault(("strip", thing.strip), []).append(thing.part_m)
@@ -149,21 +149,21 @@ class Eyes:
         for run in runs:
             if run in marks and self._dim_looks <= BLINK_LOOKS:
                 continue
-            doubt = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
-            if doubt > 0.0 and _is_cut(run):
-                doubt /= 2.0
+            cost = abs(math.log(run.width_m / self._width_m)) * 1.5 + 0.3 * (run.parts > 1)
+            if cost > 0.0 and _is_cut(run):
+                cost /= 2.0
             point_m = run.line.line.point_at(run.middle_m)
             where = self._where(run, kind, lying)
             if expected_m is not None:
                 far = math.dist(point_m, expected_m) / SCALE_M
-                doubt += far if where == "end" else min(far, MAX_DISTANCE_DOUBT)
+                cost += far if where == "end" else min(far, MAX_DISTANCE_COST)
             if where == "end":
-                doubt += 1.0 if run.width_m < NARROW * self._width_m else 0.5
+                cost += 1.0 if run.width_m < NARROW * self._width_m else 0.5
             elif where and self._is_mixed:
-                doubt += 0.7
-            if best is None or doubt < best[0]:
-                best = (doubt, run, point_m)
-        if best is None or best[0] > MAX_DOUBT:
+                cost += 0.7
+            if best is None or cost < best[0]:
+                best = (cost, run, point_m)
+        if best is None or best[0] > MAX_COST:
             self._brightness = max(DARKEST, self._brightness * ADAPTING)
             return None
         _, run, point_m = best
@@ -226,10 +226,10 @@ class Eyes:
             self._brightness += 0.3 * (max(own.values()) - self._brightness)
         return self._runs_of(own, kind)
 
-    def _own_codes(self, least: float) -> dict[int, float]:
+    def _own_codes(self, minimum: float) -> dict[int, float]:
         """Return the visible colours that may be the own, with their brightness."""
         codes = set(self._decoded())
-        return {code: share for code in codes if code and (share := self._own.share(code)) >= least}
+        return {code: share for code in codes if code and (share := self._own.share(code)) >= minimum}
 
     def _runs_of(self, own: Iterable[int], kind: Kind) -> list[_Run]:
         hits: dict[int, tuple[ShownLine, list[tuple[float, int]]]] = {}
@@ -243,8 +243,8 @@ class Eyes:
             lit.sort()
             single = _grouped(line, lit, 1.5)
             merged = [run._replace(parts=2) for run in _grouped(line, lit, INTERLEAVED) if run not in single]
-            most_m = longest_m + 2.0 * line.pitch_m
-            runs += [run for run in (*single, *merged) if run.width_m <= most_m]
+            max_m = longest_m + 2.0 * line.pitch_m
+            runs += [run for run in (*single, *merged) if run.width_m <= max_m]
         return runs
 
     def _decoded(self) -> list[int]:

@@ -41,15 +41,15 @@ class ObjectBeliefs:
         self._felt_ns[object_id] = now_ns
         self._maybe.pop(object_id, None)
 
-    def see(self, object_id: str, looks: ObservedAppearance | None, now_ns: int) -> None:
+    def see(self, object_id: str, appearance: ObservedAppearance | None, now_ns: int) -> None:
         """Process the appearance of a thing. None: it is not visible enough."""
-        if looks is None:
+        if appearance is None:
             return
         felt_ns = self._felt_ns.get(object_id)
         if felt_ns is not None and 0 <= now_ns - felt_ns < FELT_S * NS_PER_S:
             return
         before = self.status(object_id)
-        seems = _seems(looks, before)
+        seems = _seems(appearance, before)
         if seems == before:
             self._maybe.pop(object_id, None)
             return
@@ -57,7 +57,7 @@ class ObjectBeliefs:
         if was != seems or since_ns > now_ns:
             since_ns = now_ns
         self._maybe[object_id] = (seems, since_ns)
-        wait_s = SURE_S if looks.hidden or (looks.own and looks.marked) else 0.0
+        wait_s = SURE_S if appearance.hidden or (appearance.own and appearance.marked) else 0.0
         if seems == "taken":
             wait_s = max(wait_s, PASSING_S)
         if now_ns - since_ns >= wait_s * NS_PER_S:
@@ -65,12 +65,12 @@ class ObjectBeliefs:
             self._status[object_id] = seems
 
 
-def _seems(looks: ObservedAppearance, before: Status) -> Status:
-    if not looks.marked:
+def _seems(appearance: ObservedAppearance, before: Status) -> Status:
+    if not appearance.marked:
         return "free"
-    if not looks.full:
-        return "taken" if looks.foreign else "free"
-    if looks.own and not looks.foreign:
+    if not appearance.full:
+        return "taken" if appearance.foreign else "free"
+    if appearance.own and not appearance.foreign:
         return "mine"
     # it is another's, perhaps with a white end as the owner's profile is unknown, or both overlap there
     return before if before in ("mine", "theirs") else "theirs"

@@ -42,7 +42,7 @@ Place = tuple[ShownLine, float]
 """A line and an arc length on it."""
 
 
-class Pixels:
+class SeenPixels:
     """All pixels of a room, numbered in the order of a frame (strips in the map's order)."""
 
     def __init__(self, room: Environment) -> None:

@@ -18,7 +18,7 @@ from pointit.services.led_driver.output.datagram_sender import Datagram, Destina
 from pointit.services.led_driver.output.dmx.artnet_protocol import (
     MAX_PORT_ADDRESS,
     PORT,
-    Node,
+    ArtnetNode,
     dmx_packet,
     poll_packet,
     read_reply,
@@ -40,7 +40,7 @@ async def find_nodes(seconds: float) -> Sequence[FoundDevice]:
     """
     addresses = broadcast_addresses()
     loop = asyncio.get_running_loop()
-    found: dict[str, Node] = {}
+    nodes: dict[str, ArtnetNode] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -56,21 +56,21 @@ async def find_nodes(seconds: float) -> Sequence[FoundDevice]:
                 await loop.sock_sendto(sock, poll_packet(), (address, PORT))
         try:
             async with asyncio.timeout(seconds):
-                while len(found) < MAX_NODES:
+                while len(nodes) < MAX_NODES:
                     await asyncio.sleep(0)  # a flood must not keep the time-out from ending this
                     node = read_reply(await loop.sock_recv(sock, PACKET_BYTES))
                     if node is not None:
-                        merge_reply(found, node)
+                        merge_reply(nodes, node)
         except TimeoutError:
             pass
-    return [_device(node) for _, node in sorted(found.items())]
+    return [_device(node) for _, node in sorted(nodes.items())]
 
 
-def merge_reply(nodes: dict[str, Node], reply: Node) -> None:
-    """Add `reply` to the nodes by address. A node with more than four ports replies once for each four."""
-    known = nodes.setdefault(reply.address, reply)
-    universes = tuple(sorted({*known.universes, *reply.universes}))
-    nodes[reply.address] = replace(known, universes=universes, name=known.name or reply.name)
+def merge_reply(nodes: dict[str, ArtnetNode], node: ArtnetNode) -> None:
+    """Add `node` to the nodes by address. A node with more than four ports replies once for each four."""
+    known = nodes.setdefault(node.address, node)
+    universes = tuple(sorted({*known.universes, *node.universes}))
+    nodes[node.address] = replace(known, universes=universes, name=known.name or node.name)
 
 
 def broadcast_addresses() -> list[str]:
@@ -91,7 +91,7 @@ def broadcast_addresses() -> list[str]:
     return [str(each.network.broadcast_address) for each in interfaces if not each.is_loopback]
 
 
-def _device(node: Node) -> FoundDevice:
+def _device(node: ArtnetNode) -> FoundDevice:
     universes = ", ".join(str(universe) for universe in sorted(set(node.universes)))
     label = f"{node.name or 'Art-Net node'}, {f'universes {universes}' if universes else 'no outputs'}"
     return FoundDevice(node.address, label, {"universes": universes, "report": node.report})
@@ -135,11 +135,11 @@ class ArtnetStream:
         return self.frame(universes, number)
 
 
-def make_artnet(config: ArtnetConfig, around: Surroundings) -> NetworkOutput:
+def make_artnet(config: ArtnetConfig, surroundings: Surroundings) -> NetworkOutput:
     """Return the output; nothing is opened yet."""
     stream = ArtnetStream(config.host, config.port, sync=config.sync)
     wire = pixels_wire(stream, config.universe, config.max_rate_hz)
-    return NetworkOutput(config, stream.destination, wire, around.health, config.host)
+    return NetworkOutput(config, stream.destination, wire, surroundings.health, config.host)
 
 
 ARTNET = LedOutput(

@@ -18,7 +18,7 @@ _IS_OUTPUT = 0x80
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class ArtnetNode:
     """A node that has answered a search."""
 
     address: str
@@ -59,7 +59,7 @@ def poll_packet() -> bytes:
     return _COMMAND.pack(_HEAD, _POLL) + struct.pack(">HBB", _VERSION, 0, 0)
 
 
-def read_reply(packet: bytes) -> Node | None:
+def read_reply(packet: bytes) -> ArtnetNode | None:
     """Return the node that sent `packet`, or None if it is no answer to a search."""
     if len(packet) < _REPLY.size:
         return None
@@ -70,7 +70,7 @@ def read_reply(packet: bytes) -> Node | None:
         return None
     base = (net & 0x7F) << 8 | (subnet & 0x0F) << 4
     ports = range(min(count, len(kinds)))
-    return Node(
+    return ArtnetNode(
         address=".".join(str(byte) for byte in address),
         name=_text(long) or _text(short),
         report=_text(report),

@@ -17,7 +17,7 @@ from pointit.services.led_driver.output.dmx.e131_protocol import (
     MAX_UNIVERSE,
     MIN_UNIVERSE,
     PORT,
-    Sender,
+    E131Sender,
     data_packet,
     multicast_address,
 )
@@ -82,7 +82,7 @@ class E131Stream:
             self.destination = Destination(host="", port=destination.port, interface=destination.interface)
         # the same after a restart, so that receivers do not merge a stream with its own past
         where = f"{socket.gethostname()} {destination.host} {first_universe}"
-        self._sender = Sender(uuid.uuid5(uuid.NAMESPACE_DNS, where), "PointIt", priority)
+        self._sender = E131Sender(uuid.uuid5(uuid.NAMESPACE_DNS, where), "PointIt", priority)
 
     def frame(self, universes: Sequence[Universe], number: int) -> list[Datagram]:
         """Return the packets that set `universes`."""
@@ -105,12 +105,12 @@ class E131Stream:
         ]
 
 
-def make_e131(config: E131Config, around: Surroundings) -> NetworkOutput:
+def make_e131(config: E131Config, surroundings: Surroundings) -> NetworkOutput:
     """Return the output; nothing is opened yet."""
     destination = Destination(host=config.host, port=config.port, interface=config.interface)
     stream = E131Stream(destination, config.universe, config.priority)
     wire = pixels_wire(stream, config.universe, config.max_rate_hz)
-    return NetworkOutput(config, stream.destination, wire, around.health, config.host)
+    return NetworkOutput(config, stream.destination, wire, surroundings.health, config.host)
 
 
 E131 = LedOutput(

@@ -24,7 +24,7 @@ _NAME_BYTES = 63
 
 
 @dataclass(frozen=True, slots=True)
-class Sender:
+class E131Sender:
     """Identity of a sender, the same in all its packets."""
 
     cid: UUID
@@ -40,7 +40,9 @@ def multicast_address(universe: int) -> str:
     return f"239.255.{universe >> 8}.{universe & 0xFF}"
 
 
-def data_packet(sender: Sender, universe: int, sequence: int, slots: bytes, *, ended: bool = False) -> bytes:
+def data_packet(
+    sender: E131Sender, universe: int, sequence: int, slots: bytes, *, ended: bool = False
+) -> bytes:
     """Return the packet that sets a universe.
 
     Args:

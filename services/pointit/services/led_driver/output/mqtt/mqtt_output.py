@@ -201,12 +201,12 @@ class MqttLamps:
                 elif not online and lamp_id not in offline:
                     offline.append(lamp_id)
         self._commands.set_offline(offline)
-        told = ", ".join(f"{topic} tells {text}" for topic, text in unknown.items())
+        reported = ", ".join(f"{topic} tells {text}" for topic, text in unknown.items())
         remedy = (
             "set `availability` to the topic that tells if the lamp is online, and `payload_available` and "
             "`payload_not_available` to its words for online and offline"
         )
-        self._health.warn("availability", f"{told}: {remedy}" if told else "")
+        self._health.warn("availability", f"{reported}: {remedy}" if reported else "")
         who = ", ".join(offline)
         self._health.warn(
             "lamps", f"offline: {who}; switch them on at the wall, or look into their bridge" if who else ""

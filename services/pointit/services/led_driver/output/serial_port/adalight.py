@@ -56,8 +56,8 @@ class AdalightFrame(SerialFrame):
 class AdalightOutput(SerialOutput):
     """Sends frames to one controller."""
 
-    def __init__(self, config: AdalightConfig, account: HealthSink) -> None:
-        super().__init__(config, account)
+    def __init__(self, config: AdalightConfig, health: HealthSink) -> None:
+        super().__init__(config, health)
         self._adalight = config
         self._power = Power(config)
         self._map, _ = map_pixels((), ())

@@ -46,8 +46,8 @@ class ExpanderFrame(SerialFrame):
 class ExpanderOutput(SerialOutput):
     """Sends frames to one expander."""
 
-    def __init__(self, config: ExpanderConfig, account: HealthSink) -> None:
-        super().__init__(config, account)
+    def __init__(self, config: ExpanderConfig, health: HealthSink) -> None:
+        super().__init__(config, health)
         self._board = config
         self._power = Power(config)
         self._wiring, _ = map_channels(config, ())

@@ -58,10 +58,10 @@ class SerialFrame(ABC):
 class SerialOutput:
     """Sends frames to one controller in a thread of its own. Newer frames replace unsent ones."""
 
-    def __init__(self, config: SerialOutputConfig, account: HealthSink) -> None:
+    def __init__(self, config: SerialOutputConfig, health: HealthSink) -> None:
         self._config = config
-        self._account = account
-        self._health = OutputHealth(account, config.port)
+        self._account = health
+        self._health = OutputHealth(health, config.port)
         self._change = threading.Condition()
         self._newest: SerialFrame | None = None
         self._thread = SerialThread(
@@ -106,33 +106,33 @@ class SerialOutput:
             self._health.clear("port")
 
     def _write(self, port: serial.Serial, stopping: threading.Event) -> None:
-        shown: SerialFrame | None = None
+        frame: SerialFrame | None = None
         sent_s = 0.0
         while True:
-            picture = self._next(shown, sent_s, stopping)
+            picture = self._next(frame, sent_s, stopping)
             if stopping.is_set():
                 break
             if picture is None:
                 continue
-            if shown is None:
+            if frame is None:
                 # The board may be in the middle of an aborted frame, so that it discards this one.
                 self._send(port, picture.opening())
-            is_new = picture != shown
-            shown = picture
+            is_new = picture != frame
+            frame = picture
             sent_s = time.monotonic()
             self._send(port, picture, is_new=is_new)
-        if shown is not None:
-            self._send(port, shown.dark())
+        if frame is not None:
+            self._send(port, frame.dark())
 
     def _next(
-        self, shown: SerialFrame | None, sent_s: float, stopping: threading.Event
+        self, frame: SerialFrame | None, sent_s: float, stopping: threading.Event
     ) -> SerialFrame | None:
-        """Wait for a picture other than `shown`, or until it is time to resend that one."""
+        """Wait for a picture other than `frame`, or until it is time to resend that one."""
         with self._change:
             while not stopping.is_set():
                 newest = self._newest
                 left_s = sent_s + KEEP_ALIVE_S - time.monotonic()
-                if newest is not None and (newest != shown or left_s <= 0.0):
+                if newest is not None and (newest != frame or left_s <= 0.0):
                     return newest
                 self._change.wait(left_s if newest is not None else KEEP_ALIVE_S)
         return None

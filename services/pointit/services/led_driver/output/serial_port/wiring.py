@@ -19,7 +19,7 @@ CHANNEL_PIXELS = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class PixelChannel:
     """Pixels on a channel of the board."""
 
     number: int
@@ -35,7 +35,7 @@ class Channel:
 class Wiring:
     """Channels in use, and the source of their pixels."""
 
-    channels: tuple[Channel, ...]
+    channels: tuple[PixelChannel, ...]
     pixel_map: PixelMap
 
     def split(self, pixels: bytes) -> list[bytes]:
@@ -49,7 +49,7 @@ def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[Wirin
     # the board sorts the colours, and is told their order
     sorted_later = [segment.model_copy(update={"order": "RGB"}) for segment in segments]
     pixel_map, unfit = map_pixels(sorted_later, strips if segments else (), block_pixels=CHANNEL_PIXELS)
-    channels: list[Channel] = []
+    channels: list[PixelChannel] = []
     for block in pixel_map.blocks:
         here = [segment for segment in segments if segment.universe == block.number]
         orders, names = {segment.order for segment in here}, dict.fromkeys(each.strip for each in here)
@@ -63,7 +63,7 @@ def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[Wirin
                 f"{config.board} drives {limit}: only the first {limit} light; use more channels, or set "
                 "`board` to what you have"
             )
-        channels.append(Channel(block.number, order, min(pixels, limit), block.start))
+        channels.append(PixelChannel(block.number, order, min(pixels, limit), block.start))
     return Wiring(tuple(channels), pixel_map), problems + unfit
 
 
@@ -87,12 +87,12 @@ def _segments(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[list[Seg
     return segments, [f"the map has no strip {', '.join(missing)}: correct `channels`"] if missing else []
 
 
-def frame_bytes(channels: Sequence[Channel]) -> int:
+def frame_bytes(channels: Sequence[PixelChannel]) -> int:
     """Return the size of a frame of all `channels`."""
     return _overhead_bytes(channels) + _pixel_bytes(channels)
 
 
-def too_slow(config: ExpanderConfig, channels: Sequence[Channel]) -> str:
+def too_slow(config: ExpanderConfig, channels: Sequence[PixelChannel]) -> str:
     """Return a message if wire or board carry fewer frames than wanted for these pixels, else `""`.
 
     The board draws a frame while the next one is sent, so the slower of the two limits.
@@ -120,9 +120,9 @@ def too_slow(config: ExpanderConfig, channels: Sequence[Channel]) -> str:
     )
 
 
-def _overhead_bytes(channels: Sequence[Channel]) -> int:
+def _overhead_bytes(channels: Sequence[PixelChannel]) -> int:
     return len(channels) * upxl_protocol.SET_CHANNEL_BYTES + upxl_protocol.DRAW_ALL_BYTES
 
 
-def _pixel_bytes(channels: Sequence[Channel]) -> int:
+def _pixel_bytes(channels: Sequence[PixelChannel]) -> int:
     return sum(each.pixels * len(each.order) for each in channels)

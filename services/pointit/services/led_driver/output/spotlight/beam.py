@@ -11,7 +11,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.dmx.stream import UNIVERSE_SLOTS
 from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.head import HOME, Angles, Limits, Mounting, moved
+from pointit.services.led_driver.output.spotlight.head import HOME, Angles, HeadLimits, HeadMounting, moved
 
 DARK: Rgb = (0, 0, 0)
 FULL = 255
@@ -29,7 +29,7 @@ class BeamState:
 class Beam:
     """Turns the head towards its target within range and speed."""
 
-    def __init__(self, mounting: Mounting, limits: Limits, dark_beyond_rad: float = math.pi) -> None:
+    def __init__(self, mounting: HeadMounting, limits: HeadLimits, dark_beyond_rad: float = math.pi) -> None:
         """Create a dark beam at home.
 
         Args:
@@ -121,7 +121,7 @@ def _share(angle_rad: float, range_deg: float, *, inverted: bool) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Aim:
+class BeamAim:
     """A person's cursor, which the beam may follow."""
 
     user: str
@@ -136,7 +136,7 @@ class BeamOwnership:
     def __init__(self, user: str = "") -> None:
         """Reserve the beam for `user`. `""`: for who began to point last."""
         self._user = user
-        self._aims: dict[str, Aim] = {}
+        self._aims: dict[str, BeamAim] = {}
         """In the order in which the people began to point."""
 
     def set_cursor(self, user: str, point_m: Vec3 | None, color: Rgb) -> None:
@@ -146,9 +146,9 @@ class BeamOwnership:
         if point_m is None:
             self._aims.pop(user, None)
         else:
-            self._aims[user] = Aim(user, point_m, color)
+            self._aims[user] = BeamAim(user, point_m, color)
 
     @property
-    def aim(self) -> Aim | None:
+    def aim(self) -> BeamAim | None:
         """The cursor that the beam follows, or None if nobody points."""
         return next(reversed(self._aims.values()), None)

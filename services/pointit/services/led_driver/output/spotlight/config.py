@@ -13,7 +13,7 @@ from pointit.services.led_driver.output.dmx.artnet_protocol import MAX_PORT_ADDR
 from pointit.services.led_driver.output.dmx.e131 import check_interface
 from pointit.services.led_driver.output.dmx.e131_protocol import MAX_UNIVERSE, MIN_UNIVERSE
 from pointit.services.led_driver.output.dmx.stream import UNIVERSE_SLOTS
-from pointit.services.led_driver.output.spotlight.head import Limits, Mounting
+from pointit.services.led_driver.output.spotlight.head import HeadLimits, HeadMounting
 from pointit.services.led_driver.outputs import OutputConfig
 
 LARGEST_RANGE_DEG = 1080.0
@@ -123,9 +123,9 @@ class SpotlightConfig(AddressConfig, OutputConfig):
         return self
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> HeadLimits:
         """Return range and speed of the axes."""
-        return Limits(
+        return HeadLimits(
             pan_range_rad=math.radians(self.pan_range_deg),
             tilt_range_rad=math.radians(self.tilt_range_deg),
             pan_speed_radps=math.radians(self.pan_speed_degps),
@@ -133,6 +133,6 @@ class SpotlightConfig(AddressConfig, OutputConfig):
         )
 
     @property
-    def mounting(self) -> Mounting:
+    def mounting(self) -> HeadMounting:
         """Return the pose of the fixture."""
-        return Mounting.from_degrees(self.position_m, self.yaw_deg, self.pitch_deg, self.roll_deg)
+        return HeadMounting.from_degrees(self.position_m, self.yaw_deg, self.pitch_deg, self.roll_deg)

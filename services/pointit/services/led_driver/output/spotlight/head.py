@@ -42,7 +42,7 @@ HOME = Angles(0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class HeadLimits:
     """Range and speed of both axes."""
 
     pan_range_rad: float
@@ -67,7 +67,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Mounting:
+class HeadMounting:
     """Pose of the fixture in the room."""
 
     position_m: Vec3
@@ -75,18 +75,18 @@ class Mounting:
     world_from_fixture: Quaternion
 
     @staticmethod
-    def from_degrees(position_m: Vec3, yaw_deg: float, pitch_deg: float, roll_deg: float) -> "Mounting":
+    def from_degrees(position_m: Vec3, yaw_deg: float, pitch_deg: float, roll_deg: float) -> "HeadMounting":
         """Return the pose whose rotation is roll about x, then pitch about y, then yaw about z of {W}."""
         yaw = rotation.from_yaw(math.radians(yaw_deg))
         pitch = rotation.from_axis_angle((0.0, 1.0, 0.0), math.radians(pitch_deg))
         roll = rotation.from_axis_angle((1.0, 0.0, 0.0), math.radians(roll_deg))
-        return Mounting(position_m, rotation.multiply(yaw, rotation.multiply(pitch, roll)))
+        return HeadMounting(position_m, rotation.multiply(yaw, rotation.multiply(pitch, roll)))
 
     def beam(self, angles: Angles) -> Vec3:
         """Return the direction of the beam at `angles`, {W}."""
         return rotation.rotate(self.world_from_fixture, direction(angles))
 
-    def angles(self, point_m: Vec3, start: Angles, limits: Limits) -> Angles | None:
+    def angles(self, point_m: Vec3, start: Angles, limits: HeadLimits) -> Angles | None:
         """Return the angles at which the beam meets `point_m`, those reached soonest from `start`.
 
         None if the point is out of range, or at the fixture itself.
@@ -120,7 +120,7 @@ def _turns(pan_rad: float, range_rad: float) -> Iterable[float]:
     return (pan_rad + turn * math.tau for turn in range(first, last + 1))
 
 
-def moved(start: Angles, end: Angles, limits: Limits, elapsed_s: float) -> Angles:
+def moved(start: Angles, end: Angles, limits: HeadLimits, elapsed_s: float) -> Angles:
     """Return where the head is `elapsed_s` after `start` on its way to `end`.
 
     Both axes arrive together, so that the beam takes a smooth way.
@@ -138,7 +138,7 @@ def moved(start: Angles, end: Angles, limits: Limits, elapsed_s: float) -> Angle
 class ManualAim:
     """The angles, from home on, within the limits of the head."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: HeadLimits) -> None:
         """Begin at home."""
         self._limits = limits
         self.step_rad = FIRST_STEP_RAD

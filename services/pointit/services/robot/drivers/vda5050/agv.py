@@ -29,7 +29,7 @@ from pointit.services.robot.robot_driver import (
     RobotSpec,
     TakeOff,
 )
-from pointit.vda5050.agv_messages import LOST_CONNECTIONS, Connection, State, Visualization, parse
+from pointit.vda5050.agv_messages import LOST_CONNECTIONS, AgvConnection, AgvState, Visualization, parse
 from pointit.vda5050.header_check import HeaderCheck
 from pointit.vda5050.map_velocity import LastPose, MapVelocity
 from pointit.vda5050.tolerant_model import UnreadableFields
@@ -87,14 +87,14 @@ MqttPublication = tuple[str, str]
 
 
 class Agv:
-    """Keeps what one AGV says apart from what it is told."""
+    """Keeps what one AGV says apart from the orders sent to it."""
 
-    def __init__(self, config: Vda5050Config, spec: RobotSpec, around: Surroundings) -> None:
+    def __init__(self, config: Vda5050Config, spec: RobotSpec, surroundings: Surroundings) -> None:
         self._config = config
         self._spec = spec
-        self._around = around
+        self._around = surroundings
         self._report: Report = lambda _item: None
-        now_ns: Callable[[], int] = around.clock.now_ns
+        now_ns: Callable[[], int] = surroundings.clock.now_ns
         self._encoder = MessageEncoder(
             config.interface,
             config.version,
@@ -111,12 +111,12 @@ class Agv:
         self._polls = 0
         self._last: RobotReport | None = None
         """Newest report, or None while the AGV is not connected."""
-        self._motion = MapVelocity()
+        self._velocity = MapVelocity()
         self._lost = ""
         self._map_id = config.map_id
         self._is_driving = self._has_other_master = False
         self._battery: float | None = None
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._polled_s = 0.0
         self._repeated_s = 0.0
 
@@ -130,7 +130,7 @@ class Agv:
         return self._encoder.topic(name)
 
     def set_report(self, report: Report) -> None:
-        """Set who is told."""
+        """Set the receiver of events."""
         self._report = report
 
     def on_connected(self) -> MqttPublication:
@@ -154,7 +154,10 @@ class Agv:
     def on_message(self, topic: str, payload: object, now_s: float) -> None:
         """Use a message of the broker, as far as it can be read. Health names the fields that cannot."""
         name = topic.rpartition("/")[2]
-        kinds: dict[str, type[Connection | Visualization]] = {"connection": Connection, "state": State}
+        kinds: dict[str, type[AgvConnection | Visualization]] = {
+            "connection": AgvConnection,
+            "state": AgvState,
+        }
         message = parse(kinds.get(name, Visualization), payload)
         if message is None:
             problem = (
@@ -164,18 +167,18 @@ class Agv:
         else:
             problem = self._unreadable[name].describe(topic, message) if name in self._unreadable else ""
         self._around.health.warn(name, problem)
-        if isinstance(message, Connection):
+        if isinstance(message, AgvConnection):
             self._on_connection(message)
         elif message is not None and name in self._headers:
             if not self._headers[name].is_new(message.header_id, message.timestamp):
                 return
-            self._heard_s = now_s
-            if isinstance(message, State):
+            self._received_s = now_s
+            if isinstance(message, AgvState):
                 self._is_driving = message.driving is not False
                 self._has_other_master = has_other_master(message)
                 self._battery = None if message.charge is None else message.charge / 100
             self._on_pose(message)
-            if isinstance(message, State):
+            if isinstance(message, AgvState):
                 self._orders.on_state(message)
 
     def command(self, command: Command) -> None:
@@ -197,33 +200,37 @@ class Agv:
         """Return the messages to publish at `now_s`, and report an AGV that stands."""
         if not self._is_up:
             return []
-        if self._last is not None and now_s - self._heard_s > SILENT_S:
+        if self._last is not None and now_s - self._received_s > SILENT_S:
             self._disconnect(f"the AGV has sent nothing for {SILENT_S:.0f} s: look at its network")
         publications = [self._written(each) for each in self._orders.step(now_s)]
         self._around.health.warn("agv", self._orders.problem)
         is_resting = not (self._is_driving or self._orders.is_active)
-        if self._last is not None and is_resting and now_s - max(self._heard_s, self._repeated_s) >= REPEAT_S:
+        if (
+            self._last is not None
+            and is_resting
+            and now_s - max(self._received_s, self._repeated_s) >= REPEAT_S
+        ):
             self._repeated_s = now_s
             self._say(self._last.position_m, self._last.yaw_rad, (0.0, 0.0), self._last.position_sigma_m)
         self._polled_s = min(self._polled_s, now_s)
-        heard_s = self._heard_s if self._orders.has_state else 0.0  # its place alone does not tell
-        if self._orders.is_active and now_s - max(heard_s, self._polled_s) >= POLL_S:
+        received_s = self._received_s if self._orders.has_state else 0.0  # its place alone does not tell
+        if self._orders.is_active and now_s - max(received_s, self._polled_s) >= POLL_S:
             self._polled_s = now_s
             publications.append(self._state_request())
         return publications
 
     def farewell(self) -> list[MqttPublication]:
-        """Return the messages to publish at the end of the driver: an AGV that may move is told to stop."""
+        """Return the messages at the end of the driver: an AGV that may move gets an order to stop."""
         if not self._orders.is_active:
             return []
         self._orders.stop(0)
-        return [self._written(each) for each in self._orders.step(self._heard_s)]
+        return [self._written(each) for each in self._orders.step(self._received_s)]
 
     def _speed_mps(self, command: Follow | FollowPath) -> float:
         own_mps, limit_mps = self._spec.max_speed_mps, command.max_speed_mps
         return max(SLOWEST_MPS, own_mps if limit_mps is None else min(own_mps, limit_mps))
 
-    def _on_connection(self, connection: Connection) -> None:
+    def _on_connection(self, connection: AgvConnection) -> None:
         if connection.connection_state == "ONLINE":
             for check in self._headers.values():
                 check.forget()  # it may have been restarted
@@ -236,7 +243,7 @@ class Agv:
     def _on_pose(self, message: Visualization) -> None:
         position = message.agv_position
         if position is None:
-            if self._last is None and isinstance(message, State):
+            if self._last is None and isinstance(message, AgvState):
                 self._disconnect(
                     "the AGV reports no agvPosition: PointIt steers AGVs that know where they are"
                 )
@@ -256,7 +263,7 @@ class Agv:
             return
         self._map_id = position.map_id
         place = (position.x, position.y)
-        velocity = self._motion.update(message, self._seen())
+        velocity = self._velocity.update(message, self._seen())
         if self._last is None:
             self._orders.on_connected(place)
         else:
@@ -300,10 +307,10 @@ class Agv:
         if number:
             self._report(OrderStatus(number, outcome, reason))
 
-    def _written(self, sent: Order | InstantAction) -> MqttPublication:
-        if isinstance(sent, Order):
-            return self._encoder.order(sent, self._map_id)
-        return self._encoder.actions([sent])
+    def _written(self, message: Order | InstantAction) -> MqttPublication:
+        if isinstance(message, Order):
+            return self._encoder.order(message, self._map_id)
+        return self._encoder.actions([message])
 
     def _state_request(self) -> MqttPublication:
         self._polls += 1

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, Node, Order, node_id
-from pointit.vda5050.agv_messages import State, blocked_by
+from pointit.services.robot.drivers.vda5050.master_messages import InstantAction, Order, OrderNode, node_id
+from pointit.vda5050.agv_messages import AgvState, blocked_by
 from pointit.vda5050.map_velocity import SAME_M
 
 Point = tuple[float, float]
@@ -73,7 +73,7 @@ Tell = Callable[[int, Outcome, str], None]
 """Called with the number of a command, what became of it, and the reason."""
 
 
-def has_other_master(state: State) -> bool:
+def has_other_master(state: AgvState) -> bool:
     """Return True if the AGV carries out an order that is not ours."""
     return state.is_executing and not state.order_id.startswith(PREFIX)
 
@@ -91,7 +91,7 @@ class _Sent:
     """Sequence id of the last node that was reached."""
 
     @property
-    def last(self) -> Node:
+    def last(self) -> OrderNode:
         return self.order.nodes[-1]
 
 
@@ -111,7 +111,7 @@ class AgvOrders:
             session: makes the ids of orders differ from those of other runs.
             base_m: length of the way that is released ahead of the AGV, m.
             interval_s: shortest time between two orders, s.
-            tell: is told what becomes of commands.
+            tell: receives the results of commands.
         """
         self.session = f"{PREFIX}{session}"
         """Beginning of the ids of this run."""
@@ -130,7 +130,7 @@ class AgvOrders:
         self._position: Point | None = None
         self._blocked = ""
         self._is_paused = False
-        self._state: State | None = None
+        self._state: AgvState | None = None
         """Newest state since the AGV was connected, or None."""
         self._sent: _Sent | None = None
         self._last_order_s = -math.inf
@@ -208,7 +208,7 @@ class AgvOrders:
         """Set where the AGV is, m."""
         self._position = position
 
-    def on_state(self, state: State) -> None:
+    def on_state(self, state: AgvState) -> None:
         """Compare a state, newer than those before, with what was ordered."""
         self._state = state
         self._blocked = OTHER_MASTER if has_other_master(state) else blocked_by(state)
@@ -257,7 +257,7 @@ class AgvOrders:
 
     def _first_order(self) -> Order | None:
         assert self._position is not None, "known while it is linked"  # noqa: S101 - for the type checkers
-        start = Node(0, *self._position)
+        start = OrderNode(0, *self._position)
         nodes = self._nodes_behind(start, NODES_AHEAD)
         if not nodes:  # it is there
             self._arrive()
@@ -273,14 +273,14 @@ class AgvOrders:
         update_id = sent.order.update_id + 1
         return Order(sent.order.order_id, update_id, (sent.last, *nodes), self._speed_mps)
 
-    def _nodes_behind(self, node: Node, number: int) -> tuple[Node, ...]:
-        nodes: list[Node] = []
+    def _nodes_behind(self, node: OrderNode, number: int) -> tuple[OrderNode, ...]:
+        nodes: list[OrderNode] = []
         while len(nodes) < number:
             place = self._route.next_node(node.place, self._step_m)
             if place is None:
                 break
             theta = self._yaw_rad if not self._route else None
-            node = Node(node.sequence_id + 2, *place, theta=theta)
+            node = OrderNode(node.sequence_id + 2, *place, theta=theta)
             nodes.append(node)
         return tuple(nodes)
 
@@ -293,7 +293,7 @@ class AgvOrders:
         self._sent = replace(sent, sent_s=now_s, tries=sent.tries + 1)
         return [sent.order]
 
-    def _check_progress(self, sent: _Sent, state: State) -> None:
+    def _check_progress(self, sent: _Sent, state: AgvState) -> None:
         if state.last_node_id == node_id(state.order_id, state.last_node_sequence_id):
             sent = replace(sent, reached=max(sent.reached, state.last_node_sequence_id))
         if not sent.is_confirmed and state.order_update_id >= sent.order.update_id:
@@ -312,7 +312,7 @@ class AgvOrders:
         elif sent.is_confirmed and not self._route:
             self._arrive()
 
-    def _check_refusal(self, order: Order, state: State) -> None:
+    def _check_refusal(self, order: Order, state: AgvState) -> None:
         for error in state.errors:
             if error.is_about("orderId", order.order_id) and error.is_about(
                 "orderUpdateId", str(order.update_id), default=True
@@ -320,7 +320,7 @@ class AgvOrders:
                 self._finish("refused", error.describe())
                 return
 
-    def _check_cancelled(self, state: State) -> None:
+    def _check_cancelled(self, state: AgvState) -> None:
         # an answer is waited for: an order that is still on its way to the AGV would be carried out later
         answered = any(
             each.action_id in self._cancel_ids and each.action_status in ("FINISHED", "FAILED")
@@ -334,7 +334,7 @@ class AgvOrders:
         self._is_cancelling = False
         self._end_stop()
 
-    def _on_state_without_order(self, state: State) -> None:
+    def _on_state_without_order(self, state: AgvState) -> None:
         """Cancel our order that nobody steers; else a stop is done."""
         if state.is_executing and not has_other_master(state):
             self._cancel()
@@ -369,7 +369,7 @@ class AgvOrders:
         return True
 
     def _finish(self, outcome: Outcome, reason: str) -> None:
-        """End the command, stop the AGV, and say why."""
+        """End the command, stop the AGV, and report the reason."""
         if self._sent is not None:
             self._cancel()
         self._drop()

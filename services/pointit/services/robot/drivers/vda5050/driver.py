@@ -13,7 +13,7 @@ from pointit.runtime.mqtt.broker_search import find_on_brokers
 from pointit.runtime.service.surroundings import Surroundings
 from pointit.services.robot.drivers.vda5050.agv import Agv, MqttPublication, Vda5050Config
 from pointit.services.robot.robot_driver import Command, Report, RobotPlugin, RobotSpec
-from pointit.vda5050.agv_messages import Connection, State, parse
+from pointit.vda5050.agv_messages import AgvConnection, AgvState, parse
 from pointit.vda5050.agv_topic import AgvTopic, agv_of_topic, agv_topics
 
 if TYPE_CHECKING:
@@ -69,10 +69,10 @@ async def find_agvs_on(host: str, port: int, seconds: float) -> list[FoundDevice
 
 def _found(address: str, agv: AgvTopic, payload: object) -> FoundDevice | None:
     """Return the AGV that has sent `payload` to a topic, or None if it is no message of an AGV."""
-    message = parse(Connection if agv.kind == "connection" else State, payload)
+    message = parse(AgvConnection if agv.kind == "connection" else AgvState, payload)
     if message is None or not (agv.major or message.serial_number):
         return None
-    state = message.connection_state if isinstance(message, Connection) else "ONLINE"
+    state = message.connection_state if isinstance(message, AgvConnection) else "ONLINE"
     details = {"broker": address, "manufacturer": agv.manufacturer, "serial_number": agv.serial_number}
     interface, _, level = agv.prefix.partition("/")
     prefix = {"interface": interface} if level == f"v{agv.major}" else {"topic_prefix": agv.prefix}
@@ -97,7 +97,7 @@ def check(config: Vda5050Config) -> None:
 class Vda5050Driver:
     """Steers one AGV as its master control."""
 
-    def __init__(self, config: Vda5050Config, spec: RobotSpec, around: Surroundings) -> None:
+    def __init__(self, config: Vda5050Config, spec: RobotSpec, surroundings: Surroundings) -> None:
         """Prepare; nothing is opened yet.
 
         Raises:
@@ -106,7 +106,7 @@ class Vda5050Driver:
         check(config)
         self._options = client_options(config)
         self._has_user = bool(config.username)
-        self._agv = Agv(config, spec, around)
+        self._agv = Agv(config, spec, surroundings)
         self._changed = asyncio.Event()
 
     def command(self, command: Command) -> None:

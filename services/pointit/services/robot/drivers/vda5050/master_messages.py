@@ -14,7 +14,7 @@ ActionType = Literal["cancelOrder", "stateRequest"]
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class OrderNode:
     """A node of an order, released. Coordinates are those of the AGV's map, m."""
 
     sequence_id: int
@@ -41,7 +41,7 @@ class Order:
 
     order_id: str
     update_id: int
-    nodes: tuple[Node, ...]
+    nodes: tuple[OrderNode, ...]
     max_speed_mps: float | None = None
 
 
@@ -125,7 +125,7 @@ def iso_time(stamp_ns: int) -> str:
     return f"{whole:%Y-%m-%dT%H:%M:%S}.{rest_ns // 10_000_000:02d}Z"
 
 
-def _node(order: Order, node: Node, map_id: str) -> dict[str, Any]:
+def _node(order: Order, node: OrderNode, map_id: str) -> dict[str, Any]:
     position: dict[str, Any] = {"x": round(node.x, 4), "y": round(node.y, 4), "mapId": map_id}
     if node.theta is not None:
         position["theta"] = round(node.theta, 4)
@@ -138,7 +138,7 @@ def _node(order: Order, node: Node, map_id: str) -> dict[str, Any]:
     }
 
 
-def _edge(order: Order, start: Node, end: Node) -> dict[str, Any]:
+def _edge(order: Order, start: OrderNode, end: OrderNode) -> dict[str, Any]:
     made: dict[str, Any] = {
         "edgeId": f"{order.order_id}.{end.sequence_id - 1}",
         "sequenceId": end.sequence_id - 1,

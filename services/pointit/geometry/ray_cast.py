@@ -105,17 +105,17 @@ class SolidCaster:
         self, near: list[tuple[float, int]], origin_m: Vec3, direction: Vec3, tolerance: float, reach_m: float
     ) -> Hit | None:
         best: Hit | None = None
-        least = tolerance
+        best_miss = tolerance
         for bound, i in near:
-            if bound > least + SLACK_RAD:
+            if bound > best_miss + SLACK_RAD:
                 break
             point = self._solids[i].closest_approach(origin_m, direction, self.measure)
             if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
                 continue
             hit = make_hit(i, 0.0, point, origin_m, direction)
             miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
-            if miss <= least and (best is None or miss < least - SAME or hit.range_m < best.range_m):
-                best, least = hit, miss
+            if miss <= best_miss and (best is None or miss < best_miss - SAME or hit.range_m < best.range_m):
+                best, best_miss = hit, miss
         return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
 
     def _near(self, origin_m: Vec3, direction: Vec3, tolerance: float) -> list[tuple[float, int]]:
@@ -124,9 +124,9 @@ class SolidCaster:
             bounds = [(self._bound(i, origin_m, direction), i) for i in range(len(self._solids))]
             return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]
         if self.measure == "angle":
-            sights, balls, least = self._cones(origin_m, tolerance)
+            sights, balls, min_cosine = self._cones(origin_m, tolerance)
             cosines = np.array(direction) @ sights
-            near = (cosines >= least).nonzero()[0]
+            near = (cosines >= min_cosine).nonzero()[0]
             misses = np.arccos(np.minimum(cosines[near], 1.0)) - balls[near]
         else:
             c = self._centres - np.array(origin_m)[:, None]
@@ -144,8 +144,8 @@ class SolidCaster:
         balls = np.where(
             distances <= self._radii, np.inf, np.arcsin(np.minimum(self._radii / distances, 1.0))
         )
-        least = np.cos(np.minimum(balls + (tolerance + SLACK_RAD), math.pi)) - ROUNDING
-        return c / distances, balls, least
+        min_cosine = np.cos(np.minimum(balls + (tolerance + SLACK_RAD), math.pi)) - ROUNDING
+        return c / distances, balls, min_cosine
 
     def _bound(self, index: int, origin_m: Vec3, direction: Vec3) -> float:
         """Return the miss of the solid's ball, negative if the ray meets it or begins inside."""

@@ -33,7 +33,7 @@ async def test_a_service_keeps_the_sites_time_from_its_first_message(
     bus.subscribe(MAP, lambda message, _name: maps.append(message))
     launch = Launch(service=Pui, config=PuiConfig())
     link = Link(connect=(endpoint,))
-    serving = asyncio.create_task(process_module._serve(launch, link, clock_patience_s=patience_s))
+    serving = asyncio.create_task(process_module._serve(launch, link, clock_timeout_s=patience_s))
     await asyncio.sleep(0.1)  # it may well be there before the site has a time
     keeping = asyncio.create_task(publish_time(clock, bus))
     await until(lambda: bool(maps), 30)

@@ -25,7 +25,7 @@ SETTLE_S = 1.0
 
 
 def is_available() -> bool:
-    """Return whether the environment with rclpy is there."""
+    """Return True if the environment with rclpy is there."""
     return PYTHON.exists()
 
 

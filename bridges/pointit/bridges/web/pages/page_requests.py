@@ -163,7 +163,7 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sender:
+class PageSender:
     """The page that requests an action, and the person whom the action is for."""
 
     page: str
@@ -182,7 +182,7 @@ class Action(Generic[E]):
     """Model of its parameters."""
     roles: tuple[Role, ...]
     """Pages that may request it."""
-    handle: Callable[["RequestDispatcher", Sender, E], Awaitable[JsonObject]]
+    handle: Callable[["RequestDispatcher", PageSender, E], Awaitable[JsonObject]]
     """Does it and returns the fields of the reply. Raises `RefusedError`."""
 
 
@@ -228,7 +228,7 @@ class RequestDispatcher:
             case PageAction(action=action, user=user, extras=extras):
                 if action.scope == "person":
                     self.people.check(user)
-                reply = await action.handle(self, Sender(page=page, role=role, user=user), extras)
+                reply = await action.handle(self, PageSender(page=page, role=role, user=user), extras)
         return Answer(id=ask.id, reply=reply)
 
     async def open_lan(self) -> JsonObject:
@@ -269,12 +269,12 @@ class RequestDispatcher:
         return cast("JsonObject", reply.model_dump(mode="json"))
 
 
-async def _press(dispatcher: RequestDispatcher, sender: Sender, press: Press) -> JsonObject:
+async def _press(dispatcher: RequestDispatcher, sender: PageSender, press: Press) -> JsonObject:
     dispatcher.people.press(sender.user, press.gesture)
     return {"message": f"{sender.user}'s button was pressed"}
 
 
-async def _take(dispatcher: RequestDispatcher, sender: Sender, _: NoParameters) -> JsonObject:
+async def _take(dispatcher: RequestDispatcher, sender: PageSender, _: NoParameters) -> JsonObject:
     user = sender.user
     if instance_of(IMU_BRIDGE, user) not in dispatcher.present():
         raise RefusedError(
@@ -290,7 +290,7 @@ async def _take(dispatcher: RequestDispatcher, sender: Sender, _: NoParameters) 
     return {"message": f"{user}'s arm follows this {mover}"}
 
 
-async def _give(dispatcher: RequestDispatcher, sender: Sender, _: NoParameters) -> JsonObject:
+async def _give(dispatcher: RequestDispatcher, sender: PageSender, _: NoParameters) -> JsonObject:
     user = sender.user
     if sender.role == "wrist":
         dispatcher.wrists.release_from(user, sender.page)
@@ -300,13 +300,13 @@ async def _give(dispatcher: RequestDispatcher, sender: Sender, _: NoParameters) 
     return {"message": f"{user}'s arm is their own again"}
 
 
-async def _set_tremor(dispatcher: RequestDispatcher, sender: Sender, tremor: Tremor) -> JsonObject:
+async def _set_tremor(dispatcher: RequestDispatcher, sender: PageSender, tremor: Tremor) -> JsonObject:
     if not dispatcher.wrists.set_tremor(sender.user, sender.page, tremor.rms_deg):
         raise RefusedError(f"this page does not move {sender.user}'s arm: take it first")
     return {"message": f"{sender.user}'s arm trembles by {tremor.rms_deg:g}° rms"}
 
 
-async def _pair(dispatcher: RequestDispatcher, sender: Sender, wanted: Pair) -> JsonObject:
+async def _pair(dispatcher: RequestDispatcher, sender: PageSender, wanted: Pair) -> JsonObject:
     user = sender.user
     if wanted.off:
         page = dispatcher.pairing.unpair(user)
@@ -327,27 +327,27 @@ async def _pair(dispatcher: RequestDispatcher, sender: Sender, wanted: Pair) -> 
     return reply
 
 
-async def _centre(dispatcher: RequestDispatcher, sender: Sender, _: NoParameters) -> JsonObject:
+async def _centre(dispatcher: RequestDispatcher, sender: PageSender, _: NoParameters) -> JsonObject:
     query = SetYawOrigin(yaw_rad=dispatcher.wrists.ahead(sender.user))
     reply = await dispatcher.bus.call(topics.SET_YAW_ORIGIN, query, sender.user)
     dispatcher.phones.centred(sender.user)
     return reply.model_dump(mode="json")
 
 
-async def _speak(dispatcher: RequestDispatcher, sender: Sender, speak: Speak) -> JsonObject:
+async def _speak(dispatcher: RequestDispatcher, sender: PageSender, speak: Speak) -> JsonObject:
     dispatcher.people.speak(sender.user, [word.model_dump() for word in speak.words])
     return {"message": ""}
 
 
-async def _read_floor(dispatcher: RequestDispatcher, _: Sender, __: NoParameters) -> JsonObject:
+async def _read_floor(dispatcher: RequestDispatcher, _: PageSender, __: NoParameters) -> JsonObject:
     return {**await dispatcher.told_apart.answer()}
 
 
-async def _check_map(dispatcher: RequestDispatcher, _: Sender, changed: MapEdits) -> JsonObject:
+async def _check_map(dispatcher: RequestDispatcher, _: PageSender, changed: MapEdits) -> JsonObject:
     return await dispatcher.maps.check(changed.edits, changed.digest)
 
 
-async def _save_map(dispatcher: RequestDispatcher, _: Sender, changed: SaveMap) -> JsonObject:
+async def _save_map(dispatcher: RequestDispatcher, _: PageSender, changed: SaveMap) -> JsonObject:
     return await dispatcher.maps.save(changed.edits, changed.digest, changed.name)
 
 

@@ -54,8 +54,7 @@ class SelectionEngine(PointingEngine, Arbiter):
 
     def tick(self, now_ns: int) -> list[Output]:
         """Handle ended trackers, departed objects and expired reservations."""
-        self._hovers.forget_ended(now_ns)
-        return super().tick(now_ns)
+        return self._hovers.forget_ended(now_ns) + super().tick(now_ns)
 
     def _decide(self, pointed: list[Output]) -> list[Output]:
         outputs: list[Output] = []

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 from pydantic import Field
 
@@ -14,6 +14,15 @@ from pointit.services.selector.objects.view import View
 
 MAX_DWELL_S = 10.0
 """Upper limit of the dwell time by any method, s."""
+
+
+class SpokenName(NamedTuple):
+    """Name that is spoken to the person while they hover an object."""
+
+    object_id: str
+    """Hovered object whose name was spoken, or `""` if it was not yet."""
+    began_ns: int
+    """Time at which the name began, ns."""
 
 
 class PointingSample(NamedTuple):
@@ -63,6 +72,15 @@ class PersonMethod(Protocol):
 
     def latch(self, object_id: str) -> None:
         """Ignore `object_id` until it is left, since it was changed in another way."""
+        ...
+
+
+@runtime_checkable
+class NameAwareMethod(Protocol):
+    """A method that also uses the names that are spoken to the person."""
+
+    def set_spoken(self, name: SpokenName) -> None:
+        """Set the name that is spoken. Called before each `step`, if names are spoken to the person."""
         ...
 
 

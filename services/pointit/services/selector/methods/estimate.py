@@ -23,6 +23,7 @@ from pointit.services.selector.selection_methods import (
     PointingSample,
     SelectionMethod,
     SelectionProgress,
+    SpokenName,
 )
 
 SIDEWAYS_RAD = math.radians(3.5)
@@ -46,6 +47,10 @@ SEEN_PER_S = 2.5
 """Rate at which staying speaks for the object whose light shows that it is pointed at, nats/s."""
 SEEN = 1.5
 """Limit of that: who points far beside what is shown may not look at it."""
+SPOKEN_AFTER_S = 1.0
+"""As `SEEN_AFTER_S`, for a name: to hear and understand it takes 0.7 s, the arm follows after 0.1 s."""
+SPOKEN = 3.0
+"""As `SEEN`, for a name, which tells what the light of a neighbour does not."""
 SMOOTHING_S = 0.12
 """Time constant of the angles to objects, which averages tremor out."""
 FAST_RADPS = math.radians(40.0)
@@ -58,6 +63,12 @@ SHOWN = 0.25
 """Probability from which an object is shown."""
 KEPT = 0.7
 """Share of the most probable one's probability above which the object that is shown is kept."""
+SPOKEN_SHOWN = 0.12
+"""As `SHOWN`, where names are spoken: a hover that flickers cuts them off."""
+SPOKEN_KEPT = 0.4
+"""As `KEPT`, where names are spoken."""
+SPOKEN_DWELL_S = 1.6
+"""Minimum dwell time where names are spoken, s: word, hand and movement take 1.1 s."""
 UNCLEAR_S = 2.5
 """Time of staying after which the person is told of another object that is as probable."""
 ALIKE = 0.5
@@ -103,6 +114,8 @@ class EstimateMethod:
         self._stays_ns = 0
         self._told_ns: int | None = None
         """Time of the last cue that two objects are alike."""
+        self._spoken: SpokenName | None = None
+        """Last spoken name. None if no names are spoken to the person."""
         self._left: dict[str, int | None] = {}
         """Objects that fired, with the time since which they are left, ns, or None."""
 
@@ -114,6 +127,10 @@ class EstimateMethod:
     def latch(self, object_id: str) -> None:
         """Ignore `object_id` until it is left."""
         self._left[object_id] = None
+
+    def set_spoken(self, name: SpokenName) -> None:
+        """Set the name that is spoken to the person."""
+        self._spoken = name
 
     def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
@@ -164,8 +181,9 @@ class EstimateMethod:
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
         accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
         shown = self._shown
-        if shown is not None and any(one.id == shown and one.tracked.lit for one in view.seen):
-            logs[shown] += accepted
+        if shown is not None and shown in logs:
+            is_lit = any(one.id == shown and one.tracked.lit for one in view.seen)
+            logs[shown] += max(accepted if is_lit else 0.0, self._agreement(now_ns))
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
         # who points at a line on which objects move, or that lights them, means an object
         if cursor.surface in LINES and not any(_may_be_on(one, cursor) for one in view.seen):
@@ -177,16 +195,25 @@ class EstimateMethod:
         total = math.fsum(weights.values()) + math.exp(none - highest)
         return {name: weight / total for name, weight in weights.items()}
 
+    def _agreement(self, now_ns: int) -> float:
+        """Return how much staying speaks for the shown object since its name was spoken, nats."""
+        spoken = self._spoken
+        if spoken is None or spoken.object_id != self._shown:
+            return 0.0
+        heard_s = (now_ns - max(self._stays_ns, spoken.began_ns)) / NS_PER_S
+        return min(SEEN_PER_S * max(heard_s - SPOKEN_AFTER_S, 0.0), SPOKEN)
+
     def _choose(self, view: View, probabilities: dict[str, float], now_ns: int) -> None:
         """Choose the object to show, and note since when the person stays on it."""
         best = max(probabilities, key=probabilities.__getitem__, default=None)
         rate = self._speed.rate()
+        kept_share, shown_from = (KEPT, SHOWN) if self._spoken is None else (SPOKEN_KEPT, SPOKEN_SHOWN)
         if best is not None and rate is not None:
             kept = self._shown
-            if kept in probabilities and probabilities[kept] >= KEPT * probabilities[best]:
+            if kept in probabilities and probabilities[kept] >= kept_share * probabilities[best]:
                 best = kept
             speed = view.relative_rate(best, rate)
-            if speed < FAST_RADPS and probabilities[best] >= SHOWN:
+            if speed < FAST_RADPS and probabilities[best] >= shown_from:
                 self._show(best, now_ns)
                 moved_rad = math.dist(self._beside[best][2:], self._anchor[2:])
                 jumped_rad = math.dist(self._now[best][2:], self._anchor[2:]) / 2.0  # not smoothed
@@ -217,10 +244,13 @@ class EstimateMethod:
         if shown in self._left or not pointing.acts(shown):
             return SelectionProgress(shown, confidence=probability)
         dwell_s = next(one.tracked.dwell_s for one in view.seen if one.id == shown) or self._config.dwell_s
+        if self._spoken is not None:
+            dwell_s = max(dwell_s, SPOKEN_DWELL_S)
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S
         progress = min(stayed_s / dwell_s, 1.0) * min(probability / self._config.sure, 1.0)
         if progress < 1.0:
-            rival = self._rival(shown, probabilities, now_ns) if stayed_s > UNCLEAR_S else None
+            is_unclear = stayed_s > UNCLEAR_S and self._spoken is None
+            rival = self._rival(shown, probabilities, now_ns) if is_unclear else None
             return SelectionProgress(shown, progress, None, stayed_s, probability, rival)
         self._left[shown] = None
         return SelectionProgress(shown, 1.0, shown, stayed_s, probability)

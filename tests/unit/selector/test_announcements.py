@@ -6,7 +6,17 @@ import pytest
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Announced, ButtonEvent, Cursor, Environment, Feedback, SelectionEvent, Step, Thing
+from pointit.schemas import (
+    Announced,
+    ButtonEvent,
+    Claim,
+    Cursor,
+    Environment,
+    Feedback,
+    SelectionEvent,
+    Step,
+    Thing,
+)
 from pointit.services.pui.things import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output
@@ -33,11 +43,9 @@ SHELF = (
 class Listener:
     """An engine, and a person to whom names are spoken."""
 
-    def __init__(
-        self, *things: Thing, confirm: str = "press", method: str = "estimate", people: str = "anna"
-    ) -> None:
+    def __init__(self, *things: Thing, confirm: str = "press", people: str = "anna") -> None:
         config = SelectorConfig.model_validate(
-            {"method": method, "announce": {"people": [people], "confirm": confirm}}
+            {"method": "estimate", "estimate": {"announce": {"people": [people], "confirm": confirm}}}
         )
         self.engine = SelectionEngine(config, lambda _record: None)
         self.room = Environment(stamp_ns=0, name="room", things=things or SHELF)
@@ -138,7 +146,9 @@ def test_names_are_spoken_to_the_named_people_or_all(people: str) -> None:
 
 @pytest.mark.parametrize("method", ["estimate", "gauge"])
 def test_a_press_takes_the_thing_whose_name_could_be_understood(method: str) -> None:
-    room = Listener(method=method)
+    room = Listener()
+    room.point(0.0, 0.1)
+    room.engine.use(SelectorConfig(method=method))
     room.point(0.0, 0.5)
     assert room.press() == []
     assert room.cues == ["wait for the name"]
@@ -263,7 +273,7 @@ def test_a_wrist_whose_clock_was_set_back_hears_names_again() -> None:
 
 def test_a_shard_announces_steps_and_claims_what_is_pressed() -> None:
     config = SelectorConfig.model_validate(
-        {"method": "estimate", "announce": {"people": ["anna"]}, "people": ["anna"]}
+        {"method": "estimate", "estimate": {"announce": {"people": ["anna"]}}, "people": ["anna"]}
     )
     shard = ShardEngine(config)
     shard.has_arbiter = True
@@ -286,4 +296,6 @@ def test_a_shard_announces_steps_and_claims_what_is_pressed() -> None:
     point(60, 100)
     messages += [each.message for each in shard.on_button("anna", ButtonEvent(stamp_ns=at(2.0)))]
     assert [each.object_id for each in messages if isinstance(each, Announced)] == ["middle", "right"]
-    assert messages[-1].object_id == "right"  # type: ignore[attr-defined] - a claim
+    assert [each.object_id for each in messages if isinstance(each, Claim) and each.wish == "toggle"] == [
+        "right"
+    ]

@@ -96,25 +96,6 @@ class JournalConfig(Config):
     )
 
 
-class AnnounceConfig(Config):
-    """Names of objects that are spoken to people who see no lights."""
-
-    people: tuple[str, ...] = Field(
-        default=(),
-        description="people to whom the name of the object that they point at is spoken, `*` for all, "
-        "by their page, phone or a speaker that follows `users/{user}/announced`; made for method estimate",
-    )
-    confirm: Literal["press", "dwell"] = Field(
-        default="press",
-        description="press: their button selects the object whose name they heard; dwell: they have none, "
-        "and staying on it selects",
-    )
-
-    def is_for(self, user: str) -> bool:
-        """Return True if names are spoken to `user`."""
-        return user in self.people or "*" in self.people
-
-
 class SelectorConfig(PluginConfig):
     """When an object is hovered, and when staying on it selects or deselects it."""
 
@@ -163,7 +144,6 @@ class SelectorConfig(PluginConfig):
         description="hold, fraction: distance beside an object within which the cursor hovers it, m",
     )
     gauge: GaugeConfig = Field(default=GaugeConfig(), description="parameters of method gauge")
-    announce: AnnounceConfig = Field(default=AnnounceConfig(), description="names spoken to people")
     show_after_s: float = Field(
         default=0.15,
         ge=0,

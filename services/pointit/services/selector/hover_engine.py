@@ -7,7 +7,6 @@ from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Environment, Hover, Step, TrackedObjects
 from pointit.schemas.base import unchecked
-from pointit.services.selector.announcer import Announcer
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import MakeMethod, is_by_angle
 from pointit.services.selector.methods.pointer import PersonPointer, PointerResult
@@ -15,6 +14,7 @@ from pointit.services.selector.objects.seen_objects import SeenObjects
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.outputs import CHANGES, Action, Output
 from pointit.services.selector.ownership.ownership import Ownership
+from pointit.services.selector.selection_methods import NameAnnouncer
 from pointit.services.selector.selection_publisher import make_cue
 
 EMPTY_PERIOD_NS = NS_PER_S // 5
@@ -182,7 +182,7 @@ class HoverEngine:
         object_id, now_ns = announcer.step(self._positions.objects.values(), step.by, step.stamp_ns)
         return self._announce(user, announcer, object_id, now_ns) if object_id else []
 
-    def _announce(self, user: str, announcer: Announcer, object_id: str, now_ns: int) -> list[Output]:
+    def _announce(self, user: str, announcer: NameAnnouncer, object_id: str, now_ns: int) -> list[Output]:
         announced = announcer.announce(object_id, self._name(object_id) if object_id else "", now_ns)
         return [] if announced is None else [Output(user, announced)]
 

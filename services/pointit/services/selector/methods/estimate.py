@@ -16,6 +16,7 @@ from pointit.geometry.closest import nearest_in_angle
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.schemas.pointing import LINES
+from pointit.services.selector.methods.announcer import AnnounceConfig, Announcer
 from pointit.services.selector.methods.gauge import RaySpeedEstimator
 from pointit.services.selector.objects.view import View, VisibleObject
 from pointit.services.selector.selection_methods import (
@@ -23,7 +24,6 @@ from pointit.services.selector.selection_methods import (
     PointingSample,
     SelectionMethod,
     SelectionProgress,
-    SpokenName,
 )
 
 SIDEWAYS_RAD = math.radians(3.5)
@@ -88,6 +88,7 @@ class EstimateConfig(MethodConfig):
     """Parameters of method `estimate`."""
 
     dwell_s: float = Field(default=1.0, gt=0, le=10, description="time on an object that selects it, s")
+    announce: AnnounceConfig = Field(default=AnnounceConfig(), description="names spoken to people")
     sure: float = Field(default=0.7, ge=0.5, lt=1, description="probability from which an object is selected")
 
 
@@ -114,8 +115,8 @@ class EstimateMethod:
         self._stays_ns = 0
         self._told_ns: int | None = None
         """Time of the last cue that two objects are alike."""
-        self._spoken: SpokenName | None = None
-        """Last spoken name. None if no names are spoken to the person."""
+        self._spoken: tuple[str, int] | None = None
+        """Object whose name was spoken, and its time, ns. None if no names are spoken to the person."""
         self._left: dict[str, int | None] = {}
         """Objects that fired, with the time since which they are left, ns, or None."""
 
@@ -128,9 +129,9 @@ class EstimateMethod:
         """Ignore `object_id` until it is left."""
         self._left[object_id] = None
 
-    def set_spoken(self, name: SpokenName) -> None:
-        """Set the name that is spoken to the person."""
-        self._spoken = name
+    def set_spoken(self, object_id: str, began_ns: int) -> None:
+        """Set the object whose name is spoken to the person, and the time at which it began, ns."""
+        self._spoken = object_id, began_ns
 
     def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
@@ -197,10 +198,9 @@ class EstimateMethod:
 
     def _agreement(self, now_ns: int) -> float:
         """Return how much staying speaks for the shown object since its name was spoken, nats."""
-        spoken = self._spoken
-        if spoken is None or spoken.object_id != self._shown:
+        if self._spoken is None or self._spoken[0] != self._shown:
             return 0.0
-        heard_s = (now_ns - max(self._stays_ns, spoken.began_ns)) / NS_PER_S
+        heard_s = (now_ns - max(self._stays_ns, self._spoken[1])) / NS_PER_S
         return min(SEEN_PER_S * max(heard_s - SPOKEN_AFTER_S, 0.0), SPOKEN)
 
     def _choose(self, view: View, probabilities: dict[str, float], now_ns: int) -> None:
@@ -325,4 +325,7 @@ ESTIMATE = SelectionMethod(
     config=EstimateConfig,
     make=lambda config, _surroundings: EstimateMethod(config),
     by_angle=True,
+    announcer=lambda config, user: (
+        Announcer(is_pressed=config.announce.confirm == "press") if config.announce.is_for(user) else None
+    ),
 )

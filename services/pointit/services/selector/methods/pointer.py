@@ -6,16 +6,15 @@ from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 from pointit.schemas import NS_PER_S, Cursor
-from pointit.services.selector.announcer import Announcer
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.selection_methods import (
+    METHODS,
     NameAwareMethod,
     PersonMethod,
     PointingSample,
     SelectionProgress,
-    SpokenName,
 )
 
 CLOCK_STEP_NS = 2 * NS_PER_S
@@ -59,8 +58,8 @@ class PersonPointer:
         self._make = make
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
         self._set_method(config)
-        is_announced, is_pressed = config.announce.is_for(user), config.announce.confirm == "press"
-        self.announcer = Announcer(is_pressed=is_pressed) if is_announced else None
+        make_announcer = METHODS.get(config.method).announcer
+        self.announcer = make_announcer and make_announcer(config.section(config.method), user)
         """Names that are spoken to the person. None: they see lights."""
         self.hovered: str | None = None
         """Object hovered with the last cursor, or None."""
@@ -114,7 +113,7 @@ class PersonPointer:
             presses: returns True if an object is selected by a press only.
         """
         self._stamp_ns = stamp_ns = cursor.stamp_ns
-        spoken = None if self.announcer is None else self.announcer.spoken
+        spoken = self.announcer and self.announcer.spoken
         progress = self._method.step(PointingSample(cursor, under, view, acts), spoken)
         if self.announcer is not None:
             progress = self.announcer.apply_focus(progress, cursor, acts)
@@ -217,7 +216,7 @@ class GuardedMethod:
             self._on_failure(error)
             return ()
 
-    def step(self, pointing: PointingSample, spoken: SpokenName | None = None) -> SelectionProgress:
+    def step(self, pointing: PointingSample, spoken: tuple[str, int] | None = None) -> SelectionProgress:
         """Return the method's result, or that of an object without progress while it is left out."""
         self._now_ns = pointing.cursor.stamp_ns
         if self._method is None and self._now_ns < self._retry_ns:
@@ -225,7 +224,7 @@ class GuardedMethod:
         try:
             method = self._method or self._made()
             if spoken is not None and isinstance(method, NameAwareMethod):
-                method.set_spoken(spoken)
+                method.set_spoken(*spoken)
             result = method.step(pointing)
             check_progress(result)
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything

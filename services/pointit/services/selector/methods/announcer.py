@@ -2,11 +2,14 @@
 
 import math
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
+
+from pydantic import Field
 
 from pointit.geometry import vector
+from pointit.runtime.config.config import Config
 from pointit.schemas import NS_PER_S, Announced, Cursor, TrackedObject
-from pointit.services.selector.selection_methods import SelectionProgress, SpokenName
+from pointit.services.selector.selection_methods import SelectionProgress
 
 FIRST_NS = NS_PER_S // 5
 """Time of steady hover after which the name is spoken, ns."""
@@ -26,6 +29,25 @@ MIN_HEIGHT_M = 0.1
 """Minimum height of objects for which rows are made, m: trackers measure heights with errors."""
 STEP_DWELL_NS = 11 * NS_PER_S // 5
 """Dwell time of a person without a button on an object that they stepped to, ns."""
+
+
+class AnnounceConfig(Config):
+    """Names of objects that are spoken to people who see no lights."""
+
+    people: tuple[str, ...] = Field(
+        default=(),
+        description="people to whom the name of the object that they point at is spoken, `*` for all, "
+        "by their page, phone or a speaker that follows `users/{user}/announced`",
+    )
+    confirm: Literal["press", "dwell"] = Field(
+        default="press",
+        description="press: their button selects the object whose name they heard; dwell: they have none, "
+        "and staying on it selects",
+    )
+
+    def is_for(self, user: str) -> bool:
+        """Return True if names are spoken to `user`."""
+        return user in self.people or "*" in self.people
 
 
 class _Name(NamedTuple):
@@ -56,7 +78,7 @@ class Announcer:
         self._sent = self._sent.model_copy(update={"stamp_ns": 0})
         self._hovered, self._hovered_ns = "", 0
         """Hovered object, and the time since which it is hovered."""
-        self._spoken = SpokenName("", 0)
+        self._spoken = ("", 0)
         self._repeat_ns: int | None = None
         """Time at which the name of the hovered object is repeated."""
         self._names: dict[str, _Name] = {}
@@ -66,7 +88,7 @@ class Announcer:
         self._cursor: Cursor | None = None
 
     @property
-    def spoken(self) -> SpokenName:
+    def spoken(self) -> tuple[str, int]:
         """Return the hovered object and the time at which its name began, or an empty id."""
         return self._spoken
 
@@ -105,7 +127,7 @@ class Announcer:
             self._focus = _Focus(object_id, cursor.direction, cursor.stamp_ns)
             self._has_fired = False
             self._hovered, self._hovered_ns = object_id, cursor.stamp_ns - FIRST_NS
-            self._spoken, self._repeat_ns = SpokenName("", 0), None
+            self._spoken, self._repeat_ns = ("", 0), None
             self._names.clear()  # who steps on does not mean what was announced before
         return object_id, cursor.stamp_ns
 
@@ -113,13 +135,13 @@ class Announcer:
         """Return the message that is due while `object_id` is hovered, `""` for none. None if none is due."""
         if object_id != self._hovered:
             self._hovered, self._hovered_ns = object_id, stamp_ns
-            self._spoken, self._repeat_ns = SpokenName("", 0), None
+            self._spoken, self._repeat_ns = ("", 0), None
         name = self._names.get(object_id)
         if name is not None and stamp_ns - name.hovered_ns <= RECENT_NS:
             self._names[object_id] = name._replace(hovered_ns=stamp_ns)
         if self._sent.seq and stamp_ns - self._sent.stamp_ns < MIN_PERIOD_NS:
             return None
-        is_first = not self._spoken.object_id and stamp_ns - self._hovered_ns >= FIRST_NS
+        is_first = not self._spoken[0] and stamp_ns - self._hovered_ns >= FIRST_NS
         if object_id and (is_first or (self._repeat_ns is not None and stamp_ns >= self._repeat_ns)):
             return self._speak(object_id, label, stamp_ns, is_first=is_first)
         return self.end(stamp_ns) if self._sent.object_id not in ("", object_id) else None
@@ -127,7 +149,7 @@ class Announcer:
     def _speak(self, object_id: str, label: str, stamp_ns: int, *, is_first: bool) -> Announced:
         self._repeat_ns = None
         if is_first:
-            self._spoken, self._repeat_ns = SpokenName(object_id, stamp_ns), stamp_ns + REPEAT_NS
+            self._spoken, self._repeat_ns = (object_id, stamp_ns), stamp_ns + REPEAT_NS
             since_ns = stamp_ns - RECENT_NS
             recent = {each: name for each, name in self._names.items() if name.hovered_ns >= since_ns}
             self._names = {object_id: _Name(stamp_ns, stamp_ns)} | recent

@@ -64,6 +64,7 @@ Mover = Literal["own", "mouse", "phone"]
 
 Deed = Literal[
     "press",
+    "step",
     "take",
     "give",
     "tremor",
@@ -82,7 +83,8 @@ Deed = Literal[
     "check_map",
     "save_map",
 ]
-"""Actions of this server that a page can request: press a person's button; take their wrist with the mouse,
+"""Actions of this server that a page can request: press a person's button; step to the thing beside
+the announced one; take their wrist with the mouse,
 give it back; set the tremor of the mouse's arm; pair or unpair a phone; open the page to the local
 network; find devices within reach of this machine, connect or forget one, show a test pattern on a light,
 check how a wrist is worn; tell from where which things are told apart; a phone, as
@@ -112,6 +114,9 @@ class Hello(WireModel):
     deeds: tuple[Deed, ...]
     user: Annotated[str, Field(description="of a phone: whose wrist it is")] = ""
     lamps: Annotated[tuple[str, ...], Field(description="of a phone: lamps of the map")] = ()
+    speaks: Annotated[
+        bool, Field(description="names of things are spoken here, unless the person chose otherwise")
+    ] = False
 
 
 class ServiceLine(WireModel):
@@ -207,6 +212,7 @@ class Cue(WireModel):
     progress: Annotated[
         Fraction | None, Field(description="of pointing at targets; empty if there are none")
     ] = None
+    announced: Annotated[str, Field(description="name of a thing to speak now; empty if there is none")] = ""
     has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
 
 

@@ -4,6 +4,7 @@ Requests of the table go to their servers unchanged: `name` is the user where th
 the query's fields. Deeds are handled by this server; `name` is the person:
 
 - `press`, `{"gesture": "press" | "double" | "hold"}`: press the person's button.
+- `step`, `{"by": -1 | 1}`: from the announced thing to the one left or right of it.
 - `take`: move the person's arm by this page's mouse; an idle person begins to point. `give`: give it back,
   whichever page moves it.
 - `tremor`, `{"rms_deg": number}`: tremor of that arm.
@@ -78,7 +79,7 @@ DEVICES: tuple[Deed, ...] = (
     "check_mounting",
 )
 
-WRIST: tuple[Deed, ...] = ("press", "take", "give", "centre", "speak")
+WRIST: tuple[Deed, ...] = ("press", "step", "take", "give", "centre", "speak")
 
 DEEDS: dict[Role, tuple[Deed, ...]] = {
     "operator": (*WRIST, "tremor", "pair", "open_lan", "map_room", *DEVICES, *MAPS, *LOOKS),
@@ -108,6 +109,12 @@ class Press(_Extras):
     """Parameters of a press."""
 
     gesture: Literal["press", "double", "hold"] = "press"
+
+
+class StepBeside(_Extras):
+    """Direction of a step."""
+
+    by: Literal[-1, 1]
 
 
 class Tremor(_Extras):
@@ -162,6 +169,7 @@ EXTRAS: dict[Deed, type[BaseModel]] = {
     "show_device": OneDevice,
     "check_mounting": OneDevice,
     "press": Press,
+    "step": StepBeside,
     "tremor": Tremor,
     "pair": Pair,
     "speak": Speak,
@@ -195,7 +203,9 @@ def is_allowed(ask: Ask, role: Role) -> bool:
     return any(ask.key == request.key for request in REQUESTS[role])
 
 
-def greeting(role: Role, *, version: str, site: str, user: str = "", lamps: tuple[str, ...] = ()) -> Hello:
+def greeting(
+    role: Role, *, version: str, site: str, user: str = "", lamps: tuple[str, ...] = (), speaks: bool = False
+) -> Hello:
     """Return the greeting of a page of this role; `user`: of a phone, the owner of the wrist."""
     return Hello(
         version=version,
@@ -205,6 +215,7 @@ def greeting(role: Role, *, version: str, site: str, user: str = "", lamps: tupl
         deeds=DEEDS[role],
         user=user,
         lamps=lamps,
+        speaks=speaks,
     )
 
 

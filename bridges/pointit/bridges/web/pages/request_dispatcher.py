@@ -22,6 +22,7 @@ from pointit.bridges.web.pages.page_requests import (
     Press,
     SaveMap,
     Speak,
+    StepBeside,
     Tremor,
     parse_request,
 )
@@ -103,6 +104,10 @@ class RequestDispatcher:
             assert isinstance(wish.extras, Press)  # noqa: S101 - so says `asks`
             self.people.press(user, wish.extras.gesture)
             return {"message": f"{user}'s button was pressed"}
+        if wish.deed == "step":
+            assert isinstance(wish.extras, StepBeside)  # noqa: S101 - so says `asks`
+            self.people.step(user, wish.extras.by)
+            return {"message": ""}
         if wish.deed == "speak":
             assert isinstance(wish.extras, Speak)  # noqa: S101 - so says `asks`
             self.people.speak(user, [word.model_dump() for word in wish.extras.words])

@@ -26,7 +26,7 @@ from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue, Hello
 from pointit.bridges.web.wrists.pairing import Pairing, Phone
 from pointit.bridges.web.wrists.phone_connection import PhoneConnection, PhoneHost
 from pointit.bridges.web.wrists.phone_cues import Cues
-from pointit.schemas import Feedback, Interaction, Localization, Understood, WristSample
+from pointit.schemas import Announced, Feedback, Interaction, Localization, Understood, WristSample
 
 MAX_ITEMS = 64
 """Maximum number of items in a post."""
@@ -72,8 +72,8 @@ class Phones:
         """Return True if a request comes from a paired phone."""
         return self._phone(connection) is not None
 
-    def feedback(self, user: str, feedback: Feedback | Understood) -> None:
-        """Send a cue, or what became of their words, to the phone of `user`."""
+    def feedback(self, user: str, feedback: Announced | Feedback | Understood) -> None:
+        """Send a cue, a name to speak, or what became of their words, to the phone of `user`."""
         self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # may be of an unknown person
 
     def interaction(self, user: str, interaction: Interaction) -> None:
@@ -209,7 +209,14 @@ class Phones:
 
     def _hello(self, phone: Phone) -> Hello:
         host = self._host
-        return greeting("wrist", version=host.version, site=host.site, user=phone.user, lamps=self._lamps)
+        return greeting(
+            "wrist",
+            version=host.version,
+            site=host.site,
+            user=phone.user,
+            lamps=self._lamps,
+            speaks=host.speaks,
+        )
 
     def _tell(self, user: str, cue: Cue | None) -> None:
         line = self._lines.get(self._pairing.paired(user, time.monotonic()))

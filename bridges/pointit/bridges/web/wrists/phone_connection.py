@@ -56,6 +56,8 @@ class PhoneHost:
     version: str
     """Version of PointIt."""
     site: str
+    speaks: bool
+    """Phones speak the names of things, unless the person chose otherwise."""
 
 
 class PhoneConnection:

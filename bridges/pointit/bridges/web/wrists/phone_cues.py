@@ -3,7 +3,7 @@
 from typing import Any
 
 from pointit.bridges.web.wire import Cue
-from pointit.schemas import Feedback, Interaction, Localization, Understood
+from pointit.schemas import Announced, Feedback, Interaction, Localization, Understood
 
 LOST = "another device moves your arm now: take it back when you want to"
 RETURNED = "your arm does not follow this phone any more, it is your own again: take it when you want to"
@@ -32,8 +32,10 @@ class Cues:
         """Return the cue that the phone has lost the arm; `is_own`: to the person's own device."""
         return self.say(RETURNED if is_own else LOST).model_copy(update={"has_lost_arm": True})
 
-    def feedback(self, feedback: Feedback | Understood) -> Cue:
-        """Return a cue of the bus for the phone."""
+    def feedback(self, feedback: Announced | Feedback | Understood) -> Cue | None:
+        """Return a cue of the bus for the phone, or None: no name is to be spoken."""
+        if isinstance(feedback, Announced):
+            return self.current.model_copy(update={"announced": feedback.label}) if feedback.label else None
         if isinstance(feedback, Understood):
             return self.say(f'"{feedback.text}": {feedback.message or feedback.result}')
         return self.say(feedback.text).model_copy(

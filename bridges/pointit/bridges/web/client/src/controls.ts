@@ -175,6 +175,15 @@ export class Controls {
     if (this.mayDo("press") && user) void this.ask({ deed: "press", name: user });
   }
 
+  /** Whether the name of a thing is announced to the person, from which they can step to the next. */
+  get canStep(): boolean {
+    return this.mayDo("step") && Boolean(this.person?.announced?.object_id);
+  }
+
+  step(by: -1 | 1): void {
+    void this.ask({ deed: "step", name: this.user, query: { by } });
+  }
+
   localize(): void {
     if (this.may("localizer/{user}/start")) void this.askAloud({ key: "localizer/{user}/start", name: this.user });
   }

@@ -76,7 +76,7 @@ class NameAwareMethod(Protocol):
 
 
 class NameAnnouncer(Protocol):
-    """Names for one person: which is spoken when, and which a press confirms. Stamps of cursors are its clock."""
+    """Names that are spoken to one person, and the one that a press confirms. Cursors are its clock."""
 
     is_pressed: bool
     """The person selects by their button, not by staying."""

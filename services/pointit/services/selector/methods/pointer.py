@@ -113,7 +113,7 @@ class PersonPointer:
             presses: returns True if an object is selected by a press only.
         """
         self._stamp_ns = stamp_ns = cursor.stamp_ns
-        spoken = self.announcer and self.announcer.spoken
+        spoken = None if self.announcer is None else self.announcer.spoken
         progress = self._method.step(PointingSample(cursor, under, view, acts), spoken)
         if self.announcer is not None:
             progress = self.announcer.apply_focus(progress, cursor, acts)

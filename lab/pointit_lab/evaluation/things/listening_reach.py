@@ -29,6 +29,10 @@ class HearingModel:
     confused: float = 0.005
     cut_s: float = 0.35
     """A name that another one cuts off before this time is not understood."""
+    landing_s: float = 0.15
+    """A wrong name that began earlier before the end of a movement counts only if no other one follows."""
+    settled_s: float = 0.35
+    """Time after the end of a movement in which another name follows."""
     hand_s: float = 0.1
     gain: float = 0.8
     """Share of the angle between the heard thing and the right one by which the arm moves."""
@@ -71,6 +75,8 @@ class ListeningReach(Reach):
         self._steps: list[tuple[float, int]] = []
         self._turn: tuple[float, str] | None = None
         """Time of the next correction by the arm, and the thing that was heard."""
+        self._passed: tuple[float, str] | None = None
+        """Time from which the name counts that was heard before a movement ended, and the thing."""
         self._press_s = math.inf
         self._reports: list[float] = []
         self._jolted_s = -math.inf
@@ -86,6 +92,7 @@ class ListeningReach(Reach):
         elif self._word is not None:
             self._understand(*self._word)
             self._word = None
+        self._passed = None
         if rng.random() < model.missed:
             return
         others = sorted(set(self._cells) - {name})
@@ -99,6 +106,9 @@ class ListeningReach(Reach):
         if self._word is not None and time_s >= self._word[1]:
             word, self._word = self._word, None
             self._understand(*word)
+        if self._passed is not None and time_s >= self._passed[0]:
+            name, self._passed = self._passed[1], None
+            self._react(time_s, name)
         if self._turn is not None and time_s >= self._turn[0]:
             self._turn_from(time_s, self._turn[1])
         elif self._goal in self._cells and self._is_lost(time_s):
@@ -123,9 +133,16 @@ class ListeningReach(Reach):
         return vector.direction(float(self.now[0] + jolt[0]), float(self.now[1] + jolt[1]))
 
     def _understand(self, began_s: float, understood_s: float, name: str) -> None:
-        if began_s < self._action_s[0] or understood_s < self._action_s[1]:
+        if began_s < self._action_s[0]:
             return  # it is of before the arm or the crown has moved
         self._heard_s = understood_s
+        if name != self._goal and began_s < self._action_s[1] - self._model.landing_s:
+            # of what the arm passes, or on which it lands: then no other name follows
+            self._passed = (max(understood_s, self._action_s[1] + self._model.settled_s), name)
+            return
+        self._react(understood_s, name)
+
+    def _react(self, understood_s: float, name: str) -> None:
         if name == self._goal:
             if self._way != "names+dwell" and self._press_s == math.inf:
                 self._press_s = understood_s + self._model.hand_s
@@ -152,7 +169,7 @@ class ListeningReach(Reach):
 
     def _is_lost(self, time_s: float) -> bool:
         silent_s = time_s - max(self._heard_s, self._action_s[1])
-        return not self._steps and silent_s > LOST_S + self._model.word_s
+        return self._word is None and not self._steps and silent_s > LOST_S + self._model.word_s
 
     def _turn_from(self, time_s: float, name: str) -> None:
         self._turn = None

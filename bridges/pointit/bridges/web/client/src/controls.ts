@@ -175,9 +175,9 @@ export class Controls {
     if (this.mayDo("press") && user) void this.ask({ deed: "press", name: user });
   }
 
-  /** Whether the name of a thing is announced to the person, from which they can step to the next. */
+  /** Whether names are announced to the person, so that they can step from one thing to the next. */
   get canStep(): boolean {
-    return this.mayDo("step") && Boolean(this.person?.announced?.object_id);
+    return this.mayDo("step") && Boolean(this.person?.announced);
   }
 
   step(by: -1 | 1): void {

@@ -197,7 +197,7 @@ class EstimateMethod:
         return {name: weight / total for name, weight in weights.items()}
 
     def _agreement(self, now_ns: int) -> float:
-        """Return how much staying speaks for the shown object since its name was spoken, nats."""
+        """Return the log-likelihood ratio for the shown object of staying since its name was spoken, nats."""
         if self._spoken is None or self._spoken[0] != self._shown:
             return 0.0
         heard_s = (now_ns - max(self._stays_ns, self._spoken[1])) / NS_PER_S

@@ -56,7 +56,7 @@ class PhoneHost:
     version: str
     """Version of PointIt."""
     site: str
-    speaks: bool
+    speaks: bool = False
     """Phones speak the names of things, unless the person chose otherwise."""
 
 

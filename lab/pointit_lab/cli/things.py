@@ -17,11 +17,12 @@ from pointit_lab.cli.options import JOBS, JSON, check_writable, write_json
 from pointit_lab.cli.table import evaluation_console
 
 if TYPE_CHECKING:
-    from pointit_lab.evaluation.things.things import MissKind, ReachRow, Share
+    from pointit_lab.evaluation.things.listening_reach import AnnounceWay
+    from pointit_lab.evaluation.things.things import MissKind, ReachRow, Result, Share
 
 FIRST_SEED = 2000
 """First seed for claims; constants of the method were chosen with seeds from 1000 to 1149."""
-PLACES = {"strip": "a strip 0.5 m below", "nothing": "nothing"}
+PLACES = {"strip": "a strip 0.5 m below", "nothing": "nothing", "among": "points among the things"}
 BATCH = 20
 """Reaches that a process does at once."""
 WRONG = 0.03
@@ -30,6 +31,11 @@ NOTES = (
     "`right`, `wrong`, `nothing`: which thing fires within 8 s, %, with 95 % intervals (Wilson). `median`, "
     "`p90`: time from the beginning of the reach until the right one fires, s. `stated`: mean probability "
     "stated of what fires."
+)
+
+ASSUMED = (
+    "No person was recorded: how people hear, turn, step and press is assumed; false presses 0.5/min is an "
+    "assumption, and most unintended firings are due to it."
 )
 
 
@@ -43,12 +49,33 @@ NOTES = (
 @click.option(
     "--minutes", type=click.FloatRange(0.1, 600), default=10.0, metavar="T", help="for so long each"
 )
-@click.option("--seed", type=click.IntRange(min=0), default=FIRST_SEED, metavar="SEED", help="first seed")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=None,
+    metavar="SEED",
+    help="first seed  [default: one for claims]",
+)
+@click.option(
+    "--announce",
+    type=click.Choice(["names", "names+step", "names+dwell"]),
+    default=None,
+    help="people hear names instead of seeing lights, and press; names+step: they also step to neighbours; "
+    "names+dwell: they have no button",
+)
 @click.option("--method", default="estimate", metavar="NAME", help="method of the selector")
 @JOBS
 @JSON
 def things(
-    *, trials: int, people: int, minutes: float, seed: int, method: str, jobs: int, json_file: Path | None
+    *,
+    trials: int,
+    people: int,
+    minutes: float,
+    seed: int | None,
+    announce: "AnnounceWay | None",
+    method: str,
+    jobs: int,
+    json_file: Path | None,
 ) -> None:
     """Simulate people who point at one of several things, with recorded errors.
 
@@ -71,6 +98,12 @@ def things(
     )
 
     check_writable(json_file)
+    if announce is not None:
+        if method != "estimate":
+            raise ConfigError(f"--announce works with method estimate, not {method}: leave --method out")
+        _announced(announce, trials, (people, minutes), seed, jobs, json_file)
+        return
+    seed = FIRST_SEED if seed is None else seed
     if method not in METHODS.names:
         raise ConfigError(f"--method {method}: there is no such method; there are {', '.join(METHODS.names)}")
     config = SelectorConfig(method=method)
@@ -108,6 +141,53 @@ def things(
         }
         if not write_json(document, json_file):
             _print(rows, per_half_hour, bounds)
+
+
+def _announced(  # noqa: PLR0917 - the options of the command
+    way: "AnnounceWay",
+    trials: int,
+    others: tuple[int, float],
+    seed: int | None,
+    jobs: int,
+    json_file: Path | None,
+) -> None:
+    """Simulate people who hear names, and `others`, who mean nothing: their number, and minutes of each."""
+    from pointit_lab.evaluation.recordings.parallel import map_parallel  # noqa: PLC0415 - all of the selector
+    from pointit_lab.evaluation.things import announced  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.things.listening_reach import ListenerModel  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.things.things import row_of  # noqa: PLC0415 - as above
+
+    first_seed = announced.FIRST_SEED if seed is None else seed
+    pieces = [
+        (row, first, min(BATCH, first_seed + trials - first))
+        for row in announced.ANNOUNCED_ROWS
+        for first in range(first_seed, first_seed + trials, BATCH)
+    ]
+    people, minutes = others
+    waving = [(kind, first_seed + each, minutes) for kind in announced.WAVES for each in range(people)]
+    results: dict[str, list[Result]] = {row.name: [] for row in announced.ANNOUNCED_ROWS}
+    fired = dict.fromkeys(announced.WAVES, 0)
+    with interruptible():
+        with progress(len(pieces) + len(waving)) as tell_progress:
+            ended = map_parallel(partial(announced.announced_reaches, way), pieces, jobs)
+            for done, (index, each) in enumerate(ended):
+                results[pieces[index][0].name] += each
+                tell_progress("parts", done + 1)
+            for done, (index, count) in enumerate(map_parallel(partial(announced.waves, way), waving, jobs)):
+                fired[waving[index][0]] += count
+                tell_progress("parts", len(pieces) + done + 1)
+        rows = [row_of(row, results[row.name]) for row in announced.ANNOUNCED_ROWS]
+        per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in fired.items() if people}
+        document = {
+            "announce": way,
+            "first_seed": first_seed,
+            "assumptions": asdict(ListenerModel()),
+            "rows": [asdict(row) for row in rows],
+            "unintended_per_30_min": per_half_hour,
+        }
+        if not write_json(document, json_file):
+            _print(rows, per_half_hour, {})
+            evaluation_console().print(Text(ASSUMED))
 
 
 def _print(

@@ -37,6 +37,18 @@ def _things() -> "RunPart":
     return THINGS_PART
 
 
+def _names() -> "RunPart":
+    from pointit.cli.things.run_names import NAMES_PART
+
+    return NAMES_PART
+
+
+def _names_display() -> "DisplayPart":
+    from pointit.cli.things.run_names import NAMES_DISPLAY
+
+    return NAMES_DISPLAY
+
+
 def _things_display() -> "DisplayPart":
     from pointit.cli.things.run_things import THINGS_DISPLAY
 
@@ -65,12 +77,14 @@ RUN_PARTS: Sequence[Part["RunPart"]] = (
     (("pointit.cli.page", "pointit.launch.page", "pointit.bridges.web"), _page),
     (("pointit.cli.recordings", "pointit.launch.recorder", "pointit.services.recorder"), _recorder),
     (("pointit.cli.things",), _things),
+    (("pointit.cli.things", "pointit.speech", "pointit.services.selector.methods.estimate"), _names),
 )
 """Panels of options of `run`, in the order of its help."""
 
 DISPLAY_PARTS: Sequence[Part["DisplayPart"]] = (
     (("pointit.cli.robots", "pointit.launch.robots", "pointit.services.user_sim"), _robots),
     (("pointit.cli.things",), _things_display),
+    (("pointit.cli.things", "pointit.speech", "pointit.services.selector.methods.estimate"), _names_display),
 )
 """Parts of the view and the summary of a run, in their order."""
 

@@ -17,14 +17,18 @@ ECHO_NS = NS_PER_S // 4
 class SpeechSynthesizer:
     """Says one sentence at a time; a newer one ends it."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, option: str = "--speak") -> None:
         """Find the program.
+
+        Args:
+            clock: clock of the words that are heard.
+            option: option that needs it.
 
         Raises:
             ConfigError: If it is not installed.
         """
         if shutil.which(PROGRAM) is None:
-            raise ConfigError(f"--speak needs `{PROGRAM}`: install it, such as `apt-get install {PROGRAM}`")
+            raise ConfigError(f"{option} needs `{PROGRAM}`: install it, such as `apt-get install {PROGRAM}`")
         self._clock = clock
         self._saying: asyncio.Task[None] | None = None
         self._from_ns = self._until_ns = 0
@@ -34,8 +38,11 @@ class SpeechSynthesizer:
         text = understood.message
         if understood.result == "asked":
             text = f"{text.partition('?')[0]}?"
-        if not text:
-            return
+        if text:
+            self.speak(text)
+
+    def speak(self, text: str) -> None:
+        """Speak `text`. It cuts off what is being spoken."""
         if self._saying is not None:
             self._saying.cancel()
         if self._until_ns < 2**62:  # else it goes on speaking

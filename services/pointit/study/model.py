@@ -26,7 +26,7 @@ from pointit.schemas.topics import check_name
 from pointit.study.columns import FIXED
 from pointit.study.order import Order, square
 from pointit.study.questionnaires import Questionnaire, check_questionnaire, scale_of
-from pointit.study.step import Step
+from pointit.study.step import StudyStep
 from pointit.study.tasks.robots import Localize, Steer
 from pointit.study.tasks.targets import Tapping, TargetPackages, TargetPlaces, TargetReach
 
@@ -113,9 +113,11 @@ class Study(Config):
         default="selection",
         description="end of a trial: selection, press (of the person's button), timeout, or FILE.py:FUNCTION",
     )
-    consent: Step = Field(default=Step(), description="text that the participant has to agree to")
-    instruction: Step = Field(default=Step(), description="text at the start")
-    instructions: dict[str, Step] = Field(default={}, description="text before a block, by level of a factor")
+    consent: StudyStep = Field(default=StudyStep(), description="text that the participant has to agree to")
+    instruction: StudyStep = Field(default=StudyStep(), description="text at the start")
+    instructions: dict[str, StudyStep] = Field(
+        default={}, description="text before a block, by level of a factor"
+    )
     questionnaires: tuple[Questionnaire, ...] = Field(
         default=(), description="after each block: nasa-tlx, sus, or one of your own"
     )
@@ -131,7 +133,7 @@ class Study(Config):
         self._folder = folder
 
     @property
-    def steps(self) -> tuple[Step, ...]:
+    def steps(self) -> tuple[StudyStep, ...]:
         """All texts for the participant."""
         return (self.consent, self.instruction, *self.instructions.values())
 

@@ -24,7 +24,7 @@ from pointit.study.questionnaires import scale_of
 from pointit.study.site.lsl import LslOutlets
 from pointit.study.site.scenario import scenario_file, scenes_of
 from pointit.study.site.study_site import SiteOptions, StudySite
-from pointit.study.step import Step
+from pointit.study.step import StudyStep
 from pointit.study.table_file import Row
 from pointit.study.tasks.scene import StudyScene, StudyTrial
 from pointit.study.view import BREAK, StudyCommand, StudyStatus, StudyView
@@ -129,11 +129,11 @@ class Session:
                 order=list(self._plan.order),
                 versions={"pointit": pointit.__version__, "python": platform.python_version()},
             )
-        if self._study.consent != Step() and not self._about.get("consented"):
+        if self._study.consent != StudyStep() and not self._about.get("consented"):
             if not await self._view.tell(self._study.consent, go="agree"):
                 raise StoppedError(f"{self._participant} does not agree: nothing is measured")
             self._put(consented=True)
-        if self._study.instruction != Step():
+        if self._study.instruction != StudyStep():
             await self._view.tell(self._study.instruction, go="begin")
 
     async def _enter(self, trial: StudyTrial, sites: contextlib.AsyncExitStack, *, is_first: bool) -> None:
@@ -167,7 +167,7 @@ class Session:
         if not is_first and self._study.break_s and not self._setup.person:
             await self._wait(trial, self._study.break_s, is_break=True)
         if steps or not is_first:
-            await self._view.tell(*(steps or [Step(text="The next block begins.")]), go="begin")
+            await self._view.tell(*(steps or [StudyStep(text="The next block begins.")]), go="begin")
 
     async def _do(self, trial: StudyTrial) -> None:
         """Make one attempt at `trial`, and write it."""

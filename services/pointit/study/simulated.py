@@ -12,7 +12,7 @@ from pointit.study.plan import Progress, plan_of
 from pointit.study.questionnaires import Scale
 from pointit.study.session import Session, check_simulated
 from pointit.study.site.study_site import SiteOptions
-from pointit.study.step import Step
+from pointit.study.step import StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 LIGHT: dict[str, Value] = {"user-sim.rate_hz": 25.0, "led-driver.max_rate_hz": 25.0}
@@ -50,7 +50,7 @@ class SimulatedView:
         self._rng = np.random.default_rng(seed)
         self.status = on_status
 
-    async def tell(self, *steps: Step, go: str) -> bool:
+    async def tell(self, *steps: StudyStep, go: str) -> bool:
         """Go on."""
         del steps, go
         return True

@@ -16,7 +16,7 @@ KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"GIF
 """Media type by the first bytes of a file."""
 
 
-class Step(Config):
+class StudyStep(Config):
     """A text, which may have a picture. Written as a mapping, or as the text alone."""
 
     text: str = ""
@@ -37,7 +37,7 @@ class Picture(NamedTuple):
     media_type: str
 
 
-def read_pictures(steps: Iterable[Step], folder: Path) -> dict[str, Picture]:
+def read_pictures(steps: Iterable[StudyStep], folder: Path) -> dict[str, Picture]:
     """Return the pictures of `steps` by `Step.image`; all are in `folder` or below.
 
     Raises: ConfigError: If one is missing, elsewhere, too large or no picture.

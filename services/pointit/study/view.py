@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from pointit.study.questionnaires import Scale
-from pointit.study.step import Step
+from pointit.study.step import StudyStep
 
 BREAK = "break, "
 """Start of the state of a break; the rest is the time that is left."""
@@ -70,7 +70,7 @@ class StudyCommand:
 class StudyView(Protocol):
     """Shows the study. Used in the event loop of the session."""
 
-    async def tell(self, *steps: Step, go: str) -> bool:
+    async def tell(self, *steps: StudyStep, go: str) -> bool:
         """Show `steps` until the participant does `go`; return False if they do not want to."""
         ...
 

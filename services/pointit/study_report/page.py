@@ -21,7 +21,7 @@ ABOUT: Mapping[str, str] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
-class Step:
+class ReportStep:
     """A call whose result is shown: a table, or a figure."""
 
     call: Callable[..., Any]
@@ -45,7 +45,7 @@ class Section:
 
     title: str
     about: str
-    steps: tuple[Step, ...]
+    steps: tuple[ReportStep, ...]
 
 
 def sections(trials: Trials) -> Iterator[Section]:
@@ -60,19 +60,19 @@ def sections(trials: Trials) -> Iterator[Section]:
     yield Section("Learning", ABOUT["learning"], _both("learning"))
     for unit, title in (("m", "Throughput and Fitts' law"), ("deg", "Throughput and Fitts' law of angles")):
         if trials.has(f"target_width_{unit}"):
-            steps = [Step(sequences.throughput, (unit,)), Step(sequences.omissions, (unit,))]
+            steps = [ReportStep(sequences.throughput, (unit,)), ReportStep(sequences.omissions, (unit,))]
             for index in ("m",) if unit == "m" else ("deg", "kopper"):
-                steps += [Step(figures.fitts, (index,)), Step(tapping.fitts, (index,))]
+                steps += [ReportStep(figures.fitts, (index,)), ReportStep(tapping.fitts, (index,))]
             yield Section(title, ABOUT[unit], tuple(steps))
     if trials.answers:
-        yield Section("Questionnaires", ABOUT["questionnaires"], (Step(scores.questionnaires),))
+        yield Section("Questionnaires", ABOUT["questionnaires"], (ReportStep(scores.questionnaires),))
     if trials.factors and len(trials.participants) > 1:
-        yield Section("Linear mixed model", ABOUT["mixed"], (Step(mixed.mixed_model),))
+        yield Section("Linear mixed model", ABOUT["mixed"], (ReportStep(mixed.mixed_model),))
 
 
-def _both(name: str, *arguments: str) -> tuple[Step, Step]:
+def _both(name: str, *arguments: str) -> tuple[ReportStep, ReportStep]:
     """Return a figure and its table."""
-    return Step(getattr(figures, name), arguments), Step(getattr(comparisons, name), arguments)
+    return ReportStep(getattr(figures, name), arguments), ReportStep(getattr(comparisons, name), arguments)
 
 
 def capital(text: str) -> str:

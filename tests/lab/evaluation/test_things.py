@@ -7,7 +7,9 @@ from click.testing import CliRunner
 
 from pointit.services.selector.config import SelectorConfig
 from pointit_lab.cli.things import things
+from pointit_lab.evaluation.things.announced import ANNOUNCED_ROWS, announced_reach, announced_reaches, waves
 from pointit_lab.evaluation.things.ideal import max_right
+from pointit_lab.evaluation.things.listening_reach import ListenerModel
 from pointit_lab.evaluation.things.things import ROWS, Share, reaches, row_of, wrong_selections
 
 CONFIG = SelectorConfig(method="estimate")
@@ -54,3 +56,36 @@ def test_the_command_gives_the_same_rows_as_json() -> None:
     assert [row["name"] for row in document["rows"]] == [row.name for row in ROWS]
     assert set(document["unintended_per_30_min"]) == {"strip", "nothing"}
     assert set(document["right_at_best"]) == {row.name for row in ROWS if not row.lit}
+
+
+def test_people_who_hear_names_find_things_that_they_would_miss() -> None:
+    row = ANNOUNCED_ROWS[1]
+    named = row_of(row, announced_reaches("names+step", (row, 400_000, 12)))
+    silent = row_of(row, reaches(CONFIG, (row, 400_000, 12)))
+    assert named.right.count >= 11 > silent.right.count
+    assert named.wrong.count <= 1  # by a false press
+    assert announced_reaches("names", (row, 400_001, 2)) == announced_reaches("names", (row, 400_001, 2))
+
+
+def test_without_hearing_or_pressing_nothing_is_selected() -> None:
+    deaf = ListenerModel(missed=1.0, false_presses_per_min=0.0)
+    lame = ListenerModel(press_missed=1.0, false_presses_per_min=0.0)
+    row = ANNOUNCED_ROWS[0]
+    for model in (deaf, lame):
+        assert {announced_reach(row, "names", seed, model).end for seed in (400_010, 400_011)} == {"nothing"}
+
+
+def test_a_button_protects_who_waves_among_the_things() -> None:
+    assert waves("names", ("among", 400_000, 0.5)) <= 1
+    assert waves("names+dwell", ("among", 400_000, 0.5)) > 1
+
+
+def test_the_command_simulates_listeners() -> None:
+    few = ["--announce", "names", "--trials", "1", "--people", "1", "--minutes", "0.1", "--jobs", "1"]
+    ended = CliRunner().invoke(things, [*few, "--json", "-"])
+    assert ended.exit_code == 0, ended.output
+    document = json.loads(ended.stdout)
+    assert [row["name"] for row in document["rows"]] == [row.name for row in ANNOUNCED_ROWS]
+    assert document["assumptions"]["false_presses_per_min"] == 0.5
+    ended = CliRunner().invoke(things, ["--announce", "names", "--method", "gauge"])
+    assert "--announce works with method estimate, not gauge" in str(ended.exception)

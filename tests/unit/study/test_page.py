@@ -15,7 +15,7 @@ from pointit.study.page.server import served
 from pointit.study.page.view import MAX_REASON, Page, PageView
 from pointit.study.questionnaires import SUS
 from pointit.study.session import StoppedError
-from pointit.study.step import Picture, Step
+from pointit.study.step import Picture, StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 STATUS = StudyStatus(
@@ -91,20 +91,20 @@ async def test_questionnaire_that_comes_again_says_which_block_it_is_on() -> Non
 )
 async def test_nothing_but_true_is_a_consent(answer: str, problem: str) -> None:
     view = PageView("small", "P01")
-    telling = await begun(view.tell(Step(text="Do you agree?"), go="agree"))
+    telling = await begun(view.tell(StudyStep(text="Do you agree?"), go="agree"))
     number = shown(view)["id"]
     assert view.hear("participant", f'{{"id": {number}{answer}}}').startswith(problem)
     assert shown(view)["id"] == number, "still asked"
     assert view.hear("participant", f'{{"id": {number}, "agrees": false}}') == ""
     assert await telling is False
-    telling = await begun(view.tell(Step(text="Do you agree?"), go="agree"))
+    telling = await begun(view.tell(StudyStep(text="Do you agree?"), go="agree"))
     assert view.hear("participant", f'{{"id": {number + 1}, "agrees": true}}') == ""
     assert await telling is True
 
 
 async def test_instruction_needs_no_consent_and_answers_are_whole_numbers() -> None:
     view = PageView("small", "P01")
-    telling = await begun(view.tell(Step(text="Read."), go="begin"))
+    telling = await begun(view.tell(StudyStep(text="Read."), go="begin"))
     assert view.hear("participant", f'{{"id": {shown(view)["id"]}}}') == ""
     assert await telling is True
     asking = await begun(view.ask(SUS))
@@ -119,7 +119,7 @@ async def test_experimenter_can_only_stop_while_the_participant_reads() -> None:
     view.status(STATUS)
     assert view.hear("experimenter", '{"command": "skip", "reason": " a\\n b "}') == ""
     assert view.command() == StudyCommand("skip", "a b")
-    telling = await begun(view.tell(Step(text="Read."), go="begin"))
+    telling = await begun(view.tell(StudyStep(text="Read."), go="begin"))
     assert view.hear("experimenter", '{"command": "pause"}').startswith("pause: the participant reads")
     assert view.command() is None
     assert view.hear("experimenter", '{"command": "stop"}') == ""
@@ -169,7 +169,9 @@ async def test_pictures_of_the_steps_are_served_and_nothing_else(
 ) -> None:
     view, urls = links
     url = urls["participant"]
-    telling = await begun(view.tell(Step(text="Look."), Step(image="room.png", alt="The room"), go="begin"))
+    telling = await begun(
+        view.tell(StudyStep(text="Look."), StudyStep(image="room.png", alt="The room"), go="begin")
+    )
     steps = shown(view)["steps"]
     assert [(step["image"], step["alt"]) for step in steps] == [(None, ""), (0, "The room")]
     async with httpx.AsyncClient() as client:
@@ -187,7 +189,7 @@ async def test_pages_show_the_present_content_whenever_they_join_and_outlive_bad
     links: tuple[PageView, dict[Page, str]],
 ) -> None:
     view, urls = links
-    telling = await begun(view.tell(Step(text="Read <b>this</b>."), go="begin"))
+    telling = await begun(view.tell(StudyStep(text="Read <b>this</b>."), go="begin"))
     async with joined(urls["participant"]) as first, joined(urls["experimenter"]) as experimenter:
         content = await received(first)
         assert content["steps"][0]["text"] == "Read <b>this</b>."

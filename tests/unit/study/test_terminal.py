@@ -7,7 +7,7 @@ import pytest
 
 from pointit.cli.study.run import TerminalView
 from pointit.study.questionnaires import Scale
-from pointit.study.step import Step
+from pointit.study.step import StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 STATUS = StudyStatus(
@@ -62,7 +62,7 @@ async def test_participant_is_asked_until_the_answer_is_one(capsys: pytest.Captu
     assert asked.result() == [-2]
     for answer, agrees in (("n\n", False), ("y\n", True)):
         async with asyncio.TaskGroup() as group:
-            told = group.create_task(view.tell(Step(text="Do you agree?"), go="agree"))
+            told = group.create_task(view.tell(StudyStep(text="Do you agree?"), go="agree"))
             await typed(view, "\n", answer)
         assert told.result() is agrees
     assert view.command() is None

@@ -20,6 +20,7 @@ from pointit.bridges.web.pages.page_requests import (
     Press,
     Said,
     Speak,
+    StepBeside,
     Tremor,
     greeting,
     parse_request,
@@ -196,3 +197,13 @@ def test_the_client_takes_every_topic_that_it_is_sent() -> None:
 def test_what_is_none_of_it_is_not(text: str) -> None:
     with pytest.raises(ValidationError):
         RECEIVED.validate_json(text)
+
+
+def test_a_step_is_to_the_left_or_right() -> None:
+    action = parse_request(Ask(id=1, deed="step", name="anna", query={"by": -1}), "wrist")
+    assert action == PageAction(action=BY_NAME["step"], user="anna", extras=StepBeside(by=-1))
+    for query in ({}, {"by": 0}, {"by": 2}, {"by": "right"}):
+        with pytest.raises(RefusedError, match="step: "):
+            parse_request(Ask(id=1, deed="step", name="anna", query=query), "operator")
+    with pytest.raises(RefusedError, match="only looks on"):
+        parse_request(Ask(id=1, deed="step", name="anna", query={"by": 1}), "viewer")

@@ -91,6 +91,7 @@ def test_the_interactions_state_is_told_once_and_stays_in_every_cue() -> None:
         assert cues.interaction(state) is None
         assert cues.current == cue
     feedback = cues.feedback(Feedback(stamp_ns=0, cue="selected"))
+    assert feedback is not None
     assert (feedback.state, feedback.wants_double) == ("pointing", True)
 
 

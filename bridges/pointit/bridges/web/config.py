@@ -1,5 +1,7 @@
 """Parameters of the page."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from pointit.runtime.address_config import AddressConfig
@@ -45,6 +47,11 @@ class WebConfig(AddressConfig):
     record_s: float = Field(default=60.0, ge=0, le=600, description="length of a recording, s")
     most_viewers: int = Field(
         default=100, ge=1, le=10_000, description="maximum number of open pages; more are refused"
+    )
+    announce: Literal["", "page", "phone"] = Field(
+        default="",
+        description="device that speaks the names that the selector announces: page or phone; people can "
+        "change it there. Empty: none",
     )
     devices_at: str = Field(
         default="",

@@ -50,6 +50,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
+    Announced,
     Deployment,
     Environment,
     Feedback,
@@ -118,6 +119,7 @@ class Web(Service[WebConfig]):
             rate_hz=config.rate_hz,
             most=config.most_viewers,
             version=version,
+            speaks=config.announce == "page",
         )
         self._visits = Visits(recent, self._pages, self.clock, version)
         bundle = Bundle()
@@ -128,7 +130,9 @@ class Web(Service[WebConfig]):
             answer=lambda page, ask: self._answers.answer(page, "wrist", ask),
             changed=self._changed,
             warnings=self.bus,
-            greeting=greeting("wrist", version=version, site=self.bus.site),
+            greeting=greeting(
+                "wrist", version=version, site=self.bus.site, speaks=config.announce == "phone"
+            ),
         )
         self._phones = Phones(host, self._pairing, bundle)
         self._solver = SolverProcess()
@@ -326,7 +330,7 @@ class Web(Service[WebConfig]):
             case Interaction():
                 self._people.states[name] = message.state
                 self._phones.interaction(name, message)
-            case Feedback() | Understood():
+            case Announced() | Feedback() | Understood():
                 self._phones.feedback(name, message)
             case _:
                 pass

@@ -90,6 +90,9 @@ class Hello(WireModel):
     deeds: tuple[Deed, ...]
     user: Annotated[str, Field(description="of a phone: whose wrist it is")] = ""
     lamps: Annotated[tuple[str, ...], Field(description="of a phone: lamps of the map")] = ()
+    speaks: Annotated[
+        bool, Field(description="names of things are spoken here, unless the person chose otherwise")
+    ] = False
 
 
 class ServiceLine(WireModel):
@@ -185,6 +188,7 @@ class Cue(WireModel):
     progress: Annotated[
         Fraction | None, Field(description="of pointing at targets; empty if there are none")
     ] = None
+    announced: Annotated[str, Field(description="name of a thing to speak now; empty if there is none")] = ""
     has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
 
 

@@ -33,7 +33,7 @@ START_NS = 1_000 * NS_PER_S
 
 @dataclass(frozen=True, kw_only=True)
 class ThingRow:
-    """Boxes in a row before a person."""
+    """Boxes in a row before a person, or in several above each other."""
 
     name: str
     count: int
@@ -42,6 +42,8 @@ class ThingRow:
     away_m: float
     height_m: float = 1.4
     lit: bool = True
+    levels: int = 1
+    """Number of such rows, as far above each other as their boxes are apart."""
     bias_deg: float | None = None
     """Mean elevation error of all people, e.g. 0 with calibrated offsets. Each has their own if None."""
 
@@ -52,11 +54,16 @@ class ThingRow:
             name=self.name,
             things=tuple(
                 Thing(
-                    id=f"t{index}",
-                    center_m=(self.away_m, (index - (self.count - 1) / 2.0) * self.apart_m, self.height_m),
+                    id=f"t{level * self.count + index}",
+                    center_m=(
+                        self.away_m,
+                        (index - (self.count - 1) / 2.0) * self.apart_m,
+                        self.height_m + (level - (self.levels - 1) / 2.0) * self.apart_m,
+                    ),
                     size_m=(self.size_m, self.size_m, self.size_m),
-                    lamp=f"t{index}" if self.lit else "",
+                    lamp=f"t{level * self.count + index}" if self.lit else "",
                 )
+                for level in range(self.levels)
                 for index in range(self.count)
             ),
         )
@@ -135,7 +142,7 @@ def row_of(row: ThingRow, results: Sequence[Result]) -> ReachRow:
 
 
 def reaches(config: SelectorConfig, piece: tuple[ThingRow, int, int]) -> list[Result]:
-    """Return the results of one person each, from a seed on, for so many seeds."""
+    """Return the results of one person each, for `count` seeds from the first on."""
     row, first, count = piece
     return [reach(row, config, seed) for seed in range(first, first + count)]
 
@@ -213,6 +220,11 @@ def _miss_point(kind: MissKind, row: ThingRow, rng: np.random.Generator) -> Vec3
     """Return a point of the strip, or one beside all things by more than people err."""
     if kind == "strip":
         return (row.away_m, float(rng.uniform(-1.5, 1.5)), 0.9)
+    return point_beside(row, rng)
+
+
+def point_beside(row: ThingRow, rng: np.random.Generator) -> Vec3:
+    """Return a point beside all things by more than people err."""
     while True:
         azimuth, elevation = (math.radians(rng.uniform(-most, most)) for most in (40.0, 30.0))
         point_m = vector.add(EYES_M, vector.scale(vector.direction(azimuth, elevation), row.away_m))

@@ -16,6 +16,8 @@ class Added:
     beside: Sequence[Beside] = ()
     services: Sequence[str] = ()
     """Names of services that it puts there, for `--set`."""
+    settings: Sequence[str] = ()
+    """Parameters of services, as in `--set`, which wins over them."""
     notes: Sequence[str] = ()
     """Sentences to print at the start."""
     afterword: str = ""

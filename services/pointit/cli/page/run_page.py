@@ -48,6 +48,9 @@ def port_option(name: str, metavar: str | None = None) -> Callable[[F], F]:
 
 browser_option = click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
 
+SPEAKING = ("page", "phone")
+"""Values of `--announce` for which the page speaks names."""
+
 OPTIONS: dict[str, Callable[[Any], Any]] = {
     "no_web": click.option("--no-web", is_flag=True, help="no page for browsers"),
     "web_port": port_option("--web-port", metavar="PORT"),
@@ -139,6 +142,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
     port: int | None = options["web_port"]
     asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
     if options["no_web"]:
+        asked[f"--announce {options.get('announce')}"] = options.get("announce") in SPEAKING
         for option, is_given in asked.items():
             if is_given:
                 raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
@@ -152,7 +156,9 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
             notes=[f"{REMEDY}; --no-web runs without it and without this note"],
             afterword=f"There was no page: {REMEDY}.",
         )
-    page_options = {"port": port} if port is not None else {}
+    page_options: dict[str, Any] = {"port": port} if port is not None else {}
+    if (announce := options.get("announce")) in SPEAKING:
+        page_options["announce"] = announce
     tokens, notes = stored_tokens(options["site"], renew=options["new_link"])
     page = page_of(
         choices,

@@ -127,9 +127,12 @@ def run(
     people = 0 if site_only else users
     _check_people(choices, people)
     added = [part.add(chosen, choices, options) for part in run_options.PARTS]
-    choices = dataclasses.replace(choices, page=any(each.moves_wrists for each in added))
+    given = [setting for each in added for setting in each.settings]
+    is_moved = any(each.moves_wrists for each in added)
+    asked = choices
+    choices = dataclasses.replace(choices, page=is_moved, settings=(*given, *choices.settings))
     launches = scenario_launches(chosen, choices, people)
-    check_settings(launches, choices, *(name for each in added for name in each.services))
+    check_settings(launches, asked, *(name for each in added for name in each.services))
     duration_s = options["duration"]
     if duration_s is None and not site_only:
         duration_s = chosen.duration_s

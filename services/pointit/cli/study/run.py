@@ -25,7 +25,7 @@ from pointit.study.simulated import simulate
 from pointit.study.site.lsl import check_lsl
 from pointit.study.site.scenario import check_ready
 from pointit.study.site.study_site import SiteOptions
-from pointit.study.step import Step
+from pointit.study.step import StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 KEYS = {"r": StudyCommand("repeat"), "p": StudyCommand("pause"), "q": StudyCommand("stop")}
@@ -50,7 +50,7 @@ class TerminalView:
         for key in data.decode(errors="ignore"):
             self._on_key(key)
 
-    async def tell(self, *steps: Step, go: str) -> bool:
+    async def tell(self, *steps: StudyStep, go: str) -> bool:
         """Show `steps` until Enter, of pictures their names; `agree` wants an answer."""
         lines = [line for step in steps for line in (step.text, step.image and f"[picture {step.image}]")]
         text = "\n".join(filter(None, lines))

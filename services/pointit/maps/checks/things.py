@@ -11,6 +11,7 @@ from pointit.geometry import vector
 from pointit.geometry.solids import BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.finding import MapFinding, error, warning
+from pointit.maps.checks.labels import check_labels
 from pointit.maps.model import MapFile
 from pointit.maps.things import ROUNDED_M, broken_things, things_of
 from pointit.runtime.errors import ConfigError
@@ -44,6 +45,7 @@ def check_things(
     for thing in everything:
         if (twin := names.setdefault(thing.label or thing.id, thing.id)) != thing.id:
             yield warning(f"things.{thing.id}", f"is called as {twin} is; change one label")
+    yield from check_labels(everything)
     yield from _check_lights(everything)
     yield from _check_places(things, file, clouds)
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Environment, Hover, TrackedObjects
+from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Environment, Hover, Step, TrackedObjects
 from pointit.schemas.base import unchecked
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import MakeMethod, is_by_angle
@@ -14,6 +14,7 @@ from pointit.services.selector.objects.seen_objects import SeenObjects
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.outputs import CHANGES, Action, Output
 from pointit.services.selector.ownership.ownership import Ownership
+from pointit.services.selector.selection_methods import NameAnnouncer
 from pointit.services.selector.selection_publisher import make_cue
 
 EMPTY_PERIOD_NS = NS_PER_S // 5
@@ -89,16 +90,21 @@ class HoverEngine:
     def on_objects(self, tracker: str, objects: TrackedObjects) -> None:
         """Update the objects of `tracker`."""
         if self._things and any(one.id in self._things for one in objects.objects):
-            told = tuple(one.model_copy(update=self._things.get(one.id)) for one in objects.objects)
-            objects = objects.model_copy(update={"objects": told})
+            listed = tuple(one.model_copy(update=self._things.get(one.id)) for one in objects.objects)
+            objects = objects.model_copy(update={"objects": listed})
         for forgotten in self._positions.update(tracker, objects):
             self._scene.forget(forgotten)
         self._scene.update(tracker, objects)
 
-    def forget_ended(self, now_ns: int) -> None:
-        """Forget the objects of trackers that have ended."""
+    def forget_ended(self, now_ns: int) -> list[Output]:
+        """Forget the objects of trackers that have ended. End the names of people whose cursors have."""
         for tracker in self._positions.forget(now_ns):
             self._scene.forget(tracker)
+        outputs: list[Output] = []
+        for user, pointer in self._people.items():
+            if (announcer := pointer.announcer) is not None and announcer.is_silent(now_ns):
+                outputs += self._announce(user, announcer, "", now_ns)
+        return outputs
 
     def is_timely(self, user: str, stamp_ns: int) -> bool:
         """Return True if a cursor of `user` with this stamp is new, and must be passed to `on_cursor`."""
@@ -140,6 +146,8 @@ class HoverEngine:
             standing = self._standing(user, pointer, object_id, pointed.progress, now_ns)
         hover = self._hover(user, cursor, view, pointed, standing)
         outputs = [] if hover is None else [Output(user, hover)]
+        if pointer.announcer is not None:
+            outputs += self._announce(user, pointer.announcer, object_id or "", now_ns)
         wanted = object_id if is_shown and standing[0] in CHANGES else None
         if wanted is not None and not self._is_reserved(user, wanted, now_ns):
             outputs.append(Output(user, Claim(stamp_ns=now_ns, object_id=wanted, wish="reserve")))
@@ -159,12 +167,24 @@ class HoverEngine:
         if pointer is None or button.gesture != self._config.confirm_gesture:
             return []
         object_id = pointer.press(button.stamp_ns)
-        if object_id is None or not (
-            self._config.confirm == "press" or self._positions.is_pressed(object_id)
-        ):
+        if object_id == "" and pointer.is_confirmed_by_press:
+            return [Output(user, make_cue("refused", "wait for the name", button.stamp_ns, 0))]
+        if not object_id or not (pointer.is_confirmed_by_press or self._positions.is_pressed(object_id)):
             return []
         pointer.latch(object_id)
         return self._toggle(user, object_id, button.stamp_ns, "button")
+
+    def on_step(self, user: str, step: Step) -> list[Output]:
+        """Move `user` from the announced object to the one beside it."""
+        pointer = self._people.get(user)
+        if pointer is None or (announcer := pointer.announcer) is None:
+            return []
+        object_id, now_ns = announcer.step(self._positions.objects.values(), step.by, step.stamp_ns)
+        return self._announce(user, announcer, object_id, now_ns) if object_id else []
+
+    def _announce(self, user: str, announcer: NameAnnouncer, object_id: str, now_ns: int) -> list[Output]:
+        announced = announcer.announce(object_id, self._name(object_id) if object_id else "", now_ns)
+        return [] if announced is None else [Output(user, announced)]
 
     def forget(self, user: str) -> None:
         """Forget the pointing of `user`, for whom another selector points from now on."""
@@ -260,8 +280,12 @@ class PointingEngine:
         """Return the reason why the method fails for a person, or `""`."""
         return self._hovers.fault()
 
+    def on_step(self, user: str, step: Step) -> list[Output]:
+        """Move `user` from the announced object to the one beside it."""
+        return self._hovers.on_step(user, step)
+
     def stale_trackers(self, now_ns: int) -> list[str]:
-        """Return the trackers silent for so long that their objects cannot be hovered."""
+        """Return the trackers silent for a time after which their objects cannot be hovered."""
         return self._ownership.positions.silent(now_ns)
 
     def on_map(self, environment: Environment) -> list[Output]:

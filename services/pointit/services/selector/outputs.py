@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from pointit.schemas import Claim, Feedback, Hover, Selection, SelectionEvent
+from pointit.schemas import Announced, Claim, Feedback, Hover, Selection, SelectionEvent
 from pointit.schemas.base import Count, Fraction, Ns
 
 Event = Literal["selected", "deselected", "refused", "left"]
@@ -29,7 +29,7 @@ class Output(NamedTuple):
 
     user: str
     """User of the topic. `""` for a topic of the site."""
-    message: Hover | Selection | SelectionEvent | Feedback | Claim
+    message: Hover | Announced | Selection | SelectionEvent | Feedback | Claim
 
 
 @dataclass(frozen=True, slots=True)

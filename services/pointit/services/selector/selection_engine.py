@@ -54,12 +54,11 @@ class SelectionEngine(PointingEngine, Arbiter):
 
     def tick(self, now_ns: int) -> list[Output]:
         """Handle ended trackers, departed objects and expired reservations."""
-        self._hovers.forget_ended(now_ns)
-        return super().tick(now_ns)
+        return self._hovers.forget_ended(now_ns) + super().tick(now_ns)
 
-    def _decide(self, pointed: list[Output]) -> list[Output]:
+    def _decide(self, outputs_of_hovers: list[Output]) -> list[Output]:
         outputs: list[Output] = []
-        for output in pointed:
+        for output in outputs_of_hovers:
             message = output.message
             if isinstance(message, Claim):
                 outputs += self.claim(output.user, message, message.stamp_ns)

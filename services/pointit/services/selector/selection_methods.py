@@ -1,15 +1,15 @@
 """Selection methods by name: ours, and those of installed packages."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.service.surroundings import Surroundings
-from pointit.schemas import Cursor
+from pointit.schemas import Announced, Cursor, TrackedObject
 from pointit.services.selector.objects.view import View
 
 MAX_DWELL_S = 10.0
@@ -66,6 +66,53 @@ class PersonMethod(Protocol):
         ...
 
 
+@runtime_checkable
+class NameAwareMethod(Protocol):
+    """A method that also uses the names that are spoken to the person."""
+
+    def set_spoken(self, object_id: str, began_ns: int) -> None:
+        """Set the hovered object if its name was spoken, else `""`, and the time at which it began, ns."""
+        ...
+
+
+class NameAnnouncer(Protocol):
+    """Names that are spoken to one person, and the one that a press confirms. Cursors are its clock."""
+
+    is_pressed: bool
+    """The person selects by their button, not by staying."""
+
+    @property
+    def spoken(self) -> tuple[str, int]:
+        """Return the arguments of `NameAwareMethod.set_spoken`."""
+        ...
+
+    def apply_focus(
+        self, progress: SelectionProgress, cursor: Cursor, acts: Callable[[str], bool]
+    ) -> SelectionProgress:
+        """Return `progress` of the method, or that of an object to which the person stepped."""
+        ...
+
+    def step(self, objects: Iterable[TrackedObject], by: int, stamp_ns: int) -> tuple[str, int]:
+        """Step to a neighbour. Return it, or `""`, and the time, ns."""
+        ...
+
+    def announce(self, object_id: str, label: str, stamp_ns: int) -> Announced | None:
+        """Return the message that is due while an object, or `""`, is hovered. None if none is due."""
+        ...
+
+    def confirmed(self, press_ns: int) -> str:
+        """Return the object that a press means, or `""`."""
+        ...
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Return True if something is announced although cursors have ended."""
+        ...
+
+    def forget(self) -> None:
+        """Forget the pointing: the clock of its cursors was set back."""
+        ...
+
+
 class MethodConfig(Config):
     """Parameters of every selection method of an installed package."""
 
@@ -91,6 +138,8 @@ class SelectionMethod(Plugin):
     by_angle: bool = False
     """True: it gets the objects near the ray and finds the hovered one itself, by its angle. False: it gets
     the object under the cursor, by metres."""
+    announcer: Callable[[Any, str], NameAnnouncer | None] | None = None
+    """Makes the announcer of a user with the same parameters, or None if no names are spoken to them."""
 
 
 detached = Surroundings.detached

@@ -10,8 +10,8 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.people_share import PeopleShare
 from pointit.runtime.service.plugin_guard import watch_for_stalls
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import ButtonEvent, Cursor, Environment, Feedback, Hover, TrackedObjects
-from pointit.schemas.topics import BUTTON, CURSOR, FEEDBACK, HOVER, MAP, OBJECTS, USER_ALIVE
+from pointit.schemas import Announced, ButtonEvent, Cursor, Environment, Feedback, Hover, Step, TrackedObjects
+from pointit.schemas.topics import ANNOUNCED, BUTTON, CURSOR, FEEDBACK, HOVER, MAP, OBJECTS, STEP, USER_ALIVE
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import apply_method
 from pointit.services.selector.outputs import Output
@@ -59,6 +59,7 @@ class Selector(Service[SelectorConfig]):
         self._told = ""
         """Last reported fault of the method."""
         self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
+        self._announced: dict[str, Publisher[Announced]] = {}
         role = ShardRole if config.people else SiteRole
         self._role = role(config, self.bus, self.clock, make=self._make_method, put=self._put, use=self._use)
         self._engine = self._role.engine
@@ -70,6 +71,7 @@ class Selector(Service[SelectorConfig]):
         # a cursor without a point only resets the hover, which is never too late
         self._share.subscribe(CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
         self._share.subscribe(BUTTON, self._on_button)
+        self._share.subscribe(STEP, self._on_step)
         self.bus.watch(USER_ALIVE, self._on_presence)
 
     async def run(self) -> None:
@@ -103,6 +105,9 @@ class Selector(Service[SelectorConfig]):
 
     def _on_button(self, button: ButtonEvent, user: str) -> None:
         self._put(self._engine.on_button(user, button))
+
+    def _on_step(self, step: Step, user: str) -> None:
+        self._put(self._engine.on_step(user, step))
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._put(self._engine.set_present(user, present, self.clock.now_ns()))
@@ -151,6 +156,10 @@ class Selector(Service[SelectorConfig]):
                 self._person(user)[0].put(message)
             elif isinstance(message, Feedback):
                 self._person(user)[1].put(message)
+            elif isinstance(message, Announced):
+                if user not in self._announced:
+                    self._announced[user] = self.bus.publisher(ANNOUNCED, user)
+                self._announced[user].put(message)
             else:
                 self._role.publish(user, message)
         return outputs

@@ -104,8 +104,7 @@ class ShardEngine(PointingEngine):
 
     def tick(self, now_ns: int) -> list[Output]:
         """Send claims again that are not decided. Tell people of those that never will be."""
-        self._hovers.forget_ended(now_ns)
-        outputs: list[Output] = []
+        outputs = self._hovers.forget_ended(now_ns)
         speed = max(1.0, self.speed)
         for key, one in list(self._open.items()):
             if abs(now_ns - one.claim.stamp_ns) > GIVE_UP_NS * speed:
@@ -117,9 +116,9 @@ class ShardEngine(PointingEngine):
                 outputs.append(Output(one.user, one.claim))
         return outputs
 
-    def _send(self, pointed: list[Output], now_ns: int) -> list[Output]:
+    def _send(self, outputs_of_hovers: list[Output], now_ns: int) -> list[Output]:
         outputs: list[Output] = []
-        for user, message in pointed:
+        for user, message in outputs_of_hovers:
             if isinstance(message, Feedback):
                 outputs.append(self._cue(user, message.text, now_ns))
             elif not isinstance(message, Claim):

@@ -12,7 +12,7 @@ from pointit.runtime.config.config import Config
 from pointit.schemas.text import describe_mistake
 from pointit.study.questionnaires import Scale
 from pointit.study.session import StoppedError
-from pointit.study.step import Picture, Step
+from pointit.study.step import Picture, StudyStep
 from pointit.study.view import BREAK, StudyCommand, StudyStatus
 
 Page = Literal["participant", "experimenter"]
@@ -69,7 +69,7 @@ class PageView:
         """Pictures of all steps; a page asks for them by their index."""
         return list(self._pictures.values())
 
-    async def tell(self, *steps: Step, go: str) -> bool:
+    async def tell(self, *steps: StudyStep, go: str) -> bool:
         """Show `steps` until the participant does `go`. Raises: StoppedError: If the experimenter stops."""
         index = list(self._pictures).index
         shown = [

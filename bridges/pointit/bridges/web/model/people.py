@@ -10,8 +10,8 @@ from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import NS_PER_S, ButtonEvent, Speech, Word, WristSample
-from pointit.schemas.topics import BUTTON, SPEECH, WRIST
+from pointit.schemas import NS_PER_S, ButtonEvent, Speech, Step, Word, WristSample
+from pointit.schemas.topics import BUTTON, SPEECH, STEP, WRIST
 
 Gesture = Literal["press", "double", "hold"]
 BROWSER = "browser"
@@ -22,6 +22,7 @@ class Writers(NamedTuple):
     """Publishers of one person."""
 
     button: Publisher[ButtonEvent]
+    step: Publisher[Step]
     wrist: Publisher[WristSample]
     speech: Publisher[Speech]
 
@@ -33,7 +34,7 @@ class People:
         self._bus = bus
         self._clock = clock
         self._writers: dict[str, Writers] = {}
-        self._presses = 0
+        self._presses = self._steps = 0
         self.states: dict[str, str] = {}
         """State of the interaction by user, where known."""
 
@@ -47,7 +48,10 @@ class People:
         if user not in self._writers:
             publisher = self._bus.publisher
             self._writers[user] = Writers(
-                publisher(BUTTON, user), publisher(WRIST, user), publisher(SPEECH, user)
+                publisher(BUTTON, user),
+                publisher(STEP, user),
+                publisher(WRIST, user),
+                publisher(SPEECH, user),
             )
 
     def on_leave(self, user: str) -> None:
@@ -71,6 +75,13 @@ class People:
         self._presses += 1
         self._writers[user].button.put(
             ButtonEvent(stamp_ns=self._clock.now_ns(), seq=self._presses, gesture=gesture, source="page")
+        )
+
+    def step(self, user: str, by: Literal[-1, 1]) -> None:
+        """Move `user`, who must be present, to the thing beside the announced one."""
+        self._steps += 1
+        self._writers[user].step.put(
+            Step(stamp_ns=self._clock.now_ns(), seq=self._steps, by=by, source="page")
         )
 
     def speak(self, user: str, words: Sequence[Mapping[str, Any]]) -> None:

@@ -43,7 +43,9 @@ class Pages:
         rate_hz: float,
         most: int,
         version: str,
+        speaks: bool,
     ) -> None:
+        self._speaks = speaks
         self._hub = hub
         self._bus = bus
         self._status = status
@@ -76,7 +78,7 @@ class Pages:
         self._sessions.add(session)
         self._count_viewers()
         try:
-            hello = greeting(role, version=self._version, site=self._bus.site)
+            hello = greeting(role, version=self._version, site=self._bus.site, speaks=self._speaks)
             await session.run(hello.model_dump_json())
         finally:
             self._sessions.discard(session)

@@ -4,6 +4,7 @@ Requests of the table go to their servers unchanged: `name` is the user where th
 the query's fields. Actions of this server are the rows of `ACTIONS`, at the end; `name` is the person:
 
 - `press`, `{"gesture": "press" | "double" | "hold"}`: press the person's button.
+- `step`, `{"by": -1 | 1}`: from the announced thing to the one left or right of it.
 - `take`: move the person's arm by this page's mouse; an idle person begins to point. `give`: give it back,
   whichever page moves it.
 - `tremor`, `{"rms_deg": number}`: tremor of that arm.
@@ -102,6 +103,12 @@ class Press(_Extras):
     """Parameters of a press."""
 
     gesture: Literal["press", "double", "hold"] = "press"
+
+
+class StepBeside(_Extras):
+    """Direction of a step."""
+
+    by: Literal[-1, 1]
 
 
 class Tremor(_Extras):
@@ -274,6 +281,11 @@ async def _press(dispatcher: RequestDispatcher, sender: PageSender, press: Press
     return {"message": f"{sender.user}'s button was pressed"}
 
 
+async def _step(dispatcher: RequestDispatcher, sender: PageSender, step: StepBeside) -> JsonObject:
+    dispatcher.people.step(sender.user, step.by)
+    return {"message": ""}
+
+
 async def _take(dispatcher: RequestDispatcher, sender: PageSender, _: NoParameters) -> JsonObject:
     user = sender.user
     if instance_of(IMU_BRIDGE, user) not in dispatcher.present():
@@ -357,6 +369,7 @@ _LOOK: tuple[Role, ...] = ("operator", "viewer")
 
 ACTIONS: tuple[Action[Any], ...] = (
     Action("press", "person", Press, _WRIST, _press),
+    Action("step", "person", StepBeside, _WRIST, _step),
     Action("take", "person", NoParameters, _WRIST, _take),
     Action("give", "person", NoParameters, _WRIST, _give),
     Action("tremor", "person", Tremor, _CONTROL, _set_tremor),
@@ -394,7 +407,7 @@ ACTIONS: tuple[Action[Any], ...] = (
 """All actions. One more is a row here, with the model of its parameters and its handler above."""
 
 
-def greeting(role: Role, *, version: str, site: str) -> Hello:
+def greeting(role: Role, *, version: str, site: str, speaks: bool = False) -> Hello:
     """Return the greeting of a page of this role."""
     return Hello(
         version=version,
@@ -402,6 +415,7 @@ def greeting(role: Role, *, version: str, site: str) -> Hello:
         role=role,
         requests=tuple(request.key for request in REQUESTS[role]),
         deeds=tuple(action.name for action in ACTIONS if role in action.roles),
+        speaks=speaks,
     )
 
 

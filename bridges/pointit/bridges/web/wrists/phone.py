@@ -24,7 +24,7 @@ from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
 from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue, Hello
 from pointit.bridges.web.wrists.pairing import Pairing, Phone
 from pointit.bridges.web.wrists.phone_connection import PhoneConnection, PhoneHost
-from pointit.schemas import Feedback, Interaction, Localization, Understood, WristSample
+from pointit.schemas import Announced, Feedback, Interaction, Localization, Understood, WristSample
 
 LOST = "another device moves your arm now: take it back when you want to"
 RETURNED = "your arm does not follow this phone any more, it is your own again: take it when you want to"
@@ -53,8 +53,10 @@ class Cues:
         """Return the cue that the phone has lost the arm; `is_own`: to the person's own device."""
         return self.say(RETURNED if is_own else LOST).model_copy(update={"has_lost_arm": True})
 
-    def feedback(self, feedback: Feedback | Understood) -> Cue:
-        """Return a cue of the bus for the phone."""
+    def feedback(self, feedback: Announced | Feedback | Understood) -> Cue | None:
+        """Return a cue of the bus for the phone, or None: no name is to be spoken."""
+        if isinstance(feedback, Announced):
+            return self.current.model_copy(update={"announced": feedback.label}) if feedback.label else None
         if isinstance(feedback, Understood):
             return self.say(f'"{feedback.text}": {feedback.message or feedback.result}')
         return self.say(feedback.text).model_copy(
@@ -134,8 +136,8 @@ class Phones:
         """Return True if a request comes from a paired phone."""
         return self._phone(connection) is not None
 
-    def feedback(self, user: str, feedback: Feedback | Understood) -> None:
-        """Send a cue, or what became of their words, to the phone of `user`."""
+    def feedback(self, user: str, feedback: Announced | Feedback | Understood) -> None:
+        """Send a cue, a name to speak, or what became of their words, to the phone of `user`."""
         self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # may be of an unknown person
 
     def interaction(self, user: str, interaction: Interaction) -> None:

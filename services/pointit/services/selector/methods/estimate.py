@@ -16,6 +16,7 @@ from pointit.geometry.closest import nearest_in_angle
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.schemas.pointing import LINES
+from pointit.services.selector.methods.announcer import AnnounceConfig, Announcer
 from pointit.services.selector.methods.gauge import RaySpeedEstimator
 from pointit.services.selector.objects.view import View, VisibleObject
 from pointit.services.selector.selection_methods import (
@@ -46,6 +47,10 @@ SEEN_PER_S = 2.5
 """Rate at which staying speaks for the object whose light shows that it is pointed at, nats/s."""
 SEEN = 1.5
 """Limit of that: who points far beside what is shown may not look at it."""
+SPOKEN_AFTER_S = 1.0
+"""As `SEEN_AFTER_S`, for a name: to hear and understand it takes 0.7 s, the arm follows after 0.1 s."""
+SPOKEN = 3.0
+"""As `SEEN`, for a name, which tells what the light of a neighbour does not."""
 SMOOTHING_S = 0.12
 """Time constant of the angles to objects, which averages tremor out."""
 FAST_RADPS = math.radians(40.0)
@@ -56,10 +61,16 @@ MOST_MOVED_RAD = math.radians(5.0)
 """The same without another object near; restless arms wander by less."""
 SHOWN = 0.25
 """Probability from which an object is shown."""
-KEPT = 0.7
+MIN_SHARE = 0.7
 """Share of the most probable one's probability above which the object that is shown is kept."""
+SPOKEN_SHOWN = 0.12
+"""As `SHOWN`, where names are spoken: a hover that flickers cuts them off."""
+MIN_SPOKEN_SHARE = 0.4
+"""As `MIN_SHARE`, where names are spoken."""
+SPOKEN_DWELL_S = 1.6
+"""Minimum dwell time where names are spoken, s: word, hand and movement take 1.1 s."""
 UNCLEAR_S = 2.5
-"""Time of staying after which the person is told of another object that is as probable."""
+"""Time of staying after which the person is notified of another object that is as probable."""
 ALIKE = 0.5
 """Share of the most probable one's probability from which another is as probable."""
 BOTH = 0.7
@@ -69,7 +80,7 @@ UNTOLD_S = 6.0
 LEFT_S = 0.3
 """Time after which an object that fired can fire again, once it is left."""
 LONGEST_GAP_S = 0.25
-MOST_KEPT = 4096
+MAX_CACHED = 4096
 """Limit of objects as seen from some eyes whose values are kept: most stand still, as do people's eyes."""
 
 
@@ -77,6 +88,7 @@ class EstimateConfig(MethodConfig):
     """Parameters of method `estimate`."""
 
     dwell_s: float = Field(default=1.0, gt=0, le=10, description="time on an object that selects it, s")
+    announce: AnnounceConfig = Field(default=AnnounceConfig(), description="names spoken to people")
     sure: float = Field(default=0.7, ge=0.5, lt=1, description="probability from which an object is selected")
 
 
@@ -101,8 +113,10 @@ class EstimateMethod:
         self._anchor: _Angles = (0.0, 0.0, 0.0, 0.0)
         """Angles to the object that is shown when staying on it began."""
         self._stays_ns = 0
-        self._told_ns: int | None = None
+        self._notified_ns: int | None = None
         """Time of the last cue that two objects are alike."""
+        self._spoken: tuple[str, int] | None = None
+        """Object whose name was spoken, and its time, ns. None if no names are spoken to the person."""
         self._left: dict[str, int | None] = {}
         """Objects that fired, with the time since which they are left, ns, or None."""
 
@@ -114,6 +128,10 @@ class EstimateMethod:
     def latch(self, object_id: str) -> None:
         """Ignore `object_id` until it is left."""
         self._left[object_id] = None
+
+    def set_spoken(self, object_id: str, began_ns: int) -> None:
+        """Set the object whose name is spoken to the person, and the time at which it began, ns."""
+        self._spoken = object_id, began_ns
 
     def step(self, pointing: PointingSample) -> SelectionProgress:
         """Process a cursor."""
@@ -164,8 +182,9 @@ class EstimateMethod:
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S if self._shown is not None else 0.0
         accepted = min(SEEN_PER_S * max(stayed_s - SEEN_AFTER_S, 0.0), SEEN)
         shown = self._shown
-        if shown is not None and any(one.id == shown and one.tracked.lit for one in view.seen):
-            logs[shown] += accepted
+        if shown is not None and shown in logs:
+            is_lit = any(one.id == shown and one.tracked.lit for one in view.seen)
+            logs[shown] += max(accepted if is_lit else 0.0, self._agreement(now_ns))
         none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
         # who points at a line on which objects move, or that lights them, means an object
         if cursor.surface in LINES and not any(_may_be_on(one, cursor) for one in view.seen):
@@ -177,16 +196,26 @@ class EstimateMethod:
         total = math.fsum(weights.values()) + math.exp(none - highest)
         return {name: weight / total for name, weight in weights.items()}
 
+    def _agreement(self, now_ns: int) -> float:
+        """Return the log-likelihood ratio for the shown object of staying since its name was spoken, nats."""
+        if self._spoken is None or self._spoken[0] != self._shown:
+            return 0.0
+        spoken_s = (now_ns - max(self._stays_ns, self._spoken[1])) / NS_PER_S
+        return min(SEEN_PER_S * max(spoken_s - SPOKEN_AFTER_S, 0.0), SPOKEN)
+
     def _choose(self, view: View, probabilities: dict[str, float], now_ns: int) -> None:
         """Choose the object to show, and note since when the person stays on it."""
         best = max(probabilities, key=probabilities.__getitem__, default=None)
         rate = self._speed.rate()
+        min_share, shown_from = (
+            (MIN_SHARE, SHOWN) if self._spoken is None else (MIN_SPOKEN_SHARE, SPOKEN_SHOWN)
+        )
         if best is not None and rate is not None:
             kept = self._shown
-            if kept in probabilities and probabilities[kept] >= KEPT * probabilities[best]:
+            if kept in probabilities and probabilities[kept] >= min_share * probabilities[best]:
                 best = kept
             speed = view.relative_rate(best, rate)
-            if speed < FAST_RADPS and probabilities[best] >= SHOWN:
+            if speed < FAST_RADPS and probabilities[best] >= shown_from:
                 self._show(best, now_ns)
                 moved_rad = math.dist(self._beside[best][2:], self._anchor[2:])
                 jumped_rad = math.dist(self._now[best][2:], self._anchor[2:]) / 2.0  # not smoothed
@@ -217,10 +246,13 @@ class EstimateMethod:
         if shown in self._left or not pointing.acts(shown):
             return SelectionProgress(shown, confidence=probability)
         dwell_s = next(one.tracked.dwell_s for one in view.seen if one.id == shown) or self._config.dwell_s
+        if self._spoken is not None:
+            dwell_s = max(dwell_s, SPOKEN_DWELL_S)
         stayed_s = (now_ns - self._stays_ns) / NS_PER_S
         progress = min(stayed_s / dwell_s, 1.0) * min(probability / self._config.sure, 1.0)
         if progress < 1.0:
-            rival = self._rival(shown, probabilities, now_ns) if stayed_s > UNCLEAR_S else None
+            is_unclear = stayed_s > UNCLEAR_S and self._spoken is None
+            rival = self._rival(shown, probabilities, now_ns) if is_unclear else None
             return SelectionProgress(shown, progress, None, stayed_s, probability, rival)
         self._left[shown] = None
         return SelectionProgress(shown, 1.0, shown, stayed_s, probability)
@@ -231,10 +263,10 @@ class EstimateMethod:
         rival = max(others, key=others.__getitem__, default=None)
         if rival is None or not ALIKE * probabilities[shown] <= others[rival]:
             return None
-        was_told = self._told_ns is not None and now_ns - self._told_ns < UNTOLD_S * NS_PER_S
-        if was_told or probabilities[shown] + others[rival] < BOTH:
+        was_notified = self._notified_ns is not None and now_ns - self._notified_ns < UNTOLD_S * NS_PER_S
+        if was_notified or probabilities[shown] + others[rival] < BOTH:
             return None
-        self._told_ns = now_ns
+        self._notified_ns = now_ns
         return rival
 
 
@@ -272,7 +304,7 @@ def _places(one: VisibleObject, origin_m: Vec3, direction: Vec3, ray: _Sight) ->
     return _sight(nearest_m), _sight(reach_m), _log_peak(one.half_rad, 0.0)
 
 
-@lru_cache(MOST_KEPT)
+@lru_cache(MAX_CACHED)
 def _box_place(reach_m: Vec3, size_m: Vec3, range_m: float) -> tuple[_Sight, float]:
     wide_m, high_m = max(size_m[:2]), size_m[2]
     wide_rad, high_rad = math.atan(wide_m / 2.0 / range_m), math.atan(high_m / 2.0 / range_m)
@@ -295,4 +327,7 @@ ESTIMATE = SelectionMethod(
     config=EstimateConfig,
     make=lambda config, _surroundings: EstimateMethod(config),
     by_angle=True,
+    announcer=lambda config, user: (
+        Announcer(is_pressed=config.announce.confirm == "press") if config.announce.is_for(user) else None
+    ),
 )

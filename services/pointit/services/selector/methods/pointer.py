@@ -9,7 +9,13 @@ from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.objects.view import View
-from pointit.services.selector.selection_methods import PersonMethod, PointingSample, SelectionProgress
+from pointit.services.selector.selection_methods import (
+    METHODS,
+    NameAwareMethod,
+    PersonMethod,
+    PointingSample,
+    SelectionProgress,
+)
 
 CLOCK_STEP_NS = 2 * NS_PER_S
 """A stamp earlier by more than this means that the wrist's clock was set back. One by less is late."""
@@ -38,7 +44,7 @@ class PointerResult(NamedTuple):
     confidence: float | None = None
     """Probability that the object is meant, if the method tells."""
     rival: str | None = None
-    """Another object that is as probable, of which the person is told now, or None."""
+    """Another object that is as probable, of which the person is notified now, or None."""
 
 
 NOTHING = PointerResult(None, None, 0.0, False)
@@ -52,6 +58,9 @@ class PersonPointer:
         self._make = make
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
         self._set_method(config)
+        make_announcer = METHODS.get(config.method).announcer
+        self.announcer = make_announcer and make_announcer(config.section(config.method), user)
+        """Names that are spoken to the person. None: they see lights."""
         self.hovered: str | None = None
         """Object hovered with the last cursor, or None."""
         self.is_new = True
@@ -104,9 +113,13 @@ class PersonPointer:
             presses: returns True if an object is selected by a press only.
         """
         self._stamp_ns = stamp_ns = cursor.stamp_ns
-        pointed = self._result(self._method.step(PointingSample(cursor, under, view, acts)))
+        spoken = None if self.announcer is None else self.announcer.spoken
+        progress = self._method.step(PointingSample(cursor, under, view, acts), spoken)
+        if self.announcer is not None:
+            progress = self.announcer.apply_focus(progress, cursor, acts)
+        pointed = self._result(progress)
         self.hovered, fired = pointed[:2]
-        if fired is not None and (self._config.confirm == "press" or presses(fired)):
+        if fired is not None and (self.is_confirmed_by_press or presses(fired)):
             self._ready = fired
         if self.hovered != self._ready:
             self._ready = None
@@ -115,14 +128,24 @@ class PersonPointer:
         self._remember(stamp_ns, self.hovered)
         return pointed
 
+    @property
+    def is_confirmed_by_press(self) -> bool:
+        """Return True if the person selects by their button, not by staying."""
+        return self._config.confirm == "press" if self.announcer is None else self.announcer.is_pressed
+
     def press(self, stamp_ns: int) -> str | None:
-        """Return the object hovered shortly before the press of `stamp_ns`, or None if unknown."""
+        """Return the object hovered shortly before the press of `stamp_ns`, or None if unknown.
+
+        With an announcer: the one that was announced then, or `""`.
+        """
         if self._press_ns is not None and -CLOCK_STEP_NS <= stamp_ns - self._press_ns <= 0:
             return None
         self._press_ns = stamp_ns
         target_ns = stamp_ns - round(self._config.look_back_s * NS_PER_S)
         if self._stamp_ns is None or target_ns - self._stamp_ns > self._gap_ns:
             return None  # the last cursor is too old
+        if self.announcer is not None:
+            return self.announcer.confirmed(stamp_ns)
         for since_ns, object_id in reversed(self._history):
             if since_ns <= target_ns:
                 return object_id
@@ -156,6 +179,8 @@ class PersonPointer:
         self._set_method(self._config)
         self._history.clear()
         self.hovered = self._ready = self._stamp_ns = self._press_ns = None
+        if self.announcer is not None:
+            self.announcer.forget()
         self.is_new = True
 
     def _remember(self, stamp_ns: int, object_id: str | None) -> None:
@@ -191,13 +216,16 @@ class GuardedMethod:
             self._on_failure(error)
             return ()
 
-    def step(self, pointing: PointingSample) -> SelectionProgress:
+    def step(self, pointing: PointingSample, spoken: tuple[str, int] | None = None) -> SelectionProgress:
         """Return the method's result, or that of an object without progress while it is left out."""
         self._now_ns = pointing.cursor.stamp_ns
         if self._method is None and self._now_ns < self._retry_ns:
             return SelectionProgress(pointing.under)
         try:
-            result = (self._method or self._made()).step(pointing)
+            method = self._method or self._made()
+            if spoken is not None and isinstance(method, NameAwareMethod):
+                method.set_spoken(*spoken)
+            result = method.step(pointing)
             check_progress(result)
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
             self._on_failure(error)

@@ -36,8 +36,9 @@ import { makeRunEnd } from "./run";
 import { keepSettings, loadSettings, type Settings } from "./settings";
 import { makeShortcuts } from "./shortcuts";
 import { phaseOf, steeredBy } from "./site/robots";
-import { emptySite, type SiteEvent, type Site } from "./site/site";
+import { emptySite, siteNow, type SiteEvent, type Site } from "./site/site";
 import { chime } from "./sound";
+import { Speaker } from "./speaker";
 import { Stage } from "./stage";
 import { applyTheme, watchSystem } from "./theme";
 import { Toasts } from "./toasts";
@@ -76,7 +77,10 @@ function cannotPlay(error: unknown): never {
 }
 const connection = new Connection(site, recording ? await import("./past/recorded").then(({ play }) => play(recording)).catch(cannotPlay) : toServer, {
   onUpdate: () => wake(),
-  onHello: () => tuning.forget(),
+  onHello: () => {
+    tuning.forget();
+    speaker.setUsual(site.hello?.speaks ?? false);
+  },
   onStatus: () => {
     controls.follow();
     mouse.update();
@@ -99,7 +103,9 @@ const guide = makeGuide(at("guide"), controls, mouse, pairing);
 const scenario = makeScenario(at("scenario"), at("progress"), controls);
 const belts = beltsPart(controls);
 const tuning = tuningPart(controls);
-const look = makeLook(controls, changeLook);
+const speaker = new Speaker(at("name"));
+let namedNs = 0;
+const look = makeLook(controls, speaker, changeLook);
 const panel = makePanel(at("panel"), controls, [
   { name: "Control", icon: "sliders", parts: [nowPart(controls), thingsPart(controls), robotsPart(controls), moverPart(controls, mouse, pairing), belts, speechPart(controls)] },
   { name: "Set up", icon: "map", parts: [peoplePart(controls, scenario), devicesPart(controls), mapPart(controls), mapRoomPart(controls), tuning] },
@@ -147,6 +153,7 @@ function frame(): void {
   isAwake = false;
   connection.takeOver();
   for (const change of site.fresh) tell(change);
+  speakName();
   stage.draw();
   connection.shown();
   timeline.frame();
@@ -197,6 +204,17 @@ function tell(change: SiteEvent): void {
     if (ended) say(`${who}${ended}: ${what}`, isOwn);
   }
   else if (event.event === "refused" && isOwn) controls.toasts.show("info", plainly(event) || `${capital(what)} could not be selected.`);
+}
+
+/** A name that began longer ago is not spoken: the page has just come, or was in the background, ns. */
+const LATE_NS = 1.5e9;
+
+/** Speak the name that is announced to the person. */
+function speakName(): void {
+  const announced = controls.person?.announced, began = Number(announced?.began_ns ?? 0);
+  if (!announced?.object_id || began === namedNs) return;
+  namedNs = began;
+  if (!site.timeline && siteNow(site) - began < LATE_NS * site.speed) speaker.say(announced.label);
 }
 
 /** Tell in words: as a toast, which is read out, or only to be read out. */

@@ -175,6 +175,15 @@ export class Controls {
     if (this.mayDo("press") && user) void this.ask({ deed: "press", name: user });
   }
 
+  /** Whether names are announced to the person, so that they can step from one thing to the next. */
+  get canStep(): boolean {
+    return this.mayDo("step") && Boolean(this.person?.announced);
+  }
+
+  step(by: -1 | 1): void {
+    void this.ask({ deed: "step", name: this.user, query: { by } });
+  }
+
   localize(): void {
     if (this.may("localizer/{user}/start")) void this.askAloud({ key: "localizer/{user}/start", name: this.user });
   }

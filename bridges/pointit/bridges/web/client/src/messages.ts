@@ -4,6 +4,7 @@ export interface Everything {
   AddPackage: AddPackage;
   AddPackageReply: AddPackageReply;
   Anchor: Anchor;
+  Announced: Announced;
   ButtonEvent: ButtonEvent;
   CancelLocalization: CancelLocalization;
   Claim: Claim;
@@ -90,6 +91,7 @@ export interface Everything {
   Speech: Speech;
   StartLocalization: StartLocalization;
   Steering: Steering;
+  Step: Step;
   StopRobot: StopRobot;
   StripFrame: StripFrame;
   StripsFrame: StripsFrame;
@@ -204,6 +206,31 @@ export interface Anchor {
    * of {H} in {W} before this anchor
    */
   yaw_rad: number;
+}
+/**
+ * The object whose name is spoken to the person, since they point at it or stepped to it.
+ */
+export interface Announced {
+  /**
+   * when the name began; a later one for the same object: it is spoken again
+   */
+  began_ns: number;
+  /**
+   * text to speak; empty when none
+   */
+  label: string;
+  /**
+   * empty when none
+   */
+  object_id: string;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
 }
 /**
  * The person pressed their button; presses move the interaction on.
@@ -1966,6 +1993,27 @@ export interface Steering {
    * set so far, and not yet sent as a goal
    */
   waypoints_m: [number, number, number][];
+}
+/**
+ * The person moved from the announced object to one beside it: by a crown, a swipe or an arrow key.
+ */
+export interface Step {
+  /**
+   * 1: the next object to the right in its row, -1: to the left
+   */
+  by: -1 | 1;
+  /**
+   * counts this writer's messages on this key
+   */
+  seq: number;
+  /**
+   * device, page, keyboard, simulated
+   */
+  source: string;
+  /**
+   * time of capture, Unix ns; derived data keep it
+   */
+  stamp_ns: number;
 }
 /**
  * Stop a robot: nobody steers it any more until somebody takes it again. Not a safety function.

@@ -3,6 +3,7 @@
 import "./phone.css";
 import { sentence } from "./format";
 import { chime } from "./sound";
+import { Speaker } from "./speaker";
 import { Voice } from "./voice";
 import type { Feedback } from "./messages";
 import type { Cue } from "./wire";
@@ -18,6 +19,8 @@ import { figures, linkWords, pressWords, stateWords } from "./phone/words";
 
 const CENTRE = "Point at the middle of the room with your arm straight, then tap.";
 const GO_ON = "Stopped, because this page was out of sight. Tap to go on.";
+/** Movement of the finger that makes a swipe, px. */
+const SWIPE_PX = 40;
 /** How often, ms, it is looked whether something is to be said, or a touch has become a hold. */
 const TICK_MS = 40;
 
@@ -37,6 +40,9 @@ class Wrist {
   /** Ids of the map's lamps, which the person sees by their names. */
   private lamps: readonly string[] = [];
   private hasArm = true;
+  private readonly speaker = new Speaker(document.getElementById("name")!);
+  /** A name was announced: swipes step. */
+  private hasNames = false;
   private awaited = new Map<number, string>();
   private readonly voice = new Voice({
     hearing: (text) => this.screen.say(`… ${text}`),
@@ -59,6 +65,7 @@ class Wrist {
     screen.offerStart(!reason, "Start");
     screen.trouble(reason);
     screen.onTap("start", () => void this.start());
+    this.showSpeaker();
     screen.onTap("skip", () => this.enter("button"));
     screen.onTap("centre", () => this.enter("centre"));
     screen.onTap("place", () => this.findPlace());
@@ -90,6 +97,7 @@ class Wrist {
         ended: () => this.stop("The sensor has stopped. Tap to start it again."),
       });
       chime("tick");
+      this.speaker.unlock();
       navigator.vibrate?.(30);
       this.wake.want(true);
       this.sensing = await sensing;
@@ -147,7 +155,7 @@ class Wrist {
     if (this.link.say({ kind: "turn", q, t_ms: t, session: this.session, battery: this.charge })) this.rate.tick(now);
   }
 
-  private ask(deed: "press" | "take" | "give" | "centre" | "speak", what: string, query: Record<string, unknown> = {}): void {
+  private ask(deed: "press" | "step" | "take" | "give" | "centre" | "speak", what: string, query: Record<string, unknown> = {}): void {
     this.await(this.link.ask({ deed, key: "", name: "", query }), what);
   }
 
@@ -179,6 +187,7 @@ class Wrist {
   private hear(part: Heard): void {
     if (part.kind === "hello") {
       this.screen.write("who", part.user);
+      this.speaker.setUsual(part.speaks);
       this.lamps = part.lamps;
       this.show();
     } else if (part.kind === "answer") {
@@ -190,6 +199,10 @@ class Wrist {
       this.show();
     } else {
       this.cue = part;
+      if (part.announced) {
+        this.hasNames = true;
+        this.speaker.say(part.announced);
+      }
       if (part.chime) chime(part.chime as Feedback["chime"]);
       if (part.haptic_ms.length) navigator.vibrate?.(part.haptic_ms);
       if (part.has_lost_arm) this.hasArm = false;
@@ -232,8 +245,19 @@ class Wrist {
       : "");
   }
 
+  private showSpeaker(): void {
+    document.getElementById("speaker")!.replaceChildren(this.speaker.fields());
+  }
+
+  /** Go to the thing left (-1) or right (1) of the announced one. */
+  private step(by: number): void {
+    navigator.vibrate?.(15);
+    this.ask("step", "step", { by });
+  }
+
   private listenToButton(): void {
     const { big } = this.screen;
+    let downX = 0;
     const down = () => {
       big.classList.add("is-down");
       this.taps.down(performance.now());
@@ -246,7 +270,21 @@ class Wrist {
     big.addEventListener("pointerdown", (event) => {
       if (event.button !== 0 || !event.isPrimary) return;
       big.setPointerCapture(event.pointerId);
+      downX = event.clientX;
       down();
+    });
+    big.addEventListener("pointermove", (event) => {
+      const moved = event.clientX - downX;
+      if (!this.hasNames || this.stage !== "button" || !big.classList.contains("is-down") || Math.abs(moved) < SWIPE_PX) return;
+      big.classList.remove("is-down");
+      this.taps.cancel();
+      this.step(Math.sign(moved));
+    });
+    addEventListener("keydown", (event) => {
+      const by = event.key === "ArrowLeft" ? -1 : event.key === "ArrowRight" ? 1 : 0;
+      if (!by || this.stage !== "button" || !this.hasNames) return;
+      event.preventDefault();
+      this.step(by);
     });
     big.addEventListener("pointerup", up);
     big.addEventListener("pointercancel", () => {

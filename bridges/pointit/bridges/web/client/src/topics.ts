@@ -1,7 +1,7 @@
 // Rows of the bus's tables, from schemas/catalogue. Written by `npm run types`; do not edit.
 
 import type {
-  Anchor, ButtonEvent, Claim, ClockTick, Configuration, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, RobotPlan, RobotState, Selection, SelectionEvent, ServedRequest, Speech, Steering, StripsFrame, TrackedObjects, Understood, UserPose, UserProfile, WristSample,
+  Anchor, Announced, ButtonEvent, Claim, ClockTick, Configuration, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, ImuSample, Interaction, LampColor, LampLeases, Localization, PointingRay, RobotPlan, RobotState, Selection, SelectionEvent, ServedRequest, Speech, Steering, Step, StripsFrame, TrackedObjects, Understood, UserPose, UserProfile, WristSample,
 } from "./messages";
 
 /** The message of every topic, by the key's pattern. */
@@ -22,6 +22,7 @@ export interface Topics {
   "selection/events": SelectionEvent;
   "strips/frame": StripsFrame;
   "users/{user}/anchor": Anchor;
+  "users/{user}/announced": Announced;
   "users/{user}/button": ButtonEvent;
   "users/{user}/claim": Claim;
   "users/{user}/cursor": Cursor;
@@ -36,6 +37,7 @@ export interface Topics {
   "users/{user}/ray": PointingRay;
   "users/{user}/speech": Speech;
   "users/{user}/steering": Steering;
+  "users/{user}/step": Step;
   "users/{user}/understood": Understood;
   "users/{user}/wrist": WristSample;
 }

@@ -77,6 +77,7 @@ export interface Ask {
   deed:
     | (
         | "press"
+        | "step"
         | "take"
         | "give"
         | "tremor"
@@ -133,6 +134,10 @@ export interface AssumedPlace {
  * Cue for a phone's person: a `Feedback` of the bus, or the state of the interaction.
  */
 export interface Cue {
+  /**
+   * name of a thing to speak now; empty if there is none
+   */
+  announced: string;
   chime: string;
   haptic_ms: number[];
   /**
@@ -207,6 +212,7 @@ export interface FindingLine {
 export interface Hello {
   deeds: (
     | "press"
+    | "step"
     | "take"
     | "give"
     | "tremor"
@@ -236,6 +242,10 @@ export interface Hello {
   requests: string[];
   role: "operator" | "viewer" | "wrist";
   site: string;
+  /**
+   * names of things are spoken here, unless the person chose otherwise
+   */
+  speaks: boolean;
   /**
    * of a phone: whose wrist it is
    */

@@ -4,6 +4,7 @@ import { choice } from "../choice";
 import type { Controls } from "../controls";
 import { el, sheet } from "../dom";
 import type { Settings } from "../settings";
+import type { Speaker } from "../speaker";
 
 export interface Look {
   open(): void;
@@ -11,7 +12,7 @@ export interface Look {
 }
 
 /** @param onChange called with the changed setting, after `settings` has it. */
-export function makeLook(controls: Controls, onChange: (what: keyof Settings) => void): Look {
+export function makeLook(controls: Controls, speaker: Speaker, onChange: (what: keyof Settings) => void): Look {
   const { settings } = controls;
   const theme = choice("Theme", (value) => {
     settings.theme = value as Settings["theme"];
@@ -29,7 +30,8 @@ export function makeLook(controls: Controls, onChange: (what: keyof Settings) =>
     return { box, label: el("label", { className: "check" }, box, el("span", { text })) };
   };
   const sound = check("sound", "Sounds, when I point"), keys = check("shortcuts", "Single keys do something (Escape, arrows and ? always do)");
-  const dialog = sheet("Settings of this page", theme.element, view.element, sound.label, keys.label, el("p", { className: "muted", text: "This browser remembers them." }));
+  const names = el("div");
+  const dialog = sheet("Settings of this page", theme.element, view.element, sound.label, keys.label, names, el("p", { className: "muted", text: "This browser remembers them." }));
 
   return {
     open() {
@@ -37,6 +39,7 @@ export function makeLook(controls: Controls, onChange: (what: keyof Settings) =>
       view.set(settings.view);
       sound.box.checked = settings.sound;
       keys.box.checked = settings.shortcuts;
+      names.replaceChildren(speaker.fields()); // browsers know their voices late
       dialog.showModal();
     },
     toggleSound() {

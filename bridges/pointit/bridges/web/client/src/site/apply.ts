@@ -12,7 +12,7 @@ import { eventLine } from "../words";
 
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
-  | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/ray"
+  | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/step" | "users/{user}/ray"
   | "users/{user}/anchor" | "users/{user}/claim" | "users/{user}/speech"
   | "configuration/{service}" | "requests/{service}";
 type Shown = Omit<Topics, Unseen>;
@@ -30,6 +30,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     who.cursorAt = keeper.site.timeline ? at - Math.max(0, siteNow(keeper.site) - Number(message.stamp_ns)) / 1e6 : at;
   },
   "users/{user}/hover": (keeper, message, name) => void (keeper.person(name).hover = message),
+  "users/{user}/announced": (keeper, message, name) => void (keeper.person(name).announced = message),
   "users/{user}/interaction": (keeper, message, name) => {
     const who = keeper.person(name);
     const before = who.interaction?.state;
@@ -105,6 +106,7 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
   "users/{user}/localization": (keeper, name) => void (keeper.person(name).localization = null),
   "users/{user}/cursor": (keeper, name) => void (keeper.person(name).cursor = null),
   "users/{user}/hover": (keeper, name) => void (keeper.person(name).hover = null),
+  "users/{user}/announced": (keeper, name) => void (keeper.person(name).announced = null),
   "users/{user}/interaction": (keeper, name) => void (keeper.person(name).interaction = null),
   "users/{user}/feedback": () => undefined,
   "users/{user}/understood": () => undefined,

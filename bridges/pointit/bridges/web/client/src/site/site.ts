@@ -1,7 +1,7 @@
 /** State of the site: the newest message of every key, and the server's status. */
 
 import type {
-  ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
+  Announced, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
   Selection, SelectionEvent, Steering, StripsFrame, TrackedObject, TrackedObjects, Understood, UserPose, UserProfile,
 } from "../messages";
 import type { Robot } from "./robots";
@@ -16,6 +16,8 @@ export interface Person {
   /** `performance.now()` when the newest cursor came; an old one is not drawn. */
   cursorAt: number;
   hover: Hover | null;
+  /** Thing whose name is spoken to them. */
+  announced: Announced | null;
   interaction: Interaction | null;
   localization: Localization | null;
   /** What they said last, and what became of it. */
@@ -105,7 +107,7 @@ export function emptySite(): Site {
 /** A person without any messages. */
 export function emptyPerson(user: string): Person {
   return {
-    user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, interaction: null, localization: null,
+    user, profile: null, pose: null, cursor: null, cursorAt: 0, hover: null, announced: null, interaction: null, localization: null,
     understood: null, goal: null, proposed: null, steering: null, line: null,
   };
 }

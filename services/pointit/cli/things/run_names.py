@@ -1,0 +1,103 @@
+"""Option `--announce` of `pointit run`: the names of things are spoken, and counted in the summary."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import click
+
+from pointit.cli.common.run_part import Added, RunPart
+from pointit.cli.display.display_part import DisplayPart
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.plan import OnEvent
+from pointit.launch.plan.scenario import Scenario
+from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import Announced, Environment, SelectionEvent, Step
+from pointit.schemas.topics import ANNOUNCED, ANY, SELECTION_EVENTS, STEP
+from pointit.speech.speech_synthesizer import SpeechSynthesizer
+
+SELECTOR = ("selector.method=estimate", 'selector.estimate.announce.people=["*"]')
+COUNTED = ("announced", "stepped", "confirmed")
+SUPERVISOR = ("supervisor.press_while_pointing=confirms",)
+
+
+def _options(function: Any) -> Any:
+    option = click.option(
+        "--announce",
+        type=click.Choice(["page", "phone", "speaker"]),
+        help="for people who see no lights: speak the name of the thing that they point at, by their page, "
+        "their phone, or the speaker of this machine (espeak-ng). The button confirms what was heard; swipe "
+        "or arrow keys step to the thing beside it",
+    )
+    return option(function)
+
+
+class NameWatcher:
+    """Counts what is announced, stepped to and confirmed, and speaks the names if there is a synthesizer."""
+
+    def __init__(self, synthesizer: SpeechSynthesizer | None = None) -> None:
+        self._synthesizer = synthesizer
+        self._counts: Counter[str] = Counter()
+
+    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
+        """Subscribe on `bus`. Return the subscriptions."""
+        del on_event
+        return (
+            bus.subscribe(ANNOUNCED, self._on_announced, ANY),
+            bus.subscribe(STEP, self._on_step, ANY),
+            bus.subscribe(SELECTION_EVENTS, self._on_event),
+        )
+
+    def on_map(self, environment: Environment) -> None:
+        """Ignore the map."""
+
+    def on_service(self, instance: str, *, is_present: bool) -> None:
+        """Ignore services."""
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return the number of names, steps and selections by a press."""
+        return {"names": {each: self._counts[each] for each in COUNTED}}
+
+    def _on_announced(self, announced: Announced, _user: str) -> None:
+        if announced.object_id:
+            self._counts["announced"] += 1
+            if self._synthesizer is not None:
+                self._synthesizer.speak(announced.label)
+
+    def _on_step(self, _step: Step, _user: str) -> None:
+        self._counts["stepped"] += 1
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        self._counts["confirmed"] += event.event in {"selected", "deselected"} and event.cause == "button"
+
+
+def _add(scenario: Scenario, _choices: Choices, options: Mapping[str, Any]) -> Added:
+    """Return the parameters and the watcher of names. Raises ConfigError if nothing can be announced."""
+    announce = options["announce"]
+    if announce is None:
+        return Added()
+    if "selector" not in scenario.site:
+        raise ConfigError(f"--announce {announce}: nothing is selected in {scenario.source}; choose another")
+    if (method := options.get("method", "").partition(":")[0]) not in {"", "estimate"}:
+        raise ConfigError(f"--announce {announce} needs method estimate, not {method}: leave --method out")
+    synthesizer = SpeechSynthesizer(WallClock(), "--announce speaker") if announce == "speaker" else None
+    return Added(
+        settings=(*SELECTOR, *(SUPERVISOR if "supervisor" in scenario.user else ())),
+        watchers=[lambda _launches: NameWatcher(synthesizer)],
+    )
+
+
+def summary_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return the sentence on the names of a summary."""
+    if not (counts := summary.get("names")):
+        return []
+    announced, stepped, confirmed = (counts[each] for each in COUNTED)
+    return [f"Names: {announced} announced, {stepped} steps, {confirmed} confirmed."]
+
+
+NAMES_PART = RunPart(heading="Names", names=("announce",), options=_options, add=_add)
+NAMES_DISPLAY = DisplayPart(
+    rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=summary_lines
+)

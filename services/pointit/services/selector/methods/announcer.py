@@ -1,0 +1,215 @@
+"""Announcer of one person: the object whose name is spoken to them, and the one that a press confirms."""
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Literal, NamedTuple
+
+from pydantic import Field
+
+from pointit.geometry import vector
+from pointit.runtime.config.config import Config
+from pointit.schemas import NS_PER_S, Announced, Cursor, TrackedObject
+from pointit.services.selector.selection_methods import SelectionProgress
+
+FIRST_NS = NS_PER_S // 5
+"""Time of steady hover after which the name is spoken, ns."""
+REPEAT_NS = 3 * NS_PER_S // 2
+"""Time from the beginning of the name to its repetition, ns."""
+MIN_PERIOD_NS = NS_PER_S // 5
+"""Minimum time between two messages, ns."""
+UNDERSTOOD_NS = 3 * NS_PER_S // 5
+"""Time from the beginning of a name to the first press that can mean it, ns."""
+RECENT_NS = 2 * NS_PER_S // 5
+"""Time for which a press can still mean an object that is no longer hovered, ns: pressing moves the arm."""
+SILENT_NS = NS_PER_S
+"""Time without cursors after which nothing is announced any more, ns."""
+FOCUS_RAD = math.radians(12.0)
+"""Angle by which the ray has to turn before it decides again, after a step."""
+MIN_HEIGHT_M = 0.1
+"""Minimum height of objects for which rows are made, m: trackers measure heights with errors."""
+STEP_DWELL_NS = 11 * NS_PER_S // 5
+"""Dwell time of a person without a button on an object that they stepped to, ns."""
+
+
+class AnnounceConfig(Config):
+    """Names of objects that are spoken to people who see no lights."""
+
+    people: tuple[str, ...] = Field(
+        default=(),
+        description="people to whom the name of the object that they point at is spoken, `*` for all, "
+        "by their page, phone or a speaker that follows `users/{user}/announced`",
+    )
+    confirm: Literal["press", "dwell"] = Field(
+        default="press",
+        description="press: their button selects the object whose name they heard; dwell: they have none, "
+        "and staying on it selects",
+    )
+
+    def is_for(self, user: str) -> bool:
+        """Return True if names are spoken to `user`."""
+        return user in self.people or "*" in self.people
+
+
+class _Name(NamedTuple):
+    began_ns: int
+    hovered_ns: int
+    """Last time at which the object was hovered."""
+
+
+class _Focus(NamedTuple):
+    """Object that the person stepped to, and the ray of that time."""
+
+    object_id: str
+    direction: vector.Vec3
+    began_ns: int
+
+
+class Announcer:
+    """Names for one person. Stamps of cursors are its clock."""
+
+    def __init__(self, *, is_pressed: bool) -> None:
+        """Create with nothing announced. `is_pressed`: the person has a button, by which they select."""
+        self.is_pressed = is_pressed
+        self._announced = Announced(stamp_ns=0)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the pointing: the clock of its cursors was set back."""
+        self._announced = self._announced.model_copy(update={"stamp_ns": 0})
+        self._hovered, self._hovered_ns = "", 0
+        """Hovered object, and the time since which it is hovered."""
+        self._spoken = ("", 0)
+        self._repeat_ns: int | None = None
+        """Time at which the name of the hovered object is repeated."""
+        self._names: dict[str, _Name] = {}
+        """Names of recently hovered objects."""
+        self._focus: _Focus | None = None
+        self._has_fired = False
+        self._cursor: Cursor | None = None
+
+    @property
+    def spoken(self) -> tuple[str, int]:
+        """Return the hovered object and the time at which its name began, or an empty id."""
+        return self._spoken
+
+    def apply_focus(
+        self, progress: SelectionProgress, cursor: Cursor, acts: Callable[[str], bool]
+    ) -> SelectionProgress:
+        """Return `progress` of a method, or that of the object stepped to until the ray has moved away.
+
+        `acts` returns True if selecting an object has an effect.
+        """
+        self._cursor, focus = cursor, self._focus
+        if focus is None:
+            return progress
+        direction = cursor.direction
+        if direction is None or vector.angle_between(focus.direction, direction) > FOCUS_RAD:
+            self._focus = None
+            return progress
+        spent_ns = max(cursor.stamp_ns - focus.began_ns, 0)
+        share = min(spent_ns / (UNDERSTOOD_NS if self.is_pressed else STEP_DWELL_NS), 1.0)
+        if self._has_fired or not acts(focus.object_id):
+            return SelectionProgress(focus.object_id)
+        self._has_fired = share == 1.0 and not self.is_pressed
+        fired = focus.object_id if self._has_fired else None
+        return SelectionProgress(focus.object_id, share, fired, spent_ns / NS_PER_S)
+
+    def step(self, objects: Iterable[TrackedObject], by: int, stamp_ns: int) -> tuple[str, int]:
+        """Move to the object beside the hovered one. At the end of a row its name is spoken once more.
+
+        Return the object and the time, ns. The object is `""` if the person does not point or there is none.
+        """
+        cursor = self._cursor
+        if cursor is None or cursor.direction is None or abs(stamp_ns - cursor.stamp_ns) > SILENT_NS:
+            return "", 0
+        object_id = neighbour(objects, cursor, self._hovered, by)
+        if object_id:
+            self._focus = _Focus(object_id, cursor.direction, cursor.stamp_ns)
+            self._has_fired = False
+            self._hovered, self._hovered_ns = object_id, cursor.stamp_ns - FIRST_NS
+            self._spoken, self._repeat_ns = ("", 0), None
+            self._names.clear()  # who steps on does not mean what was announced before
+        return object_id, cursor.stamp_ns
+
+    def announce(self, object_id: str, label: str, stamp_ns: int) -> Announced | None:
+        """Return the message that is due while `object_id` is hovered, `""` for none. None if none is due."""
+        if object_id != self._hovered:
+            self._hovered, self._hovered_ns = object_id, stamp_ns
+            self._spoken, self._repeat_ns = ("", 0), None
+        name = self._names.get(object_id)
+        if name is not None and stamp_ns - name.hovered_ns <= RECENT_NS:
+            self._names[object_id] = name._replace(hovered_ns=stamp_ns)
+        if self._announced.seq and stamp_ns - self._announced.stamp_ns < MIN_PERIOD_NS:
+            return None
+        is_first = not self._spoken[0] and stamp_ns - self._hovered_ns >= FIRST_NS
+        if object_id and (is_first or (self._repeat_ns is not None and stamp_ns >= self._repeat_ns)):
+            return self._speak(object_id, label, stamp_ns, is_first=is_first)
+        return self.end(stamp_ns) if self._announced.object_id not in ("", object_id) else None
+
+    def _speak(self, object_id: str, label: str, stamp_ns: int, *, is_first: bool) -> Announced:
+        self._repeat_ns = None
+        if is_first:
+            self._spoken, self._repeat_ns = (object_id, stamp_ns), stamp_ns + REPEAT_NS
+            since_ns = stamp_ns - RECENT_NS
+            recent = {each: name for each, name in self._names.items() if name.hovered_ns >= since_ns}
+            self._names = {object_id: _Name(stamp_ns, stamp_ns)} | recent
+        return self._send(object_id, label, stamp_ns, stamp_ns)
+
+    def end(self, stamp_ns: int) -> Announced | None:
+        """Return the message that nothing is announced, or None if nothing was."""
+        return self._send("", "", 0, stamp_ns) if self._announced.object_id else None
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Return True if something is announced and no cursor came for `SILENT_NS`."""
+        cursor = self._cursor
+        return bool(self._announced.object_id) and cursor is not None and now_ns - cursor.stamp_ns > SILENT_NS
+
+    def confirmed(self, press_ns: int) -> str:
+        """Return the object that a press means: its name could be understood, and it was hovered until now.
+
+        `""` if there is none.
+        """
+        names = {
+            object_id: name.hovered_ns
+            for object_id, name in self._names.items()
+            if name.began_ns <= press_ns - UNDERSTOOD_NS and name.hovered_ns >= press_ns - RECENT_NS
+        }
+        return max(names, key=names.__getitem__, default="")
+
+    def _send(self, object_id: str, label: str, began_ns: int, stamp_ns: int) -> Announced:
+        self._announced = Announced(
+            stamp_ns=stamp_ns,
+            seq=self._announced.seq + 1,
+            object_id=object_id,
+            label=label,
+            began_ns=began_ns,
+        )
+        return self._announced
+
+
+def neighbour(objects: Iterable[TrackedObject], cursor: Cursor, object_id: str, by: int) -> str:
+    """Return the object right (`by` 1) or left (-1) of `object_id` in its row, as the person sees it.
+
+    At the end of the row that is `object_id` itself. If it is not among `objects`, it is the one nearest to
+    the ray, or `""` if there are none. Objects are in one row if their heights overlap.
+    """
+    by_id = {one.id: one for one in objects}
+    if cursor.origin_m is None or cursor.direction is None or not by_id:
+        return ""
+    origin_m, direction = cursor.origin_m, cursor.direction
+    reach = {name: vector.subtract(one.position_m, origin_m) for name, one in by_id.items()}
+    start = by_id.get(object_id)
+    if start is None:
+        return min(reach, key=lambda name: (vector.angle_between(direction, reach[name]), name))
+    azimuth = vector.azimuth(reach[object_id])
+    row = sorted(
+        (vector.wrap(azimuth - vector.azimuth(reach[name])), name)
+        for name, one in by_id.items()
+        if abs(one.position_m[2] - start.position_m[2]) <= (_height_m(one) + _height_m(start)) / 2.0
+    )
+    names = [name for _, name in row]
+    return names[min(max(names.index(object_id) + by, 0), len(names) - 1)]
+
+
+def _height_m(tracked: TrackedObject) -> float:
+    return max(tracked.length_m if tracked.size_m is None else tracked.size_m[2], MIN_HEIGHT_M)

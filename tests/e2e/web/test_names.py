@@ -1,0 +1,147 @@
+"""People who see no lights: page or phone speaks names, they step and confirm, and the thing reacts."""
+
+import asyncio
+import contextlib
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+from playwright.async_api import Browser, Page, expect
+from playwright.async_api import TimeoutError as PlaywrightTimeoutError
+
+from tests.e2e.web.phone import PhonePage
+from tests.e2e.web.site import SitePage, running
+from tests.e2e.web.window import Window
+from tests.support.bench import until
+from tests.support.commands import Commands
+from tests.support.pace import Patience
+
+pytestmark = pytest.mark.slow
+
+IS_MORE = "count => window.spoken.length > count"
+LABELS = {"a": "Radio", "b": "Kettle", "c": "Toaster", "d": "Window", "e": "Heater"}
+"""Things from left to right."""
+SPOKEN = """
+window.spoken = [];
+Object.defineProperty(window, "speechSynthesis", { value: {
+  speak({ text, lang, rate }) { if (text) window.spoken.push(text); window.last = [lang, rate]; },
+  cancel() { window.cuts = (window.cuts ?? 0) + 1; },
+  getVoices() { return [{ lang: "en-GB" }, { lang: "it-IT" }]; },
+} });
+"""
+
+
+def room(folder: Path) -> Path:
+    """Write a map with five things 0.4 m apart and no light."""
+    things = "".join(
+        f"  {name}: {{label: {label}, center: [2.5, {0.8 - 0.4 * index:.1f}, 1.3], size: [0.2, 0.2, 0.2]}}\n"
+        for index, (name, label) in enumerate(LABELS.items())
+    )
+    path = folder / "room.yaml"
+    path.write_text(f"things:\n{things}", encoding="utf-8")
+    return path
+
+
+async def site_with(commands: Commands, folder: Path, announce: str) -> tuple[SitePage, Path]:
+    """Run the room. Return it and the file that the function of the thing d writes."""
+    done = folder / "done"
+    program = folder / "react.py"
+    source = "import pathlib, sys\npathlib.Path(sys.argv[1]).write_text(sys.argv[2])\n"
+    program.write_text(source, encoding="utf-8")
+    reaction = f"d={sys.executable} {program} {done} {{thing}}"
+    site = await running(
+        commands,
+        *(str(room(folder)), "--announce", announce, "--on", reaction, "--imu", "page"),
+        *("--lan", "--set", "web.lan_port=0", "--duration", "600"),
+        state=folder / "state",
+    )
+    return site, done
+
+
+async def spoken(page: Page) -> list[str]:
+    return list(await page.evaluate("window.spoken"))
+
+
+async def find(page: Page, wanted: str, step: Callable[[int], Awaitable[None]]) -> None:
+    """Step, as a listener does, until `wanted` was the last name that the page was asked to say."""
+    names = list(LABELS.values())
+    patience = Patience(120.0)
+    while (heard := await spoken(page))[-1] != wanted:
+        assert not patience.is_over(), f"{wanted} is not found: {heard}"
+        await step(1 if names.index(heard[-1]) < names.index(wanted) else -1)
+        with contextlib.suppress(PlaywrightTimeoutError):
+            await page.wait_for_function(IS_MORE, arg=len(heard), timeout=10_000)
+
+
+async def confirm(page: Page, done: Path, wanted: str, press: Callable[[], Awaitable[None]]) -> None:
+    """Press once the name could be understood, until the thing's function has run."""
+    patience = Patience(120.0)
+    while not done.exists():  # noqa: ASYNC240 - a file of a few bytes
+        assert not patience.is_over(), f"{wanted} did not react: {await spoken(page)}"
+        await asyncio.sleep(1.0)
+        await press()
+        with contextlib.suppress(AssertionError, TimeoutError):
+            await until(done.exists, 5, "the function of the thing")
+    assert (await spoken(page))[-1] == wanted
+    assert done.read_text(encoding="utf-8") == "d"  # noqa: ASYNC240 - as above
+
+
+async def test_by_keyboard_alone_a_thing_is_found_by_its_name_and_reacts(
+    browser: Browser, commands: Commands, tmp_path: Path
+) -> None:
+    site, done = await site_with(commands, tmp_path, "page")
+    window = await Window.open(browser, site.url, scripts=(SPOKEN,), reduced_motion="reduce")
+    page = window.page
+    await window.is_shown()
+    await page.keyboard.press("m")
+    await expect(page.locator("#guide")).to_contain_text("You are the arm now")
+    patience = Patience(90.0)
+    while not await spoken(page):
+        assert not patience.is_over(), "no name was spoken"
+        await page.keyboard.press("ArrowUp")
+        await asyncio.sleep(0.5)
+
+    async def step(by: int) -> None:
+        await page.keyboard.press("ArrowRight" if by > 0 else "ArrowLeft")
+
+    await find(page, "Window", step)
+    await expect(page.locator("#name")).to_contain_text("Window")
+    await confirm(page, done, "Window", lambda: page.keyboard.press(" "))
+    assert await page.evaluate("window.cuts") >= 1
+    assert window.faults == []
+
+
+async def test_by_the_phone_swipes_step_and_a_tap_confirms(
+    browser: Browser, commands: Commands, tmp_path: Path
+) -> None:
+    site, done = await site_with(commands, tmp_path, "phone")
+    async with site.operator() as operator:
+        secure = await operator.pair("user1")
+    phone = await PhonePage.open(browser, site.origin + secure[secure.index("/phone") :], scripts=(SPOKEN,))
+    page = phone.page
+    await page.locator("#speaker select").first.select_option("it-IT")
+    await phone.start()
+    await page.locator("#big").tap()  # this is straight ahead
+    await expect(page.locator("#big-name")).to_have_text("Press")
+    patience = Patience(120.0)
+    index = 0
+    while not await spoken(page):
+        assert not patience.is_over(), "no name was spoken"
+        index += 1
+        await phone.turn(0.3 * (index % 2), -14.0 + index // 20 % 8)  # slowly up, as a person searches
+        await asyncio.sleep(0.05)
+    big = await page.locator("#big").bounding_box()
+    assert big is not None
+    x, y = big["x"] + big["width"] / 2, big["y"] + big["height"] / 2
+
+    async def swipe(by: int) -> None:
+        await page.mouse.move(x, y)
+        await page.mouse.down()
+        await page.mouse.move(x + 60 * by, y, steps=3)
+        await page.mouse.up()
+
+    await find(page, "Window", swipe)
+    assert await page.evaluate("window.last") == ["it-IT", 1]
+    await confirm(page, done, "Window", lambda: page.locator("#big").tap())
+    assert phone.faults == []

@@ -1,0 +1,301 @@
+"""Names of things that are spoken to people: when and in which order, presses, steps to neighbours."""
+
+import math
+
+import pytest
+
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.schemas import (
+    Announced,
+    ButtonEvent,
+    Claim,
+    Cursor,
+    Environment,
+    Feedback,
+    SelectionEvent,
+    Step,
+    Thing,
+)
+from pointit.services.pui.things import TRACKER, listing
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.outputs import Output
+from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.shard_engine import ShardEngine
+from tests.unit.selector.room import at
+
+EYES: Vec3 = (0.0, 0.0, 1.6)
+RATE_HZ = 50
+
+
+def box(name: str, y_m: float, z_m: float = 1.4, label: str = "") -> Thing:
+    return Thing(id=name, label=label, center_m=(2.6, y_m, z_m), size_m=(0.2, 0.2, 0.2))
+
+
+SHELF = (
+    box("left", 0.7),
+    box("middle", 0.0, label="Middle box"),
+    box("right", -0.7),
+    box("below", -0.7, 0.8),
+)
+
+
+class Listener:
+    """An engine, and a person to whom names are spoken."""
+
+    def __init__(self, *things: Thing, confirm: str = "press", people: str = "anna") -> None:
+        config = SelectorConfig.model_validate(
+            {"method": "estimate", "estimate": {"announce": {"people": [people], "confirm": confirm}}}
+        )
+        self.engine = SelectionEngine(config, lambda _record: None)
+        self.room = Environment(stamp_ns=0, name="room", things=things or SHELF)
+        self.engine.on_map(self.room)
+        self.time_s = 0.0
+        self.announced: list[tuple[float, str, str]] = []
+        """Times, s, ids and labels."""
+        self.events: list[tuple[str, str]] = []
+        self.cues: list[str] = []
+
+    def point(
+        self, azimuth_deg: float, seconds: float, user: str = "anna", elevation_deg: float = -4.4
+    ) -> None:
+        ray = vector.direction(math.radians(azimuth_deg), math.radians(elevation_deg))
+        for _ in range(round(seconds * RATE_HZ)):
+            self.time_s += 1.0 / RATE_HZ
+            now_ns = at(self.time_s)
+            self.take(self.engine.on_objects(TRACKER, listing(self.room, now_ns)))
+            self.take(self.engine.on_cursor(user, Cursor(stamp_ns=now_ns, origin_m=EYES, direction=ray)))
+
+    def press(self, user: str = "anna") -> list[tuple[str, str]]:
+        before = len(self.events)
+        self.take(self.engine.on_button(user, ButtonEvent(stamp_ns=at(self.time_s))))
+        return self.events[before:]
+
+    def step(self, by: int, user: str = "anna") -> str:
+        """Step, and return what was announced at once."""
+        before = len(self.announced)
+        self.take(self.engine.on_step(user, Step(stamp_ns=at(self.time_s), by=1 if by > 0 else -1)))
+        return self.announced[-1][1] if len(self.announced) > before else ""
+
+    def take(self, outputs: list[Output]) -> None:
+        for _, message in outputs:
+            if isinstance(message, Announced):
+                assert message.began_ns in {0, message.stamp_ns}
+                time_s = round((message.stamp_ns - at(0.0)) / 1e9, 3)
+                self.announced.append((time_s, message.object_id, message.label))
+            elif isinstance(message, SelectionEvent):
+                self.events.append((message.event, message.object_id))
+            elif isinstance(message, Feedback) and message.cue == "refused":
+                self.cues.append(message.text)
+
+
+def test_a_name_is_spoken_after_a_steady_hover_and_once_more_1_5_s_later() -> None:
+    room = Listener()
+    room.point(0.0, 6.0)
+    (first_s, *first), (second_s, *second) = room.announced
+    assert first == second == ["middle", "Middle box"]
+    assert first_s == pytest.approx(0.22, abs=0.15)
+    assert second_s - first_s == pytest.approx(1.5, abs=0.03)
+
+
+def test_the_name_ends_when_the_hover_changes_and_the_next_one_follows() -> None:
+    room = Listener()
+    room.point(0.0, 1.0)
+    room.point(-15.0, 1.0)
+    room.point(60.0, 1.0)
+    assert [name for _, name, _ in room.announced] == ["middle", "", "right", ""]
+
+
+def test_names_end_when_the_cursors_end() -> None:
+    room = Listener()
+    room.point(0.0, 1.0)
+    room.take(room.engine.tick(at(room.time_s + 0.9)))
+    assert room.announced[-1][1] == "middle"
+    room.take(room.engine.tick(at(room.time_s + 1.1)))
+    assert room.announced[-1][1] == ""
+    room.take(room.engine.tick(at(room.time_s + 1.7)))
+    assert [name for _, name, _ in room.announced] == ["middle", ""]
+
+
+def test_at_most_five_names_are_sent_in_a_second() -> None:
+    room = Listener()
+    for index in range(60):
+        room.point(15.0 * (index % 3 - 1), 0.1)
+        room.step(1 if index % 2 else -1)
+    times = [time_s for time_s, _, _ in room.announced]
+    assert len(times) > 10
+    assert all(sum(since <= time < since + 1.0 - 1e-6 for time in times) <= 5 for since in times)
+
+
+def test_people_who_are_not_named_hear_nothing_and_select_as_before() -> None:
+    room = Listener(people="bert")
+    room.point(0.0, 2.0)
+    assert not room.announced
+    assert room.step(1) == ""
+    assert room.events == [("selected", "middle")]
+    assert not room.cues
+
+
+@pytest.mark.parametrize("people", ["anna", "*"])
+def test_names_are_spoken_to_the_named_people_or_all(people: str) -> None:
+    room = Listener(people=people)
+    room.point(0.0, 1.0)
+    assert room.announced[0][1] == "middle"
+    assert not room.events
+
+
+@pytest.mark.parametrize("method", ["estimate", "gauge"])
+def test_a_press_takes_the_thing_whose_name_could_be_understood(method: str) -> None:
+    room = Listener()
+    room.point(0.0, 0.1)
+    room.engine.use(SelectorConfig(method=method))
+    room.point(0.0, 0.5)
+    assert room.press() == []
+    assert room.cues == ["wait for the name"]
+    room.point(0.0, 0.5)
+    assert room.press() == [("selected", "middle")]
+
+
+def test_a_press_that_moves_the_arm_still_means_what_was_heard() -> None:
+    room = Listener()
+    room.point(0.0, 1.2)
+    room.point(-15.0, 0.3)
+    assert room.press() == [("selected", "middle")]
+
+
+def test_a_press_long_after_the_hover_is_refused() -> None:
+    room = Listener()
+    room.point(0.0, 1.2)
+    room.point(-15.0, 0.7)
+    assert room.press() == []
+    assert room.cues == ["wait for the name"]
+
+
+def test_a_press_of_somebody_who_does_not_point_is_none_of_the_selectors_business() -> None:
+    room = Listener()
+    assert room.press() == []
+    room.point(0.0, 1.2)
+    room.time_s += 5.0
+    assert room.press() == []
+    assert not room.cues
+
+
+def test_a_press_that_comes_twice_counts_once() -> None:
+    room = Listener()
+    room.point(0.0, 1.2)
+    assert room.press() == [("selected", "middle")]
+    assert room.press() == []
+    assert not room.cues
+
+
+def test_staying_selects_nothing_where_a_press_confirms() -> None:
+    room = Listener()
+    room.point(0.0, 5.0)
+    assert not room.events
+
+
+def test_staying_selects_after_1_6_s_where_nobody_has_a_button() -> None:
+    room = Listener(confirm="dwell")
+    room.point(0.0, 1.4)
+    assert not room.events
+    room.point(0.0, 0.8)
+    assert room.events == [("selected", "middle")]
+    assert room.press() == []
+    assert not room.cues
+
+
+def test_steps_go_right_and_left_in_the_row_and_stop_at_its_end() -> None:
+    room = Listener()
+    room.point(0.0, 1.0)
+    assert room.step(1) == "right"
+    room.point(0.0, 0.3)
+    assert room.step(1) == "right"  # spoken once more
+    room.point(0.0, 0.3)
+    assert room.step(-1) == "middle"
+    room.point(0.0, 0.3)
+    assert room.step(-1) == "left"
+    room.point(0.0, 0.3)
+    assert "below" not in {name for _, name, _ in room.announced}
+
+
+def test_a_press_takes_what_was_stepped_to_once_its_name_is_understood() -> None:
+    room = Listener()
+    room.point(0.0, 2.0)
+    room.step(1)
+    room.point(0.0, 0.3)
+    assert room.press() == []
+    room.point(0.0, 0.5)
+    assert room.press() == [("selected", "right")]
+
+
+def test_the_focus_of_a_step_stays_until_the_ray_has_turned() -> None:
+    room = Listener()
+    room.point(0.0, 1.0)
+    room.step(1)
+    room.point(10.0, 1.0)
+    assert room.announced[-1][1] == "right"
+    room.point(16.0, 1.0)
+    assert room.announced[-1][1] == "left"
+
+
+def test_a_step_from_nothing_goes_to_the_nearest_thing() -> None:
+    room = Listener()
+    room.point(40.0, 1.0)
+    assert not room.announced
+    assert room.step(1) == "left"
+
+
+def test_steps_of_somebody_who_does_not_point_are_ignored() -> None:
+    room = Listener()
+    assert room.step(1) == ""
+    room.point(0.0, 1.0)
+    room.time_s += 3.0
+    assert room.step(1) == ""
+
+
+def test_staying_on_what_was_stepped_to_selects_it_after_2_2_s_once() -> None:
+    room = Listener(confirm="dwell")
+    room.point(0.0, 1.0)
+    room.step(1)
+    room.point(0.0, 2.1)
+    assert not room.events
+    room.point(0.0, 4.0)
+    assert room.events == [("selected", "right")]
+
+
+def test_a_wrist_whose_clock_was_set_back_hears_names_again() -> None:
+    room = Listener()
+    room.point(0.0, 1.0)
+    room.time_s -= 10.0
+    room.point(-15.0, 1.0)
+    assert [name for _, name, _ in room.announced] == ["middle", "", "right"]
+
+
+def test_a_shard_announces_steps_and_claims_what_is_pressed() -> None:
+    config = SelectorConfig.model_validate(
+        {"method": "estimate", "estimate": {"announce": {"people": ["anna"]}}, "people": ["anna"]}
+    )
+    shard = ShardEngine(config)
+    shard.has_arbiter = True
+    room = Environment(stamp_ns=0, name="room", things=SHELF)
+    shard.on_map(room)
+    messages: list[object] = []
+
+    def point(first: int, last: int) -> None:
+        for index in range(first, last):
+            now_ns = at(index / RATE_HZ)
+            shard.on_objects(TRACKER, listing(room, now_ns))
+            ray = vector.direction(0.0, math.radians(-4.4))
+            messages.extend(
+                each.message
+                for each in shard.on_cursor("anna", Cursor(stamp_ns=now_ns, origin_m=EYES, direction=ray))
+            )
+
+    point(0, 60)
+    messages += [each.message for each in shard.on_step("anna", Step(stamp_ns=at(1.2), by=1))]
+    point(60, 100)
+    messages += [each.message for each in shard.on_button("anna", ButtonEvent(stamp_ns=at(2.0)))]
+    assert [each.object_id for each in messages if isinstance(each, Announced)] == ["middle", "right"]
+    assert [each.object_id for each in messages if isinstance(each, Claim) and each.wish == "toggle"] == [
+        "right"
+    ]

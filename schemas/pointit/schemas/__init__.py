@@ -36,6 +36,7 @@ from pointit.schemas.person import (
     PointingOffset,
     Referent,
     Speech,
+    Step,
     Understood,
     UserProfile,
     Word,
@@ -43,6 +44,7 @@ from pointit.schemas.person import (
 )
 from pointit.schemas.pointing import (
     Anchor,
+    Announced,
     Candidate,
     Cursor,
     Feedback,
@@ -110,7 +112,7 @@ from pointit.schemas.system import (
 )
 
 __all__ = [
-    "FARTHEST", "NS_PER_S", "WRIST_PATIENCE_S", "AddPackage", "AddPackageReply", "Anchor", "Bay",
+    "FARTHEST", "NS_PER_S", "WRIST_PATIENCE_S", "AddPackage", "AddPackageReply", "Anchor", "Announced", "Bay",
     "BayCount", "Belt", "BeltLink", "BeltSpeed", "BodyMeasures", "Box", "ButtonEvent",
     "CancelLocalization", "Candidate", "Claim", "ClearSelection", "ClockTick", "Cloud", "Configuration",
     "ConveyorState", "Cursor", "Cylinder", "DecodeError", "Departure", "Deployment", "Done",
@@ -124,8 +126,8 @@ __all__ = [
     "SelectionEvent", "SendRobot", "ServedRequest", "SetBrightness", "SetFeeding", "SetHeading",
     "SetLamp", "SetMethod", "SetMethodReply", "SetMounting", "SetMountingReply", "SetOffset", "SetPose",
     "SetSpeed", "SetThing", "SetTolerance", "SetToleranceReply", "SetWorkspace", "SetYawOrigin",
-    "ShowPixels", "Speech", "Sphere", "StartLocalization", "Steering", "StopRobot", "Strip", "StripFrame",
-    "StripsFrame", "Thing", "TrackedObject", "TrackedObjects", "Understood", "UndoSelection", "UseMap",
-    "UseMapReply", "UserPose", "UserProfile", "Word", "WristSample", "decode", "encode", "pack",
+    "ShowPixels", "Speech", "Sphere", "StartLocalization", "Steering", "Step", "StopRobot", "Strip",
+    "StripFrame", "StripsFrame", "Thing", "TrackedObject", "TrackedObjects", "Understood", "UndoSelection",
+    "UseMap", "UseMapReply", "UserPose", "UserProfile", "Word", "WristSample", "decode", "encode", "pack",
     "summarize_validation_error",
 ]  # fmt: skip

@@ -99,6 +99,15 @@ class ButtonEvent(Message):
     source: Annotated[Id, Field(description="device, page, keyboard, joypad, simulated")] = "device"
 
 
+class Step(Message):
+    """The person moved from the announced object to one beside it: by a crown, a swipe or an arrow key."""
+
+    by: Annotated[
+        Literal[-1, 1], Field(description="1: the next object to the right in its row, -1: to the left")
+    ]
+    source: Annotated[Id, Field(description="device, page, keyboard, simulated")] = "device"
+
+
 class BodyMeasures(SchemaModel):
     """Lengths of the pointing model, metres; defaults as in the ROS 2 toolkit (eyes at 1.64 m)."""
 

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from pointit.schemas.base import (
     FARTHEST,
+    MAX_ID,
     Along,
     Distance,
     Extent,
@@ -214,6 +215,16 @@ class Hover(Message):
         Along | None, Field(description="the same along the cursor's surface; None if nothing attracts it")
     ] = None
     miss_rad: Annotated[Extent | None, Field(description="from the ray to the object, 0: on it")] = None
+
+
+class Announced(Message):
+    """The object whose name is spoken to the person, since they point at it or stepped to it."""
+
+    object_id: Annotated[Id, Field(description="empty when none")] = ""
+    label: Annotated[str, Field(max_length=MAX_ID, description="text to speak; empty when none")] = ""
+    began_ns: Annotated[
+        Ns, Field(description="when the name began; a later one for the same object: it is spoken again")
+    ] = 0
 
 
 class Interaction(Message):

@@ -54,7 +54,7 @@ from pointit.schemas.table_types import (
 # tables: each row takes as few lines as it needs
 # fmt: off
 __all__ = [
-    "ACCOUNTS", "ADD_PACKAGE", "ANCHOR", "ANY", "BUTTON", "CANCEL_LOCALIZATION", "CLAIM",
+    "ACCOUNTS", "ADD_PACKAGE", "ANCHOR", "ANNOUNCED", "ANY", "BUTTON", "CANCEL_LOCALIZATION", "CLAIM",
     "CLEAR_SELECTION", "CLOCK", "CONFIGURATION", "CONVEYOR_STATE", "CURSOR", "DEPLOYMENT",
     "FEEDBACK", "FIND_REFERENTS", "GOAL", "HEALTH", "HOVER", "IMU", "INTERACTION", "KEEPER_ALIVE",
     "LAMP_COLOR", "LAMP_LEASES", "LOCALIZATION", "MAP", "OBJECTS", "POINT_ANCHOR", "POSE", "PRESENCES",
@@ -63,7 +63,7 @@ __all__ = [
     "SERVED", "SERVICE_ALIVE", "SET_BRIGHTNESS", "SET_FEEDING", "SET_HEADING", "SET_LAMP", "SET_METHOD",
     "SET_MOUNTING", "SET_OFFSET", "SET_POSE", "SET_SPEED", "SET_THING", "SET_TOLERANCE",
     "SET_WORKSPACE", "SET_YAW_ORIGIN", "SHARD_ALIVE", "SHOW_PIXELS", "SPEECH", "STALE_PERIODS",
-    "START_LOCALIZATION", "STEERING", "STOP_ROBOT", "STRIPS_FRAME", "TOPICS", "UNDERSTOOD",
+    "START_LOCALIZATION", "STEERING", "STEP", "STOP_ROBOT", "STRIPS_FRAME", "TOPICS", "UNDERSTOOD",
     "UNDO_SELECTION", "USER_ALIVE", "USE_MAP", "WRIST", "Delivery", "Presence", "Request", "Topic",
     "check_name", "topic_of",
 ]
@@ -82,6 +82,10 @@ WRIST = Topic(
 BUTTON = Topic(
     key="users/{user}/button", message=person.ButtonEvent, delivery=_EVENT, rate_hz=None,
     writers=("imu-bridge", "user-sim", "web", "ros2", "cli"), about="the person's button",
+)
+STEP = Topic(
+    key="users/{user}/step", message=person.Step, delivery=_EVENT, rate_hz=None,
+    writers=("imu-bridge", "web", "cli"), about="from the announced object to one beside it",
 )
 PROFILE = Topic(
     key="users/{user}/profile", message=person.UserProfile, delivery=_STATE, rate_hz=None,
@@ -110,6 +114,10 @@ CURSOR = Topic(
 HOVER = Topic(
     key="users/{user}/hover", message=pointing.Hover, delivery=_LATEST, rate_hz=50, writers=("selector",),
     about="object under the cursor; while there is none, 5 a second",
+)
+ANNOUNCED = Topic(
+    key="users/{user}/announced", message=pointing.Announced, delivery=_STATE, rate_hz=None,
+    writers=("selector",), about="object whose name is spoken to the person; at most 5 a second",
 )
 CLAIM = Topic(
     key="users/{user}/claim", message=selection.Claim, delivery=_EVENT, rate_hz=None,
@@ -191,9 +199,10 @@ DEPLOYMENT = Topic(
 )
 
 TOPICS: list[Topic[Any]] = [
-    IMU, WRIST, BUTTON, PROFILE, RAY, POSE, LOCALIZATION, ANCHOR, CURSOR, HOVER, CLAIM, INTERACTION, FEEDBACK,
-    GOAL, STEERING, SPEECH, UNDERSTOOD, MAP, OBJECTS, ROBOT_STATE, ROBOT_PLAN, SELECTION, SELECTION_EVENTS,
-    LAMP_COLOR, LAMP_LEASES, STRIPS_FRAME, CONVEYOR_STATE, CLOCK, HEALTH, CONFIGURATION, SERVED, DEPLOYMENT,
+    IMU, WRIST, BUTTON, STEP, PROFILE, RAY, POSE, LOCALIZATION, ANCHOR, CURSOR, HOVER, ANNOUNCED, CLAIM,
+    INTERACTION, FEEDBACK, GOAL, STEERING, SPEECH, UNDERSTOOD, MAP, OBJECTS, ROBOT_STATE, ROBOT_PLAN,
+    SELECTION, SELECTION_EVENTS, LAMP_COLOR, LAMP_LEASES, STRIPS_FRAME, CONVEYOR_STATE, CLOCK, HEALTH,
+    CONFIGURATION, SERVED, DEPLOYMENT,
 ]
 """All topics. Services of other packages add theirs when they are loaded (`pointit.services.registry`)."""
 

@@ -25,6 +25,7 @@ from pointit.schemas.topics import (
     SET_THING,
     SHARD_ALIVE,
     SPEECH,
+    STEP,
     STOP_ROBOT,
     TOPICS,
     UNDERSTOOD,
@@ -136,7 +137,7 @@ def _user(name: str) -> Rights:
             [
                 *(topic.at(name) for row in mine for topic in row.writes),
                 *(topic.at(name) for row in shards for topic in row.writes if _is_personal(topic)),
-                *(topic.at(name) for topic in (BUTTON, SPEECH, UNDERSTOOD)),
+                *(topic.at(name) for topic in (BUTTON, STEP, SPEECH, UNDERSTOOD)),
                 *([] if name.startswith(RUN) else [DEPLOYMENT.at(name)]),
                 *(topic.at(instance) for topic in ACCOUNTS for instance in instances),
             ]

@@ -94,8 +94,8 @@ KEEPER = Process(
     about="the newest of every state, for who comes when its writer is gone; whose clock is apart",
     reads=(
         topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.INTERACTION, topics.STEERING,
-        topics.MAP, topics.ROBOT_PLAN, topics.SELECTION, topics.LAMP_COLOR, topics.CONVEYOR_STATE,
-        topics.DEPLOYMENT, topics.HEALTH,
+        topics.MAP, topics.ROBOT_PLAN, topics.SELECTION, topics.ANNOUNCED, topics.LAMP_COLOR,
+        topics.CONVEYOR_STATE, topics.DEPLOYMENT, topics.HEALTH,
     ),
     writes=(),
 )  # fmt: skip
@@ -122,7 +122,7 @@ PROCESSES: list[Process] = [
         scope="user",
         about="a wrist's IMU: serial device, recording, simulated movement, or a page's mouse or phone",
         reads=(topics.WRIST, topics.FEEDBACK),
-        writes=(topics.IMU, topics.BUTTON),
+        writes=(topics.IMU, topics.BUTTON, topics.STEP),
         serves=(topics.SET_YAW_ORIGIN, topics.SET_MOUNTING),
     ),
     Process(
@@ -204,10 +204,18 @@ PROCESSES: list[Process] = [
             topics.SELECTION_EVENTS,
             topics.MAP,
             topics.BUTTON,
+            topics.STEP,
             topics.CLAIM,
             topics.SELECTION,
         ),
-        writes=(topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK, topics.CLAIM),
+        writes=(
+            topics.HOVER,
+            topics.ANNOUNCED,
+            topics.SELECTION,
+            topics.SELECTION_EVENTS,
+            topics.FEEDBACK,
+            topics.CLAIM,
+        ),
         serves=(
             topics.CLEAR_SELECTION,
             topics.UNDO_SELECTION,
@@ -292,7 +300,7 @@ PROCESSES: list[Process] = [
         extra="web",
         about="a page in browsers: the scene, controls, health; the mouse or a phone as a wrist",
         reads=SHOWN,
-        writes=(topics.WRIST, topics.BUTTON, topics.SPEECH),
+        writes=(topics.WRIST, topics.BUTTON, topics.STEP, topics.SPEECH),
     ),
     Process(
         name="foxglove",

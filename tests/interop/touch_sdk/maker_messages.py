@@ -112,7 +112,7 @@ class Maker:
         return update
 
     def message(self) -> bytes:
-        data = self.update().SerializeToString()
+        data: bytes = self.update().SerializeToString()
         if self.has(0.2):
             data += bytes.fromhex(self.random.choice(EXTRA))
         if self.has(0.05):  # parts of one message are put together

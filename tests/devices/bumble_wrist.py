@@ -61,6 +61,12 @@ class BumbleWrist:
     def is_connected(self) -> bool:
         return self._connection is not None
 
+    @property
+    def is_subscribed(self) -> bool:
+        """Return True while notifications are subscribed to."""
+        subscriptions = self.device.gatt_server.subscribers.values()
+        return any(any(each[:1] == b"\1" for each in values.values()) for values in subscriptions)
+
     async def appear(self) -> None:
         """Advertise, also after each connection."""
         kinds, wrist = core.AdvertisingData, self.wrist

@@ -14,16 +14,9 @@ from pointit.services.imu_bridge.ble.touch_sdk.messages import (
     encode_client_info,
     encode_haptic,
 )
-from tests.support.environments import python_of
 
 HERE = Path(__file__).parent
 VALID, DAMAGED = 10_000, 20_000
-
-
-@pytest.fixture(scope="session")
-def touch_sdk_python(say: Callable[[str], None]) -> Path:
-    """Return the Python of .venv-touch-sdk; skips, saying why, where it cannot be made."""
-    return python_of(".venv-touch-sdk", HERE / "requirements.txt", "the maker's client of the Touch SDK", say)
 
 
 def lines(python: Path, *arguments: str) -> list[Any]:

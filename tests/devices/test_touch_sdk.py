@@ -5,13 +5,17 @@ import itertools
 import math
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
+from bleak.exc import BleakError
 from bumble.att import ATT_Error
 
 from pointit.geometry import rotation
-from pointit.runtime.virtual_time import run_virtually
+from pointit.plugins import Surroundings
+from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import Feedback
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.ble.discovery import discover_ble
 from pointit.services.imu_bridge.ble.touch_sdk.messages import OUTPUT
 from pointit.services.imu_bridge.ble.touch_sdk.watch import DECLINED_S, ENDED_S, TOUCH_SDK, TouchSdkWatch
@@ -27,8 +31,8 @@ from pointit.services.imu_bridge.reading import (
 from pointit.testing.imu.harness import is_near
 from pointit_lab.devices.wrists.touch_sdk_watch import DISCONNECT, PERIOD_MS, SimulatedTouchSdkWatch
 from tests.devices.ble_session import POSTURE, Session, require_selection, worn
-from tests.devices.bumble_radio import air
-from tests.support.bench import in_virtual_time
+from tests.devices.bumble_radio import BumbleClient, air
+from tests.support.bench import background, in_virtual_time, until
 
 RATE_HZ = 50.0
 PINCH = bytes.fromhex("12020801")
@@ -272,6 +276,47 @@ async def test_watch_on_the_right_wrist_is_turned_so_that_x_is_towards_the_finge
         expected = turned if hand == "right" else POSTURE
         assert is_near(session.of(Reading)[-1].world_from_sensor, expected)
         assert len(session.of(Reconnected)) == (2 if hand == "right" else 1)
+
+
+@in_virtual_time
+async def test_mounting_of_a_right_wrist_is_not_turned_again() -> None:
+    async with air() as around:
+        wrist = await around.wrist(SimulatedTouchSdkWatch(hand="right"))
+        await wrist.appear()
+        surroundings = replace(
+            Surroundings.detached(), clock=VirtualClock(), sensor_from_arm=MOUNTINGS["watch_right"]
+        )
+        items: list[object] = []
+        config = TOUCH_SDK.config.model_validate({"adapter": around.adapter})
+        source = TOUCH_SDK.make(config, surroundings)
+        async with background(wrist.stream(RATE_HZ, lambda: POSTURE)), background(source.run(items.append)):
+            await until(lambda: Battery(0.74) in items)
+            await asyncio.sleep(1.0)
+        reading = next(each for each in reversed(items) if isinstance(each, Reading))
+        assert is_near(reading.world_from_sensor, POSTURE)
+
+
+@in_virtual_time
+async def test_description_that_cannot_be_read_does_not_end_the_connection(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def fail(*_arguments: object, **_options: object) -> bytearray:
+        raise BleakError("Unlikely Error")
+
+    monkeypatch.setattr(BumbleClient, "read_gatt_char", fail)
+    async with worn(TOUCH_SDK, SimulatedTouchSdkWatch(), rate_hz=RATE_HZ) as session:
+        await asyncio.sleep(65.0)
+        assert session.wrist.connections == 1
+        assert len(session.of(Reading)) > 60 * RATE_HZ
+        assert not session.of(Battery)
+
+
+@in_virtual_time
+async def test_messages_of_many_lengths_that_cannot_be_read_are_named() -> None:
+    async with worn(TOUCH_SDK, SimulatedTouchSdkWatch("pending"), rate_hz=RATE_HZ) as session:
+        await session.until(lambda: bool(watch_of(session).inputs))
+        await send(session, *(b"\x0a\x7f" + bytes(length) for length in range(6)))
+        await session.until(lambda: "cannot be read: update" in session.health.warnings.get("link", ""))
 
 
 @in_virtual_time

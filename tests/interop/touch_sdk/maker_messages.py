@@ -138,7 +138,7 @@ class Maker:
 
 
 def content(data: bytes) -> Any:
-    """Return what the maker's classes read, or None if they refuse it."""
+    """Return the content that the maker's classes read, or None if they refuse it."""
     update = Update()
     try:
         update.ParseFromString(data)

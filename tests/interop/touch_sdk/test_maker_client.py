@@ -9,8 +9,9 @@ import json
 import math
 import random
 import socket
-from collections.abc import AsyncGenerator, Callable, Sequence
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ HERE = Path(__file__).parent
 SAMPLES = 200
 PINCH, CLOCKWISE, COUNTERCLOCKWISE = "12020801", "2a0b08ffffffffffffffffff01", "2a020801"
 EVENTS = {20: PINCH, 50: CLOCKWISE, 51: COUNTERCLOCKWISE, 52: CLOCKWISE, 90: PINCH, 120: PINCH + CLOCKWISE}
-"""What is added to some messages, by their number."""
+"""Events that are added to messages, by their number."""
 VIBRATION = "0a0a0801150000003f18ac02"
 Line = list[Any]
 
@@ -159,10 +160,15 @@ async def test_the_makers_client_ends_a_declined_connection_and_comes_again(touc
     watch = SimulatedTouchSdkWatch("pending")
     async with maker_client(touch_sdk_python, watch) as (wrist, client):
         await wrist.appear()
-        for connections in (1, 2):
-            await until(lambda: wrist.connections == connections and wrist.is_subscribed, what="a subscription")
+        for count in (1, 2):
+            await until(partial(is_connected_again, wrist, count), what="a subscription")
             await wrist.send(OUTPUT, DISCONNECT)
-        await until(lambda: wrist.connections == 3 and wrist.is_subscribed, what="a third connection")
+        await until(partial(is_connected_again, wrist, 3), what="a third connection")
         await play(wrist, messages(watch)[:3])
         await until(lambda: len(client.of("sensors")) == 3, what="sensors")
         assert len(watch.inputs) == 1  # it introduces itself once only
+
+
+def is_connected_again(wrist: BumbleWrist, count: int) -> bool:
+    """Return True if the connection number `count` is subscribed to notifications."""
+    return wrist.connections == count and wrist.is_subscribed

@@ -20,7 +20,7 @@ VALID, DAMAGED = 10_000, 20_000
 
 
 def lines(python: Path, *arguments: str) -> list[Any]:
-    """Return what `maker_messages.py` prints."""
+    """Return the lines that `maker_messages.py` prints."""
     command = (f"{python}", f"{HERE / 'maker_messages.py'}", *arguments)
     done = subprocess.run(command, capture_output=True, text=True, timeout=300.0, check=True)
     return [json.loads(line) for line in done.stdout.splitlines()]

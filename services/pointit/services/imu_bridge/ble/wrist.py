@@ -114,7 +114,7 @@ class Wrist(ABC):
 
     @property
     def obstacle(self) -> Obstacle | None:
-        """Return what a person must remove if it stays silent. None: configure it again, then reset it."""
+        """Obstacle while it is silent. None: it is configured again, then reset."""
         return None
 
     def begin(self, address: str) -> None:  # noqa: B027 - most need nothing

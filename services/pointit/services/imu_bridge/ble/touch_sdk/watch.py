@@ -51,8 +51,8 @@ log = logging.getLogger(__name__)
 ID_COMPANY = 0xFFFF
 """Company under which the id of the watch is advertised."""
 ID_LENGTH = 4
-WRITE_S = 3.0
-"""Time limit of the introduction, s. A watch may answer it only after the approval."""
+REPLY_S = 3.0
+"""Time limit of the introduction and of a read, s. A watch may answer them only after the approval."""
 DECLINED_S = 60.0
 """Pause before a person who has declined is asked again, s."""
 ENDED_S = 10.0
@@ -72,6 +72,7 @@ _ASLEEP = Obstacle(
     "for the app",
     20.0,
 )
+_UNREADABLE = Obstacle("sends messages that cannot be read: update its app and PointIt", 20.0)
 _NO_ORIENTATION = Obstacle(
     "sends no orientation that can be used: set touch_sdk.orientation to fusion, or update its app", 20.0
 )
@@ -135,7 +136,9 @@ class TouchSdkWatch(Wrist):
 
     @property
     def obstacle(self) -> Obstacle | None:
-        """Return what the person must do while nothing arrives."""
+        """Obstacle while nothing arrives that can be used."""
+        if self._unreadable.total() >= CUT:
+            return _UNREADABLE
         if not self.is_ready:
             return _APPROVAL
         return _NO_ORIENTATION if self._lacks_orientation else _ASLEEP
@@ -144,7 +147,7 @@ class TouchSdkWatch(Wrist):
         """Introduce this program, for which the person's approval is asked the first time."""
         info = messages.encode_client_info("PointIt", platform.node(), platform.system())
         try:
-            async with asyncio.timeout(WRITE_S):
+            async with asyncio.timeout(REPLY_S):
                 await connection.write(messages.INPUT, info)
         except Exception as error:  # of any system's radio
             if not connection.is_connected:
@@ -166,8 +169,12 @@ class TouchSdkWatch(Wrist):
     async def ask(self, connection: Connection) -> Iterable[Item]:
         """Return the battery, after the hand was read."""
         try:
-            update = messages.decode_update(await connection.read(messages.OUTPUT))
-        except ValueError:
+            async with asyncio.timeout(REPLY_S):
+                update = messages.decode_update(await connection.read(messages.OUTPUT))
+        except Exception as error:  # of any system's radio; readings go on without a description
+            if not connection.is_connected:
+                raise
+            log.debug("the description of the watch cannot be read: %s", describe_error(error))
             return ()
         return () if update.info is None else self._read_info(update.info)
 
@@ -254,7 +261,7 @@ class TouchSdkWatch(Wrist):
 
 def _make(config: TouchSdkConfig, surroundings: Surroundings) -> BleSource:
     mounting = rotation.rotate(surroundings.sensor_from_arm, (1.0, 0.0, 0.0))
-    watch = TouchSdkWatch(config, is_mounted_right=mounting[0] < 0.0)
+    watch = TouchSdkWatch(config, is_mounted_right=mounting[0] < -0.5)
     return BleSource(watch, config, surroundings.clock, surroundings.health)
 
 

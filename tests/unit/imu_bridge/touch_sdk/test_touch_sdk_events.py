@@ -15,7 +15,8 @@ async def test_pinch_and_crown_are_numbered_events_of_the_person() -> None:
     device = BleDevice(SimulatedTouchSdkWatch())
     try:
         async with memory_bench() as bench:
-            samples, presses, steps = (bench.collect(each, "anna") for each in (IMU, BUTTON, STEP))
+            samples, presses = bench.collect(IMU, "anna"), bench.collect(BUTTON, "anna")
+            steps = bench.collect(STEP, "anna")
             config = ImuBridgeConfig.model_validate({"source": "touch_sdk", "touch_sdk": parameters(device)})
             bench.start(ImuBridge, config, user="anna")
             await device.plug()

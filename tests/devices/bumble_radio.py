@@ -62,7 +62,16 @@ class BumbleScanner(Scanner):
         )
         address = heard.address.to_string(with_type_qualifier=False)
         uuids = [uuid_text(each) for each in services]
-        self.tell(heard.address, address, str(name) if name else None, uuids, heard.rssi)
+        manufacturer: Any = heard.data.get(core.AdvertisingData.MANUFACTURER_SPECIFIC_DATA)
+        data = {} if manufacturer is None else dict([manufacturer])
+        self.tell(
+            heard.address,
+            address,
+            str(name) if name else None,
+            uuids,
+            rssi=heard.rssi,
+            manufacturer_data=data,
+        )
 
 
 class BumbleClient(Client):
@@ -102,6 +111,7 @@ class BumbleClient(Client):
 
     async def _discover(self, peer: Peer) -> BleakGATTServiceCollection:
         services = BleakGATTServiceCollection()
+        await peer.request_mtu(517)  # as operating systems do
         await peer.discover_services()
         for service in peer.services:
             found = BleakGATTService(service, service.handle, uuid_text(service.uuid))

@@ -61,18 +61,26 @@ class BumbleWrist:
     def is_connected(self) -> bool:
         return self._connection is not None
 
+    @property
+    def is_subscribed(self) -> bool:
+        """Return True while notifications are subscribed to."""
+        subscriptions = self.device.gatt_server.subscribers.values()
+        return any(any(each[:1] == b"\1" for each in values.values()) for values in subscriptions)
+
     async def appear(self) -> None:
         """Advertise, also after each connection."""
-        data = core.AdvertisingData(
-            [
-                (
-                    core.AdvertisingData.COMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS,
-                    bytes(core.UUID(self.wrist.service)),
-                ),
-                (core.AdvertisingData.COMPLETE_LOCAL_NAME, self.wrist.name.encode()),
-            ]
+        kinds, wrist = core.AdvertisingData, self.wrist
+        service = bytes(core.UUID(wrist.advertised_service or wrist.service))
+        name = (kinds.COMPLETE_LOCAL_NAME, wrist.name.encode())
+        data = [(kinds.COMPLETE_LIST_OF_128_BIT_SERVICE_CLASS_UUIDS, service)]
+        for company, value in wrist.manufacturer_data.items():
+            data.append((kinds.MANUFACTURER_SPECIFIC_DATA, company.to_bytes(2, "little") + value))
+        rest = [] if wrist.manufacturer_data else [name]  # 31 bytes hold no name beside them
+        await self.device.start_advertising(
+            advertising_data=bytes(kinds([*data, *rest])),
+            scan_response_data=bytes(kinds([name])),
+            auto_restart=True,
         )
-        await self.device.start_advertising(advertising_data=bytes(data), auto_restart=True)
 
     async def vanish(self) -> None:
         """End the connection and advertise no longer."""

@@ -1,7 +1,7 @@
 """Backends of bleak for a device in memory. Imported where bleak is installed."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from bleak.args import SizedBuffer
@@ -30,11 +30,20 @@ class Scanner(BaseBleakScanner):
     ) -> None:
         super().__init__(detection_callback, service_uuids)
 
-    def tell(self, device: object, address: str, name: str | None, services: list[str], rssi: int) -> None:
+    def tell(
+        self,
+        device: object,
+        address: str,
+        name: str | None,
+        services: list[str],
+        *,
+        rssi: int,
+        manufacturer_data: Mapping[int, bytes],
+    ) -> None:
         """Pass an advertisement on; `device` is what a client gets as its details."""
         data = AdvertisementData(
             local_name=name,
-            manufacturer_data={},
+            manufacturer_data={**manufacturer_data},
             service_data={},
             service_uuids=services,
             tx_power=None,
@@ -90,7 +99,16 @@ class MemoryScanner(Scanner):
         device = self.device
         if self not in device.listeners or not device.is_there or device.link is not None:
             return
-        self.tell(device, device.address, device.wrist.name, [device.wrist.service], RSSI_DBM)
+        wrist = device.wrist
+        services = [wrist.advertised_service or wrist.service]
+        self.tell(
+            device,
+            device.address,
+            wrist.name,
+            services,
+            rssi=RSSI_DBM,
+            manufacturer_data=wrist.manufacturer_data,
+        )
 
 
 class MemoryClient(Client):

@@ -26,6 +26,7 @@ from pointit.services.imu_bridge.ble import xsens_dot_protocol as xsens_dot
 from pointit.services.imu_bridge.ble.button import DOUBLE_S, HOLD_S, ButtonGestures
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION, MetaMotion, MetaMotionConfig
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio, describe_error, scanning
+from pointit.services.imu_bridge.ble.touch_sdk.watch import TouchSdkConfig, TouchSdkWatch
 from pointit.services.imu_bridge.ble.witmotion_ble import WitMotionBle, WitMotionBleConfig
 from pointit.services.imu_bridge.ble.wrist import Wrist
 from pointit.services.imu_bridge.ble.xsens_dot import XsensDot
@@ -33,8 +34,20 @@ from pointit.services.imu_bridge.reading import RawReading, Reading
 from pointit_lab.devices.ble import BleDevice, parameters
 from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
 
-WRISTS: list[Wrist] = [MetaMotion(MetaMotionConfig()), WitMotionBle(WitMotionBleConfig()), XsensDot()]
-STARTS = [b"", b"\x19\x07", b"\x11\x8c", b"\x55\x61", b"\x55\x71\x64\x00", b"\x19\x80"]
+WRISTS: list[Wrist] = [
+    *(MetaMotion(MetaMotionConfig()), WitMotionBle(WitMotionBleConfig()), XsensDot()),
+    *(TouchSdkWatch(TouchSdkConfig()), TouchSdkWatch(TouchSdkConfig(orientation="fusion", hand="right"))),
+]
+STARTS = [
+    b"",
+    b"\x0a\x16\x22\x14\x0d\0\0\x80\x3f",
+    b"\x0a\x0c\x0a\x0a\x0d\0\0",
+    b"\x19\x07",
+    b"\x11\x8c",
+    b"\x55\x61",
+    b"\x55\x71\x64\x00",
+    b"\x19\x80",
+]
 
 
 def test_quaternion_of_a_metamotion_is_scalar_first() -> None:

@@ -17,6 +17,10 @@ class SimulatedWrist:
 
     name: ClassVar[str]
     service: ClassVar[str]
+    advertised_service: ClassVar[str] = ""
+    """Service in its advertisements, if it is another one."""
+    manufacturer_data: ClassVar[Mapping[int, bytes]] = {}
+    """Data in its advertisements by the number of the company."""
     characteristics: ClassVar[Mapping[str, tuple[Property, ...]]]
     stream: ClassVar[str]
     """Characteristic of its readings."""

@@ -73,6 +73,15 @@ class Press:
 
 
 @dataclass(frozen=True, slots=True)
+class StepGesture:
+    """A step of the device's crown, or a swipe on it."""
+
+    stamp_ns: int
+    by: Literal[-1, 1]
+    """1: to the right, -1: to the left."""
+
+
+@dataclass(frozen=True, slots=True)
 class Reconnected:
     """The device was connected, perhaps again: it may have been restarted, or be another one."""
 
@@ -88,7 +97,7 @@ class Disconnected:
     """A sentence for health: what, where, what to do."""
 
 
-Item = Reading | RawReading | Press | Battery | Signal | Reconnected | Disconnected
+Item = Reading | RawReading | Press | StepGesture | Battery | Signal | Reconnected | Disconnected
 Deliver = Callable[[Item], None]
 """Callback for readings and events of the device, called in the event loop."""
 
@@ -161,9 +170,9 @@ def fault(item: Item) -> str:
     return event_fault(item)
 
 
-def event_fault(item: Press | Battery | Signal | Reconnected | Disconnected) -> str:
+def event_fault(item: Press | StepGesture | Battery | Signal | Reconnected | Disconnected) -> str:
     """Return an error message if the values of `item` cannot be used, else `""`."""
-    if isinstance(item, Press):
+    if isinstance(item, Press | StepGesture):
         return time_fault(item.stamp_ns, None)
     if isinstance(item, Battery) and not 0.0 <= item.level <= 1.0:
         return f"delivers a battery level of {item.level:.7g}; it is dropped: it must be 0 to 1"

@@ -23,13 +23,14 @@ from pointit.schemas import (
     SetMounting,
     SetMountingReply,
     SetYawOrigin,
+    Step,
     WristSample,
+    topics,
 )
-from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, SERVICE_ALIVE, SET_MOUNTING, SET_YAW_ORIGIN, WRIST
 from pointit.services.imu_bridge.arm_frame import ArmFrame, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.page_wrist import DEVICE_NAMES, PageWrist, figures, warnings
-from pointit.services.imu_bridge.reading import CueSource, Item, Press, Source
+from pointit.services.imu_bridge.reading import CueSource, Item, Press, Source, StepGesture
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.imu_bridge.wrist.device_wrist import DeviceWrist, SensorSample
@@ -77,8 +78,9 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._release_timer = Timer(self.bus.call_later, self._on_release)
         self._others: set[str] = set()
         """Other services that write this wrist's samples."""
-        self._sample_count = 0
-        self._button_count = 0
+        self._sample_numbers, self._button_numbers, self._step_numbers = (
+            itertools.count(1) for _ in range(3)
+        )
         self._guard = guard_of(SOURCES, config.source, self.bus)
         self._explanations = [warning_topics(config.source) + topic for topic in EXPLANATIONS]
         self._wrist = DeviceWrist(
@@ -94,13 +96,14 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._source: Source = self._guard.made(self._make_source)
         self._is_made = True
         """False once the source has run: then a new one is made for the next run."""
-        self._samples = self.bus.publisher(IMU, self.user)
-        self._buttons = self.bus.publisher(BUTTON, self.user)
-        self.bus.serve(SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
-        self.bus.serve(SET_MOUNTING, self._set_mounting, self.user)
-        self.bus.watch(SERVICE_ALIVE, self._on_service)
-        self.bus.subscribe(WRIST, self._on_wrist, self.user)
-        self.bus.subscribe(FEEDBACK, self._on_feedback, self.user)
+        self._samples = self.bus.publisher(topics.IMU, self.user)
+        self._buttons = self.bus.publisher(topics.BUTTON, self.user)
+        self._steps = self.bus.publisher(topics.STEP, self.user)
+        self.bus.serve(topics.SET_YAW_ORIGIN, self._set_yaw_origin, self.user)
+        self.bus.serve(topics.SET_MOUNTING, self._set_mounting, self.user)
+        self.bus.watch(topics.SERVICE_ALIVE, self._on_service)
+        self.bus.subscribe(topics.WRIST, self._on_wrist, self.user)
+        self.bus.subscribe(topics.FEEDBACK, self._on_feedback, self.user)
 
     @classmethod
     def validate_config(cls, config: ImuBridgeConfig) -> None:
@@ -142,18 +145,18 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self._publish(sample)
         if wrist.has_changed:
             self._show_warnings()
-        if isinstance(item, Press) and not wrist.is_refused and not self._has_page:
-            self._button_count += 1
-            self._buttons.put(
-                ButtonEvent(stamp_ns=item.stamp_ns, seq=self._button_count, gesture=item.gesture)
-            )
+        if isinstance(item, Press | StepGesture) and not wrist.is_refused and not self._has_page:
+            if isinstance(item, Press):
+                seq = next(self._button_numbers)
+                self._buttons.put(ButtonEvent(stamp_ns=item.stamp_ns, seq=seq, gesture=item.gesture))
+            else:
+                self._steps.put(Step(stamp_ns=item.stamp_ns, seq=next(self._step_numbers), by=item.by))
 
     def _publish(self, sample: SensorSample) -> None:
-        self._sample_count += 1
         self._samples.put(
             ImuSample(
                 stamp_ns=sample.stamp_ns,
-                seq=self._sample_count,
+                seq=next(self._sample_numbers),
                 orientation_xyzw=self._frame.orientation(sample.world_from_sensor),
                 device_time_ns=sample.device_time_ns,
                 battery=self._wrist.monitor.battery,
@@ -184,11 +187,10 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._release_timer.start(WRIST_PATIENCE_S)
         if turned is None:
             return
-        self._sample_count += 1
         self._samples.put(
             ImuSample(
                 stamp_ns=sample.stamp_ns,
-                seq=self._sample_count,
+                seq=next(self._sample_numbers),
                 orientation_xyzw=turned.orientation_xyzw,
                 device_time_ns=turned.device_time_ns,
                 battery=sample.battery,
@@ -203,7 +205,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         name, _, user = instance.partition(".")
-        if user == self.user and name in IMU.writers and name != self.NAME:
+        if user == self.user and name in topics.IMU.writers and name != self.NAME:
             (self._others.add if present else self._others.discard)(name)
 
     def _on_release(self) -> None:

@@ -17,6 +17,7 @@ from pointit.services.imu_bridge.ble.wrist_search import WristSearch
 from pointit.services.imu_bridge.reading import (
     Deliver,
     Disconnected,
+    Item,
     Press,
     RawReading,
     Reading,
@@ -63,6 +64,8 @@ class BleSource:
         self._is_open = False
         """True while items are delivered."""
         self._was_open = False
+        self._is_paused = False
+        """True while it is silent for a reason that a person must remove."""
         self._heard_s = 0.0
         self._useless = 0
         """Notifications without a reading since the last one with."""
@@ -86,7 +89,7 @@ class BleSource:
         label = self._wrist.kind.label
         wait_s = FIRST_WAIT_S
         while True:
-            lasted_s = 0.0
+            lasted_s = pause_s = 0.0
             try:
                 found = await self._search.find()
                 label = f"{self._wrist.kind.label} {found.address}"
@@ -96,7 +99,7 @@ class BleSource:
                 finally:
                     lasted_s = loop.time() - began_s
             except LinkError as error:
-                problem = f"{label} {error}"
+                problem, pause_s = f"{label} {error}", error.pause_s
             except Exception as error:  # noqa: BLE001 - of bleak and of what is below it, which differ by system
                 problem = f"{label} cannot be used: {describe_error(error)}"
             else:
@@ -107,16 +110,18 @@ class BleSource:
             else:
                 self._shorts, wait_s = 0, FIRST_WAIT_S
             times = f", {self._shorts} times now" if self._shorts > 2 else ""
-            problem = f"{problem}{times}; searching again"
+            after = f" after {pause_s:.0f} s" if pause_s else ""
+            problem = f"{problem}{times}; searching again{after}"
             self._warn("" if self._was_open else problem)  # `Disconnected` tells it, too
             if self._was_open:
                 self._was_open = False
                 deliver(Disconnected(problem))
-            await asyncio.sleep(wait_s)
+            await asyncio.sleep(max(wait_s, pause_s))
 
     async def _use(self, found: Advertisement) -> None:
         """Connect, and deliver until the connection is lost. Returns if it is not the wanted wrist."""
-        lost = asyncio.Event()
+        lost = self._lost = asyncio.Event()
+        self._failure = LinkError("has lost the connection: bring it near, or charge it")
         client = client_of(found.device, self._config.adapter, lost.set)
         connection = Connection(client)
         is_wanted = False
@@ -124,10 +129,10 @@ class BleSource:
             async with asyncio.timeout(CONNECT_S):
                 await client.connect()
                 if not await self._is_wanted(found, connection):
-                    self._search.refused.add(found.address)
+                    self._search.refused.add(self._search.identify(found))
                     return
                 is_wanted = True
-                self._search.used = found.address.lower()
+                self._search.used = self._search.identify(found)
                 self._wrist.begin(found.address)
                 for characteristic in self._wrist.notifications:
                     await client.start_notify(
@@ -140,7 +145,7 @@ class BleSource:
             self._open(keeps_yaw=runs_on)
             if found.rssi_dbm is not None:
                 self._deliver(Signal(found.rssi_dbm))
-            await self._stream(connection, lost)
+            await self._stream(connection)
         except asyncio.CancelledError:  # only then: one that runs on keeps its yaw for the next connection
             with _left_anyway("stop the stream"):
                 async with asyncio.timeout(STOP_S):
@@ -156,41 +161,47 @@ class BleSource:
 
     def _open(self, *, keeps_yaw: bool) -> None:
         self._is_open = self._was_open = True
+        self._is_paused = False
         self._deliver(Reconnected(keeps_yaw=keeps_yaw))
 
     async def _is_wanted(self, found: Advertisement, connection: Connection) -> bool:
         """Return True if it is the wanted wrist; a serial number is known only when it is connected."""
-        if not self._wanted or self._wanted == found.address.lower():
-            return True
-        if found.name.lower().startswith(self._wanted):
+        if not (self._wanted and self._wrist.kind.has_serial_number) or self._search.is_named(found):
             return True
         number = (await connection.read(SERIAL_NUMBER)).rstrip(b"\0").decode("ascii", "replace")
         return number.strip().lower() == self._wanted
 
-    async def _stream(self, connection: Connection, lost: asyncio.Event) -> None:
-        """Deliver until `lost`. Raises LinkError then, or if the wrist stays silent."""
+    async def _stream(self, connection: Connection) -> None:
+        """Deliver until it is lost. Raises LinkError then, or if the wrist stays silent."""
         player = asyncio.create_task(self._play(connection))
         try:
-            await self._watch(connection, lost)
+            await self._watch(connection)
         finally:
             player.cancel()
             await asyncio.wait({player})
 
-    async def _watch(self, connection: Connection, lost: asyncio.Event) -> None:
+    async def _watch(self, connection: Connection) -> None:
         loop = asyncio.get_running_loop()
         asked_s = loop.time() - ASK_S
         configured_s = 0.0
         while True:
-            if loop.time() - asked_s >= ASK_S:
+            if self._wrist.is_ready and loop.time() - asked_s >= ASK_S:
                 asked_s = loop.time()
                 async with asyncio.timeout(CONNECT_S):
                     for item in await self._wrist.ask(connection):
                         self._deliver(item)
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(SILENCE_S / 2):
-                    await lost.wait()
-                    raise LinkError("has lost the connection: bring it near, or charge it")
-            if loop.time() - max(self._heard_s, configured_s) < SILENCE_S:
+                    await self._lost.wait()
+                    raise self._failure
+            silent_s = loop.time() - max(self._heard_s, configured_s)
+            if silent_s < SILENCE_S:
+                continue
+            if (obstacle := self._wrist.obstacle) is not None:
+                if silent_s >= obstacle.timeout_s:
+                    raise LinkError(obstacle.clause)
+                self._warn(f"{self._wrist.kind.label} {obstacle.clause}")
+                self._is_paused = True
                 continue
             if configured_s > self._heard_s:
                 await self._wrist.reset(connection)
@@ -207,20 +218,30 @@ class BleSource:
         return "silent" if self._useless < MANY else f"without readings in {self._useless} notifications"
 
     def _on_data(self, characteristic: str, _sender: object, data: bytearray) -> None:
+        was_ready = self._wrist.is_ready
         items = [*self._wrist.received(characteristic, bytes(data), self._clock.now_ns())]
-        if not self._is_open:
-            return
-        self._useless += 1
+        if self._wrist.is_ready and not was_ready:
+            self._heard_s = asyncio.get_running_loop().time()
+        self._useless += self._is_open
         for item in items:
-            if isinstance(item, ButtonChange):
-                self._button.change(is_down=item.is_down)
-                continue
-            if isinstance(item, Reading | RawReading):
-                self._heard_s = asyncio.get_running_loop().time()
-                self._useless = 0
-                if self._is_warned:
-                    self._warn("")
-            self._deliver(item)
+            if isinstance(item, LinkError):
+                self._failure = item
+                self._lost.set()
+            elif self._is_open:
+                self._pass_on(item)
+
+    def _pass_on(self, item: Item | ButtonChange) -> None:
+        if isinstance(item, ButtonChange):
+            self._button.change(is_down=item.is_down)
+            return
+        if isinstance(item, Reading | RawReading):
+            if self._is_paused:  # its orientation may not have followed meanwhile
+                self._open(keeps_yaw=False)
+            self._heard_s = asyncio.get_running_loop().time()
+            self._useless = 0
+            if self._is_warned:
+                self._warn("")
+        self._deliver(item)
 
     def _on_gesture(self, gesture: Gesture) -> None:
         self._deliver(Press(self._clock.now_ns(), gesture))

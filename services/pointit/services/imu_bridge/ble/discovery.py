@@ -18,20 +18,20 @@ def discover_ble(kind: Kind, adapter: str = "") -> Discover:
 
         def on_advertisement(advertisement: Advertisement) -> None:
             if kind.includes(advertisement):
-                heard[advertisement.address] = advertisement
+                heard[kind.identify(advertisement)] = advertisement
 
         try:
             async with scanning(adapter, on_advertisement):
                 await asyncio.sleep(seconds)
         except Exception as error:  # of bleak and of what is below it, which differ by system
             raise ConfigError(describe_error(error)) from error
-        return [_found(each) for each in heard.values()]
+        return [_found(text, each) for text, each in heard.items()]
 
     return discover
 
 
-def _found(advertisement: Advertisement) -> FoundDevice:
+def _found(text: str, advertisement: Advertisement) -> FoundDevice:
     details: dict[str, str | float] = {"name": advertisement.name}
     if advertisement.rssi_dbm is not None:
         details["rssi_dbm"] = advertisement.rssi_dbm
-    return FoundDevice(advertisement.address, advertisement.label, details)
+    return FoundDevice(text, advertisement.label, details)

@@ -12,6 +12,7 @@ from typing import Literal
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
+from pointit.services.imu_bridge.ble.vibration import vibration_pulses
 
 SERVICE = "326a9000-85cb-9195-d9dd-464cfbbae75a"
 COMMAND = "326a9001-85cb-9195-d9dd-464cfbbae75a"
@@ -149,13 +150,7 @@ def flash(color: tuple[int, int, int]) -> tuple[bytes, ...]:
 
 def cue(feedback: Feedback) -> list[tuple[float, bytes]]:
     """Return commands that play `feedback`, each with the pause before it, s. The motor comes first."""
-    commands: list[tuple[float, bytes]] = []
-    pause_ms = 0
-    for number, duration_ms in enumerate(feedback.haptic_ms):
-        if number % 2 == 0:
-            commands.append((pause_ms / 1000.0, buzz(duration_ms)))
-            pause_ms = 0
-        pause_ms += duration_ms
+    commands = [(pause_s, buzz(duration_ms)) for pause_s, duration_ms in vibration_pulses(feedback.haptic_ms)]
     lights = () if feedback.color is None else flash(feedback.color)
     commands[1:1] = [(0.0, each) for each in lights]
     return commands

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import weakref
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
@@ -43,6 +43,8 @@ class Advertisement:
     name: str
     services: frozenset[str]
     rssi_dbm: float | None
+    manufacturer_data: Mapping[int, bytes] = field(default_factory=dict[int, bytes])
+    """Data of manufacturers by the number of their company."""
 
     @property
     def address(self) -> str:
@@ -74,6 +76,7 @@ class _Scan:
             name=data.local_name or device.name or "",
             services=frozenset(data.service_uuids),
             rssi_dbm=float(data.rssi),
+            manufacturer_data=data.manufacturer_data,
         )
         for listener in [*self.listeners]:
             listener(advertisement)

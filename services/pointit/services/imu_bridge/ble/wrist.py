@@ -1,7 +1,7 @@
 """Interface of one kind of wrist: its advertisements, its commands, and its notifications."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,11 +17,27 @@ if TYPE_CHECKING:
     from bleak import BleakClient
 
 
-WristItem = Item | ButtonChange
-
-
 class LinkError(Exception):
     """The connection cannot be used; the message is a clause for people, whose subject is the wrist."""
+
+    def __init__(self, clause: str, pause_s: float = 0.0) -> None:
+        """Set the message, and the minimum pause before the next connection, s."""
+        super().__init__(clause)
+        self.pause_s = pause_s
+
+
+WristItem = Item | ButtonChange | LinkError
+"""Item of a notification. A LinkError ends the connection."""
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """Reason why a connected wrist sends nothing, if only a person can remove it."""
+
+    clause: str
+    """Reason and remedy, for people; its subject is the wrist."""
+    timeout_s: float
+    """Silence after which the connection is given up, s. Operating systems may show one that is none."""
 
 
 class BleConfig(Config):
@@ -55,6 +71,10 @@ class Kind:
     """First letters of its advertised names."""
     services: frozenset[str] = frozenset()
     """Services that only this kind advertises."""
+    identify: Callable[[Advertisement], str] = lambda advertisement: advertisement.address
+    """Returns the text that chooses a wrist, as a parameter and for the next connection."""
+    has_serial_number: bool = True
+    """True if a wrist states its serial number, by which it can be chosen, when it is connected."""
 
     def includes(self, advertisement: Advertisement) -> bool:
         """Return True if `advertisement` is that of such a wrist."""
@@ -66,6 +86,11 @@ class Connection:
 
     def __init__(self, client: "BleakClient") -> None:
         self._client = client
+
+    @property
+    def is_connected(self) -> bool:
+        """Return True unless the connection is known to be lost."""
+        return bool(self._client.is_connected)
 
     async def write(self, characteristic: str, data: bytes) -> None:
         """Write without a response if the characteristic can do so: nothing waits for one."""
@@ -84,6 +109,13 @@ class Wrist(ABC):
     kind: Kind
     notifications: tuple[str, ...]
     """Characteristics that notify."""
+    is_ready: bool = True
+    """False while it waits for a person's approval and cannot be asked for anything."""
+
+    @property
+    def obstacle(self) -> Obstacle | None:
+        """Obstacle while it is silent. None: it is configured again, then reset."""
+        return None
 
     def begin(self, address: str) -> None:  # noqa: B027 - most need nothing
         """Forget what was buffered: a connection to the device at `address` begins."""

@@ -30,9 +30,9 @@ class WristSearch:
         self._warn = warn
         self._wanted = config.wanted.lower()
         self.used = ""
-        """Address of the wrist that was used first, or `""`. No other one replaces it."""
+        """Identity of the wrist that was used first, or `""`. No other one replaces it."""
         self.refused: set[str] = set()
-        """Addresses of wrists with another serial number than the wanted one."""
+        """Identities of wrists with another serial number than the wanted one."""
 
     async def find(self) -> Advertisement:
         """Return the first advertisement of the wrist, however long that takes."""
@@ -58,20 +58,30 @@ class WristSearch:
     ) -> None:
         if advertisement.address.lower() != self._wanted and not self._kind.includes(advertisement):
             return
-        heard[advertisement.address] = advertisement
-        if (
-            not found.done()
-            and advertisement.address not in self.refused
-            and self._is_eligible(advertisement)
-        ):
+        identity = self.identify(advertisement)
+        heard[identity] = advertisement
+        if not found.done() and identity not in self.refused and self._is_eligible(advertisement):
             found.set_result(advertisement)
+
+    def identify(self, advertisement: Advertisement) -> str:
+        """Return the identity of a wrist in lower case: its address, or what its kind has in its place."""
+        return self._kind.identify(advertisement).lower()
+
+    def is_named(self, advertisement: Advertisement) -> bool:
+        """Return True if the wanted text is its identity, its address, or begins its name."""
+        wanted = self._wanted
+        identities = (self.identify(advertisement), advertisement.address.lower())
+        return wanted != "" and (wanted in identities or advertisement.name.lower().startswith(wanted))
 
     def _is_eligible(self, advertisement: Advertisement) -> bool:
         """Return True unless it cannot be the wanted one. Serial numbers are known when it is connected."""
-        if self._is_address or self.used:
-            return advertisement.address.lower() == (self.used or self._wanted)
-        is_name = self._wanted.startswith(tuple(name.lower() for name in self._kind.names))
-        return not is_name or advertisement.name.lower().startswith(self._wanted)
+        if self.used:
+            return self.identify(advertisement) == self.used
+        is_serial_number = self._kind.has_serial_number and not self._wanted.startswith(
+            tuple(name.lower() for name in self._kind.names)
+        )
+        may_differ = not self._wanted or (is_serial_number and not self._is_address)
+        return may_differ or self.is_named(advertisement)
 
     @property
     def _is_address(self) -> bool:
@@ -83,8 +93,8 @@ class WristSearch:
         kind, is_named = self._kind, self._wanted != "" and used.name.lower().startswith(self._wanted)
         others = [
             each.label
-            for address, each in heard.items()
-            if address != used.address and self._is_eligible(each)
+            for identity, each in heard.items()
+            if identity != self.identify(used) and self._is_eligible(each)
         ]
         sentence = (
             f"several wrists of the kind {kind.label} are within reach: {used.label} is used, not "

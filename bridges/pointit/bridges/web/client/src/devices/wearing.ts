@@ -12,6 +12,7 @@ const CHECK_MS = 75_000;
 /** How devices of a plug-in are worn; others have their x axis towards the fingers. */
 const WORN: Partial<Record<string, string>> = {
   metamotion: "its y axis towards the elbow, the button up",
+  touch_sdk: "its screen outside; set on the watch which wrist wears it",
   xsens_dot: "in any direction",
 };
 

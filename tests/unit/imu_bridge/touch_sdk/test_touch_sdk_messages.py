@@ -1,0 +1,151 @@
+"""Messages of watches with the Touch SDK: bytes of the maker's classes, damaged ones, and the wire format.
+
+`tests/interop/touch_sdk/maker_messages.py 56 25 0` has printed `maker_messages.jsonl`, with touch-sdk 0.8.0.
+"""
+
+import contextlib
+import json
+import struct
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.services.imu_bridge.ble.touch_sdk.messages import (
+    MAX_HAPTIC_MS,
+    decode_update,
+    encode_client_info,
+    encode_haptic,
+)
+from pointit.services.imu_bridge.ble.touch_sdk.wire_format import (
+    Fields,
+    encode_bytes,
+    encode_float,
+    encode_text,
+    encode_varint,
+    signed,
+)
+
+MAKER = [
+    json.loads(line)
+    for line in (Path(__file__).parent / "maker_messages.jsonl").read_text(encoding="utf-8").splitlines()
+]
+
+
+@pytest.mark.parametrize(("data", "content"), MAKER)
+def test_messages_of_the_makers_classes_are_decoded_alike(data: str, content: object) -> None:
+    decoded = asdict(decode_update(bytes.fromhex(data)))
+    assert json.dumps(decoded, sort_keys=True) == json.dumps(content, sort_keys=True)
+
+
+@given(st.sampled_from(MAKER), st.data())
+def test_damaged_messages_raise_value_error_at_most(maker: tuple[str, object], data: st.DataObject) -> None:
+    message = bytearray.fromhex(maker[0])
+    start = data.draw(st.integers(0, len(message)))
+    end = data.draw(st.integers(start, len(message)))
+    message[start:end] = data.draw(st.binary(max_size=12))
+    with contextlib.suppress(ValueError):
+        decode_update(bytes(message))
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_raise_value_error_at_most(data: bytes) -> None:
+    with contextlib.suppress(ValueError):
+        decode_update(data)
+
+
+@pytest.mark.parametrize("length", range(1, 68))
+def test_message_cut_within_its_frame_is_an_error_of_its_length(length: int) -> None:
+    frame = encode_bytes(1, encode_bytes(2, b"".join(encode_float(n, 1.0) for n in (1, 2, 3))) * 4)
+    assert len(frame) == 70
+    with pytest.raises(ValueError, match="cut"):
+        decode_update(frame[:length])
+
+
+def test_vibration_and_its_cancellation_are_the_published_bytes() -> None:
+    assert encode_haptic(0.5, 300).hex() == "0a0a0801150000003f18ac02"
+    assert encode_haptic(1.0, 60_000) == encode_haptic(1.0, MAX_HAPTIC_MS)
+
+
+def test_introduction_has_app_device_and_system() -> None:
+    assert encode_client_info("ab", "é", "") == b"\x12\x08\x0a\x02ab\x12\x02\xc3\xa9"
+
+
+def test_quaternion_is_scalar_first_on_the_wire_and_absent_numbers_are_zero() -> None:
+    quaternion = encode_float(1, 0.6) + encode_float(3, 0.8)
+    (frame,) = decode_update(encode_bytes(1, encode_bytes(4, quaternion))).frames
+    assert frame.orientation_xyzw == pytest.approx((0.0, 0.8, 0.0, 0.6))
+    assert frame.angular_velocity_radps == (0.0, 0.0, 0.0)
+    assert frame.delta_ms == 0
+
+
+def test_step_back_is_a_number_of_ten_bytes() -> None:
+    event = b"\x08" + b"\xff" * 9 + b"\x01"
+    assert decode_update(encode_bytes(5, event)).rotary_steps == (-1,)
+
+
+@pytest.mark.parametrize("signals", ["320101", "3001", "32020301", "30033001", "3209818080808080808000"])
+def test_signals_are_read_packed_and_one_by_one(signals: str) -> None:
+    assert 1 in decode_update(bytes.fromhex(signals)).signals
+
+
+def test_field_of_another_wire_type_than_the_specified_one_is_skipped() -> None:
+    message = encode_text(7, "x") + encode_varint(8, 5) + encode_varint(1, 3) + encode_float(6, 1.0)
+    update = decode_update(message)
+    assert (update.delta_ms, update.unix_ms, update.frames, update.signals) == (0, 5, (), ())
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "00",
+        "0b0c",
+        "80",
+        "ffffffffffffffffffff01",
+        "0aff",
+        "0d0000",
+        "0900",
+        "0e",
+        "0f",
+        "07",
+        "808080808001",
+    ],
+)
+def test_what_is_no_message_is_refused(data: str) -> None:
+    with pytest.raises(ValueError, match=r"field|number"):
+        Fields(bytes.fromhex(data))
+
+
+Field = st.one_of(
+    st.tuples(st.integers(1, 2**29 - 1), st.integers(1, 2**64 - 1)),
+    st.tuples(st.integers(1, 2**29 - 1), st.floats(width=32).filter(bool)),
+    st.tuples(st.integers(1, 2**29 - 1), st.binary(max_size=300)),
+)
+
+
+@given(st.lists(Field, max_size=12, unique_by=lambda field: field[0]))
+def test_encoded_fields_are_read_back(fields: list[tuple[int, int | float | bytes]]) -> None:
+    encoded = b"".join(
+        encode_bytes(number, value)
+        if isinstance(value, bytes)
+        else encode_varint(number, value)
+        if isinstance(value, int)
+        else encode_float(number, value)
+        for number, value in fields
+    )
+    read = Fields(encoded)
+    for number, value in fields:
+        if isinstance(value, bytes):
+            assert read.message(number) == value
+        elif isinstance(value, int):
+            assert read.integer(number, 64) == signed(value, 64)
+        else:
+            assert struct.pack("<d", read.real(number)) == struct.pack("<d", value)
+
+
+@given(st.integers(-(2**63), 2**63 - 1))
+def test_signed_numbers_keep_their_lowest_bits(value: int) -> None:
+    assert signed(value, 64) == value
+    assert signed(value, 32) == (value + 2**31) % 2**32 - 2**31

@@ -26,9 +26,9 @@ DEVICES = {
     for name, modules in {
         "imu-bridge": """
             ble/discovery.py ble/ble_source.py ble/metamotion.py ble/radio.py ble/timed_button.py
-            ble/touch_sdk/watch.py ble/wrist_search.py ble/witmotion_ble.py ble/xsens_dot.py network/datagram_source.py
-            network/port_source.py network/slimevr.py network/udp_server.py network/ximu3.py
-            replay_source.py serial/source.py simulated.py sources.py""",
+            ble/touch_sdk/watch.py ble/wrist_search.py ble/witmotion_ble.py ble/xsens_dot.py
+            network/datagram_source.py network/port_source.py network/slimevr.py network/udp_server.py
+            network/ximu3.py replay_source.py serial/source.py simulated.py sources.py""",
         "foxglove": "server.py",
         "keeper": "record.py",
         "recorder": "sink.py",

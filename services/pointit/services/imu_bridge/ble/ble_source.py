@@ -91,11 +91,11 @@ class BleSource:
         while True:
             lasted_s = pause_s = 0.0
             try:
-                found = await self._search.find()
-                label = f"{self._wrist.kind.label} {found.address}"
+                advertisement = await self._search.find()
+                label = f"{self._wrist.kind.label} {advertisement.address}"
                 began_s = loop.time()
                 try:
-                    await self._use(found)
+                    await self._use(advertisement)
                 finally:
                     lasted_s = loop.time() - began_s
             except LinkError as error:
@@ -118,22 +118,22 @@ class BleSource:
                 deliver(Disconnected(problem))
             await asyncio.sleep(max(wait_s, pause_s))
 
-    async def _use(self, found: Advertisement) -> None:
+    async def _use(self, advertisement: Advertisement) -> None:
         """Connect, and deliver until the connection is lost. Returns if it is not the wanted wrist."""
         lost = self._lost = asyncio.Event()
         self._failure = LinkError("has lost the connection: bring it near, or charge it")
-        client = client_of(found.device, self._config.adapter, lost.set)
+        client = client_of(advertisement.device, self._config.adapter, lost.set)
         connection = Connection(client)
         is_wanted = False
         try:
             async with asyncio.timeout(CONNECT_S):
                 await client.connect()
-                if not await self._is_wanted(found, connection):
-                    self._search.refused.add(self._search.identify(found))
+                if not await self._is_wanted(advertisement, connection):
+                    self._search.refused.add(self._search.identify(advertisement))
                     return
                 is_wanted = True
-                self._search.used = self._search.identify(found)
-                self._wrist.begin(found.address)
+                self._search.used = self._search.identify(advertisement)
+                self._wrist.begin(advertisement.address)
                 for characteristic in self._wrist.notifications:
                     await client.start_notify(
                         characteristic, functools.partial(self._on_data, characteristic)
@@ -143,8 +143,8 @@ class BleSource:
                     await self._wrist.configure(connection)
             self._heard_s = asyncio.get_running_loop().time()
             self._open(keeps_yaw=runs_on)
-            if found.rssi_dbm is not None:
-                self._deliver(Signal(found.rssi_dbm))
+            if advertisement.rssi_dbm is not None:
+                self._deliver(Signal(advertisement.rssi_dbm))
             await self._stream(connection)
         except asyncio.CancelledError:  # only then: one that runs on keeps its yaw for the next connection
             with _left_anyway("stop the stream"):
@@ -164,9 +164,9 @@ class BleSource:
         self._is_paused = False
         self._deliver(Reconnected(keeps_yaw=keeps_yaw))
 
-    async def _is_wanted(self, found: Advertisement, connection: Connection) -> bool:
+    async def _is_wanted(self, advertisement: Advertisement, connection: Connection) -> bool:
         """Return True if it is the wanted wrist; a serial number is known only when it is connected."""
-        if not (self._wanted and self._wrist.kind.has_serial_number) or self._search.is_named(found):
+        if not (self._wanted and self._wrist.kind.has_serial_number) or self._search.is_named(advertisement):
             return True
         number = (await connection.read(SERIAL_NUMBER)).rstrip(b"\0").decode("ascii", "replace")
         return number.strip().lower() == self._wanted

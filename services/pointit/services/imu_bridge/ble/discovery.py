@@ -14,18 +14,18 @@ def discover_ble(kind: Kind, adapter: str = "") -> Discover:
 
     async def discover(seconds: float) -> Sequence[FoundDevice]:
         require_bleak("the search by Bluetooth")
-        heard: dict[str, Advertisement] = {}
+        advertisements: dict[str, Advertisement] = {}
 
         def on_advertisement(advertisement: Advertisement) -> None:
             if kind.includes(advertisement):
-                heard[kind.identify(advertisement)] = advertisement
+                advertisements[kind.identify(advertisement)] = advertisement
 
         try:
             async with scanning(adapter, on_advertisement):
                 await asyncio.sleep(seconds)
         except Exception as error:  # of bleak and of what is below it, which differ by system
             raise ConfigError(describe_error(error)) from error
-        return [_found(text, each) for text, each in heard.items()]
+        return [_found(text, each) for text, each in advertisements.items()]
 
     return discover
 

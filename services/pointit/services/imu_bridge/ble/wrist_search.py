@@ -37,31 +37,35 @@ class WristSearch:
     async def find(self) -> Advertisement:
         """Return the first advertisement of the wrist, however long that takes."""
         while True:
-            heard: dict[str, Advertisement] = {}
-            found: asyncio.Future[Advertisement] = asyncio.get_running_loop().create_future()
-            listener = functools.partial(self._on_advertisement, heard, found)
+            advertisements: dict[str, Advertisement] = {}
+            next_advertisement: asyncio.Future[Advertisement] = asyncio.get_running_loop().create_future()
+            listener = functools.partial(self._on_advertisement, advertisements, next_advertisement)
             with contextlib.suppress(TimeoutError):
                 async with scanning(self._config.adapter, listener), asyncio.timeout(SCAN_S):
-                    advertisement = await found
+                    advertisement = await next_advertisement
                     if not (self.used or self._is_address):
                         await asyncio.sleep(COMPARE_S)
-                        self._warn_others(advertisement, heard)
+                        self._warn_others(advertisement, advertisements)
                     return advertisement
             self.refused.clear()
-            self._warn(self._absence(heard))
+            self._warn(self._absence(advertisements))
 
     def _on_advertisement(
         self,
-        heard: dict[str, Advertisement],
-        found: asyncio.Future[Advertisement],
+        advertisements: dict[str, Advertisement],
+        next_advertisement: asyncio.Future[Advertisement],
         advertisement: Advertisement,
     ) -> None:
         if advertisement.address.lower() != self._wanted and not self._kind.includes(advertisement):
             return
         identity = self.identify(advertisement)
-        heard[identity] = advertisement
-        if not found.done() and identity not in self.refused and self._is_eligible(advertisement):
-            found.set_result(advertisement)
+        advertisements[identity] = advertisement
+        if (
+            not next_advertisement.done()
+            and identity not in self.refused
+            and self._is_eligible(advertisement)
+        ):
+            next_advertisement.set_result(advertisement)
 
     def identify(self, advertisement: Advertisement) -> str:
         """Return the identity of a wrist in lower case: its address, or what its kind has in its place."""
@@ -88,12 +92,12 @@ class WristSearch:
         """Return True if the wanted wrist is named by its address."""
         return ":" in self._wanted or self._wanted.count("-") == 4
 
-    def _warn_others(self, used: Advertisement, heard: dict[str, Advertisement]) -> None:
+    def _warn_others(self, used: Advertisement, advertisements: dict[str, Advertisement]) -> None:
         """Warn if other wrists are as eligible as `used`. A serial number is unique."""
         kind, is_named = self._kind, self._wanted != "" and used.name.lower().startswith(self._wanted)
         others = [
             each.label
-            for identity, each in heard.items()
+            for identity, each in advertisements.items()
             if identity != self.identify(used) and self._is_eligible(each)
         ]
         sentence = (
@@ -102,12 +106,12 @@ class WristSearch:
         )
         self._warnings.warn("sensors", sentence if others and (is_named or not self._wanted) else "")
 
-    def _absence(self, heard: dict[str, Advertisement]) -> str:
+    def _absence(self, advertisements: dict[str, Advertisement]) -> str:
         what = f"no {self._kind.label}"
-        wanted = (self.used if heard else "") or self._config.wanted
+        wanted = (self.used if advertisements else "") or self._config.wanted
         if wanted:
             what = f"{self._kind.label} {wanted}"
-        labels = [each.label for each in heard.values()]
+        labels = [each.label for each in advertisements.values()]
         more = f" and {len(labels) - NAMED} more" if len(labels) > NAMED else ""
         others = (", ".join(labels[:NAMED]) or "none") + more
         verb = "is not heard" if wanted else "is heard"

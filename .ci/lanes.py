@@ -38,7 +38,7 @@ BRIDGES = "bridges/pointit/bridges/"
 ROOMS = {
     "devices": Room(
         ("lab/pointit_lab/devices",),
-        ("tests/devices",),
+        ("tests/devices", "tests/interop/touch_sdk"),
         (
             *(f"tests/unit/{name}" for name in ("imu_bridge", "led_driver", "robot", "testing_kit")),
             "tests/wheel",
@@ -47,7 +47,7 @@ ROOMS = {
     "lab": Room(
         tuple(f"lab/pointit_lab/{name}" for name in ("benchmarks", "cli", "evaluation", "loadtest")),
         ("tests/lab",),
-        ("tests/docs", "tests/wheel"),
+        ("tests/docs", "tests/wheel", "tests/interop/ros2_dds/test_rclpy_relay.py"),
     ),
     "foxglove": Room(
         (f"{BRIDGES}foxglove",),

@@ -34,7 +34,7 @@ class ServiceCommandGroup(LazyGroup):
             formatter.write_text(", ".join(self.list_commands(ctx)))
 
 
-group = ServiceCommandGroup(
+command = ServiceCommandGroup(
     name="run",
     kind="service",
     entries=[

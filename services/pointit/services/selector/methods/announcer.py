@@ -37,7 +37,7 @@ class AnnounceConfig(Config):
     people: tuple[str, ...] = Field(
         default=(),
         description="people to whom the name of the object that they point at is spoken, `*` for all, "
-        "by their page, phone or a speaker that follows `users/{user}/announced`",
+        "by their page, phone or a speaker that follows the topic `announced`",
     )
     confirm: Literal["press", "dwell"] = Field(
         default="press",

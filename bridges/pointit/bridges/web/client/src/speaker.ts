@@ -10,6 +10,7 @@ const RATES = [0.75, 1, 1.25, 1.5, 2];
 export class Speaker {
   private readonly choices: Choices = { on: null, lang: "", rate: 1 };
   private isUsual = false;
+  private box: HTMLInputElement | null = null;
 
   /** `region`: element with `aria-live`. */
   constructor(private readonly region: HTMLElement) {
@@ -23,7 +24,10 @@ export class Speaker {
   get isOn(): boolean { return this.choices.on ?? this.isUsual; }
 
   /** Set whether names are spoken as long as the person has not chosen. */
-  setUsual(speaks: boolean): void { this.isUsual = speaks; }
+  setUsual(speaks: boolean): void {
+    this.isUsual = speaks;
+    if (this.box) this.box.checked = this.isOn;
+  }
 
   /** Within a tap: phones speak nothing before a first utterance that a tap caused. */
   unlock(): void {
@@ -42,7 +46,6 @@ export class Speaker {
     const { choices } = this, voices = window.speechSynthesis?.getVoices() ?? [];
     const languages = [...new Set(voices.map(({ lang }) => lang))].sort();
     const keep = (): void => {
-      choices.on = on.checked;
       choices.lang = lang.value;
       choices.rate = Number(rate.value);
       try {
@@ -53,7 +56,10 @@ export class Speaker {
       this.unlock();
     };
     const option = (value: string, text: string, chosen: string) => el("option", { value, text, selected: value === chosen });
-    const on = el("input", { type: "checkbox", onchange: keep });
+    const on = this.box = el("input", { type: "checkbox", onchange: () => {
+      choices.on = on.checked;
+      keep();
+    } });
     on.checked = this.isOn;
     const lang = el("select", { onchange: keep }, option("", "as the page", choices.lang), ...languages.map((each) => option(each, each, choices.lang)));
     const rate = el("select", { onchange: keep }, ...RATES.map((each) => option(String(each), `${each} ×`, String(choices.rate))));

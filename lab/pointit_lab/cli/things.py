@@ -166,7 +166,7 @@ def _announced(  # noqa: PLR0917 - the options of the command
     people, minutes = others
     waving = [(kind, first_seed + each, minutes) for kind in announced.WAVES for each in range(people)]
     results: dict[str, list[Result]] = {row.name: [] for row in announced.ANNOUNCED_ROWS}
-    fired = dict.fromkeys(announced.WAVES, 0)
+    fired: dict[str, int] = dict.fromkeys(announced.WAVES, 0)
     with interruptible():
         with progress(len(pieces) + len(waving)) as tell_progress:
             ended = map_parallel(partial(announced.announced_reaches, way), pieces, jobs)

@@ -129,7 +129,7 @@ async def test_by_the_phone_swipes_step_and_a_tap_confirms(
     while not await spoken(page):
         assert not patience.is_over(), "no name was spoken"
         index += 1
-        await phone.turn(0.3 * (index % 2), -14.0 + index // 20 % 8)  # slowly up, as a person searches
+        await phone.turn(0.3 * (index % 2), -14.0 + index // 20 % 24)  # slowly up, as a person searches
         await asyncio.sleep(0.05)
     big = await page.locator("#big").bounding_box()
     assert big is not None

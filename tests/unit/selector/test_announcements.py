@@ -17,12 +17,15 @@ from pointit.schemas import (
     Step,
     Thing,
 )
+from pointit.schemas.topics import ANNOUNCED, CURSOR, OBJECTS, STEP
 from pointit.services.pui.things import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.shard_engine import ShardEngine
+from tests.support.bench import ManualClock
 from tests.unit.selector.room import at
+from tests.unit.selector.served import served
 
 EYES: Vec3 = (0.0, 0.0, 1.6)
 RATE_HZ = 50
@@ -299,3 +302,24 @@ def test_a_shard_announces_steps_and_claims_what_is_pressed() -> None:
     assert [each.object_id for each in messages if isinstance(each, Claim) and each.wish == "toggle"] == [
         "right"
     ]
+
+
+async def test_the_service_announces_and_hears_steps() -> None:
+    clock = ManualClock()
+    async with served(clock, method="estimate", estimate={"announce": {"people": ["anna"]}}) as site:
+        announced = site.bench.collect(ANNOUNCED, "anna")
+        ray = vector.direction(0.0, math.radians(-4.4))
+
+        async def point(count: int) -> None:
+            for _ in range(count):
+                clock.advance(0.04)
+                room = Environment(stamp_ns=0, name="room", things=SHELF)
+                site.bench.put(OBJECTS, listing(room, clock.now_ns()), TRACKER)
+                await site.bench.settle(3)
+                site.bench.put(CURSOR, Cursor(stamp_ns=clock.now_ns(), origin_m=EYES, direction=ray), "anna")
+                await site.bench.settle(3)
+
+        await point(25)
+        site.bench.put(STEP, Step(stamp_ns=clock.now_ns(), by=1), "anna")
+        await site.bench.settle(3)
+        assert [each.object_id for each in announced] == ["middle", "right"]

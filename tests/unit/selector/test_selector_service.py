@@ -7,6 +7,7 @@ from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.service import Context
 from pointit.schemas import ButtonEvent, ClearSelection, Cursor, ReleaseObject, UndoSelection, topics
+from pointit.schemas.topics import ANNOUNCED
 from pointit.services.registry import process
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
@@ -45,7 +46,8 @@ async def test_it_reads_writes_and_answers_what_its_row_says() -> None:
         await site.stay("anna", 1.0, "a")
         row = process("selector")
         assert view.reads | shard.reads == {topic.key for topic in row.reads}
-        assert view.writes | shard.writes == {topic.key for topic in row.writes}
+        # names are announced to named people only: test_announcements
+        assert view.writes | shard.writes == {topic.key for topic in row.writes} - {ANNOUNCED.key}
         assert view.served == {request.key for request in row.serves}
         assert shard.served == set()
         await shard.close()

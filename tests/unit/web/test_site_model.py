@@ -34,6 +34,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import (
+    ANNOUNCED,
     CONVEYOR_STATE,
     CURSOR,
     DEPLOYMENT,
@@ -209,7 +210,7 @@ def test_what_outsiders_may_write_does_not_go_with_a_service() -> None:
 
 def test_all_that_is_a_persons_goes_with_them() -> None:
     gone_with_anna = {topic for topic, user in keys_of_person("anna") if user == "anna"}
-    assert gone_with_anna == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, INTERACTION, STEERING}
+    assert gone_with_anna == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, ANNOUNCED, INTERACTION, STEERING}
     assert FEEDBACK not in gone_with_anna, "what happened, happened"
 
 

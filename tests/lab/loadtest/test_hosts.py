@@ -48,8 +48,8 @@ class Driven(Worker):
         self.began_s = self.duration_s = 0.0
         self.sight = LoadTestReceiver(frozenset())
 
-    def send_line(self, what: dict[str, Any]) -> None:
-        self.began_s, self.duration_s = asyncio.get_running_loop().time(), what.get("duration_s", 0.0)
+    def send_line(self, message: dict[str, Any]) -> None:
+        self.began_s, self.duration_s = asyncio.get_running_loop().time(), message.get("duration_s", 0.0)
 
     def driven_s(self) -> float:
         return min(asyncio.get_running_loop().time() - self.began_s, self.duration_s)

@@ -12,6 +12,7 @@ import numpy as np
 
 from pointit.schemas import (
     NS_PER_S,
+    Announced,
     Claim,
     Cursor,
     Environment,
@@ -194,8 +195,8 @@ class World:
                     events += self._movers.select(owners, now_ns) or []
                 case SelectionEvent():
                     events.append(message)
-                case Claim():
-                    pass  # of shards only
+                case Claim() | Announced():
+                    pass  # of shards only, and for people who hear names
                 case Feedback():
                     self._lights.lamps.on_feedback(message)
                     present = self._present.get(output.user)

@@ -1,6 +1,7 @@
 """Help, options and errors: all explained, shown once, in 80 columns, words whole."""
 
 import asyncio
+import inspect
 import re
 from collections.abc import Sequence
 
@@ -16,6 +17,10 @@ from pointit.runtime.errors import NoAnswerError
 
 MOST_LINES = 24
 """Lines of a usual terminal."""
+
+
+CONTEXT = {"context", "ctx", "_context"}
+"""Arguments that `click.pass_context` adds."""
 
 
 def loaded(words: Sequence[str]) -> click.Command:
@@ -65,6 +70,24 @@ def test_the_laboratory_is_one_line_of_the_help() -> None:
     (line,) = [each for each in told.splitlines() if "evaluate" in each]
     assert line == "To measure, from the laboratory: pointit evaluate, pointit load"
     assert CliRunner().invoke(command, ["evaluate", "--help"], prog_name="pointit").exit_code == 0
+
+
+@pytest.mark.parametrize("path", PATHS, ids=" ".join)
+def test_every_parameter_has_an_argument_of_its_name(path: tuple[str, ...]) -> None:
+    """A command whose function was renamed but not its options fails only when it is called."""
+    found = loaded(path)
+    if found.callback is None:
+        return
+    accepted = inspect.signature(inspect.unwrap(found.callback)).parameters
+    names = {parameter.name for parameter in found.params if parameter.expose_value}
+    required = {
+        name
+        for name, each in accepted.items()
+        if each.default is each.empty and each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
+    }
+    assert required - names <= CONTEXT, path
+    if not any(each.kind is each.VAR_KEYWORD for each in accepted.values()):
+        assert names <= set(accepted), path
 
 
 @pytest.mark.parametrize("path", PATHS, ids=" ".join)

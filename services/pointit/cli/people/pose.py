@@ -67,7 +67,7 @@ _DEGREES = Finite(-360, 360)
     context_settings={"ignore_unknown_options": True},
 )
 @click.argument("user")
-@click.argument("place", nargs=-1, metavar="[X Y [Z]]")
+@click.argument("numbers", nargs=-1, metavar="[X Y [Z]]")
 @click.option(
     "--yaw",
     "yaw_deg",
@@ -84,7 +84,7 @@ _DEGREES = Finite(-360, 360)
 @json_option
 def command(
     user: str,
-    set_pose: tuple[str, ...],
+    numbers: tuple[str, ...],
     *,
     yaw_deg: float | None,
     facing_deg: float | None,
@@ -94,7 +94,7 @@ def command(
 ) -> int:
     """Show or set a person's pose."""
     check_name(user, "user")
-    query = _place(set_pose, yaw_deg)
+    query = _place(numbers, yaw_deg)
     if yaw_deg is not None and (query is None or facing_deg is not None):
         raise UnknownNameError(
             "--yaw belongs to X Y and excludes --facing; to turn a person where they stand: --facing"

@@ -67,15 +67,16 @@ def may_write(me: str, topic: object, name: str) -> bool:
     if role == "user":
         if topic is topics.DEPLOYMENT:
             return name == me
-        # cursor and hovers, which a person's shards write
+        # cursor, hovers and names, which a person's shards write
         return name == me and (
             any(row.scope == "user" for row in writers)
-            or topic in (topics.CURSOR, topics.HOVER, topics.CLAIM, topics.SPEECH, topics.UNDERSTOOD)
+            or topic in (topics.CURSOR, topics.HOVER, topics.CLAIM, topics.ANNOUNCED)
+            or topic in (topics.SPEECH, topics.UNDERSTOOD)
         )
     if role == "services":
         shared_writers = any(row.scope == "site" and row.name not in ("web", "ros2") for row in writers)
         return shared_writers or topic in (topics.CLOCK, topics.DEPLOYMENT)
-    return role == "web" and topic in (topics.WRIST, topics.BUTTON, topics.SPEECH)
+    return role == "web" and topic in (topics.WRIST, topics.BUTTON, topics.STEP, topics.SPEECH)
 
 
 OF_PEOPLE = (topics.FIND_REFERENTS,)

@@ -108,7 +108,7 @@ import asyncio, sys, threading
 from pointit.runtime.host import threads
 from pointit.runtime.host.threads import exit_now, has_running_threads, in_daemon_thread
 
-threads.EXIT_PATIENCE_S = None
+threads.EXIT_TIMEOUT_S = None
 
 async def main():
     try:

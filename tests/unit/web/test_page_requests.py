@@ -78,7 +78,7 @@ def test_a_phone_pairs_no_phones() -> None:
         (ask(topics.SET_POSE.key, name="anna"), "pages cannot ask for"),  # what calibration sets
         (ask(topics.SET_MOUNTING.key, name="anna"), "pages cannot ask for"),
         (ask(topics.SET_OFFSET.key, name="anna"), "pages cannot ask for"),
-        (ask(deed="explode"), "pages cannot request the action 'explode'; they can request press, step, take"),
+        (ask(deed="explode"), "cannot request the action 'explode'; they can request press, step, take"),
         (ask(deed=""), "pages cannot request the action ''"),
         (ask(deed="press", name="anna", gesture="kick"), "gesture"),
         (ask(deed="tremor", name="anna", rms_deg=50), "rms_deg"),

@@ -16,6 +16,7 @@ from pointit.bridges.web.pages.page_requests import (
     OPERATORS,
     REQUESTS,
     Call,
+    MapEdits,
     PageAction,
     Press,
     Said,
@@ -27,6 +28,7 @@ from pointit.bridges.web.pages.page_requests import (
 )
 from pointit.bridges.web.wire import Ask, Role
 from pointit.bridges.web.wire_schema import json_schema
+from pointit.maps.edit.document import edited
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import SchemaError, SetSpeed, StopRobot, topics
 from pointit.services.shown_topics import SHOWN
@@ -207,3 +209,14 @@ def test_a_step_is_to_the_left_or_right() -> None:
             parse_request(Ask(id=1, deed="step", name="anna", query=query), "operator")
     with pytest.raises(RefusedError, match="only looks on"):
         parse_request(Ask(id=1, deed="step", name="anna", query={"by": 1}), "viewer")
+
+
+def test_lists_in_edits_of_a_map_reach_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "room.yaml"
+    path.write_text("lamps:\n  desk: {position: [1, 2, 0.5]}\n")
+    edit = {"op": "set", "section": "lamps", "name": "desk", "key": "position", "value": [1, 2, 0.75]}
+    action = parse_request(Ask(id=1, deed="check_map", query={"edits": [edit], "digest": "x"}), "operator")
+    assert isinstance(action, PageAction)
+    assert isinstance(action.extras, MapEdits)
+    written = edited(path.read_bytes(), action.extras.edits, path)
+    assert written == b"lamps:\n  desk: {position: [1, 2, 0.75]}\n"

@@ -91,7 +91,7 @@ def _rounded(value: Any) -> Any:
     """
     if isinstance(value, dict):
         return {key: _rounded(each) for key, each in cast("Data", value).items()}
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return [_rounded(each) for each in cast("Sequence[Any]", value)]
     if isinstance(value, float) and not math.isfinite(value):
         raise RefusedError(f"{value} is no number; write metres or degrees")

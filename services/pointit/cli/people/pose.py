@@ -30,8 +30,8 @@ TYPED_SIGMA_M = 0.05
 CLOCK_TIMEOUT_S = 0.3
 MAP_TIMEOUT_S = 0.3
 """Timeout for the map with which a position is checked; it is a state, so it arrives at once."""
-YAW_TIMEOUT_S = 0.5
-"""Timeout for the current yaw, which may not be known yet."""
+YAW_TIMEOUT_S = 2.0
+"""Timeout for the current yaw, if it is known. Too short, a busy machine would set the yaw to 0."""
 SHORT_S = 0.3
 """Timeout for a known pose, before the localizer's progress is reported."""
 WITHOUT_KEYBOARD = "--now while the person points"

@@ -15,7 +15,7 @@ from pointit.study_report.table import LEVEL, Table
 Floats = NDArray[np.float64]
 
 
-class Fit(NamedTuple):
+class ModelFit(NamedTuple):
     """Estimates of the fixed effects and their standard errors, shapes (p,); standard deviations."""
 
     effects: Floats
@@ -25,7 +25,7 @@ class Fit(NamedTuple):
     residual: float
 
 
-def fit(values: Floats, design: Floats, groups: Sequence[str]) -> Fit:
+def fit(values: Floats, design: Floats, groups: Sequence[str]) -> ModelFit:
     """Fit `values` (n,) = `design` (n, p) @ effects + intercept of the group + noise.
 
     Restricted maximum likelihood, profiled over the ratio of the variances (Pinheiro and Bates, 2000,
@@ -61,7 +61,7 @@ def fit(values: Floats, design: Floats, groups: Sequence[str]) -> Fit:
         ratio = 0.0
     _, effects, inverse, variance = solved(ratio)
     errors = np.sqrt(variance * np.diag(inverse))
-    return Fit(effects, errors, float(np.sqrt(ratio * variance)), float(np.sqrt(variance)))
+    return ModelFit(effects, errors, float(np.sqrt(ratio * variance)), float(np.sqrt(variance)))
 
 
 def mixed_model(trials: Trials, measure: str = "selection_s") -> Table:

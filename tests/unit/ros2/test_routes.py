@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
-from pointit.bridges.ros2.graph.node_backend import Calls
+from pointit.bridges.ros2.graph.node_backend import OpenCalls
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.frames import Frames, RosNames
 from pointit.bridges.ros2.routing.routes import Routes, routes
@@ -238,7 +238,7 @@ def test_kinds_have_numbers_and_back() -> None:
 async def test_nothing_is_left_of_a_request_that_nobody_waits_for(fails_late: bool) -> None:  # noqa: FBT001
     said: list[dict[str, Any]] = []
     asyncio.get_running_loop().set_exception_handler(lambda _loop, what: said.append(what))
-    calls, asked, given_up = Calls(), asyncio.Event(), asyncio.Event()
+    calls, asked, given_up = OpenCalls(), asyncio.Event(), asyncio.Event()
 
     async def answer() -> bytes:
         asked.set()

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.web.wrists.pairing import UNUSED_S, Pairing, offer
-from pointit.bridges.web.wrists.phone import STEPS, Cues
+from pointit.bridges.web.wrists.phone import STEPS, PhoneCues
 from pointit.bridges.web.wrists.wrist_control import FASTEST_RADPS, MouseArm
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
@@ -81,7 +81,7 @@ def test_tremor_has_the_asked_size_and_comes_again_with_its_seed() -> None:
 
 
 def test_the_interactions_state_is_told_once_and_stays_in_every_cue() -> None:
-    cues = Cues()
+    cues = PhoneCues()
     sure = Interaction(stamp_ns=0, state="pointing", next_step="hold on a package")
     for state in (sure, sure.model_copy(update={"is_unsure": True})):
         cue = cues.interaction(state)
@@ -100,7 +100,7 @@ def test_a_localization_tells_each_target_once_and_why_it_was_refused() -> None:
         target = {"target_id": f"led_{index}", "target_index": index, "target_count": 3}
         return Localization.model_validate({**SAMPLING, **target, "samples": samples})
 
-    cues = Cues()
+    cues = PhoneCues()
     first = cues.localization(at(0, 0))
     assert first is not None
     assert first.text == "point at led_0, 1 of 3"
@@ -119,7 +119,7 @@ def test_progress_is_told_in_steps_from_the_first_target_to_the_end() -> None:
         fields = {"phase": "sampling", "target_id": "led_0", "progress": progress, **fields}
         return Localization.model_validate({"stamp_ns": 0, **fields})
 
-    cues = Cues()
+    cues = PhoneCues()
     told = [cues.localization(at(k / 1000.0)) for k in range(1001)]
     shares = [cue.progress for cue in told if cue is not None]
     assert shares[0] == 0.0
@@ -135,7 +135,7 @@ def test_progress_is_told_in_steps_from_the_first_target_to_the_end() -> None:
 
 
 def test_a_robot_that_may_be_one_of_several_is_no_step() -> None:
-    cues = Cues()
+    cues = PhoneCues()
     candidates = tuple(
         Candidate(object_id=name, probability=share) for name, share in (("r1", 0.6), ("r2", 0.4))
     )

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
-from pointit.services.imu_bridge.network.slimevr import MAX_CALLERS, Admission, SlimevrTrackers
+from pointit.services.imu_bridge.network.slimevr import MAX_CALLERS, AdmittedDatagram, SlimevrTrackers
 from pointit.services.imu_bridge.network.slimevr_protocol import (
     BatteryLevel,
     FlagsRequest,
@@ -165,8 +165,8 @@ ANNA, BEN = ("192.168.1.5", 6969), ("192.168.1.6", 6969)
 BOARD = Handshake(1, 2, 19, "0.6.0", "A4:E5:7C:B6:01:02")
 OTHER_BOARD = Handshake(1, 2, 19, "0.6.0", "A4:E5:7C:B6:01:03")
 PHONE = Handshake(13, 3, 8, "owoTrack8", "")
-FIRST, AGAIN = Admission(is_reconnected=True), Admission(is_reconnected=True, keeps_yaw=True)
-NEXT = Admission()
+FIRST, AGAIN = AdmittedDatagram(is_reconnected=True), AdmittedDatagram(is_reconnected=True, keeps_yaw=True)
+NEXT = AdmittedDatagram()
 
 
 def sent(number: int) -> SlimevrDatagram:

@@ -20,7 +20,7 @@ from pointit.services.imu_bridge.ble.touch_sdk.messages import (
     encode_haptic,
 )
 from pointit.services.imu_bridge.ble.touch_sdk.wire_format import (
-    Fields,
+    MessageFields,
     encode_bytes,
     encode_float,
     encode_text,
@@ -115,7 +115,7 @@ def test_field_of_another_wire_type_than_the_specified_one_is_skipped() -> None:
 )
 def test_what_is_no_message_is_refused(data: str) -> None:
     with pytest.raises(ValueError, match=r"field|number"):
-        Fields(bytes.fromhex(data))
+        MessageFields(bytes.fromhex(data))
 
 
 Field = st.one_of(
@@ -135,7 +135,7 @@ def test_encoded_fields_are_read_back(fields: list[tuple[int, int | float | byte
         else encode_float(number, value)
         for number, value in fields
     )
-    read = Fields(encoded)
+    read = MessageFields(encoded)
     for number, value in fields:
         if isinstance(value, bytes):
             assert read.message(number) == value

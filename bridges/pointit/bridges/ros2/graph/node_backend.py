@@ -82,7 +82,7 @@ class _Watch:
             self._among.remove(self)
 
 
-class Calls:
+class OpenCalls:
     """The open requests of one backend, which close with it."""
 
     def __init__(self) -> None:
@@ -287,7 +287,7 @@ class NodeBackend(abc.ABC, Generic[C]):
         )
         self.watch = self._graph_monitor.watch
         self._clients: dict[tuple[str, RosType], RosServiceClient] = {}
-        self._calls = Calls()
+        self._calls = OpenCalls()
 
     @property
     def notes(self) -> tuple[str, ...]:

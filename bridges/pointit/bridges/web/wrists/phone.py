@@ -33,7 +33,7 @@ STEPS = 20
 """Number of steps in which progress is sent."""
 
 
-class Cues:
+class PhoneCues:
     """One person's cues, and the current state for a phone that connects later."""
 
     def __init__(self) -> None:
@@ -119,7 +119,7 @@ class Phones:
         """By page id."""
         self._sockets: dict[str, WebSocket] = {}
         """Open sockets by page id."""
-        self._cues: dict[str, Cues] = {}
+        self._cues: dict[str, PhoneCues] = {}
         """By user."""
         self._lamps: tuple[str, ...] = ()
 
@@ -138,7 +138,7 @@ class Phones:
 
     def feedback(self, user: str, feedback: Announced | Feedback | Understood) -> None:
         """Send a cue, a name to speak, or what became of their words, to the phone of `user`."""
-        self._tell(user, self._cues.get(user, Cues()).feedback(feedback))  # may be of an unknown person
+        self._tell(user, self._cues.get(user, PhoneCues()).feedback(feedback))  # may be of an unknown person
 
     def interaction(self, user: str, interaction: Interaction) -> None:
         """Send the phone of `user` the state of the interaction."""
@@ -288,8 +288,8 @@ class Phones:
             line = self._lines[phone.page] = PhoneConnection(phone, self._host)
         return line
 
-    def _cues_of(self, user: str) -> Cues:
-        return self._cues.setdefault(user, Cues())
+    def _cues_of(self, user: str) -> PhoneCues:
+        return self._cues.setdefault(user, PhoneCues())
 
 
 def _cookie(connection: HTTPConnection) -> str:

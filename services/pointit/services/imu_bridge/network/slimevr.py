@@ -74,7 +74,7 @@ class SlimevrTracker:
 
 
 @dataclass(frozen=True, slots=True)
-class Admission:
+class AdmittedDatagram:
     """Verdict on a datagram of the tracker in use."""
 
     is_reconnected: bool = False
@@ -117,7 +117,7 @@ class SlimevrTrackers:
         tracker.called_s = now_s
         return tracker
 
-    def admit(self, address: Address, datagram: SlimevrDatagram, now_s: float) -> Admission | None:
+    def admit(self, address: Address, datagram: SlimevrDatagram, now_s: float) -> AdmittedDatagram | None:
         """Return the use of a datagram, or None if it is late or not of the tracker in use."""
         tracker = self._known.get(address)
         if tracker is None or not tracker.is_answered:
@@ -136,7 +136,7 @@ class SlimevrTrackers:
         tracker.has_sent, tracker.received_s = True, now_s
         self.used, self.is_lost = tracker, False
         self._senders.use(address, now_s)
-        return Admission(is_reconnected, is_reconnected and keeps_yaw)
+        return AdmittedDatagram(is_reconnected, is_reconnected and keeps_yaw)
 
     def step(self, now_s: float) -> bool:
         """Forget trackers that are gone. Return True if the one in use has just been lost."""

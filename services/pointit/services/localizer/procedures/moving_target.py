@@ -41,7 +41,7 @@ SWITCH_AFTER = 2
 
 
 @dataclass(frozen=True)
-class Fit:
+class RobotFit:
     """Fit of the rays to one robot."""
 
     object_id: str
@@ -52,7 +52,7 @@ class Fit:
 
 def rank_by_posterior(
     results: Sequence[tuple[str, Solution | Refusal]], independent: float, ray_sigma_rad: float
-) -> list[Fit]:
+) -> list[RobotFit]:
     """Return the fits with their posterior probabilities under equal priors, the best first.
 
     The likelihood of residuals of N independent pointings, r² being their mean square (sideways and upwards
@@ -76,7 +76,7 @@ def rank_by_posterior(
     ]
     total = math.fsum(weights)
     fits = [
-        Fit(object_id, result, weight / total if total else 0.0)
+        RobotFit(object_id, result, weight / total if total else 0.0)
         for (object_id, result), weight in zip(results, weights, strict=True)
     ]
     return sorted(fits, key=_fit_order)
@@ -92,7 +92,7 @@ class TargetDisambiguator:
         self._decided = False
         self._streak = 0
 
-    def choose(self, fits: Sequence[Fit]) -> Solution | Refusal:
+    def choose(self, fits: Sequence[RobotFit]) -> Solution | Refusal:
         """Return the result for the chosen of `fits`, the best first, or a refusal if that is ambiguous."""
         best = fits[0]
         current = next((fit for fit in fits if fit.object_id == self.object_id), None)
@@ -109,7 +109,7 @@ class TargetDisambiguator:
             return _undecided(current.object_id, best)
         return self._first(fits)
 
-    def _first(self, fits: Sequence[Fit]) -> Solution | Refusal:
+    def _first(self, fits: Sequence[RobotFit]) -> Solution | Refusal:
         """Choose a robot; robots that give the same pose count as one."""
         best = fits[0]
         self.object_id, self._decided, self._streak = best.object_id, False, 0
@@ -122,7 +122,7 @@ class TargetDisambiguator:
         return best.result
 
 
-def _undecided(object_id: str, other: Fit) -> Refusal:
+def _undecided(object_id: str, other: RobotFit) -> Refusal:
     return Refusal(
         f"two robots move alike, {object_id} and {other.object_id}: make one of them move differently, "
         "or set robot_id",
@@ -134,7 +134,7 @@ def _are_near(one: Solution | Refusal, other: Solution | Refusal) -> bool:
     return isinstance(one, Solution) and isinstance(other, Solution) and one.is_near(other)
 
 
-def _fit_order(fit: Fit) -> tuple[bool, float]:
+def _fit_order(fit: RobotFit) -> tuple[bool, float]:
     """Sort key: solutions before refusals, small residuals first."""
     residual_rad = fit.result.residual_rad
     return isinstance(fit.result, Refusal), math.inf if residual_rad is None else residual_rad
@@ -176,7 +176,7 @@ class MovingTarget(Procedure):
     _tracks: dict[tuple[str, str], Track]
     """By tracker and id; those reported last are at the end."""
     _disambiguator: TargetDisambiguator
-    _fits: list[Fit]
+    _fits: list[RobotFit]
     """Result of the last solution, the best first."""
     _surest: tuple[Solution, int] | None
     """The most certain pose of a whole window and the stamp of its newest ray, None before the first.

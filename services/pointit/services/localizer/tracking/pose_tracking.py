@@ -133,7 +133,7 @@ def to_fix(pose: UserPose, covariance: Array, stamp_ns: int) -> Fix:
     )
 
 
-class Bias:
+class PoseBias:
     """Bias of a pose, and the part that the person's offset already removes from the rays.
 
     Rays of a calibrated person have no bias. Without the offset the bias is again what it was.
@@ -193,7 +193,7 @@ class PoseTracker:
         self._follows = False
         self._is_outside = False
         self._has_lost_yaw = False
-        self._bias = Bias()
+        self._bias = PoseBias()
 
     @property
     def base(self) -> UserPose | None:

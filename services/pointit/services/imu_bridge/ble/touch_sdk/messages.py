@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pointit.geometry.vector import Vec3
 from pointit.services.imu_bridge.ble.touch_sdk.wire_format import (
-    Fields,
+    MessageFields,
     encode_bytes,
     encode_float,
     encode_text,
@@ -84,13 +84,13 @@ def decode_update(data: bytes) -> Update:
     Raises:
         ValueError: If it is cut, or no message.
     """
-    fields = Fields(data)
+    fields = MessageFields(data)
     info = fields.message(9)
     return Update(
         frames=tuple(_decode_frame(each) for each in fields.messages(1)),
-        gestures=tuple(Fields(each).integer(1) for each in fields.messages(2)),
+        gestures=tuple(MessageFields(each).integer(1) for each in fields.messages(2)),
         touches=tuple(_decode_touch(each) for each in fields.messages(3)),
-        rotary_steps=tuple(Fields(each).integer(1) for each in fields.messages(5)),
+        rotary_steps=tuple(MessageFields(each).integer(1) for each in fields.messages(5)),
         signals=fields.integers(6),
         delta_ms=fields.integer(7),
         unix_ms=fields.integer(8, 64),
@@ -112,8 +112,8 @@ def encode_client_info(app: str, device: str, system: str) -> bytes:
 
 
 def _decode_frame(data: bytes) -> SensorFrame:
-    fields = Fields(data)
-    quaternion = Fields(fields.message(4) or b"")
+    fields = MessageFields(data)
+    quaternion = MessageFields(fields.message(4) or b"")
     return SensorFrame(
         angular_velocity_radps=_decode_vector(fields.message(1)),
         acceleration_mps2=_decode_vector(fields.message(2)),
@@ -123,20 +123,20 @@ def _decode_frame(data: bytes) -> SensorFrame:
 
 
 def _decode_vector(data: bytes | None) -> Vec3:
-    fields = Fields(data or b"")
+    fields = MessageFields(data or b"")
     return (fields.real(1), fields.real(2), fields.real(3))
 
 
 def _decode_touch(data: bytes) -> TouchEvent:
-    fields = Fields(data)
-    positions = [Fields(each) for each in fields.messages(4)]
+    fields = MessageFields(data)
+    positions = [MessageFields(each) for each in fields.messages(4)]
     return TouchEvent(fields.integer(1), tuple((each.real(1), each.real(2)) for each in positions))
 
 
 def _decode_info(data: bytes) -> WatchInfo:
-    fields = Fields(data)
+    fields = MessageFields(data)
     return WatchInfo(
         hand=fields.integer(1),
         battery_percent=fields.integer(9),
-        screen_width_px=Fields(fields.message(11) or b"").real(1),
+        screen_width_px=MessageFields(fields.message(11) or b"").real(1),
     )

@@ -17,7 +17,7 @@ Value = int | float | bytes
 """Varint without sign, float of 32 bits, or bytes of a message, a text or a packed list."""
 
 
-class Fields:
+class MessageFields:
     """Values of one message by the number of their field. Absent ones are 0, as the format demands."""
 
     def __init__(self, data: bytes) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import psutil
 import pytest
 
-from pointit.bridges.web.devices import process
+from pointit.bridges.web.devices import process, search
 from pointit.plugins import FoundDevice, device_search
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import Done, Environment, ShowPixels, Strip, topics
@@ -55,7 +55,7 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ]
         return [*results, device_search.SearchResult(kind="robot", name="x", problem="no Bluetooth adapter")]
 
-    monkeypatch.setattr(device_search, "search", find)
+    monkeypatch.setattr(search, "search", find)
     file = tmp_path / "started"
     file.touch()
     monkeypatch.setattr(process, "BEGIN", LIKE_A_DEVICE.format(file=str(file)))

@@ -79,7 +79,10 @@ def _add(scenario: Scenario, _choices: Choices, options: Mapping[str, Any]) -> A
     if announce is None:
         return Added()
     if "selector" not in scenario.site:
-        raise ConfigError(f"--announce {announce}: nothing is selected in {scenario.source}; choose another")
+        raise ConfigError(
+            f"--announce {announce}: nothing is selected in {scenario.source}; "
+            "choose another scenario, such as shelf"
+        )
     if (method := options.get("method", "").partition(":")[0]) not in {"", "estimate"}:
         raise ConfigError(f"--announce {announce} needs method estimate, not {method}: leave --method out")
     synthesizer = SpeechSynthesizer(WallClock(), "--announce speaker") if announce == "speaker" else None

@@ -1,6 +1,5 @@
 """Rules for every test: no task or command outlives it, and no state of this machine is read or written."""
 
-import asyncio
 import gc
 import itertools
 import logging
@@ -15,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis.strategies import none
 
 from pointit.schemas.base import ConstructorChecks
+from pointit.testing.bench import no_task_left
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 
@@ -87,14 +87,8 @@ def no_task_is_left(request: pytest.FixtureRequest) -> None:
 @pytest_asyncio.fixture
 async def only_tasks_of_before() -> AsyncIterator[None]:
     """Fail if tasks are left at the end that were not there at the begin."""
-    before = asyncio.all_tasks()
-    yield
-    mine = {asyncio.current_task()}
-    left = [task for task in asyncio.all_tasks() - before - mine if not task.done()]
-    for task in left:
-        task.cancel()
-    await asyncio.gather(*left, return_exceptions=True)
-    assert not left, f"tasks left running: {[task.get_name() for task in left]}"
+    async with no_task_left():
+        yield
 
 
 @pytest.fixture

@@ -69,8 +69,9 @@ def _credentials() -> PersonCheck:
 
 def _plugins() -> PluginGroups:
     from pointit.plugins import GROUPS
+    from pointit.speech.recogniser import RECOGNISERS
 
-    return GROUPS
+    return {**GROUPS, "recogniser": RECOGNISERS}
 
 
 RUN_PARTS: Sequence[Part["RunPart"]] = (
@@ -91,5 +92,7 @@ DISPLAY_PARTS: Sequence[Part["DisplayPart"]] = (
 PERSON_CHECKS: Sequence[Part[PersonCheck]] = ((("pointit.cli.site", "pointit.access"), _credentials),)
 """Checks before a person joins a site."""
 
-PLUGIN_GROUPS: Sequence[Part[PluginGroups]] = ((("pointit.plugins", "pointit.services.robot"), _plugins),)
+PLUGIN_GROUPS: Sequence[Part[PluginGroups]] = (
+    (("pointit.plugins", "pointit.services.robot", "pointit.speech"), _plugins),
+)
 """Plug-ins that are listed."""

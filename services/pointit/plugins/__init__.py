@@ -30,6 +30,7 @@ Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` s
 - `SelectionMethod` (`pointit.selection_methods`): decides when pointing at an object selects it.
 - `RobotPlugin` (`pointit.robots`): a connection to a robot that people steer (`RobotDriver`).
 - `ServicePlugin` (`pointit.services`): a process with a bus, and topics and requests of its own.
+- `RecogniserPlugin` (`pointit.recognisers`): turns what a microphone hears into words (`Recogniser`).
 
 A plug-in gets the values of its parameters, already validated, and its `Surroundings`: the clock of all
 stamps, health, in which it reports problems and metrics, and a folder for what it stores. It has no bus. Only
@@ -48,12 +49,13 @@ from typing import Any
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.address_config import AddressConfig, format_address
-from pointit.runtime.clock import Clock, sleep, ticks
+from pointit.runtime.bus.contract import Subscription
+from pointit.runtime.clock import Clock, Timer, sleep, ticks
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import DevicePlugin, Discover, FoundDevice, Plugin, PluginGroup
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.service import Context, Service
+from pointit.runtime.service.service import Context, Scope, Service
 from pointit.runtime.service.surroundings import HealthSink, Surroundings
 from pointit.schemas import (
     NS_PER_S,
@@ -112,12 +114,15 @@ from pointit.services.selector.selection_methods import (
     SelectionProgress,
 )
 from pointit.services.service_plugin import SERVICES, ServicePlugin
+from pointit.speech.grammar import Vocabulary
+from pointit.speech.recogniser import Audio, Recogniser, RecogniserPlugin
 
 __all__ = [
     "GROUPS",
     "NS_PER_S",
     "AddressConfig",
     "AnyOutput",
+    "Audio",
     "Battery",
     "BeamOutput",
     "Clock",
@@ -143,6 +148,7 @@ __all__ = [
     "Land",
     "LedOutput",
     "LinkLost",
+    "ListenError",
     "Message",
     "MethodConfig",
     "OrderStatus",
@@ -157,6 +163,8 @@ __all__ = [
     "Query",
     "RawReading",
     "Reading",
+    "Recogniser",
+    "RecogniserPlugin",
     "Reconnected",
     "RefusedError",
     "Reply",
@@ -167,6 +175,7 @@ __all__ = [
     "RobotPlugin",
     "RobotReport",
     "RobotSpec",
+    "Scope",
     "Segment",
     "SelectionEvent",
     "SelectionMethod",
@@ -180,10 +189,13 @@ __all__ = [
     "Strip",
     "StripFrame",
     "StripsFrame",
+    "Subscription",
     "Surroundings",
     "TakeOff",
+    "Timer",
     "Topic",
     "View",
+    "Vocabulary",
     "format_address",
     "rotation",
     "sleep",
@@ -197,4 +209,4 @@ GROUPS: dict[str, PluginGroup[Any]] = {
     "selection-method": METHODS,
     "service": SERVICES,
 }
-"""Installed plug-ins by kind."""
+"""Installed plug-ins by kind, of those that `pointit plugin check` can check."""

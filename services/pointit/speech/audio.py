@@ -10,8 +10,8 @@ from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from pointit.errors import ConfigError
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
 from pointit.speech.recogniser import RATE_HZ
 

@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 
+from pointit.errors import AccessDeniedError, ConfigError, NoAnswerError, RequestError
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.similar_names import nearest
-from pointit.runtime.errors import AccessDeniedError, ConfigError, NoAnswerError, RequestError
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,

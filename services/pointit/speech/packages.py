@@ -2,11 +2,11 @@
 
 import asyncio
 
+from pointit.errors import RefusedError
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import RefusedError
 from pointit.schemas import Claim, Referent, SelectionEvent, TrackedObject
 from pointit.schemas.topics import CLAIM, SELECTION_EVENTS
 from pointit.speech.room import SpokenRoom

@@ -3,8 +3,8 @@
 import asyncio
 import shutil
 
+from pointit.errors import ConfigError
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S, Speech, Understood
 
 PROGRAM = "espeak-ng"

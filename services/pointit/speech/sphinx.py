@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import Field
 
+from pointit.errors import ConfigError
 from pointit.runtime.config.config import Config
-from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.schemas import NS_PER_S, Speech, Word
 from pointit.speech.grammar import Vocabulary

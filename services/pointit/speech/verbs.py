@@ -5,10 +5,10 @@ from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from pointit.errors import RefusedError
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.similar_names import did_you_mean
-from pointit.runtime.errors import RefusedError
 from pointit.schemas import Referent, SendRobot, SetThing, StopRobot
 from pointit.schemas.person import ReferentKind
 from pointit.schemas.topics import SEND_ROBOT, SET_THING, STOP_ROBOT

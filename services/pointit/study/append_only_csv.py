@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pointit.conversion.spreadsheet_text import neutralize_formula
-from pointit.runtime.errors import ConfigError, PointItError
+from pointit.errors import ConfigError, PointItError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.columns import COUNTS, NUMBERS
 from pointit.study.table_file import Row, TrialTable, parse_table, table_line

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.study.columns import counts, done_trials
 from pointit.study.data import (
     TRIALS,

@@ -9,11 +9,11 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, StrictBool
 
+from pointit.errors import ConfigError
 from pointit.maps.edit.yaml_writer import dump_yaml
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
 from pointit.runtime.config.yaml_values import FLAGS
-from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.append_only_csv import (
     AppendOnlyCsv,

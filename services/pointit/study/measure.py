@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from pointit.errors import ConfigError
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Hover, Localization, RobotState, SelectionEvent
 from pointit.study.columns import Outcome, utc
 

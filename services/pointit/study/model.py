@@ -15,12 +15,12 @@ from pydantic import (
     model_validator,
 )
 
+from pointit.errors import ConfigError
 from pointit.runtime.address_config import described_error
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
-from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
 from pointit.study.columns import FIXED

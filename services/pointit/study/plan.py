@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.study.columns import done_trials
 from pointit.study.model import Study
 from pointit.study.order import square

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pointit
+from pointit.errors import ConfigError, PointItError
 from pointit.geometry.vector import Vec3
-from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.columns import REPEATED, utc
 from pointit.study.data import StudyFolder, check_record

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 from pydantic import Field, model_validator
 
+from pointit.errors import ConfigError
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.yaml_values import written_text
-from pointit.runtime.errors import ConfigError
 
 MAX_BYTES = 16 * 1024 * 1024
 """Maximum size of a picture."""

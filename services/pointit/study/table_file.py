@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pointit.conversion.spreadsheet_text import restore_formula
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.study.columns import COUNTS, MAY_BE_EMPTY, NOT_KNOWN, NUMBERS, OUTCOMES, check_error, parse_time
 
 Row = dict[str, str]

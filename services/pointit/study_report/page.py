@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
 from pointit.study_report import comparisons, figures, mixed, scores, sequences, tapping
 from pointit.study_report.model import MEASURES, Trials

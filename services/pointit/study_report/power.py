@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.study_report.comparisons import participant_medians
 from pointit.study_report.model import Trials
 from pointit.study_report.table import LEVEL, Table

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.runtime.host.atomic_file import replaced_file
 from pointit.study.append_only_csv import spreadsheet_row
 from pointit.study.columns import COUNTS, NUMBERS, columns_of, counts

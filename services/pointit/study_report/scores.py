@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.study.questionnaires import NASA_TLX, SUS
 from pointit.study.table_file import NUMBER
 from pointit.study_report.model import Trials

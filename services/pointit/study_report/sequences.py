@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.study.plan import MIN_SEQUENCE_TRIALS
 from pointit.study_report.model import Trials
 from pointit.study_report.table import Table, summary

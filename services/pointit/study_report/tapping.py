@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.study_report.model import SELECTED, TARGET, TrialRow, Trials
 from pointit.study_report.table import Table, percentile_interval, resample_indices
 

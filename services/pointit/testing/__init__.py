@@ -15,10 +15,14 @@ The author of a plug-in says once how its device can be faked, and gets one test
 
 Declared as an entry point of the group `pointit.fake_devices`, under the name of the plug-in, the harness is
 found by `pointit plugin check NAME`, too.
+
+`memory_bench` starts a service on a bus in memory for tests of its own. `in_virtual_time` runs such a test
+without waiting, `until` waits for a condition, and `no_task_left` fails if tasks are left running.
 """
 
 from typing import Any
 
+from pointit.testing.bench import Bench, ManualClock, in_virtual_time, memory_bench, no_task_left, until
 from pointit.testing.check import Check, CheckFailedError, Harness, Suite, run_checks
 from pointit.testing.devices import FakeDevice, PtyDevice, TcpDevice, UdpDevice
 from pointit.testing.imu import IMU_SUITE, ImuHarness
@@ -29,6 +33,7 @@ from pointit.testing.service import SERVICE_SUITE, ServiceHarness, ServiceTrial
 from pointit.testing.trial import DeviceHarness
 
 __all__ = [
+    "Bench",
     "Check",
     "CheckFailedError",
     "DeviceHarness",
@@ -36,6 +41,7 @@ __all__ = [
     "Harness",
     "ImuHarness",
     "LedHarness",
+    "ManualClock",
     "MethodHarness",
     "PtyDevice",
     "RobotHarness",
@@ -44,7 +50,11 @@ __all__ = [
     "TcpDevice",
     "UdpDevice",
     "checks",
+    "in_virtual_time",
+    "memory_bench",
+    "no_task_left",
     "run_checks",
+    "until",
 ]
 SUITES: dict[type[Harness[Any]], Suite[Any]] = {
     ImuHarness: IMU_SUITE,

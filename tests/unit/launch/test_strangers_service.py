@@ -18,9 +18,10 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Config
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.service import plugin_guard
-from pointit.runtime.service.service import Launch, Service, check_launches, run_services
+from pointit.runtime.service.plugin_guard import first_leaf
+from pointit.runtime.service.service import Launch, Service, check_launches, run_service, run_services
 from pointit.schemas import SelectionEvent, topics
 from pointit.schemas.topics import Delivery, Topic
 from pointit.services import registry
@@ -267,6 +268,32 @@ def test_service_that_raises_in_its_check_is_refused_in_one_sentence() -> None:
     launch = replace(counter(), config=registry.process("counter").config()(start=-1))
     with pytest.raises(ConfigError, match=r"counter: service 'counter' .*\(LookupError: no such number\)"):
         check_launches([launch])
+
+
+async def test_service_alone_in_its_process_ends_if_it_cannot_start_and_is_restarted_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(plugin_guard, "FIRST_WAIT_S", 0.001)
+    bus = MemoryBus(LocalBroker())
+    launch = replace(counter(), config=registry.process("counter").config()(), is_alone=True)
+    lives: list[str] = []
+
+    async def run(_self: object) -> None:
+        lives.append("")
+        await asyncio.sleep(0.0 if len(lives) != 2 else 40.0)
+        raise ListenError("127.0.0.1:8765 is in use: choose another port")
+
+    monkeypatch.setattr(launch.service, "run", run)
+    with pytest.raises(ExceptionGroup) as raised:
+        async with asyncio.timeout(60):
+            await run_service(launch, bus, WallClock())
+    assert (len(lives), str(first_leaf(raised.value))) == (1, "127.0.0.1:8765 is in use: choose another port")
+    work = asyncio.create_task(run_service(launch, bus, WallClock()))
+    await until(lambda: len(lives) > 2, 60, "a restart after 40 s")
+    assert not work.done()
+    work.cancel()
+    await asyncio.wait({work})
+    await bus.close()
 
 
 @pytest.mark.parametrize(

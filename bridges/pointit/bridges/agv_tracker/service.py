@@ -6,10 +6,8 @@ from typing import ClassVar
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.bridges.agv_tracker.fleet import Fleet
 from pointit.maps.frames import aligned, frame_of
-from pointit.runtime.clock import ticks
-from pointit.runtime.errors import ConfigError
+from pointit.plugins import ConfigError, Context, Scope, Service, ticks
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
-from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, TrackedObjects
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS

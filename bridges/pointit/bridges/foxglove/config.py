@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from pointit.runtime.address_config import AddressConfig
+from pointit.plugins import AddressConfig
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import KIND_COLORS
 

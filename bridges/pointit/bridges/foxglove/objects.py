@@ -9,9 +9,10 @@ from foxglove.messages import CubePrimitive, LinePrimitive, TextPrimitive
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.room import Lines
 from pointit.bridges.foxglove.shapes import NamedEntity
-from pointit.geometry import rotation, vector
+from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
+from pointit.plugins import rotation
 from pointit.schemas import Hover, Selection, TrackedObject
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import OTHER_COLOR

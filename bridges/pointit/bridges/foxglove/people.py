@@ -7,8 +7,9 @@ from foxglove.messages import FrameTransform, Quaternion
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.shapes import NamedEntity, Places
-from pointit.geometry import rotation, vector
+from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
+from pointit.plugins import rotation
 from pointit.schemas import Cursor, Goal, UserPose, UserProfile
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import POSE

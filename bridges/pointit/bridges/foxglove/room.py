@@ -8,9 +8,10 @@ from foxglove.messages import CubePrimitive
 
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.shapes import NamedEntity, Places
-from pointit.geometry import rotation, vector
+from pointit.geometry import vector
 from pointit.geometry.plane import plane_axes
 from pointit.geometry.polyline import Polyline
+from pointit.plugins import rotation
 from pointit.schemas import Belt, ConveyorState, Environment, Lamp, LampColor, Strip, Thing
 from pointit.schemas.base import Rgb
 from pointit.schemas.environment import Cloud, Fence, Plane

@@ -24,8 +24,7 @@ from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketSer
 
 from pointit.bridges.foxglove.event_log import LogLine
 from pointit.bridges.foxglove.scene import PARTS, Part
-from pointit.runtime.address_config import format_address
-from pointit.runtime.errors import ListenError
+from pointit.plugins import ListenError, format_address
 from pointit.runtime.host.name_lookup import resolve
 from pointit.schemas.catalogue.json_channel import Schema
 from pointit.schemas.text import one_line

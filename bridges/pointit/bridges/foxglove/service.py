@@ -16,11 +16,9 @@ from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.event_log import EventLog, LogLine
 from pointit.bridges.foxglove.scene import PARTS, FoxgloveScene
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
+from pointit.plugins import Context, Scope, Service, Subscription, Timer
 from pointit.runtime.address_config import is_loopback
-from pointit.runtime.bus.contract import Subscription
-from pointit.runtime.clock import Timer
 from pointit.runtime.host.name_lookup import own_address
-from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic

@@ -24,8 +24,9 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
-from pointit.geometry import rotation, vector
+from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
+from pointit.plugins import rotation
 from pointit.schemas import NS_PER_S
 from pointit.schemas.base import Rgb
 

@@ -6,16 +6,13 @@ from typing import Literal
 import click
 
 from pointit.api.connection import connect as join
-from pointit.cli.common.option_types import host_port
 from pointit.cli.common.site_link import address, quiet, site_options
+from pointit.commands import ConfigError, host_port, remedy, run_until_shutdown
 from pointit.launch.page.page_tokens import FILE, stored_tokens
 from pointit.launch.plan.extras import has_extra
 from pointit.launch.plan.launches import PAGE
-from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.link.options import link_of
-from pointit.runtime.service.shutdown import run_until_shutdown
 
 EXTRA = "mcp"
 

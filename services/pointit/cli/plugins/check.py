@@ -10,12 +10,9 @@ from typing import Any
 import click
 
 from pointit.cli.common.installed_commands import LAB
-from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.output import json_option, print_json
+from pointit.commands import UnknownNameError, json_option, nearest, print_json, remedy
 from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, ServicePlugin
 from pointit.runtime.config.installed import OURS
-from pointit.runtime.config.similar_names import nearest
-from pointit.runtime.host.extras import remedy
 from pointit.testing import SUITES, Harness, checks, run_checks
 from pointit.testing.check import CheckFailedError
 from pointit.testing.common import require_parameters

@@ -5,9 +5,16 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import OutputSection, console, json_option, print_json, print_table, say
-from pointit.cli.common.progress import progress
+from pointit.commands import (
+    Finite,
+    OutputSection,
+    console,
+    json_option,
+    print_json,
+    print_table,
+    progress,
+    say,
+)
 from pointit.plugins import GROUPS, FoundDevice
 from pointit.plugins.device_search import SearchResult, search, words
 from pointit.runtime.service.logs import setup_logging

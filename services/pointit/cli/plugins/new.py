@@ -9,9 +9,8 @@ from string import Template
 
 import click
 
-from pointit.plugins import GROUPS
-from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import replaced_file
+from pointit.commands import replaced_file
+from pointit.plugins import GROUPS, ConfigError
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.selector.config import SelectorConfig
 

@@ -73,11 +73,12 @@ def maps() -> OutputSection:
 OPTIONS = {
     "imu-source": "--imu",
     "led-output": "--output",
+    "recogniser": "listen --recogniser",
     "robot": "--set robot.driver=",
     "selection-method": "--method",
     "service": "--with",
 }
-"""Options of `pointit run` that choose a plug-in, by its kind."""
+"""Options of `pointit run`, or of another command, that choose a plug-in, by its kind."""
 
 
 def plugins() -> OutputSection:
@@ -94,7 +95,7 @@ def plugins() -> OutputSection:
                 use, about = f"{option} {name}", str(error)
             rows.append({"name": name, "use": use, "package": group.package(name), "about": about})
     return OutputSection(
-        name="plugins", about="parts for `pointit run` and `pointit person add`", rows=tuple(rows)
+        name="plugins", about="parts for `pointit run`, `person add` and `listen`", rows=tuple(rows)
     )
 
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.output import OutputSection, json_option, say, show
-from pointit.runtime.service.shutdown import EXIT_FAILED
+from pointit.commands import EXIT_FAILED, OutputSection, json_option, say, show
 from pointit.study.check import Finding, check_folder
 from pointit.study.model import read_study
 from pointit.study.plan import check_sequences

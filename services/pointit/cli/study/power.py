@@ -5,9 +5,15 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.output import OutputSection, json_option, show
-from pointit.cli.common.progress import ProgressCallback, interruptible, progress
-from pointit.runtime.errors import ConfigError
+from pointit.commands import (
+    ConfigError,
+    OutputSection,
+    ProgressCallback,
+    interruptible,
+    json_option,
+    progress,
+    show,
+)
 from pointit.study.data import StudyFolder
 from pointit.study.model import read_study
 from pointit.study.simulated import simulate

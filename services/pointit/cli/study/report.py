@@ -6,10 +6,7 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.progress import interruptible, progress
-from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import replaced_file
-from pointit.runtime.host.extras import remedy
+from pointit.commands import ConfigError, interruptible, progress, remedy, replaced_file
 
 
 @click.command("report")

@@ -9,12 +9,16 @@ from pathlib import Path
 import click
 
 from pointit.cli.common.keyboard import check_keyboard, key_bytes
-from pointit.cli.common.output import say
-from pointit.cli.common.progress import ProgressCallback, interruptible, progress
+from pointit.commands import (
+    ConfigError,
+    ProgressCallback,
+    interruptible,
+    progress,
+    remedy,
+    run_until_shutdown,
+    say,
+)
 from pointit.launch.plan.extras import has_extra
-from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.extras import remedy
-from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.page.view import PageView

@@ -109,7 +109,7 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
             {path: value for name, value in options.items() if (path := _path(name))},
         )
         link = link_of(options["site"], options["connect"], options["listen"])
-        launch = Launch(service=service, config=config, user=user, name=name, plugin=plugin)
+        launch = Launch(service=service, config=config, user=user, name=name, plugin=plugin, is_alone=True)
         check_launches([launch], link.addresses)
         if options["while_parent_lives"]:
             exit_with_parent()

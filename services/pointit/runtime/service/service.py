@@ -13,12 +13,18 @@ from pointit.runtime.bus.contract import Bus, Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config, published_parameters
-from pointit.runtime.errors import BusClosedError, ConfigError
+from pointit.runtime.errors import BusClosedError, ConfigError, PointItError
 from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
-from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_leaf, watch_for_stalls
+from pointit.runtime.service.plugin_guard import (
+    MAX_WAIT_S,
+    PluginGuard,
+    describe,
+    first_leaf,
+    watch_for_stalls,
+)
 from pointit.runtime.service.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of
@@ -139,6 +145,8 @@ class Launch:
     """Its name among several of its kind on the site, or `""`."""
     plugin: str = ""
     """Its name in messages if another package brings it: its faults end no other service. `""`: ours."""
+    is_alone: bool = False
+    """True if it is the only service of its process, which ends if that of another package cannot start."""
 
     @property
     def instance(self) -> str:
@@ -179,20 +187,23 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
 
     Whatever it raises ends it and is raised here, in a group. Its presence means that it is ready, and its
     absence that nothing of it is left. It is restarted when `clock` was set back too far to be slewed. That
-    of another package is also restarted, with back-off, whenever it ends by itself or raises.
+    of another package is also restarted, with back-off, whenever it ends by itself or raises. If it is alone
+    in its process, a `PointItError` in its first `MAX_WAIT_S` ends it: its user is still looking.
     """
     if launch.user:
         check_user(launch.user)
     guard = PluginGuard(launch.plugin, NullHealth()) if launch.plugin else None
+    started_s = asyncio.get_running_loop().time() + MAX_WAIT_S if launch.is_alone else 0.0
     while True:
         steady = SteadyClock(clock, may_step=launch.service.TIME_MAY_STEP)
         error: Exception | None = None
         try:
             end = await _run_once(launch, bus, steady, guard)
         except Exception as raised:
-            if guard is None or bus.is_closed:  # its own closed publishers raise BusClosedError, too
-                raise
             end, error = "ended", first_leaf(raised)
+            is_refusal = isinstance(error, PointItError) and asyncio.get_running_loop().time() < started_s
+            if guard is None or bus.is_closed or is_refusal:  # closed publishers raise BusClosedError, too
+                raise
         if end == "set back":
             log.warning(
                 "%s restarts: the clock was set back by more than %.0f s", launch.instance, MAX_SLEW_S

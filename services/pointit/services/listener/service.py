@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
-from pointit.runtime.errors import RefusedError
+from pointit.errors import RefusedError
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
 from pointit.schemas.text import round_beyond

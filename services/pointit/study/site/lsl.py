@@ -5,7 +5,7 @@ import importlib.util
 import json
 from typing import Any
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.schemas import NS_PER_S, Cursor, SelectionEvent
 

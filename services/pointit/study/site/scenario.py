@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pointit
+from pointit.errors import ConfigError
 from pointit.launch.plan.scenario_catalog import room_of
 from pointit.maps.edit.yaml_writer import dump_yaml
 from pointit.runtime.config.yaml_file import read_yaml
-from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import write_atomically
 from pointit.study.measure import load_end_rule
 from pointit.study.model import SHIPPED, Study

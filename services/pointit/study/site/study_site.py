@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import pointit
+from pointit.errors import NoMessageError, PointItError
 from pointit.geometry.vector import Vec3
-from pointit.runtime.errors import NoMessageError, PointItError
 from pointit.schemas import NS_PER_S, Cursor, Environment, topics
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt

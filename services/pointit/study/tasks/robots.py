@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from pointit.errors import ConfigError
 from pointit.geometry.vector import Vec3
-from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment
 from pointit.study.tasks.scene import StudyScene, StudyTrial, TaskConfig, pick
 

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from pointit.errors import ConfigError
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, TrackedObject
 from pointit.study.tasks.scene import ScenePackage, StudyScene, StudyTrial, TaskConfig, pick
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterable
 from typing import cast
 
-from pointit.geometry.rotation import Quaternion
+from pointit.plugins import Quaternion
 from pointit.testing import common
 from pointit.testing.check import CheckFailedError, Suite
 from pointit.testing.devices import UdpDevice

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.geometry import rotation, vector
-from pointit.geometry.rotation import Quaternion
-from pointit.plugins import ImuSource, Item, RawReading, Reading, Reconnected, Source
+from pointit.geometry import vector
+from pointit.plugins import ImuSource, Item, Quaternion, RawReading, Reading, Reconnected, Source, rotation
 from pointit.testing.check import called
 from pointit.testing.trial import DeviceHarness, Trial
 

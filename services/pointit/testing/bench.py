@@ -1,0 +1,200 @@
+"""A bench for tests of services: a bus in memory, a clock that stands still until moved, collected output."""
+
+import asyncio
+import functools
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any, ParamSpec, TypeVar
+
+from pointit.plugins import Clock, Config
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.service.service import AnyService, Launch, run_service
+from pointit.runtime.virtual_time import run_virtually
+from pointit.schemas import Message
+from pointit.schemas.topics import ANY, Topic
+
+M = TypeVar("M", bound=Message)
+P = ParamSpec("P")
+
+TIMEOUT_S = 10.0
+"""Longest wait for a condition, s. A condition that comes true ends its wait at once."""
+SHORTEST_WAIT_S = 0.002
+LONGEST_WAIT_S = 0.02
+"""Conditions read logs and whole reports. Polled more often, they would slow down what they wait for."""
+START_NS = 1_700_000_000_000_000_000
+"""Time at which a `ManualClock` begins, Unix ns."""
+
+
+class ManualClock:
+    """Stands still until `advance`."""
+
+    speed = 1.0
+
+    def __init__(self, start_ns: int = START_NS) -> None:
+        self.time_ns = start_ns
+
+    def now_ns(self) -> int:
+        """Return the time, Unix ns."""
+        return self.time_ns
+
+    def advance(self, duration_s: float) -> int:
+        """Move the time forward by `duration_s`, and return it, Unix ns."""
+        self.time_ns += round(duration_s * 1e9)
+        return self.time_ns
+
+
+def in_virtual_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """Run an asynchronous test in virtual time, in which a busy machine holds nothing up.
+
+    Its clock is a `VirtualClock`.
+    """
+
+    @functools.wraps(test)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        run_virtually(test(*args, **kwargs))
+
+    return run
+
+
+async def until(
+    condition: Callable[[], bool],
+    timeout_s: float = TIMEOUT_S,
+    description: str | Callable[[], str] = "",
+    is_over: Callable[[], bool] | None = None,
+) -> None:
+    """Wait until `condition` is true.
+
+    Args:
+        condition: polled every few milliseconds, less often the longer it takes.
+        timeout_s: longest wait in the loop's time, s.
+        description: of the condition, for the error. A function is called when it has failed.
+        is_over: ends the wait when it returns True. It replaces `timeout_s`.
+
+    Raises:
+        AssertionError: If the condition does not come true in time. The message contains `description`.
+    """
+    end_s = asyncio.get_running_loop().time() + timeout_s
+    wait_s = SHORTEST_WAIT_S
+    while not condition():
+        if asyncio.get_running_loop().time() > end_s if is_over is None else is_over():
+            sentence = description if isinstance(description, str) else description()
+            raise AssertionError(f"waited {timeout_s:g} s in vain{': ' + sentence if sentence else ''}")
+        await asyncio.sleep(wait_s)
+        wait_s = min(1.1 * wait_s, LONGEST_WAIT_S)
+
+
+@asynccontextmanager
+async def repeated(period_s: float, step: Callable[[], object]) -> AsyncGenerator[None]:
+    """Call `step` each period, and await what it returns if that can be awaited."""
+
+    async def repeat() -> None:
+        while True:
+            result = step()
+            if isinstance(result, Awaitable):
+                await result
+            await asyncio.sleep(period_s)
+
+    async with background(repeat()):
+        yield
+
+
+@asynccontextmanager
+async def background(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
+    """Run a coroutine beside the block, and cancel it at its end; what failed in it is raised."""
+    task = asyncio.create_task(work)
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.wait({task})
+        if not task.cancelled():
+            task.result()
+
+
+class Bench:
+    """A participant beside the services under test: it starts them, puts messages and collects theirs."""
+
+    def __init__(self, bus: Bus, clock: Clock) -> None:
+        self.bus = bus
+        self.clock = clock
+        self._publishers: dict[tuple[str, str], Any] = {}
+        self._launches: list[asyncio.Task[None]] = []
+
+    def start(
+        self, service: type[AnyService], config: Config | None = None, user: str = "", name: str = ""
+    ) -> asyncio.Task[None]:
+        """Run `service` in the background until `end` or `stop` is called. Returns its task."""
+        launch = Launch(service=service, config=config or service.CONFIG(), user=user, name=name)
+        self._launches.append(asyncio.create_task(run_service(launch, self.bus, self.clock)))
+        return self._launches[-1]
+
+    async def end(self, launch: asyncio.Task[None]) -> None:
+        """Cancel the service of the task that `start` returned, and wait until it has ended."""
+        self._launches.remove(launch)
+        launch.cancel()
+        await asyncio.wait([launch])
+
+    def put(self, topic: Topic[M], message: M, name: str = "") -> None:
+        """Publish `message` on `topic`. `name` replaces the placeholder of its key, such as the person's."""
+        key = (topic.key, name)
+        if key not in self._publishers:
+            self._publishers[key] = self.bus.publisher(topic, name)
+        self._publishers[key].put(message)
+
+    def collect(self, topic: Topic[M], name: str = ANY) -> list[M]:
+        """Return a list that grows with the messages on `topic`."""
+        seen: list[M] = []
+        self.bus.subscribe(topic, lambda message, _name: seen.append(message), name)
+        return seen
+
+    async def settle(self, rounds: int = 10) -> None:
+        """Wait until all messages on their way have arrived and been handled. Raise what a service raised."""
+        for _ in range(rounds):
+            await asyncio.sleep(0)
+        for launch in self._launches:
+            if launch.done():
+                launch.result()
+
+    async def stop(self) -> None:
+        """Cancel all services. Raise the first error of one that failed."""
+        for launch in self._launches:
+            launch.cancel()
+        results = await asyncio.gather(*self._launches, return_exceptions=True)
+        for result in results:
+            if isinstance(result, BaseException) and not isinstance(result, asyncio.CancelledError):
+                raise result
+
+
+@asynccontextmanager
+async def no_task_left() -> AsyncGenerator[None]:
+    """Fail if the block leaves tasks running that were not there before it. They are cancelled.
+
+    Raises:
+        AssertionError: If there are some. The message contains their names.
+    """
+    before = asyncio.all_tasks()
+    yield
+    mine = {asyncio.current_task()}
+    left = [task for task in asyncio.all_tasks() - before - mine if not task.done()]
+    for task in left:
+        task.cancel()
+    await asyncio.gather(*left, return_exceptions=True)
+    if left:
+        raise AssertionError(f"tasks left running: {', '.join(sorted(task.get_name() for task in left))}")
+
+
+@asynccontextmanager
+async def memory_bench(clock: Clock | None = None) -> AsyncGenerator[Bench]:
+    """Yield a bench on a fresh bus in memory. Its clock is a `ManualClock` if none is given.
+
+    At the end of the block, its services are cancelled, and the error of one that failed is raised.
+    """
+    bus = MemoryBus(LocalBroker())
+    bench = Bench(bus, clock or ManualClock())
+    try:
+        yield bench
+    finally:
+        await bench.stop()
+        await bus.close()

@@ -5,7 +5,7 @@ import itertools
 import logging
 import os
 import signal
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -46,11 +46,21 @@ def _use_hypothesis(_nothing: None) -> None:
     """Do nothing."""
 
 
-def pytest_collection_finish() -> None:
-    """Leave what all tests share out of garbage collections: looking at it took 3 % of their time."""
-    _use_hypothesis()  # it registers its generator, which it would not find among frozen objects
-    gc.collect()
-    gc.freeze()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """Leave what all tests share out of garbage collections: looking at it took 3 % of their time.
+
+    Collections while it is imported took a seventh of that time.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        if any(item.get_closest_marker("hypothesis") for item in session.items):
+            _use_hypothesis()  # it registers its generator, which it would not find among frozen objects
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 _states = itertools.count()

@@ -90,34 +90,37 @@ def small_disk(path: Path) -> Generator[Path]:
         subprocess.run(["umount", "--lazy", str(path)], check=True)  # noqa: S607 - as above
 
 
-@pytest.mark.parametrize("options", [(), ("--processes",)], ids=["one process", "--processes"])
-async def test_a_run_that_is_stopped_or_killed(
-    commands: Commands, endpoint: str, options: tuple[str, ...]
-) -> None:
-    plant = run_at(commands, endpoint, *options)
-    await plant.is_well()
+async def finds_it_stopped(plant: Plant) -> None:
     pid = plant.run.process.pid
     async with stopped(pid):
         finding = await plant.finds("stopped")
         assert finding["remedy"].startswith(f"continue it: `kill -CONT {pid}`")
     await plant.is_well()
+
+
+async def finds_it_killed(plant: Plant, endpoint: str) -> None:
     plant.run.kill()
     finding = await plant.finds("unreachable")
     assert finding["sentence"] == f"nothing runs at {endpoint}"
     assert "`pointit run`" in finding["remedy"]
 
 
-async def test_a_run_that_is_starting_is_well(commands: Commands, endpoint: str) -> None:
-    plant = run_at(commands, endpoint, "--processes")
-    await plant.run.says("of site")
-    assert await plant.findings() == []
+async def test_a_run_that_is_stopped_or_killed(commands: Commands, endpoint: str) -> None:
+    plant = run_at(commands, endpoint)
+    await plant.is_well()
+    await finds_it_stopped(plant)
+    await finds_it_killed(plant, endpoint)
 
 
-async def test_a_service_of_its_own_process_that_is_stopped_or_killed(
+async def test_a_run_in_processes_that_starts_and_then_it_or_one_of_them_is_stopped_or_killed(
     commands: Commands, endpoint: str
 ) -> None:
+    """One run for all: its processes take ten seconds of CPU to start."""
     plant = run_at(commands, endpoint, "--processes")
+    await plant.run.says("of site")
+    assert await plant.findings() == []  # while it starts
     await plant.is_well()
+    await finds_it_stopped(plant)
     pui = next(each for each in plant.run.family() if "pointit.services.pui" in each.cmdline())
     async with stopped(pui.pid):
         finding = await plant.finds("stopped")
@@ -128,6 +131,7 @@ async def test_a_service_of_its_own_process_that_is_stopped_or_killed(
     finding = await plant.finds("absent")
     assert finding["service"] == "pui"
     assert "pointit service run pui" in finding["remedy"]
+    await finds_it_killed(plant, endpoint)
 
 
 async def test_a_disk_that_becomes_full(commands: Commands, endpoint: str, tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ ROOMS = {
         ("tests/unit/speech", "tests/unit/listener", "tests/integration/scenario/test_put_that_there.py"),
         (
             *("tests/examples/test_recogniser.py", "tests/lab/evaluation/test_referents.py"),
-            *("tests/e2e/web/test_speech.py", "tests/unit/cli"),
+            *("tests/e2e/web/test_speech.py", "tests/unit/cli", "tests/unit/cli_run"),
         ),
     ),
     "robots": Room(

@@ -97,6 +97,8 @@ const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLE
 const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "ended", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), ["guide", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
+}, () => {
+  if (awake) frame();
 });
 const pairing = pairingDialog(controls);
 const guide = makeGuide(at("guide"), controls, mouse, pairing);
@@ -133,15 +135,14 @@ function changeLook(what: keyof Settings): void {
   refresh();
 }
 
-let isAwake = false;
+/** The animation frame that is awaited, or 0. A headset's session has frames instead, and may let none come here. */
+let awake = 0;
 let refreshed = -Infinity;
 let isStale = true;
 
 /** Draw changes in the next animation frame. */
 function wake(): void {
-  if (isAwake) return;
-  isAwake = true;
-  requestAnimationFrame(frame);
+  awake ||= requestAnimationFrame(frame);
 }
 
 function refresh(): void {
@@ -150,7 +151,8 @@ function refresh(): void {
 }
 
 function frame(): void {
-  isAwake = false;
+  cancelAnimationFrame(awake);
+  awake = 0;
   connection.takeOver();
   for (const change of site.fresh) tell(change);
   speakName();

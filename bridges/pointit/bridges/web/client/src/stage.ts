@@ -1,5 +1,6 @@
 /** The large part of the page: the view, which one it is, from where it looks. */
 
+import { ImmersionButton } from "./immersion_button";
 import { SeparabilityToggle } from "./separability_toggle";
 import { choice } from "./choice";
 import type { Controls } from "./controls";
@@ -36,6 +37,7 @@ export class Stage {
   private followed = "";
   private readonly cameras = choice("View from", (value) => this.look(value as Camera));
   readonly separability: SeparabilityToggle;
+  private readonly immersion: ImmersionButton;
   private camera: Camera = "room";
   private user = "";
   private readonly hint = el("p", { className: "hint", text: "Drag turns the view, the wheel zooms" });
@@ -51,15 +53,17 @@ export class Stage {
    * @param edgeCards those that the scene is framed between, with the choice of cameras.
    * @param onAim the mouse points there, {W}.
    * @param onNew a new view is there.
+   * @param turn draws a frame of the page if anything has changed.
    */
   constructor(
     private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
-    private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void,
+    private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void, turn: () => void,
   ) {
     this.cameras.element.classList.add("bare");
     host.parentElement!.append(this.list.element);
     this.separability = new SeparabilityToggle(controls, () => this.view?.setSeparability(this.separability.shown));
-    cameras.append(this.hint, this.separability.legend, this.cameras.element, this.separability.button);
+    this.immersion = new ImmersionButton(controls.toasts, turn);
+    cameras.append(this.hint, this.separability.legend, this.cameras.element, this.separability.button, this.immersion.element);
     host.addEventListener("pointermove", ({ clientX, clientY }) => this.separability.over(this.view?.floorAt(clientX, clientY) ?? null));
     host.addEventListener("pointerleave", () => this.separability.over(null));
     const turned = (): void => void (this.wasTurned = true);
@@ -182,7 +186,7 @@ export class Stage {
     this.view = make(this.host, { onAim: (at) => {
       if (this.followed) this.follow("");
       this.onAim(at);
-    }, onLost: () => this.giveWay() });
+    }, onLost: () => this.giveWay(), onImmersed: () => this.immersion.update() });
     this.theme();
     const { cameras } = this.view;
     this.cameras.offer(cameras.map((value) => ({ value, ...CAMERAS[value] })));
@@ -191,6 +195,7 @@ export class Stage {
     this.look(this.camera);
     this.view.setSeparability(this.separability.shown);
     this.failures = 0;
+    void this.immersion.offer(this.view);
     this.onNew();
     this.draw();
   }

@@ -18,6 +18,22 @@ export interface ViewStats {
   software: boolean;
   /** Matrix from {W} to clip coordinates, 4 x 4 by columns; empty in a view without perspective. */
   readonly lens: readonly number[];
+  /** What a headset's wearer reads before the eyes, or "". */
+  readonly note?: string;
+}
+
+/** A view in the viewer's own room, through a headset or a phone (WebXR). */
+export interface Immersion {
+  readonly isActive: boolean;
+  /** Whether this browser and device can do it. */
+  isSupported(): Promise<boolean>;
+  /**
+   * Begin; to be called by a click. `turn` is called before each of its frames, since the page's own may not come.
+   *
+   * @throws Error with one sentence if it cannot begin.
+   */
+  enter(turn: () => void): Promise<void>;
+  leave(): void;
 }
 
 export interface ViewOptions {
@@ -25,11 +41,15 @@ export interface ViewOptions {
   onAim(at: Vec3): void;
   /** The view cannot go on (its graphics context is gone and did not come back): another should take over. */
   onLost(): void;
+  /** Called when an immersion has begun or ended. */
+  onImmersed(): void;
 }
 
 export interface View {
   readonly stats: ViewStats;
   readonly cameras: readonly Camera[];
+  /** Absent in a view without perspective. */
+  readonly immersion?: Immersion;
   /** Draw `site` as of now. Called from an animation frame, at most once for each, when something has changed. */
   draw(site: Site): void;
   setTheme(dark: boolean): void;

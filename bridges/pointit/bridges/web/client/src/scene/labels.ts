@@ -5,6 +5,7 @@ import { cssColor, inkOn, type Rgb } from "../geometry/appearance";
 import { placed, type Rect, type Wish } from "../geometry/placing";
 import type { Read3 } from "../geometry/vec";
 import type { Theme } from "./mesh_factory";
+import type { Text } from "./sprites";
 
 /** A piece of a label's text; a colour makes it a small badge. */
 export interface Piece {
@@ -15,6 +16,8 @@ export interface Piece {
 interface Label {
   readonly element: HTMLElement;
   shown: string;
+  text: string;
+  color: string;
   at: [number, number, number];
   used: boolean;
   placed: string;
@@ -70,7 +73,7 @@ export class Labels {
   add(key: string, at: Read3, up: number, pieces: readonly Piece[], color = "", rank = 0): void {
     let label = this.labels.get(key);
     if (!label) {
-      label = { element: this.make(), shown: "", at: [0, 0, 0], used: true, placed: "nowhere yet", rank, aside: null, width: 0, height: 0 };
+      label = { element: this.make(), shown: "", text: "", color: "", at: [0, 0, 0], used: true, placed: "nowhere yet", rank, aside: null, width: 0, height: 0 };
       this.labels.set(key, label);
     }
     label.used = true;
@@ -81,6 +84,8 @@ export class Labels {
     for (const piece of pieces) shown += `|${piece.text}#${piece.color ?? ""}`;
     if (shown === label.shown) return;
     label.shown = shown;
+    label.text = pieces.map(({ text }) => text).join(" ");
+    label.color = color;
     label.width = 0;
     label.element.style.borderColor = color || "transparent";
     label.element.replaceChildren(...pieces.map((piece) => {
@@ -93,6 +98,11 @@ export class Labels {
       }
       return span;
     }));
+  }
+
+  /** The labels of this frame. */
+  get texts(): Text[] {
+    return [...this.labels].filter(([, { used }]) => used).map(([key, { at, text, color }]) => ({ key, at, text, color }));
   }
 
   /** Keep something free of labels, that of `key` stands on it; its size in m. */

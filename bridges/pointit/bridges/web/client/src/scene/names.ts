@@ -40,10 +40,10 @@ export class Names {
     ];
   }
 
-  /** Names to be shown; `pointer`: of the mouse, px from the picture's upper left corner, or null. */
-  shown(site: Site, pointer: Read2 | null, camera: THREE.PerspectiveCamera, width: number, height: number): ShownName[] {
+  /** Names to be shown; `pointer`: of the mouse, px from the picture's upper left corner, or null; `all`: of all lamps. */
+  shown(site: Site, pointer: Read2 | null, camera: THREE.PerspectiveCamera, width: number, height: number, all = false): ShownName[] {
     const isLocalizing = [...site.people.values()].some(({ localization }) => localization?.phase === "sampling");
-    const shown: ShownName[] = isLocalizing ? this.lamps.map((each) => ({ ...each, at: each.line_m[0]! })) : [];
+    const shown: ShownName[] = all || isLocalizing ? this.lamps.map((each) => ({ ...each, at: each.line_m[0]! })) : [];
     const hovered = pointer && this.hovered(pointer, camera, width, height);
     return hovered && !shown.some(({ key }) => key === hovered.key) ? [...shown, hovered] : shown;
   }

@@ -53,6 +53,9 @@ export class Picture {
   private readonly observer: ResizeObserver;
   private ratio: number;
   private readonly fog = new THREE.Fog(0);
+  private readonly background = new THREE.Color();
+  /** Camera of the session's views. */
+  private eye: THREE.PerspectiveCamera | null = null;
   private radius = 5;
   private frames: number[] = [];
   private slowSince = 0;
@@ -83,7 +86,6 @@ export class Picture {
       this.sun.shadow.bias = -0.0005;
       this.sun.shadow.normalBias = 0.02;
     }
-    this.scene.fog = this.fog;
     this.scene.add(this.sky, this.sun, this.sun.target);
     this.canvas.addEventListener("webglcontextlost", (event) => {
       if (!this.canvas.isConnected) return; // `dispose` loses it too, and is told of it later
@@ -104,6 +106,7 @@ export class Picture {
   }
 
   private fit(): void {
+    if (this.isImmersed) return;
     this.width = Math.max(this.host.clientWidth, 1);
     this.height = Math.max(this.host.clientHeight, 1);
     this.renderer.setSize(this.width, this.height);
@@ -112,18 +115,73 @@ export class Picture {
     this.changed();
   }
 
+  /** Whether a WebXR session shows the scene. */
+  get isImmersed(): boolean {
+    return this.renderer.xr.isPresenting;
+  }
+
+  /** The session's own space. */
+  get sessionSpace(): XRReferenceSpace | null {
+    return this.renderer.xr.getReferenceSpace();
+  }
+
+  /**
+   * Show the scene by `session` until it ends, through `eye`.
+   *
+   * @param onFrame draws a frame
+   * @param onEnd called when the page shows the scene again
+   */
+  async immerse(session: XRSession, eye: THREE.PerspectiveCamera, onFrame: (frame: XRFrame) => void, onEnd: () => void): Promise<void> {
+    const { xr } = this.renderer;
+    const end = (): void => {
+      xr.removeEventListener("sessionend", end);
+      xr.enabled = false;
+      this.eye = null;
+      this.renderer.setAnimationLoop(null);
+      this.renderer.setPixelRatio(this.ratio);
+      this.fit();
+      onEnd();
+    };
+    xr.addEventListener("sessionend", end);
+    xr.enabled = true;
+    xr.setReferenceSpaceType("local-floor");
+    this.eye = eye;
+    this.renderer.setAnimationLoop((_, frame) => {
+      if (frame && xr.isPresenting) onFrame(frame);
+    });
+    await xr.setSession(session);
+  }
+
+  /** Viewport of an eye in a session, px, or null. */
+  private get viewport(): THREE.Vector4 | null {
+    return this.isImmersed ? this.renderer.xr.getCamera().cameras[0]?.viewport ?? null : null;
+  }
+
+  /** Size of the picture, px, as an eye sees it. */
+  get size(): readonly [number, number] {
+    const { viewport } = this;
+    return viewport ? [viewport.z, viewport.w] : [this.width, this.height];
+  }
+
   /** Size, m, of a pixel of the picture 1 m before the camera. */
   get pixel(): number {
+    const { viewport } = this;
+    if (viewport) return 2 / (this.renderer.xr.getCamera().cameras[0]!.projectionMatrix.elements[5]! * viewport.w);
     return (2 * Math.tan((this.camera.fov * Math.PI) / 360)) / this.height;
+  }
+
+  /** Matrix from {W} to clip coordinates, of the left eye in a session, 4 x 4 by columns. */
+  get lens(): number[] {
+    const camera = (this.isImmersed && this.renderer.xr.getCamera().cameras[0]) || this.camera;
+    return camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).toArray();
   }
 
   /** Light a room of this size in this theme. */
   light(theme: Theme, bounds: Bounds): void {
     const { low, high } = bounds, x = (low[0] + high[0]) / 2, y = (low[1] + high[1]) / 2;
     const radius = Math.max(Math.hypot(high[0] - low[0], high[1] - low[1]) / 2 + 1.5, 3);
-    const background = new THREE.Color(theme.background);
-    this.scene.background = background;
-    this.fog.color.copy(background);
+    this.background.set(theme.background);
+    this.fog.color.copy(this.background);
     this.radius = radius;
     this.sky.color.set(theme.dark ? 0xcfdcf0 : 0xffffff);
     this.sky.groundColor.set(theme.dark ? 0x3a3f47 : 0xa7a9ad);
@@ -152,10 +210,13 @@ export class Picture {
     // beyond what is looked at, wherever from
     this.fog.near = distance + 1.4 * this.radius + 3;
     this.fog.far = distance + 4 * this.radius + 14;
-    this.renderer.render(this.scene, this.camera);
+    const { isImmersed } = this; // then the room is the background
+    this.scene.background = isImmersed ? null : this.background;
+    this.scene.fog = isImmersed ? null : this.fog;
+    this.renderer.render(this.scene, (isImmersed && this.eye) || this.camera);
     this.frames.push(now);
     this.measure(now);
-    this.adapt(now, busy);
+    if (!isImmersed) this.adapt(now, busy);
   }
 
   /** Keep the figures true, also when nothing is drawn. */

@@ -13,6 +13,9 @@ const FADE_M = 9;
 export class Room {
   /** What can be pointed at. */
   readonly targets: THREE.Object3D[] = [];
+  private ground: THREE.Object3D | null = null;
+  /** Materials of surfaces; their edges have others. */
+  private readonly surfaces = new Set<THREE.Material>();
 
   constructor(factory: MeshFactory, map: Environment, bounds: Bounds) {
     this.floor(factory, bounds);
@@ -32,8 +35,7 @@ export class Room {
     for (const ball of map.spheres) {
       const mesh = factory.mesh(new THREE.SphereGeometry(ball.radius_m, factory.light ? 20 : 40, factory.light ? 12 : 28), solid);
       mesh.position.set(...ball.center_m);
-      mesh.userData.isSolid = true;
-      this.targets.push(mesh);
+      this.solid(mesh);
     }
     for (const plane of map.planes) {
       const level = Math.abs(plane.normal[2]) > 0.999;
@@ -63,8 +65,19 @@ export class Room {
       factory.own(new THREE.LineBasicMaterial({ color: factory.theme.leg, transparent: true, opacity: 0.7 })),
     );
     mesh.add(lines);
+    this.solid(mesh);
+  }
+
+  private solid(mesh: THREE.Mesh): void {
     mesh.userData.isSolid = true;
+    this.surfaces.add(mesh.material as THREE.Material);
     this.targets.push(mesh);
+  }
+
+  /** In the viewer's own room there is a floor; solids are seen by their edges, and hide what is behind them. */
+  setImmersed(isImmersed: boolean): void {
+    if (this.ground) this.ground.visible = !isImmersed;
+    for (const surface of this.surfaces) surface.colorWrite = !isImmersed;
   }
 
   private floor(factory: MeshFactory, bounds: Bounds): void {
@@ -80,6 +93,7 @@ export class Room {
       plain.position.set(x, y, 0);
       grid.position.set(x, y, 0);
       factory.group.add(grid);
+      this.ground = grid;
       this.targets.push(plain);
       return;
     }
@@ -97,6 +111,7 @@ export class Room {
     tile.repeat.set(size, size);
     const floor = factory.mesh(new THREE.PlaneGeometry(size, size), factory.matt(0xffffff, { map: tile, roughness: 0.92 }), "shows");
     floor.position.set(x, y, 0);
+    this.ground = floor;
     this.targets.push(floor);
   }
 }

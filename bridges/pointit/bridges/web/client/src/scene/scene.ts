@@ -13,6 +13,7 @@ import type { Camera, MakeView, View, ViewOptions, ViewStats } from "../view";
 import { Aim } from "./aim";
 import { drawSeparability, floorAt } from "./separability";
 import { Cameras } from "./cameras";
+import { Immersive } from "./immersive";
 import { DARK, MeshFactory, LIGHT, type Theme } from "./mesh_factory";
 import { Labels, NAME } from "./labels";
 import { Names } from "./names";
@@ -32,6 +33,7 @@ class Scene implements View {
   private readonly labels: Labels;
   private readonly camera: Cameras;
   private readonly aim: Aim;
+  readonly immersion: Immersive;
   private readonly isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
   private theme: Theme = DARK;
   private world: World | null = null;
@@ -59,7 +61,10 @@ class Scene implements View {
 
   constructor(host: HTMLElement, private readonly options: ViewOptions) {
     this.picture = new Picture(host, () => this.wake(), {
-      away: () => this.tearDown(),
+      away: () => {
+        this.immersion.leave();
+        this.tearDown();
+      },
       back: () => {
         this.build(this.site?.map ?? NOTHING);
         this.wake();
@@ -73,13 +78,16 @@ class Scene implements View {
       if (this.camera.mode === "eyes") this.camera.drag(dx, dy);
     }, () => this.isOverAnother());
     this.aim.set(false);
+    this.immersion = new Immersive(this.picture, () => this.site?.map ?? NOTHING, () => this.frame(performance.now()), () => {
+      this.wake();
+      options.onImmersed();
+    });
     this.build(NOTHING);
   }
 
   get stats(): ViewStats {
-    const { camera } = this.picture;
     this.picture.measure(performance.now());
-    return { ...this.picture.stats, lens: camera.projectionMatrix.clone().multiply(camera.matrixWorldInverse).toArray() };
+    return { ...this.picture.stats, lens: this.picture.lens, note: this.immersion.noteText };
   }
 
   draw(site: Site): void {
@@ -98,7 +106,7 @@ class Scene implements View {
     this.dirty = true;
     this.toldAt = performance.now();
     // here and not in the frame's own turn, which may have been before the news came
-    this.frame(this.toldAt);
+    if (!this.picture.isImmersed) this.frame(this.toldAt);
   }
 
   /** What the camera shows: all that people point at, in a map without any its walls and floors; and the people. */
@@ -211,29 +219,32 @@ class Scene implements View {
     this.asked = 0;
     const now = performance.now();
     if (this.picture.stats.software && now - this.toldAt < OFTEN_MS && !this.dirty) this.ask();
-    else if (this.dirty || this.moves) this.frame(now);
+    else if ((this.dirty || this.moves) && !this.picture.isImmersed) this.frame(now); // a session has frames of its own
   }
 
   private frame(now: number): void {
-    const { world, picture } = this;
+    const { world, picture } = this, { isImmersed } = picture;
     if (!world || picture.isLost) return;
+    world.room.setImmersed(isImmersed);
+    world.factory.group.visible = !isImmersed || this.immersion.isAligned;
     const seconds = Math.min((now - this.drawnAt) / 1000, LONGEST_STEP_S);
     this.drawnAt = now;
     this.dirty = false;
     const chosen = this.site?.people.get(this.camera.user);
     const isAiming = this.aim.on && this.aim.isOver;
-    const turned = this.camera.tick(now, seconds, People.eyes(chosen), this.aim.isResting ? null : chosen?.cursor?.direction ?? null,
+    const turned = !isImmersed && this.camera.tick(now, seconds, People.eyes(chosen), this.aim.isResting ? null : chosen?.cursor?.direction ?? null,
       isAiming ? [this.aim.pointer.x, this.aim.pointer.y] : null);
     picture.camera.updateMatrixWorld();
     this.moves = turned;
     world.marks.begin(picture.pixel);
-    world.beams.begin(picture.width, picture.height);
+    world.beams.begin(...picture.size);
     this.labels.begin(this.theme);
     if (this.site) this.moves = this.show(this.site, world, now, seconds) || this.moves;
-    const at = this.aim.tick(this.targets, turned && this.camera.mode === "eyes");
+    const at = isImmersed ? null : this.aim.tick(this.targets, turned && this.camera.mode === "eyes");
     this.aim.mark(world.marks, world.beams, this.site?.people.get(this.pointer)?.cursor?.point_m ?? null, this.theme.dark);
     world.marks.end();
     world.beams.end();
+    if (isImmersed) this.immersion.show(this.labels.texts, this.theme);
     this.labels.end(picture.camera, picture.width, picture.height);
     picture.render(now, this.moves, this.camera.distance);
     if (this.moves || this.dirty) this.ask();
@@ -249,7 +260,7 @@ class Scene implements View {
     world.lamps.set(site.lamps, this.theme.dark);
     world.lamps.mark(world.marks);
     const { camera, width, height } = this.picture;
-    for (const { key, at, up, text } of this.names?.shown(site, this.aim.place, camera, width, height) ?? []) this.labels.add(key, at, up, [{ text }], "", NAME);
+    for (const { key, at, up, text } of this.names?.shown(site, this.aim.place, camera, width, height, this.picture.isImmersed) ?? []) this.labels.add(key, at, up, [{ text }], "", NAME);
     world.things.set(site);
     let moves = world.things.place(now_ns);
     for (const { object, placed, size, up } of world.things.byId.values()) {
@@ -257,7 +268,7 @@ class Scene implements View {
     }
     if (site.connected) moves = world.belts.run(passed) || moves;
     const at = site.speed ? now : this.toldAt; // nobody grows old in a past that is paused
-    moves = world.people.draw(site, at, seconds, this.camera.mode === "eyes" ? this.camera.user : "") || moves;
+    moves = world.people.draw(site, at, seconds, this.camera.mode === "eyes" && !this.picture.isImmersed ? this.camera.user : "") || moves;
     moves = world.robots.draw(site) || moves;
     state(site, world.things, world.marks, this.labels, world.factory.theme.dark);
     counts(site, world.bays, this.labels);
@@ -275,6 +286,7 @@ class Scene implements View {
   dispose(): void {
     cancelAnimationFrame(this.asked);
     this.asked = -1;
+    this.immersion.leave();
     this.aim.dispose();
     this.camera.dispose();
     this.tearDown();

@@ -1,0 +1,294 @@
+/** The scene in the viewer's own room: a WebXR session, and its alignment with {W} by touches. */
+
+import * as THREE from "three";
+import {
+  alignmentFrom, assess, canAlign, headingOf, landmarksOf, leveled, mapped, TOUCHES, type Alignment, type Landmark, type Touch,
+} from "../geometry/alignment";
+import { add, scale, subtract, turn, type Vec3 } from "../geometry/vec";
+import type { Environment } from "../messages";
+import type { Immersion } from "../view";
+import { keepAnchor, keptAnchor, type KeptAnchor } from "./kept_anchor";
+import type { Theme } from "./mesh_factory";
+import type { Picture } from "./picture";
+import { disposeSprite, Sprites, textSprite, type Text } from "./sprites";
+
+/** A press that lasts longer skips a position, or starts the alignment again, ms. */
+const HOLD_MS = 1500;
+/** A pinch moves the finger tip: its mean position in this interval before the pinch counts, ms. */
+const BEFORE_PINCH_MS = [200, 500] as const;
+/** Time for which a result is shown, ms. */
+const RESULT_MS = 12_000;
+/** Length of a line of a note, characters. */
+const LINE_LENGTH = 46;
+
+interface Press {
+  readonly began: number;
+  /** In the session's space, levelled; null: not tracked. */
+  readonly at: Vec3 | null;
+}
+
+export class Immersive implements Immersion {
+  private session: XRSession | null = null;
+  private isEntering = false;
+  private alignment: Alignment | null = null;
+  private landmarks: readonly Landmark[] = [];
+  private mapName = "";
+  /** Index of the landmark to touch now. */
+  private next = 0;
+  private touches: Touch[] = [];
+  private anchor: { readonly anchor: XRAnchor; readonly kept: KeptAnchor } | null = null;
+  /** Position of a new anchor, {W}; null: none is wanted. */
+  private anchored: Vec3 | null = null;
+  private readonly presses = new Map<XRInputSource, Press>();
+  private readonly tips = new Map<XRInputSource, [time: number, at: Vec3][]>();
+  private note: THREE.Sprite | null = null;
+  /** What the wearer reads before the eyes, or "". */
+  noteText = "";
+  private noteUntil = Infinity;
+  /** The session's space in {W}: all that is drawn stays where it is. */
+  private readonly rig = new THREE.Group();
+  private readonly eye = new THREE.PerspectiveCamera(42, 1, 0.05, 200);
+  private readonly sprites: Sprites;
+  private theme: Theme | null = null;
+
+  /** @param map current map. @param changed called when a session has begun or ended. */
+  constructor(private readonly picture: Picture, private readonly map: () => Environment, private readonly draw: () => void, private readonly changed: () => void) {
+    this.rig.rotation.order = "ZYX";
+    this.rig.add(this.eye);
+    this.sprites = new Sprites(picture.scene);
+  }
+
+  get isActive(): boolean {
+    return this.picture.isImmersed;
+  }
+
+  get isAligned(): boolean {
+    return this.alignment !== null;
+  }
+
+  async isSupported(): Promise<boolean> {
+    return (await navigator.xr?.isSessionSupported("immersive-ar").catch(() => false)) ?? false;
+  }
+
+  /** @throws Error with one sentence if no session can begin. */
+  async enter(turn: () => void): Promise<void> {
+    if (this.session || this.isEntering) return;
+    if (!canAlign(landmarksOf(this.map()))) throw new Error("The map has no two lamps or things at least 0.5 m apart, by which it could be aligned with your room: add them in the map.");
+    this.isEntering = true;
+    try {
+      const session = await navigator.xr!.requestSession("immersive-ar", { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking", "anchors"] });
+      this.session = session;
+      session.addEventListener("selectstart", (event) => this.press(event));
+      session.addEventListener("selectend", ({ inputSource }) => this.release(inputSource));
+      try {
+        this.picture.scene.add(this.rig);
+        await this.picture.immerse(session, this.eye, (frame) => {
+          turn();
+          this.update(frame);
+          this.draw();
+        }, () => this.end());
+      } catch (error) {
+        await session.end().catch(() => undefined);
+        throw error;
+      }
+      this.space.addEventListener("reset", ({ transform }) => this.reset(transform));
+      this.restart();
+      this.changed();
+      await this.restore(session);
+    } catch (error) {
+      throw new Error(entryError(error));
+    } finally {
+      this.isEntering = false;
+    }
+  }
+
+  leave(): void {
+    void this.session?.end().catch(() => undefined);
+  }
+
+  /** Show texts in the session, and a note before the eyes. */
+  show(texts: readonly Text[], theme: Theme): void {
+    this.theme = theme;
+    this.sprites.show(this.isAligned ? texts : [], theme);
+  }
+
+  private get space(): XRReferenceSpace {
+    return this.picture.sessionSpace!;
+  }
+
+  private end(): void {
+    this.session = null;
+    this.alignment = null;
+    this.anchor = null;
+    this.presses.clear();
+    this.tips.clear();
+    this.say("");
+    this.rig.removeFromParent();
+    this.sprites.clear();
+    this.changed();
+  }
+
+  /** Ask for the touches, from the first on. @param reason why, or "". */
+  private restart(reason = ""): void {
+    const map = this.map();
+    this.mapName = map.name;
+    this.landmarks = landmarksOf(map);
+    this.alignment = this.anchor = this.anchored = null;
+    this.touches = [];
+    this.next = 0;
+    this.ask(reason);
+  }
+
+  private ask(reason = ""): void {
+    const landmark = this.landmarks[this.next];
+    this.say(landmark ? `${reason} Touch ${landmark.name} (${this.touches.length + 1} of ${Math.min(TOUCHES, this.landmarks.length)}) with the tip of your controller, your index finger or your phone, and press the trigger, pinch or tap. A press of 1.5 s skips it.`
+      : "The map has nothing to touch by which it could be aligned with your room.");
+  }
+
+  private update(frame: XRFrame): void {
+    const now = performance.now();
+    if (this.map().name !== this.mapName) this.restart("The map has changed.");
+    for (const source of this.session?.inputSources ?? []) {
+      const tip = source.hand && this.tip(frame, source);
+      if (!tip) continue;
+      const tips = this.tips.get(source) ?? [];
+      this.tips.set(source, [...tips.filter(([time]) => now - time <= BEFORE_PINCH_MS[1]), [now, tip]]);
+    }
+    this.follow(frame);
+    if (this.alignment) {
+      this.rig.position.set(...(this.alignment.origin as Vec3));
+      this.rig.rotation.set(Math.PI / 2, 0, this.alignment.yaw);
+    }
+    if (now > this.noteUntil) this.say("");
+    if (!this.note && this.noteText && this.theme) {
+      this.note = textSprite(wrapped(this.noteText), this.theme);
+      this.note.position.set(0, -0.12, -1);
+      this.note.renderOrder += 1;
+      this.eye.add(this.note);
+    }
+  }
+
+  /** Correct the alignment by its anchor; create the anchor that is wanted. */
+  private follow(frame: XRFrame): void {
+    const { anchored, alignment } = this;
+    if (anchored && alignment && frame.createAnchor) {
+      this.anchored = null;
+      void this.place(frame, anchored, alignment);
+    }
+    const pose = this.anchor && frame.trackedAnchors?.has(this.anchor.anchor) ? frame.getPose(this.anchor.anchor.anchorSpace, this.space) : null;
+    if (!pose || pose.emulatedPosition || !this.anchor) return;
+    const { at, yaw } = this.anchor.kept;
+    this.alignment = alignmentFrom(at, yaw, leveled(pose.transform.position), headingOf(pose.transform.orientation));
+  }
+
+  private async place(frame: XRFrame, at: Vec3, { yaw, origin }: Alignment): Promise<void> {
+    const { mapName } = this, [x, y, z] = turn(subtract(at, origin), -yaw);
+    try {
+      const anchor = await frame.createAnchor!(new XRRigidTransform({ x, y: z, z: -y }), this.space);
+      if (!anchor || this.mapName !== mapName || !this.alignment) return;
+      this.anchor = { anchor, kept: { map: mapName, handle: "", at, yaw } };
+      const handle = await anchor.requestPersistentHandle?.();
+      if (!handle) return;
+      const former = keptAnchor();
+      keepAnchor({ map: mapName, handle, at, yaw });
+      if (former) await frame.session.deletePersistentAnchor?.(former.handle); // a headset keeps a few of each site only
+    } catch {
+      // without an anchor the alignment lasts as long as the session
+    }
+  }
+
+  /** Take over the alignment of an earlier session, if the headset still knows its anchor. */
+  private async restore(session: XRSession): Promise<void> {
+    const kept = keptAnchor();
+    if (kept?.map !== this.mapName || !session.restorePersistentAnchor) return;
+    try {
+      const anchor = await session.restorePersistentAnchor(kept.handle);
+      if (this.mapName !== kept.map || this.touches.length) return;
+      this.anchor = { anchor, kept };
+      this.say("The alignment of your last visit is used. Check that the names stand at their things. A press of 1.5 s starts a new alignment.", RESULT_MS);
+    } catch {
+      keepAnchor(null);
+    }
+  }
+
+  /** The session's space has another origin from now on, e.g. since the wearer recentred the view. */
+  private reset(transform: XRRigidTransform | undefined): void {
+    if (this.anchor) return;
+    if (!this.alignment || !transform) this.restart("The headset has a new origin.");
+    else {
+      const { yaw } = this.alignment, heading = headingOf(transform.orientation);
+      this.alignment = { yaw: yaw + heading, origin: mapped(this.alignment, leveled(transform.position)) };
+    }
+  }
+
+  private press({ frame, inputSource }: XRInputSourceEvent): void {
+    this.presses.set(inputSource, { began: performance.now(), at: this.touched(frame, inputSource) });
+  }
+
+  private release(source: XRInputSource): void {
+    const press = this.presses.get(source), landmark = this.landmarks[this.next];
+    this.presses.delete(source);
+    if (!press) return;
+    const isLong = performance.now() - press.began > HOLD_MS;
+    if (this.alignment) {
+      if (isLong) this.restart();
+      return;
+    }
+    if (!landmark) return;
+    if (!isLong && !press.at) return this.ask("Your hand or controller is not tracked: hold it where the headset sees it.");
+    this.next++;
+    if (!isLong) this.touches.push({ ...landmark, touched: press.at! });
+    if (this.touches.length === TOUCHES || (this.next === this.landmarks.length && this.touches.length > 1)) this.align();
+    else if (this.next === this.landmarks.length) this.restart("Two positions are needed.");
+    else this.ask();
+  }
+
+  private align(): void {
+    const { alignment, residual_m, fault, caution } = assess(this.touches);
+    if (fault) return this.restart(fault);
+    this.alignment = alignment;
+    this.anchored = scale(this.touches.reduce<Vec3>((sum, { at }) => add(sum, at), [0, 0, 0]), 1 / this.touches.length);
+    this.say(`Aligned: your touches agree with the map within ${Math.max(0.1, 100 * residual_m).toFixed(1)} cm. ${caution} An error that all touches share does not show: check that the names stand at their things. A press of 1.5 s starts again.`, RESULT_MS);
+  }
+
+  /** Position that `source` touches, levelled; null: it is not tracked. */
+  private touched(frame: XRFrame, source: XRInputSource): Vec3 | null {
+    if (source.hand) {
+      const now = performance.now(), [least, most] = BEFORE_PINCH_MS;
+      const before = (this.tips.get(source) ?? []).filter(([time]) => now - time >= least && now - time <= most).map(([, at]) => at);
+      return before.length ? scale(before.reduce(add), 1 / before.length) : this.tip(frame, source);
+    }
+    const pose = source.targetRayMode === "tracked-pointer" ? frame.getPose(source.targetRaySpace, this.space) : frame.getViewerPose(this.space);
+    return pose && !pose.emulatedPosition ? leveled(pose.transform.position) : null;
+  }
+
+  private tip(frame: XRFrame, source: XRInputSource): Vec3 | null {
+    const joint = source.hand?.get("index-finger-tip"), pose = joint && frame.getJointPose?.(joint, this.space);
+    return pose ? leveled(pose.transform.position) : null;
+  }
+
+  private say(text: string, forMs = Infinity): void {
+    this.noteUntil = performance.now() + forMs;
+    if (text.trim() === this.noteText) return;
+    this.noteText = text.trim();
+    if (this.note) disposeSprite(this.note);
+    this.note = null;
+  }
+}
+
+/** `text` in lines of about one length. */
+function wrapped(text: string): string {
+  const lines = [""];
+  for (const word of text.split(/\s+/)) {
+    if (lines.at(-1)!.length + word.length > LINE_LENGTH) lines.push(word);
+    else lines[lines.length - 1] = `${lines.at(-1)} ${word}`.trim();
+  }
+  return lines.join("\n");
+}
+
+function entryError(error: unknown): string {
+  const name = error instanceof DOMException ? error.name : "";
+  if (name === "SecurityError" || name === "NotAllowedError") return "The browser did not allow this page to show your room: allow it in the settings of the site, then try again.";
+  if (name === "NotSupportedError") return "This device does not know where its floor is, which the room needs: set up its boundary, then try again.";
+  return `Your room could not be shown: ${error instanceof Error ? error.message : String(error)}`;
+}

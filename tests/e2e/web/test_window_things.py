@@ -75,6 +75,7 @@ async def test_boxes_of_a_shelf_fire_and_a_switch_stays_on(
     await page.get_by_role("button", name="Point with the mouse").click()
     await expect(page.locator("#guide")).to_contain_text("You are the arm now")
     await window.is_still()
+    await expect(page.get_by_role("button", name="In your room")).to_be_hidden()  # there is no headset
     for name, told in (
         ("screws", "Fired"),
         ("bolts", "Fired"),

@@ -171,5 +171,6 @@ def headers(asked: RequestInfo) -> dict[str, str]:
         "Cross-Origin-Opener-Policy": "same-origin",
         "Cross-Origin-Resource-Policy": "same-origin",
         "Permissions-Policy": "accelerometer=(self), gyroscope=(self), magnetometer=(self), "
-        "screen-wake-lock=(self), camera=(self), microphone=(self), xr-spatial-tracking=(self), geolocation=(), payment=(), usb=()",
+        "screen-wake-lock=(self), camera=(self), microphone=(self), xr-spatial-tracking=(self), "
+        "geolocation=(), payment=(), usb=()",
     }

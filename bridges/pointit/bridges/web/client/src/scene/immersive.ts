@@ -16,6 +16,8 @@ import { disposeSprite, Sprites, textSprite, type Text } from "./sprites";
 const HOLD_MS = 1500;
 /** A pinch moves the finger tip: its mean position in this interval before the pinch counts, ms. */
 const BEFORE_PINCH_MS = [200, 500] as const;
+/** Maximum number of positions of a finger tip that are kept; enough for that interval at 120 Hz. */
+const MAX_TIPS = 64;
 /** Time for which a result is shown, ms. */
 const RESULT_MS = 12_000;
 /** Length of a line of a note, characters. */
@@ -30,6 +32,7 @@ interface Press {
 export class Immersive implements Immersion {
   private session: XRSession | null = null;
   private isEntering = false;
+  private viewer: XRReferenceSpace | null = null;
   private alignment: Alignment | null = null;
   private landmarks: readonly Landmark[] = [];
   private mapName = "";
@@ -67,7 +70,11 @@ export class Immersive implements Immersion {
   }
 
   async isSupported(): Promise<boolean> {
-    return (await navigator.xr?.isSessionSupported("immersive-ar").catch(() => false)) ?? false;
+    try {
+      return (await navigator.xr?.isSessionSupported("immersive-ar")) ?? false;
+    } catch {
+      return false; // a policy forbids it, or the browser has a draft of WebXR only
+    }
   }
 
   /** @throws Error with one sentence if no session can begin. */
@@ -82,13 +89,18 @@ export class Immersive implements Immersion {
       session.addEventListener("selectend", ({ inputSource }) => this.release(inputSource));
       try {
         this.picture.scene.add(this.rig);
+        this.viewer = await session.requestReferenceSpace("viewer");
         await this.picture.immerse(session, this.eye, (frame) => {
           turn();
           this.update(frame);
           this.draw();
-        }, () => this.end());
+        }, () => {
+          this.end();
+          turn(); // the page's frame that it awaits may have been refused for good
+        });
       } catch (error) {
         await session.end().catch(() => undefined);
+        this.session = null;
         throw error;
       }
       this.space.addEventListener("reset", ({ transform }) => this.reset(transform));
@@ -151,8 +163,7 @@ export class Immersive implements Immersion {
     for (const source of this.session?.inputSources ?? []) {
       const tip = source.hand && this.tip(frame, source);
       if (!tip) continue;
-      const tips = this.tips.get(source) ?? [];
-      this.tips.set(source, [...tips.filter(([time]) => now - time <= BEFORE_PINCH_MS[1]), [now, tip]]);
+      this.tips.set(source, [...(this.tips.get(source) ?? []).slice(-MAX_TIPS), [now, tip]]);
     }
     this.follow(frame);
     if (this.alignment) {
@@ -176,7 +187,8 @@ export class Immersive implements Immersion {
       void this.place(frame, anchored, alignment);
     }
     const pose = this.anchor && frame.trackedAnchors?.has(this.anchor.anchor) ? frame.getPose(this.anchor.anchor.anchorSpace, this.space) : null;
-    if (!pose || pose.emulatedPosition || !this.anchor) return;
+    if (!pose || !this.anchor) return;
+    if (!alignment) this.say("The alignment of your last visit is used. Check that the names stand at their things. A press of 1.5 s starts a new alignment.", RESULT_MS);
     const { at, yaw } = this.anchor.kept;
     this.alignment = alignmentFrom(at, yaw, leveled(pose.transform.position), headingOf(pose.transform.orientation));
   }
@@ -205,7 +217,6 @@ export class Immersive implements Immersion {
       const anchor = await session.restorePersistentAnchor(kept.handle);
       if (this.mapName !== kept.map || this.touches.length) return;
       this.anchor = { anchor, kept };
-      this.say("The alignment of your last visit is used. Check that the names stand at their things. A press of 1.5 s starts a new alignment.", RESULT_MS);
     } catch {
       keepAnchor(null);
     }
@@ -247,6 +258,7 @@ export class Immersive implements Immersion {
     const { alignment, residual_m, fault, caution } = assess(this.touches);
     if (fault) return this.restart(fault);
     this.alignment = alignment;
+    this.anchor = null;
     this.anchored = scale(this.touches.reduce<Vec3>((sum, { at }) => add(sum, at), [0, 0, 0]), 1 / this.touches.length);
     this.say(`Aligned: your touches agree with the map within ${Math.max(0.1, 100 * residual_m).toFixed(1)} cm. ${caution} An error that all touches share does not show: check that the names stand at their things. A press of 1.5 s starts again.`, RESULT_MS);
   }
@@ -255,11 +267,12 @@ export class Immersive implements Immersion {
   private touched(frame: XRFrame, source: XRInputSource): Vec3 | null {
     if (source.hand) {
       const now = performance.now(), [least, most] = BEFORE_PINCH_MS;
-      const before = (this.tips.get(source) ?? []).filter(([time]) => now - time >= least && now - time <= most).map(([, at]) => at);
-      return before.length ? scale(before.reduce(add), 1 / before.length) : this.tip(frame, source);
+      const before = (this.tips.get(source) ?? []).filter(([time]) => now - time >= least);
+      const counted = before.filter(([time], i) => now - time <= most || i === before.length - 1).map(([, at]) => at);
+      return counted.length ? scale(counted.reduce((sum, at) => add(sum, at)), 1 / counted.length) : this.tip(frame, source);
     }
-    const pose = source.targetRayMode === "tracked-pointer" ? frame.getPose(source.targetRaySpace, this.space) : frame.getViewerPose(this.space);
-    return pose && !pose.emulatedPosition ? leveled(pose.transform.position) : null;
+    const pose = frame.getPose(source.targetRayMode === "tracked-pointer" ? source.targetRaySpace : this.viewer!, this.space);
+    return pose ? leveled(pose.transform.position) : null; // `emulatedPosition` is true of some tracked controllers, too
   }
 
   private tip(frame: XRFrame, source: XRInputSource): Vec3 | null {

@@ -41,6 +41,10 @@ test("while a person is localized every lamp has its name, once", () => {
   assert.deepEqual(shown(at(-2, 0), site), ["lamp 0"]);
 });
 
+test("in a headset every lamp has its name", () => {
+  assert.deepEqual(new Names(MAP).shown(emptySite(), null, camera, 600, 600, true).map(({ text }) => text), ["lamp 0"]);
+});
+
 test("a label that went aside stays there while there is room, and comes back otherwise", () => {
   const picture = { width: 400, height: 400 }, wish = { x: 100, y: 100, width: 40, height: 20, rank: 1 };
   const [aside] = placed([wish], [{ x: 90, y: 70, width: 30, height: 40 }], picture);

@@ -147,7 +147,12 @@ export class Picture {
     xr.setReferenceSpaceType("local-floor");
     this.eye = eye;
     this.renderer.setAnimationLoop((_, frame) => {
-      if (frame && xr.isPresenting) onFrame(frame);
+      try {
+        if (frame && xr.isPresenting) onFrame(frame);
+      } catch (error) {
+        void session.end(); // no further frame comes
+        throw error;
+      }
     });
     await xr.setSession(session);
   }

@@ -14,8 +14,7 @@ export class Room {
   /** What can be pointed at. */
   readonly targets: THREE.Object3D[] = [];
   private ground: THREE.Object3D | null = null;
-  /** Materials of surfaces; their edges have others. */
-  private readonly surfaces = new Set<THREE.Material>();
+  private readonly solids: THREE.Mesh[] = [];
 
   constructor(factory: MeshFactory, map: Environment, bounds: Bounds) {
     this.floor(factory, bounds);
@@ -70,14 +69,17 @@ export class Room {
 
   private solid(mesh: THREE.Mesh): void {
     mesh.userData.isSolid = true;
-    this.surfaces.add(mesh.material as THREE.Material);
+    this.solids.push(mesh);
     this.targets.push(mesh);
   }
 
   /** In the viewer's own room there is a floor; solids are seen by their edges, and hide what is behind them. */
   setImmersed(isImmersed: boolean): void {
     if (this.ground) this.ground.visible = !isImmersed;
-    for (const surface of this.surfaces) surface.colorWrite = !isImmersed;
+    for (const solid of this.solids) {
+      (solid.material as THREE.Material).colorWrite = !isImmersed;
+      solid.renderOrder = isImmersed ? -1 : 0;
+    }
   }
 
   private floor(factory: MeshFactory, bounds: Bounds): void {

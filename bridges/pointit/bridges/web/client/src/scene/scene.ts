@@ -79,6 +79,7 @@ class Scene implements View {
     }, () => this.isOverAnother());
     this.aim.set(false);
     this.immersion = new Immersive(this.picture, () => this.site?.map ?? NOTHING, () => this.frame(performance.now()), () => {
+      if (this.asked > 0) this.asked = 0; // a headset may never give that frame
       this.wake();
       options.onImmersed();
     });

@@ -1,5 +1,5 @@
 """The browser of `tests/e2e/web`, for tests that may not run beside others of devices in the network."""
 
-from tests.e2e.web.conftest import browser, browser_address
+from tests.e2e.web.conftest import browser, browser_address, shared_site
 
-__all__ = ["browser", "browser_address"]
+__all__ = ["browser", "browser_address", "shared_site"]

@@ -1,6 +1,5 @@
 """The scene in the viewer's own room, with the headset emulator of others (`iwer`) in Chromium."""
 
-import asyncio
 import math
 import re
 from collections.abc import AsyncIterator
@@ -14,14 +13,12 @@ from numpy.typing import NDArray
 from playwright.async_api import Browser, expect
 
 from pointit.maps.file import load_map
-from tests.e2e.web.conftest import page_is_built
-from tests.e2e.web.site import running
+from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import LENS, PATIENCE_S, Window
-from tests.support.commands import Commands
 from tests.support.environments import fetched
 from tests.support.pace import Patience
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize("shared_site", ["shelf"], indirect=True)]
 
 PEER = Path(__file__).parent / "headset"
 SHELF = load_map("shelf", 0)
@@ -60,17 +57,17 @@ TO_SESSION = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """From z up to y up."""
 
 
-@pytest_asyncio.fixture
-async def headset(
-    browser: Browser, commands: Commands, tmp_path_factory: pytest.TempPathFactory
-) -> AsyncIterator[Window]:
-    """Open the page of the shelf in a browser with an emulated headset."""
-    page_is_built()
+@pytest.fixture(scope="module")
+def emulator(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("headset")
-    await asyncio.to_thread(fetched, PEER, folder)
-    emulator = (folder / "node_modules/iwer/build/iwer.min.js").read_text(encoding="utf-8")
-    site = await running(commands, "shelf", "--duration", "600")
-    window = await Window.open(browser, site.url, scripts=(emulator, INSTALL))
+    fetched(PEER, folder)
+    return (folder / "node_modules/iwer/build/iwer.min.js").read_text(encoding="utf-8")
+
+
+@pytest_asyncio.fixture
+async def headset(browser: Browser, shared_site: SitePage, emulator: str) -> AsyncIterator[Window]:
+    """Open the page of the shelf in a browser with an emulated headset."""
+    window = await Window.open(browser, shared_site.url, scripts=(emulator, INSTALL))
     await window.is_shown()
     yield window
     assert window.faults == []
@@ -179,9 +176,7 @@ async def test_the_scene_stands_in_the_room_where_three_things_were_touched(head
     assert (await page.evaluate(LENS), await canvas(headset)) == before
 
 
-async def test_hands_align_and_the_next_visit_uses_it_after_the_graphics_were_lost(
-    headset: Window,
-) -> None:
+async def test_hands_align_and_the_next_visit_uses_it_after_the_graphics_were_lost(headset: Window) -> None:
     page = headset.page
     await page.evaluate(
         "navigator.xr.requestSession = () => Promise.reject(new DOMException('', 'NotAllowedError'))"

@@ -2,8 +2,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { NOTHING } from "../scene/world";
 import type { Environment } from "../messages";
-import { alignmentFrom, assess, canAlign, headingOf, landmarksOf, leveled, mapped, type Alignment, type Touch } from "./alignment";
-import { norm, subtract, turn, wrapped, type Vec3 } from "./vec";
+import { alignmentFrom, assess, canAlign, headingOf, landmarksOf, leveled, mapped, reoriented, type Alignment, type Touch } from "./alignment";
+import { add, norm, subtract, turn, wrapped, type Vec3 } from "./vec";
 
 const TRUTH: Alignment = { yaw: 2.1, origin: [1.5, -0.7, 0.04] };
 const MARKS: readonly (readonly [string, Vec3])[] = [["door", [0, 2.6, 2]], ["desk", [-1.6, -1.2, 0.7]], ["shelf", [2.4, -1.4, 1.25]]];
@@ -72,6 +72,11 @@ test("an anchor that moves in the headset's space keeps the alignment of its pos
   const half = 0.35; // of a turn about y by .7 rad
   assert.ok(Math.abs(headingOf({ x: 0, y: Math.sin(half), z: 0, w: Math.cos(half) }) - 0.7) < 1e-12);
   assert.deepEqual(leveled({ x: 1, y: 2, z: 3 }), [1, -3, 2]);
+});
+
+test("a new origin of the headset's space moves nothing", () => {
+  const at: Vec3 = [0.5, -2, 0.1], heading = 0.9, point: Vec3 = [1, 2, 3];
+  assert.ok(norm(subtract(mapped(reoriented(TRUTH, at, heading), point), mapped(TRUTH, add(at, turn(point, heading))))) < 1e-12);
 });
 
 test("positions to touch begin with the farthest pair; lamps of things and tracked things are none", () => {

@@ -56,6 +56,9 @@ export function alignmentFrom(at: Read3, yaw: number, touched: Read3, heading: n
   return { yaw: turned, origin: subtract(at, turn(touched, turned)) };
 }
 
+/** `alignment` of a space whose new origin is at `at` with the azimuth `heading`, in the former levelled space. */
+export const reoriented = (alignment: Alignment, at: Read3, heading: number): Alignment => ({ yaw: alignment.yaw + heading, origin: mapped(alignment, at) });
+
 /** Lamps and things that can be touched. Each is farther from those before it than those after it. */
 export function landmarksOf(map: Environment): Landmark[] {
   const rest: Landmark[] = [

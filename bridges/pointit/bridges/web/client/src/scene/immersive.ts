@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import {
-  alignmentFrom, assess, canAlign, headingOf, landmarksOf, leveled, mapped, TOUCHES, type Alignment, type Landmark, type Touch,
+  alignmentFrom, assess, canAlign, headingOf, landmarksOf, leveled, reoriented, TOUCHES, type Alignment, type Landmark, type Touch,
 } from "../geometry/alignment";
 import { add, scale, subtract, turn, type Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
@@ -226,10 +226,7 @@ export class Immersive implements Immersion {
   private reset(transform: XRRigidTransform | undefined): void {
     if (this.anchor) return;
     if (!this.alignment || !transform) this.restart("The headset has a new origin.");
-    else {
-      const { yaw } = this.alignment, heading = headingOf(transform.orientation);
-      this.alignment = { yaw: yaw + heading, origin: mapped(this.alignment, leveled(transform.position)) };
-    }
+    else this.alignment = reoriented(this.alignment, leveled(transform.position), headingOf(transform.orientation));
   }
 
   private press({ frame, inputSource }: XRInputSourceEvent): void {

@@ -110,8 +110,8 @@ async def wanted(window: Window) -> NDArray[np.float64]:
     found = re.search(r"Touch (.+) \(\d of 3\)", note)
     assert found, note
     if found[1] in POSITIONS:
-        thing = POSITIONS[found[1]]
-        return np.array(thing.center_m) + np.array((0.0, 0.0, thing.size_m[2] / 2))
+        x, y, z = POSITIONS[found[1]].center_m
+        return np.array((x, y, z + POSITIONS[found[1]].size_m[2] / 2))
     return np.array(next(lamp.position_m for lamp in SHELF.lamps if lamp.id == found[1]))
 
 
@@ -141,7 +141,7 @@ async def is_aligned(window: Window) -> bool:
     for thing in SHELF.things:
         drawn = np.array([axis[:3] @ thing.center_m + axis[3] for axis in axes])
         true = np.array(true_axes) @ (np.array(thing.center_m) - eye_m)
-        sine = np.linalg.norm(np.cross(drawn, true)) / np.linalg.norm(drawn) / np.linalg.norm(true)
+        sine = float(np.linalg.norm(np.cross(drawn, true)) / np.linalg.norm(drawn) / np.linalg.norm(true))
         if drawn @ true <= 0 or math.degrees(math.asin(min(sine, 1))) >= 0.01:
             return False
     return True
@@ -167,7 +167,7 @@ async def test_the_scene_stands_in_the_room_where_three_things_were_touched(head
     assert await is_aligned(headset)
     cursor = await page.evaluate(CURSOR)
     await headset.until(f"window.refused > 0 && {CURSOR} > {cursor}", "cursors without frames of the page")
-    await page.emulate_media(color_scheme="dark")  # everything is made anew
+    await page.emulate_media(color_scheme="dark")  # the scene is built again
     assert await is_aligned(headset)
     await page.emulate_media(color_scheme="light")
     await page.evaluate("headset.activeSession.end()")  # the home button

@@ -10,7 +10,7 @@ import type { Immersion } from "../view";
 import { keepAnchor, keptAnchor, type KeptAnchor } from "./kept_anchor";
 import type { Theme } from "./mesh_factory";
 import type { Picture } from "./picture";
-import { disposeSprite, Sprites, textSprite, type Text } from "./sprites";
+import { disposeSprite, inLines, Sprites, textSprite, type Text } from "./sprites";
 
 /** A press that lasts longer skips a position, or starts the alignment again, ms. */
 const HOLD_MS = 1500;
@@ -20,8 +20,6 @@ const BEFORE_PINCH_MS = [200, 500] as const;
 const MAX_TIPS = 64;
 /** Time for which a result is shown, ms. */
 const RESULT_MS = 12_000;
-/** Length of a line of a note, characters. */
-const LINE_LENGTH = 46;
 
 interface Press {
   readonly began: number;
@@ -54,7 +52,7 @@ export class Immersive implements Immersion {
   private readonly sprites: Sprites;
   private theme: Theme | null = null;
 
-  /** @param map current map. @param changed called when a session has begun or ended. */
+  /** @param map returns the current map. @param draw draws a frame of the scene. @param changed called when a session has begun or ended. */
   constructor(private readonly picture: Picture, private readonly map: () => Environment, private readonly draw: () => void, private readonly changed: () => void) {
     this.rig.rotation.order = "ZYX";
     this.rig.add(this.eye);
@@ -172,7 +170,7 @@ export class Immersive implements Immersion {
     }
     if (now > this.noteUntil) this.say("");
     if (!this.note && this.noteText && this.theme) {
-      this.note = textSprite(wrapped(this.noteText), this.theme);
+      this.note = textSprite(inLines(this.noteText), this.theme);
       this.note.position.set(0, -0.12, -1);
       this.note.renderOrder += 1;
       this.eye.add(this.note);
@@ -284,16 +282,6 @@ export class Immersive implements Immersion {
     if (this.note) disposeSprite(this.note);
     this.note = null;
   }
-}
-
-/** `text` in lines of about one length. */
-function wrapped(text: string): string {
-  const lines = [""];
-  for (const word of text.split(/\s+/)) {
-    if (lines.at(-1)!.length + word.length > LINE_LENGTH) lines.push(word);
-    else lines[lines.length - 1] = `${lines.at(-1)} ${word}`.trim();
-  }
-  return lines.join("\n");
 }
 
 function entryError(error: unknown): string {

@@ -7,7 +7,19 @@ import type { Theme } from "./mesh_factory";
 /** Height of a line, rad. */
 const LINE_RAD = 0.028;
 const LINE_PX = 56;
+/** Length of a line of `inLines`, characters. */
+const LINE_LENGTH = 46;
 const FONT = "600 40px system-ui, sans-serif";
+
+/** `text` in lines of about one length. */
+export function inLines(text: string): string {
+  const lines = [""];
+  for (const word of text.split(/\s+/)) {
+    if (lines.at(-1)!.length + word.length > LINE_LENGTH) lines.push(word);
+    else lines[lines.length - 1] = `${lines.at(-1)} ${word}`.trim();
+  }
+  return lines.join("\n");
+}
 
 /** A sprite with `text`, whose lines are separated by newlines. */
 export function textSprite(text: string, theme: Theme, color = ""): THREE.Sprite {

@@ -83,6 +83,7 @@ from pointit.services.imu_bridge.reading import (
     Reconnected,
     Signal,
     Source,
+    StepGesture,
 )
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
 from pointit.services.led_driver.outputs import OUTPUTS, LedOutput, OutputConfig, Segment
@@ -185,6 +186,7 @@ __all__ = [
     "Signal",
     "Source",
     "StateFile",
+    "StepGesture",
     "Stop",
     "Strip",
     "StripFrame",

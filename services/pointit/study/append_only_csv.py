@@ -190,7 +190,9 @@ def column_changes(table: TrialTable, columns: Sequence[str]) -> tuple[str, ...]
     if not table.columns or table.columns == tuple(columns):
         return table.changes
     added = [name for name in table.columns if name not in columns]
-    return (*table.changes, f"added column {added[0]}" if added else "columns in another order")
+    missing = [name for name in columns if name not in table.columns]
+    change = f"added column {added[0]}" if added else "columns in another order"
+    return (*table.changes, f"no column {missing[0]}, as in earlier versions" if missing else change)
 
 
 def rewritten_sentence(file: Path, changes: Sequence[str]) -> str:

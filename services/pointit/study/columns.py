@@ -18,7 +18,9 @@ COLUMNS = tuple((name, unit, meaning) for name, unit, meaning in csv.reader(io.S
 FIXED = frozenset(name for name, _, _ in COLUMNS)
 COUNTS = ("block", "trial", "attempt", "practice")
 """Columns of whole numbers, which are never empty."""
-NUMBERS = ("corrections", *(name for name, unit, _ in COLUMNS if unit))
+ADDED = ("announced", "stepped", "confirmed")
+"""Columns that tables of earlier versions lack, in which they are not known."""
+NUMBERS = ("corrections", *ADDED, *(name for name, unit, _ in COLUMNS if unit))
 """Columns of numbers that may be empty, which means not known."""
 MAY_BE_EMPTY = ("target", "reason", "began_utc", "condition")
 """Columns of texts that may be empty."""

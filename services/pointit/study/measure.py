@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,18 @@ from typing import Literal
 from pointit.errors import ConfigError
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Hover, Localization, RobotState, SelectionEvent
-from pointit.study.columns import Outcome, utc
+from pointit.schemas import (
+    NS_PER_S,
+    Announced,
+    ButtonEvent,
+    Cursor,
+    Hover,
+    Localization,
+    RobotState,
+    SelectionEvent,
+    Step,
+)
+from pointit.study.columns import ADDED, Outcome, utc
 
 STEP_RAD = math.radians(0.5)
 """Step of the ray that counts as way: smaller ones are tremor and noise."""
@@ -46,6 +57,8 @@ class Attempt:
     first_hover_s: float | None = None
     selection_s: float | None = None
     corrections: int = 0
+    names: Counter[str] | None = None
+    """Numbers of the columns `ADDED`. None if no name was spoken to the participant so far."""
     path_rad: float = 0.0
     passed_s: float = 0.0
     """Time from the beginning to the last cursor, s."""
@@ -115,6 +128,8 @@ class Attempt:
         """Process what happened to an object."""
         if self.outcome is not None:
             return
+        if event.event in ("selected", "deselected") and event.cause == "button":
+            self._count("confirmed")
         if event.event == "selected" and self.end in ("selection", "press"):
             is_hit = event.object_id == self.target
             self._finish(
@@ -122,6 +137,23 @@ class Attempt:
             )
         elif event.event in ("left", "dispatched") and event.object_id == self.target:
             self._finish("timeout", "the target has left", None)
+
+    def on_announced(self, announced: Announced, now_ns: int) -> None:
+        """Process the name of an object that is spoken to the participant."""
+        del now_ns
+        if announced.object_id and self.outcome is None:
+            self.names = Counter() if self.names is None else self.names
+            self._count("announced")
+
+    def on_step(self, step: Step, now_ns: int) -> None:
+        """Process a step of the participant to the object beside the announced one."""
+        del step, now_ns
+        if self.outcome is None:
+            self._count("stepped")
+
+    def _count(self, column: str) -> None:
+        if self.names is not None:
+            self.names[column] += 1
 
     def on_press(self, event: ButtonEvent, now_ns: int) -> None:
         """Process a press of the person's button."""
@@ -198,6 +230,7 @@ class Attempt:
             "target_distance_deg": _angle_deg(first, first_m, self.before_m),
             "target_width_deg": math.degrees(2.0 * math.atan2(self.width_m / 2.0, far_m)) if far_m else None,
         }
+        columns |= {name: None if self.names is None else self.names[name] for name in ADDED}
         for index, axis in enumerate("xyz"):
             columns[f"target_{axis}_m"] = self.target_m[index]
             columns[f"selected_{axis}_m"] = None if point_m is None else point_m[index]

@@ -206,6 +206,7 @@ class Session:
             end_rule=self._end_rule,
             before_m=before_m,
             stay_s=scene.stay_s,
+            names=Counter() if room.has_names else None,
         )
         self._mark("trial_start", row, *trial.cell, "practice", "target")
         later: StudyCommand | None = None

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pointit.conversion.spreadsheet_text import restore_formula
-from pointit.errors import ConfigError
-from pointit.study.columns import COUNTS, MAY_BE_EMPTY, NOT_KNOWN, NUMBERS, OUTCOMES, check_error, parse_time
+from pointit.study.columns import ADDED, COUNTS, MAY_BE_EMPTY, NOT_KNOWN, NUMBERS, OUTCOMES, check_error, parse_time
 
 Row = dict[str, str]
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
@@ -105,6 +104,8 @@ def parse_table(path: Path, columns: Iterable[str]) -> TrialTable:
         changes.append("other quotes, spaces or numbers")
     if not changes and not _is_in_order(header, records):
         changes.append("rows in another order")
+    unknown = {name: "" for name in columns if name in ADDED and name not in names}
+    rows = [row | unknown for row in rows]
     return TrialTable(rows, tuple(changes), tail, tuple(filter(None, names)))
 
 
@@ -168,7 +169,7 @@ def _split(path: Path, text: str, columns: Iterable[str]) -> tuple[str, _Record 
     if not records:
         return separator, None, []
     names = [name.strip() for name in records[0].values]
-    if missing := sorted(wanted - set(names)):
+    if missing := sorted(wanted - {*names, *ADDED}):
         raise ConfigError(f"{path}: no column {missing[0]}; restore the table as the study wrote it")
     if twice := sorted(name for name in set(names) if name and names.count(name) > 1):
         raise ConfigError(f"{path}: column {twice[0]} is there twice; delete the one that was added")

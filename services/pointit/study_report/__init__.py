@@ -12,6 +12,7 @@ it needs the extra `plot`.
 from pointit.study_report.comparisons import differences as differences
 from pointit.study_report.comparisons import learning as learning
 from pointit.study_report.comparisons import medians as medians
+from pointit.study_report.comparisons import names as names
 from pointit.study_report.comparisons import outcomes as outcomes
 from pointit.study_report.comparisons import participant_medians as participant_medians
 from pointit.study_report.mixed import mixed_model as mixed_model

@@ -1,6 +1,7 @@
 """Medians, differences, outcomes and learning, with intervals over participants."""
 
 from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
 from itertools import combinations
 from typing import Any
 
@@ -8,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pointit.errors import ConfigError
-from pointit.study.columns import OUTCOMES
+from pointit.study.columns import ADDED, OUTCOMES
 from pointit.study_report.model import MEASURES, TrialRow, Trials
 from pointit.study_report.table import LEVEL, Table, summary
 
@@ -139,6 +139,34 @@ def outcomes(trials: Trials) -> Table:
         columns = summary(missed, "missed", np.mean, trials=attempts, **shares)
         table.append({**trials.named(levels), **columns, "participants": len(counts)})
     return table
+
+
+def names(trials: Trials) -> Table:
+    """Return for each condition the means over participants of names, steps and confirmations per trial.
+
+    Trials of all outcomes count in which names were spoken. `with_step` is the share of those with a step,
+    with its bootstrap interval. Raises: ConfigError: If no name was spoken.
+    """
+    spoken = [row for row in trials.counted if ADDED[0] in row.numbers]
+    if not spoken:
+        raise ConfigError(f"{trials.folder}: no name was spoken; see `pointit run --announce`")
+    table = Table()
+    for levels in trials.conditions:
+        people: dict[str, list[TrialRow]] = defaultdict(list)
+        for row in spoken:
+            if row.levels == levels:
+                people[row.participant].append(row)
+        if people:
+            means = {name: _mean_of_means(people, name) for name in ADDED}
+            shares = [np.mean([row.numbers["stepped"] > 0 for row in rows]) for rows in people.values()]
+            count = sum(map(len, people.values()))
+            columns = summary([*map(float, shares)], "with_step", np.mean, trials=count, **means)
+            table.append({**trials.named(levels), **columns})
+    return table
+
+
+def _mean_of_means(people: Mapping[str, Iterable[TrialRow]], column: str) -> float:
+    return float(np.mean([np.mean([row.numbers[column] for row in rows]) for rows in people.values()]))
 
 
 def learning(trials: Trials, measure: str = "selection_s") -> Table:

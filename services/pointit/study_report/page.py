@@ -11,6 +11,7 @@ import yaml
 
 from pointit.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
+from pointit.study.columns import ADDED
 from pointit.study_report import comparisons, figures, mixed, scores, sequences, tapping
 from pointit.study_report.model import MEASURES, Trials
 from pointit.study_report.sequences import omission_notes
@@ -57,6 +58,8 @@ def sections(trials: Trials) -> Iterator[Section]:
             about = ABOUT["differences"]
             yield Section(f"Differences: {MEASURES[measure]}", about, _both("differences", measure))
     yield Section("Outcomes", ABOUT["outcomes"], _both("outcomes"))
+    if trials.has(ADDED[0]):
+        yield Section("Spoken names", ABOUT["names"], (ReportStep(comparisons.names),))
     yield Section("Learning", ABOUT["learning"], _both("learning"))
     for unit, title in (("m", "Throughput and Fitts' law"), ("deg", "Throughput and Fitts' law of angles")):
         if trials.has(f"target_width_{unit}"):

@@ -1,13 +1,23 @@
 """The measures of an attempt against a case computed by hand, and each end of it."""
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import ButtonEvent, Cursor, Hover, Localization, RobotState, SelectionEvent
+from pointit.schemas import (
+    Announced,
+    ButtonEvent,
+    Cursor,
+    Hover,
+    Localization,
+    RobotState,
+    SelectionEvent,
+    Step,
+)
 from pointit.study.measure import Attempt
 
 S = 1_000_000_000
@@ -53,6 +63,34 @@ def test_measures_of_a_selection_are_those_computed_by_hand() -> None:
     assert measures["target_distance_m"] == pytest.approx(4.0 * math.tan(math.radians(30.0)))
     assert measures["target_width_deg"] == pytest.approx(2.0 * math.degrees(math.atan(0.05)))
     assert attempt(before_m=(4.0, -1.0, 1.0)).columns()["target_distance_m"] == 1.0
+
+
+def test_names_steps_and_presses_are_counted_until_the_end_where_names_are_spoken() -> None:
+    one = attempt("press")
+    for name in ("other", "", "t"):  # "": the name ends
+        one.on_announced(Announced(stamp_ns=1, object_id=name, label=name), S)
+    one.on_step(Step(stamp_ns=1, by=1), S)
+    one.on_step(Step(stamp_ns=2, by=-1), S)
+    one.on_selection(selected("t").model_copy(update={"cause": "button"}), 2 * S)
+    one.on_announced(Announced(stamp_ns=3, object_id="t", label="t"), 3 * S)
+    one.on_step(Step(stamp_ns=3, by=1), 3 * S)
+    measures = one.columns()
+    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [2, 2, 1]
+
+
+def test_selection_by_staying_is_not_confirmed() -> None:
+    one = attempt(names=Counter())
+    one.on_selection(selected("t"), 2 * S)
+    measures = one.columns()
+    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [0, 0, 0]
+
+
+def test_names_steps_and_presses_are_not_known_where_no_name_was_spoken() -> None:
+    one = attempt("press")
+    one.on_step(Step(stamp_ns=1, by=1), S)
+    one.on_selection(selected("t").model_copy(update={"cause": "button"}), 2 * S)
+    measures = one.columns()
+    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [None] * 3
 
 
 def test_without_a_surface_the_rays_point_nearest_to_the_target_is_selected() -> None:

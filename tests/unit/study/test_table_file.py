@@ -1,6 +1,7 @@
 """Tables that spreadsheets, statistics programs and editors have rewritten are read, or refused in words."""
 
 import codecs
+import contextlib
 import csv
 import io
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from pointit.runtime.errors import ConfigError
 from pointit.study.append_only_csv import AppendOnlyCsv
+from pointit.study.columns import ADDED
 from pointit.study.data import read_table
 
 OURS = """\
@@ -265,3 +267,19 @@ def test_column_that_people_have_added_is_named_and_left_out(tmp_path: Path) -> 
     changes: list[str] = []
     AppendOnlyCsv(path, HEADER, KEY, changes.append).close()
     assert "added column comment" in changes[0]
+
+
+def test_table_of_an_earlier_version_is_read_and_continued_in_a_further_file(tmp_path: Path) -> None:
+    path = tmp_path / "trials.csv"
+    path.write_text(OURS, encoding="utf-8")
+    columns = (*HEADER[:9], *ADDED, *HEADER[9:])
+    unknown = dict.fromkeys(ADDED, "")
+    assert read_table(path, columns) == [row | unknown for row in EXPECTED]
+    notes: list[str] = []
+    with contextlib.closing(AppendOnlyCsv(path, columns, KEY, notes.append)) as table:
+        table.append({**EXPECTED[-1], "attempt": 3, "announced": 4, "stepped": 1, "confirmed": 1})
+    (note,) = notes
+    assert "no column announced, as in earlier versions" in note
+    assert path.read_text(encoding="utf-8") == OURS
+    rows = read_table(path, columns)
+    assert [row["announced"] for row in rows] == ["", "", "", "4"]

@@ -11,12 +11,14 @@ from scipy import stats
 
 from pointit import study_report
 from pointit.errors import PointItError
+from pointit.runtime.errors import ConfigError
 from pointit.study_report.comparisons import _holm
 from pointit.study_report.mixed import fit as fit_mixed
+from pointit.study_report.page import sections
 from pointit.study_report.scores import system_usability
 from pointit.study_report.table import interval
 from pointit.study_report.tapping import bits, effective
-from tests.unit.study_report.generated import RINGS, write_answers, write_study
+from tests.unit.study_report.generated import RINGS, write_answers, write_rows, write_study
 
 MACKENZIE = (
     *((218, 262), (529, 268), (195, 248), (533, 233), (209, 251), (607, 252), (231, 283), (540, 214)),
@@ -202,6 +204,28 @@ def test_outcomes_are_means_of_participants_shares(tmp_path: Path) -> None:
     assert row["hit"] == pytest.approx(np.mean([len(rows) / 10 for rows in hits.values()]))
     assert row["missed"] == pytest.approx(1 - row["hit"]) == pytest.approx(row["wrong"])
     assert row["low"] < row["missed"] < row["high"]
+
+
+def test_names_are_means_per_trial_over_participants(tmp_path: Path) -> None:
+    write_study(tmp_path, {"dwell": 1.0}, people=2, wrong=0.3, rings=RINGS[:1])
+    study = study_report.trials(tmp_path)
+    assert "Spoken names" not in [section.title for section in sections(study)]
+    with pytest.raises(ConfigError, match="no name was spoken"):
+        study_report.names(study)
+    for name, path in ((4, "P01"), (2, "P02")):
+        file = tmp_path / path / "trials.csv"
+        with file.open(encoding="utf-8") as lines:
+            rows = list(csv.DictReader(lines))
+        for at, row in enumerate(rows):
+            counts = {"announced": name, "stepped": int(at < 5), "confirmed": 1}
+            row.update({column: "" if at == 9 else str(count) for column, count in counts.items()})
+        write_rows(file, rows)
+    study = study_report.trials(tmp_path)
+    (table,) = study_report.names(study)
+    assert table["trials"] == 18  # in one trial of each, nothing was spoken
+    assert (table["participants"], table["announced"], table["confirmed"]) == (2, 3.0, 1.0)
+    assert table["stepped"] == table["with_step"] == pytest.approx(5 / 9)
+    assert "Spoken names" in [section.title for section in sections(study)]
 
 
 def test_learning_falls_with_the_exponent_that_people_learn_with(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Self
 import pointit
 from pointit.errors import NoMessageError, PointItError
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Environment, topics
+from pointit.schemas import NS_PER_S, Announced, Cursor, Environment, topics
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
@@ -54,7 +54,9 @@ class StudySite:
         self.map = environment
         self.attempt: Attempt | None = None
         self.on_message: Callable[[object, int], None] = lambda _message, _now_ns: None
-        """Called with each cursor, hover, selection event and press, and the time of its arrival, ns."""
+        """Called with each cursor, hover, selection event, press, name and step, and the time of its arrival, ns."""
+        self.has_names = False
+        """True once a name was spoken to the participant."""
         self.configuration: dict[str, str] = {}
         """Parameters of all services, JSON, by instance."""
         self._user = user
@@ -205,6 +207,8 @@ class StudySite:
             (site.hovers(user), Attempt.on_hover),
             (site.selections(), Attempt.on_selection),
             (site.messages(topics.BUTTON, user), Attempt.on_press),
+            (site.messages(topics.ANNOUNCED, user), Attempt.on_announced),
+            (site.messages(topics.STEP, user), Attempt.on_step),
         )
         work = [self._pump(*feed) for feed in feeds]
         work += [self._report(), self._configure(), self._follow_robots(), self._follow_localization()]
@@ -216,6 +220,7 @@ class StudySite:
             now_ns = self.site.now_ns()
             if isinstance(message, Cursor):
                 self._received_ns, self._cursor = now_ns, message
+            self.has_names |= isinstance(message, Announced) and bool(message.object_id)
             self.on_message(message, now_ns)  # first, as LSL pairs its clock with this time
             if self.attempt is not None:
                 handle(self.attempt, message, now_ns)

@@ -81,7 +81,7 @@ LOCALIZER = Process(
     about="position of the person: fixed, by pointing at lamps, or at a moving robot",
     reads=(
         topics.RAY, topics.IMU, topics.MAP, topics.OBJECTS, topics.ROBOT_STATE, topics.LAMP_LEASES,
-        topics.POSE, topics.INTERACTION,
+        topics.POSE, topics.INTERACTION, topics.ANNOUNCED, topics.SELECTION_EVENTS,
     ),
     writes=(topics.POSE, topics.LOCALIZATION, topics.ANCHOR),
     serves=(

@@ -15,7 +15,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pointit.conversion.spreadsheet_text import restore_formula
-from pointit.study.columns import ADDED, COUNTS, MAY_BE_EMPTY, NOT_KNOWN, NUMBERS, OUTCOMES, check_error, parse_time
+from pointit.study.columns import (
+    ADDED,
+    COUNTS,
+    MAY_BE_EMPTY,
+    NOT_KNOWN,
+    NUMBERS,
+    OUTCOMES,
+    check_error,
+    parse_time,
+)
 
 Row = dict[str, str]
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)

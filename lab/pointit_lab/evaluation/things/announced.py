@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -52,6 +52,22 @@ def announced_config(way: AnnounceWay) -> SelectorConfig:
     )
 
 
+class Wrist(Protocol):
+    """A wrist whose person's pose is found, with errors."""
+
+    def cursor(self, direction_w: Vec3, now_ns: int) -> Cursor:
+        """Return the cursor of a person who truly points towards `direction_w`."""
+        ...
+
+    def on_announced(self, announced: Announced) -> None:
+        """Process the name that is spoken to the person."""
+        ...
+
+    def on_selection(self, event: SelectionEvent) -> None:
+        """Process a selection of the person."""
+        ...
+
+
 class AnnouncedSite:
     """An engine, its things, and one listening listener."""
 
@@ -64,6 +80,17 @@ class AnnouncedSite:
         self._engine = SelectionEngine(announced_config(way), lambda _record: None)
         self._engine.on_map(self.environment)
         self._listed_s = -math.inf
+        self.wrist: Wrist | None = None
+        """Wrist by whose pose the cursor is found. None: the pose is exact but for the error of the reach."""
+
+    def select(self, listener: ListeningReach, goal: str, begun_s: float = 0.0) -> Result:
+        """Return the end of a reach for `goal` that begins at `begun_s`."""
+        for index in range(round(LIMIT_S * RATE_HZ)):
+            event = self.advance(listener, index / RATE_HZ, begun_s)
+            if event is not None:
+                end: Literal["right", "wrong"] = "right" if event.object_id == goal else "wrong"
+                return Result(end, index / RATE_HZ, event.confidence)
+        return Result("nothing", LIMIT_S, None)
 
     def advance(self, listener: ListeningReach, time_s: float, begun_s: float = 0.0) -> SelectionEvent | None:
         """Process one cursor, the steps and the press of the listener. Return a selection, if there is one.
@@ -75,7 +102,11 @@ class AnnouncedSite:
             self._engine.on_objects(TRACKER, listing(self.environment, now_ns))
             self._listed_s = begun_s + time_s
             self._engine.tick(now_ns)
-        cursor = Cursor(stamp_ns=now_ns, origin_m=EYES_M, direction=listener.direction(time_s))
+        direction = listener.direction(time_s)
+        if self.wrist is None:
+            cursor = Cursor(stamp_ns=now_ns, origin_m=EYES_M, direction=direction)
+        else:
+            cursor = self.wrist.cursor(direction, now_ns)
         outputs: list[Output] = self._engine.on_cursor(PERSON, cursor)
         steps, is_pressed = listener.act(time_s)
         for by in steps:
@@ -86,8 +117,12 @@ class AnnouncedSite:
         for _, message in outputs:
             if isinstance(message, Announced) and message.object_id:
                 listener.hear(time_s, message.object_id)
+                if self.wrist is not None:
+                    self.wrist.on_announced(message)
             elif isinstance(message, SelectionEvent) and message.event == "selected":
                 selected = message
+                if self.wrist is not None:
+                    self.wrist.on_selection(message)
         return selected
 
 
@@ -104,12 +139,7 @@ def announced_reach(row: ThingRow, way: AnnounceWay, seed: int, model: ListenerM
     goal = list(site.positions_m)[int(rng.integers(len(site.positions_m)))]
     model = ListenerModel() if model is None else model
     listener = ListeningReach(EYES_M, site.positions_m, goal, rng, way=way, model=model, cells=site.cells)
-    for index in range(round(LIMIT_S * RATE_HZ)):
-        event = site.advance(listener, index / RATE_HZ)
-        if event is not None:
-            end: Literal["right", "wrong"] = "right" if event.object_id == goal else "wrong"
-            return Result(end, index / RATE_HZ, event.confidence)
-    return Result("nothing", LIMIT_S, None)
+    return site.select(listener, goal)
 
 
 def waves(way: AnnounceWay, piece: tuple[str, int, float]) -> int:

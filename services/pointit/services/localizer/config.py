@@ -247,6 +247,11 @@ class LocalizerConfig(Config):
         description="correct a drifting pose by the rays with which the person takes a robot. If empty, not "
         "on a map with strips; to be switched off where a spotlight shows the cursor",
     )
+    anchor_at_things: bool = Field(
+        default=False,
+        description="correct a drifting pose by the rays with which the arm lands, once a press confirms the "
+        "name that was spoken",
+    )
     floor_m: Real = Field(default=0.0, description="height of the floor in the room's coordinates, m")
     free_height: bool = Field(
         default=False, description="estimate the height of the floor, too, for people on a platform"

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,
+    Announced,
     Environment,
     ImuSample,
     Interaction,
@@ -19,6 +21,7 @@ from pointit.schemas import (
     Localization,
     PointingRay,
     RobotState,
+    SelectionEvent,
     SetPose,
     TrackedObjects,
     UserPose,
@@ -32,6 +35,7 @@ from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.procedures.next_target import EYES_M
+from pointit.services.localizer.tracking.landing import LandingDetector
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 
 RECENT_NS = NS_PER_S // 2
@@ -188,6 +192,11 @@ class PoseManager:
         self._tracking = PoseTracker(config.drift.settings(), follow=config.track_drift)
         self._external_pose = ExternalPose()
         self._heading_window = HeadingWindow()
+        self._landing_detector = LandingDetector()
+        self._has_names = False
+        """True once a name was spoken to the person."""
+        self._things_m: dict[str, Vec3] = {}
+        """Centre of each thing that does not move, {W}."""
         self._origin = YawOrigin()
         self._procedures = ProcedureRunner(user, config, self._tracking)
         self._is_cursor_shown = False
@@ -216,6 +225,7 @@ class PoseManager:
 
     def on_map(self, room: Environment, now_ns: int) -> list[Output]:
         """Update the map."""
+        self._things_m = {thing.id: thing.center_m for thing in room.fixed_things}
         return self._procedures.on_map(room, now_ns)
 
     def on_leases(self, leases: LampLeases, now_ns: int) -> list[Output]:
@@ -229,6 +239,7 @@ class PoseManager:
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Process a ray of the person."""
         self._heading_window.add(ray)
+        self._landing_detector.add(ray)
         self._procedures.on_ray(ray)
         changed = self._tracking.on_ray(ray, now_ns)
         return [] if changed is None else [changed]
@@ -247,6 +258,20 @@ class PoseManager:
             return []
         return self._procedures.taken_robot(state, robot, mean, now_ns)
 
+    def on_announced(self, announced: Announced, _user: str = "") -> None:
+        """Process the name that is spoken to the person."""
+        self._has_names |= bool(announced.object_id)
+
+    def on_selection(self, event: SelectionEvent, now_ns: int) -> list[Output]:
+        """Correct a pose that drifts by the landing of a reach, once the person confirms the name."""
+        if event.user != self._user or event.event not in ("selected", "deselected"):
+            return []
+        landing, position_m = self._landing_detector.take(), self._things_m.get(event.object_id)
+        is_confirmed = event.cause == "button" and self._has_names and not self._procedures.is_busy
+        if landing is None or position_m is None or not is_confirmed or not self._tracking.follows:
+            return []
+        return self._tracking.anchor_at(event.object_id, position_m, landing, now_ns)
+
     def on_imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Process an orientation of the arm.
 
@@ -257,7 +282,7 @@ class PoseManager:
         change = self._origin.add(sample)
         out: list[Output] = []
         if change:
-            self._heading_window = HeadingWindow()
+            self._heading_window, self._landing_detector = HeadingWindow(), LandingDetector()
             pose = self._tracking.on_yaw_origin_changed(now_ns, is_restarted=change == "restarted")
             out = [*self._procedures.on_yaw_origin_changed(now_ns), *([] if pose is None else [pose])]
         if not self._is_cursor_shown and not self._procedures.is_following:

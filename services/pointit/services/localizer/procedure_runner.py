@@ -384,9 +384,7 @@ class ProcedureRunner:
         is_seen = self._config.anchor_at_robots is None and (self._room is None or bool(self._room.strips))
         if self._running is not None or is_seen or math.hypot(*state.velocity_mps) > STANDS_MPS:
             return []
-        outcome = self._tracking.anchor(Lamp(id=robot, position_m=state.position_m), mean, "", now_ns)
-        pose = self._tracking.pose(now_ns) if outcome.anchor.accepted else None
-        return [outcome.anchor, *([] if pose is None else [pose])]
+        return self._tracking.anchor_at(robot, state.position_m, mean, now_ns)
 
     def stop(self, now_ns: int, reason: str = "") -> list[Output]:
         """Stop the running procedure, lamps off."""

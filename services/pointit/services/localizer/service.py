@@ -23,29 +23,13 @@ from pointit.schemas import (
     PointAnchor,
     PointingRay,
     RobotState,
+    SelectionEvent,
     SetHeading,
     SetPose,
     StartLocalization,
     TrackedObjects,
     UserPose,
-)
-from pointit.schemas.topics import (
-    ANCHOR,
-    CANCEL_LOCALIZATION,
-    IMU,
-    INTERACTION,
-    LAMP_LEASES,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    POINT_ANCHOR,
-    POSE,
-    RAY,
-    ROBOT_STATE,
-    SERVICE_ALIVE,
-    SET_HEADING,
-    SET_POSE,
-    START_LOCALIZATION,
+    topics,
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
@@ -61,7 +45,7 @@ ARBITER = "led-driver"
 
 
 class Localizer(Service[LocalizerConfig]):
-    """Localizes one person and tracks their pose while the IMU drifts."""
+    """Localizes one person and tracks their pose while the topics.IMU drifts."""
 
     NAME: ClassVar[str] = "localizer"
     SCOPE: ClassVar[Scope] = "user"
@@ -88,26 +72,29 @@ class Localizer(Service[LocalizerConfig]):
         self._followed = asyncio.Event()
         self._sent: Counter[str] = Counter()
         """Number of messages by topic and name."""
-        self._poses: Publisher[UserPose] | None = self.bus.publisher(POSE, self.user)
+        self._poses: Publisher[UserPose] | None = self.bus.publisher(topics.POSE, self.user)
         self._ahead: set[str] = set()
         """Keys that were ahead of this machine's clock when they were read last."""
-        self._progress = self.bus.publisher(LOCALIZATION, self.user)
-        self._anchors = self.bus.publisher(ANCHOR, self.user)
+        self._progress = self.bus.publisher(topics.LOCALIZATION, self.user)
+        self._anchors = self.bus.publisher(topics.ANCHOR, self.user)
         self._emit(self._pose_manager.begin(self.clock.now_ns()))
-        self.bus.subscribe(LAMP_LEASES, self._on_leases)
-        self.bus.watch(SERVICE_ALIVE, self._on_service)
-        self.bus.subscribe(MAP, self._on_map)
-        self.bus.subscribe(INTERACTION, self._on_interaction, self.user)
-        self.bus.subscribe(POSE, self._on_pose, self.user)
-        self.bus.subscribe(OBJECTS, self._on_objects)
-        self.bus.subscribe(ROBOT_STATE, self._on_robot)
-        self.bus.subscribe(IMU, self._on_imu, self.user)
-        self.bus.subscribe(RAY, self._on_ray, self.user)
-        self.bus.serve(START_LOCALIZATION, self._start, self.user)
-        self.bus.serve(CANCEL_LOCALIZATION, self._cancel, self.user)
-        self.bus.serve(SET_POSE, self._set_pose, self.user)
-        self.bus.serve(SET_HEADING, self._set_heading, self.user)
-        self.bus.serve(POINT_ANCHOR, self._point_anchor, self.user)
+        self.bus.subscribe(topics.LAMP_LEASES, self._on_leases)
+        self.bus.watch(topics.SERVICE_ALIVE, self._on_service)
+        self.bus.subscribe(topics.MAP, self._on_map)
+        self.bus.subscribe(topics.INTERACTION, self._on_interaction, self.user)
+        self.bus.subscribe(topics.POSE, self._on_pose, self.user)
+        self.bus.subscribe(topics.OBJECTS, self._on_objects)
+        self.bus.subscribe(topics.ROBOT_STATE, self._on_robot)
+        self.bus.subscribe(topics.IMU, self._on_imu, self.user)
+        self.bus.subscribe(topics.RAY, self._on_ray, self.user)
+        if config.anchor_at_things:
+            self.bus.subscribe(topics.ANNOUNCED, self._pose_manager.on_announced, self.user)
+            self.bus.subscribe(topics.SELECTION_EVENTS, self._on_selection)
+        self.bus.serve(topics.START_LOCALIZATION, self._start, self.user)
+        self.bus.serve(topics.CANCEL_LOCALIZATION, self._cancel, self.user)
+        self.bus.serve(topics.SET_POSE, self._set_pose, self.user)
+        self.bus.serve(topics.SET_HEADING, self._set_heading, self.user)
+        self.bus.serve(topics.POINT_ANCHOR, self._point_anchor, self.user)
         if config.remember is not None:
             self.bus.warn("remember", "the option localizer.remember has no effect any more; leave it out")
 
@@ -157,24 +144,27 @@ class Localizer(Service[LocalizerConfig]):
 
     def _on_ray(self, ray: PointingRay, _user: str) -> None:
         now_ns = self.clock.now_ns()
-        if self._is_timely(RAY.key, ray.stamp_ns, now_ns):
+        if self._is_timely(topics.RAY.key, ray.stamp_ns, now_ns):
             outputs = self._pose_manager.on_ray(ray, now_ns)
             if outputs:
                 self._emit(outputs)
 
     def _on_imu(self, sample: ImuSample, _user: str) -> None:
         now_ns = self.clock.now_ns()
-        if self._is_timely(IMU.key, sample.stamp_ns, now_ns):
+        if self._is_timely(topics.IMU.key, sample.stamp_ns, now_ns):
             outputs = self._pose_manager.on_imu(sample, now_ns)
             if outputs:
                 self._emit(outputs)
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
-        if self._is_timely(OBJECTS.key, objects.stamp_ns, self.clock.now_ns()):
+        if self._is_timely(topics.OBJECTS.key, objects.stamp_ns, self.clock.now_ns()):
             self._pose_manager.on_objects(objects, tracker)
 
     def _on_robot(self, state: RobotState, robot: str) -> None:
         self._emit(self._pose_manager.on_robot(state, robot, self.clock.now_ns()))
+
+    def _on_selection(self, event: SelectionEvent, _name: str) -> None:
+        self._emit(self._pose_manager.on_selection(event, self.clock.now_ns()))
 
     def _is_timely(self, key: str, stamp_ns: int, now_ns: int) -> bool:
         """Return True if `stamp_ns` is at most `MAX_AHEAD_NS` in the future; otherwise warn."""
@@ -228,7 +218,7 @@ class Localizer(Service[LocalizerConfig]):
                 case Localization():
                     self._publish_progress(output)
                 case Anchor():
-                    self._anchors.put(output.model_copy(update={"seq": self._next(ANCHOR.key)}))
+                    self._anchors.put(output.model_copy(update={"seq": self._next(topics.ANCHOR.key)}))
                 case WithdrawPose():
                     self._withdraw_pose()
         self._set(self._busy, is_on=self._pose_manager.is_busy)
@@ -241,8 +231,8 @@ class Localizer(Service[LocalizerConfig]):
 
     def _publish_pose(self, pose: UserPose) -> None:
         if self._poses is None:
-            self._poses = self.bus.publisher(POSE, self.user)
-        self._poses.put(pose.model_copy(update={"seq": self._next(POSE.key)}))
+            self._poses = self.bus.publisher(topics.POSE, self.user)
+        self._poses.put(pose.model_copy(update={"seq": self._next(topics.POSE.key)}))
         self._show(self.clock.now_ns())
 
     def _withdraw_pose(self) -> None:
@@ -253,7 +243,7 @@ class Localizer(Service[LocalizerConfig]):
         self._show(self.clock.now_ns())
 
     def _publish_progress(self, progress: Localization) -> None:
-        self._progress.put(progress.model_copy(update={"seq": self._next(LOCALIZATION.key)}))
+        self._progress.put(progress.model_copy(update={"seq": self._next(topics.LOCALIZATION.key)}))
         topic = "anchor" if progress.purpose == "anchor" else "localization"
         self.bus.warn(topic, progress.reason if progress.phase == "refused" else "")
 

@@ -54,7 +54,7 @@ class StudySite:
         self.map = environment
         self.attempt: Attempt | None = None
         self.on_message: Callable[[object, int], None] = lambda _message, _now_ns: None
-        """Called with each cursor, hover, selection event, press, name and step, and the time of its arrival, ns."""
+        """Called with each message of the person, and the time of its arrival, ns."""
         self.has_names = False
         """True once a name was spoken to the participant."""
         self.configuration: dict[str, str] = {}

@@ -174,6 +174,7 @@ class DriftFilter:
         *,
         elevation_bias_rad: float = 0.0,
         spread_rad: float = 0.0,
+        sigma_rad: float | None = None,
         samples: int = 1,
         now_ns: int | None = None,
     ) -> AnchorResult:
@@ -190,6 +191,7 @@ class DriftFilter:
             direction_h: mean of the unfiltered rays without the person's offset, {H}; any length but 0.
             elevation_bias_rad: of the pose: the angle by which rays lie above the targets.
             spread_rad: rms of the rays about their mean.
+            sigma_rad: standard deviation of the pointing sideways. None: `DriftSettings.anchor_sigma_rad`.
             samples: number of rays in the mean.
             now_ns: the time, see `set_time`.
         """
@@ -210,7 +212,7 @@ class DriftFilter:
         state.advance(stamp_ns)
         late_s = state.late_s(stamp_ns)
         level = math.cos(measurement.elevation_rad)
-        azimuth_sigma = math.hypot(settings.anchor_sigma_rad, spread_rad) / level
+        azimuth_sigma = math.hypot(sigma_rad or settings.anchor_sigma_rad, spread_rad) / level
         noise = np.diag([azimuth_sigma**2, settings.elevation_sigma_rad**2 + spread_rad**2])
         sideways = settings.turned_sigma_rad / level
         elsewhere = np.diag([sideways**2, settings.outlier_elevation_sigma_rad**2])

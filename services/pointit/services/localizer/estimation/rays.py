@@ -68,6 +68,8 @@ class Mean:
     stamp_ns: int
     """Middle of their time."""
     samples: int
+    sigma_rad: float | None = None
+    """Standard deviation of the pointing sideways. None: that of pointing at a lamp."""
 
 
 def mean(rays: Sequence[PointingRay]) -> Mean | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, Lamp, PointingRay, UserPose
 from pointit.services.localizer.drift.filter import AnchorResult, DriftFilter, DriftPose, DriftSettings, Fix
@@ -20,7 +21,7 @@ from pointit.services.localizer.drift.state import bounded as bounded_covariance
 from pointit.services.localizer.drift.state import nearest_psd
 from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.outputs import AnchorOutcome, anchor_message, covariance_of, followed
+from pointit.services.localizer.outputs import AnchorOutcome, Output, anchor_message, covariance_of, followed
 
 SHORTEST_S = 0.2
 """Shortest time between poses."""
@@ -336,6 +337,7 @@ class PoseTracker:
             mean.direction,
             elevation_bias_rad=base.elevation_bias_rad,
             spread_rad=mean.spread_rad,
+            sigma_rad=mean.sigma_rad,
             samples=mean.samples,
             now_ns=now_ns,
         )
@@ -346,6 +348,12 @@ class PoseTracker:
         return AnchorOutcome(
             anchor_message(lamp, mean, before, result), is_done=result.accepted or is_only_measured
         )
+
+    def anchor_at(self, target_id: str, position_m: Vec3, mean: Mean, now_ns: int) -> list[Output]:
+        """Apply one pointing at a target that is no lamp, as `anchor`. Return the messages to publish."""
+        outcome = self.anchor(Lamp(id=target_id, position_m=position_m), mean, "", now_ns)
+        pose = self.pose(now_ns) if outcome.anchor.accepted else None
+        return [outcome.anchor, *([] if pose is None else [pose])]
 
     def heading(self, mean: Mean, azimuth_rad: float, now_ns: int | None = None) -> AnchorResult:
         """Apply pointing towards `azimuth_rad` in {W}; `now_ns` as for an anchor."""

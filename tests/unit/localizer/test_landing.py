@@ -1,0 +1,210 @@
+"""Landings of confirmed selections as anchors: the ray that counts, and who and what counts."""
+
+import math
+from typing import Any
+
+import pytest
+
+from pointit.geometry import vector
+from pointit.runtime.virtual_time import VirtualClock
+from pointit.schemas import (
+    NS_PER_S,
+    Anchor,
+    Announced,
+    Environment,
+    PointingRay,
+    SelectionEvent,
+    SetPose,
+    Thing,
+    UserPose,
+)
+from pointit.schemas import topics as at
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimation.estimator import Refusal
+from pointit.services.localizer.outputs import Output
+from pointit.services.localizer.pose_manager import PoseManager
+from pointit.services.localizer.service import Localizer
+from pointit.services.localizer.tracking.landing import SIGMA_RAD, LandingDetector
+from tests.support.bench import in_virtual_time, memory_bench
+from tests.unit.localizer.person import EYES_M, USER
+
+START_NS = 10_000 * NS_PER_S
+STEP_NS = NS_PER_S // 50
+DRIFT_RAD = math.radians(8.0)
+LAMP = Thing(id="lamp", center_m=(2.5, 0.0, EYES_M), size_m=(0.4, 0.4, 0.4))
+CART = Thing(id="cart", center_m=(2.5, 1.0, EYES_M), size_m=(0.4, 0.4, 0.4), is_tracked=True)
+ROOM = Environment(stamp_ns=1, name="room", things=(LAMP, CART))
+COVARIANCE = (0.0025, 0.0, 0.0, 0.0, 0.0025, 0.0, 0.0, 0.0, math.radians(6.0) ** 2)
+CONFIRMED = SelectionEvent(stamp_ns=1, event="selected", object_id="lamp", user=USER, cause="button")
+
+
+class Arm:
+    """An arm at azimuths of {H}, deg, that moves between them in half a second."""
+
+    def __init__(self, now_ns: int = START_NS) -> None:
+        self.now_ns = now_ns
+        self.azimuth_deg = -60.0
+
+    def reach(self, azimuth_deg: float, rest_s: float) -> list[PointingRay]:
+        """Return the rays of a movement to `azimuth_deg` and of a rest there."""
+        start_deg, rays = self.azimuth_deg, list[PointingRay]()
+        for index in range(1, 26 + round(rest_s * 50)):
+            self.now_ns += STEP_NS
+            share = min(index / 25, 1.0)
+            done = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+            self.azimuth_deg = start_deg + (azimuth_deg - start_deg) * done
+            direction = vector.direction(math.radians(self.azimuth_deg), 0.0)
+            rays.append(PointingRay(stamp_ns=self.now_ns, origin_m=(0.0, 0.0, EYES_M), direction=direction))
+        return rays
+
+
+class Listener:
+    """A person whose wrist has turned by `DRIFT_RAD`, so that the lamp is at minus that in {H}."""
+
+    def __init__(self, covariance: Any = COVARIANCE) -> None:
+        self.core = PoseManager(USER, LocalizerConfig(anchor_at_things=True))
+        self.core.on_map(ROOM, START_NS)
+        pose = SetPose(position_m=(0.0, 0.0, 0.0), covariance=covariance, method="static_targets")
+        assert not isinstance(self.core.set_pose(pose, START_NS), Refusal)
+        self.arm = Arm()
+        self.outputs: list[Output] = []
+
+    def reach(self, azimuth_deg: float = -math.degrees(DRIFT_RAD), rest_s: float = 1.0) -> None:
+        for ray in self.arm.reach(azimuth_deg, rest_s):
+            self.core.on_ray(ray, ray.stamp_ns)
+            self.core.due(ray.stamp_ns)
+
+    def announce(self, object_id: str = "lamp") -> None:
+        self.core.on_announced(Announced(stamp_ns=self.arm.now_ns, object_id=object_id, label=object_id))
+
+    def confirm(self, event: SelectionEvent = CONFIRMED) -> None:
+        self.outputs += self.core.on_selection(event, self.arm.now_ns)
+
+    @property
+    def anchors(self) -> list[Anchor]:
+        return [each for each in self.outputs if isinstance(each, Anchor)]
+
+
+def test_confirmed_name_corrects_the_yaw_by_the_landing() -> None:
+    person = Listener()
+    person.reach()
+    person.announce()
+    person.confirm()
+    (anchor,) = person.anchors
+    assert (anchor.target_id, anchor.accepted) == ("lamp", True)
+    assert anchor.azimuth_error_rad == pytest.approx(DRIFT_RAD, abs=math.radians(0.5))
+    (pose,) = [each for each in person.outputs if isinstance(each, UserPose)]
+    assert 0.4 * DRIFT_RAD < pose.yaw_rad < 0.8 * DRIFT_RAD  # of 6 and 5 degrees
+    person.confirm()
+    assert len(person.anchors) == 1  # one for each reach
+
+
+def test_landing_counts_and_not_the_ray_that_names_have_corrected() -> None:
+    person = Listener()
+    person.reach()
+    person.announce()
+    person.reach(0.0)  # where the wrong pose has the lamp
+    person.confirm()
+    (anchor,) = person.anchors
+    assert anchor.azimuth_error_rad == pytest.approx(DRIFT_RAD, abs=math.radians(0.5))
+
+
+def test_landing_after_a_long_rest_is_of_another_reach() -> None:
+    person = Listener()
+    person.announce()
+    person.reach(-30.0, rest_s=2.6)
+    person.reach()
+    person.confirm()
+    (anchor,) = person.anchors
+    assert anchor.azimuth_error_rad == pytest.approx(DRIFT_RAD, abs=math.radians(0.5))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"cause": "dwell"},
+        {"cause": "undo"},
+        {"user": "ben"},
+        {"event": "refused"},
+        {"object_id": "cart"},
+        {"object_id": "package_7"},
+    ],
+)
+def test_what_is_not_confirmed_by_this_person_at_a_fixed_thing_is_no_anchor(change: dict[str, Any]) -> None:
+    person = Listener()
+    person.reach()
+    person.announce()
+    person.confirm(CONFIRMED.model_copy(update=change))
+    assert person.outputs == []
+
+
+@pytest.mark.parametrize("reason", ["no name", "only the end of one", "no landing", "old landing"])
+def test_press_without_a_name_or_a_landing_is_no_anchor(reason: str) -> None:
+    person = Listener()
+    if reason != "no landing":
+        person.reach(rest_s=6.0 if reason == "old landing" else 1.0)
+    if reason != "no name":
+        person.announce("" if reason == "only the end of one" else "lamp")
+    person.confirm()
+    assert [anchor.accepted for anchor in person.anchors] == ([False] if reason == "old landing" else [])
+    assert not [each for each in person.outputs if isinstance(each, UserPose)]
+
+
+def test_exact_pose_is_not_corrected() -> None:
+    person = Listener(covariance=None)
+    person.reach()
+    person.announce()
+    person.confirm()
+    assert person.outputs == []
+
+
+def test_landing_is_the_beginning_of_the_rest_and_is_taken_once() -> None:
+    detector, arm = LandingDetector(), Arm()
+    for ray in arm.reach(0.0, 1.0):
+        detector.add(ray)
+    landing = detector.take()
+    assert landing is not None
+    assert landing.sigma_rad == SIGMA_RAD
+    assert landing.stamp_ns - START_NS == pytest.approx(0.5 * NS_PER_S, abs=0.1 * NS_PER_S)
+    assert detector.take() is None
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 3600.0])
+def test_landings_go_on_after_the_clock_was_set(step_s: float) -> None:
+    detector, arm = LandingDetector(), Arm()
+    for ray in arm.reach(0.0, 1.0):
+        detector.add(ray)
+    arm.now_ns += round(step_s * NS_PER_S)
+    for ray in arm.reach(40.0, 1.0):
+        detector.add(ray)
+    landing = detector.take()
+    assert landing is not None
+    assert math.degrees(vector.azimuth(landing.direction)) == pytest.approx(40.0, abs=1.0)
+
+
+@pytest.mark.parametrize("turned_deg", [1.0, 1.9])
+def test_tremor_and_slow_turns_are_no_reaches(turned_deg: float) -> None:
+    detector, arm = LandingDetector(), Arm()
+    for azimuth_deg in (-60.0 + turned_deg, -60.0, -60.0 + turned_deg):
+        for ray in arm.reach(azimuth_deg, 0.5):
+            detector.add(ray)
+    assert detector.take() is None
+
+
+@in_virtual_time
+@pytest.mark.parametrize("is_on", [True, False])
+async def test_switch_decides_on_the_bus(is_on: bool) -> None:  # noqa: FBT001 - a parameter of the test
+    config = LocalizerConfig(anchor_at_things=is_on, track_drift=True)
+    async with memory_bench(VirtualClock()) as bench:
+        anchors = bench.collect(at.ANCHOR, USER)
+        bench.put(at.MAP, ROOM)
+        bench.start(Localizer, config, USER)
+        await bench.settle()
+        for ray in Arm(bench.clock.now_ns() - NS_PER_S).reach(0.0, 0.5):
+            bench.put(at.RAY, ray, USER)
+            await bench.settle()
+        bench.put(at.ANNOUNCED, Announced(stamp_ns=1, object_id="lamp", label="lamp"), USER)
+        await bench.settle()
+        bench.put(at.SELECTION_EVENTS, CONFIRMED)
+        await bench.settle()
+        assert [anchor.target_id for anchor in anchors] == (["lamp"] if is_on else [])

@@ -63,6 +63,14 @@ ASSUMED = (
     help="people hear names instead of seeing lights, and press; names+step: they also step to neighbours; "
     "names+dwell: they have no button",
 )
+@click.option(
+    "--drift",
+    type=click.FloatRange(0, 2),
+    default=None,
+    metavar="DEGPS",
+    help="with --announce: ten selections 8 s apart while the yaw drifts, standard deviation between people, "
+    "degrees/s; the last one with and without landings as anchors",
+)
 @click.option("--method", default="estimate", metavar="NAME", help="method of the selector")
 @JOBS
 @JSON
@@ -73,6 +81,7 @@ def things(
     minutes: float,
     seed: int | None,
     announce: "AnnounceWay | None",
+    drift: float | None,
     method: str,
     jobs: int,
     json_file: Path | None,
@@ -101,8 +110,13 @@ def things(
     if announce is not None:
         if method != "estimate":
             raise ConfigError(f"--announce works with method estimate, not {method}: leave --method out")
-        _announced(announce, trials, (people, minutes), seed, jobs, json_file)
+        if drift is not None:
+            _drifting(announce, drift, trials, seed, jobs, json_file)
+        else:
+            _announced(announce, trials, (people, minutes), seed, jobs, json_file)
         return
+    if drift is not None:
+        raise ConfigError("--drift works with --announce only: give it, too, or leave --drift out")
     seed = FIRST_SEED if seed is None else seed
     if method not in METHODS.names:
         raise ConfigError(f"--method {method}: there is no such method; there are {', '.join(METHODS.names)}")
@@ -187,6 +201,35 @@ def _announced(  # noqa: PLR0917 - the options of the command
         }
         if not write_json(document, json_file):
             _print(rows, per_half_hour, {})
+            evaluation_console().print(Text(ASSUMED))
+
+
+def _drifting(  # noqa: PLR0917 - the options of the command
+    way: "AnnounceWay", drift_degps: float, people: int, seed: int | None, jobs: int, json_file: Path | None
+) -> None:
+    """Simulate series of people who hear names while the yaw drifts, with and without landings as anchors."""
+    from pointit_lab.evaluation.recordings.parallel import map_parallel  # noqa: PLC0415 - all of the localizer
+    from pointit_lab.evaluation.things import drift_series  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.things.announced import FIRST_SEED as ANNOUNCED_SEED  # noqa: PLC0415 - as above
+
+    begin = ANNOUNCED_SEED if seed is None else seed
+    pieces = [(first, min(BATCH, begin + people - first)) for first in range(begin, begin + people, BATCH)]
+    rows: list[drift_series.SeriesRow] = []
+    with interruptible():
+        with progress(2 * len(pieces)) as tell_progress:
+            for learns in (False, True):
+                ends: list[tuple[Result, float]] = []
+                simulate = partial(drift_series.drift_series, (way, drift_degps, learns))
+                for done, (_, each) in enumerate(map_parallel(simulate, pieces, jobs)):
+                    ends += each
+                    tell_progress("parts", learns * len(pieces) + done + 1)
+                rows.append(drift_series.series_row(drift_degps, learns, ends))
+        document = {"announce": way, "first_seed": begin, "series": [asdict(row) for row in rows]}
+        if not write_json(document, json_file):
+            _print([row.last for row in rows], {}, {})
+            for row in rows:
+                line = f"{row.last.name}: yaw off by {row.yaw_error_deg:.1f}° (rms) at the last selection"
+                evaluation_console().print(Text(line))
             evaluation_console().print(Text(ASSUMED))
 
 

@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from pointit.services.selector.config import SelectorConfig
 from pointit_lab.cli.things import things
 from pointit_lab.evaluation.things.announced import ANNOUNCED_ROWS, announced_reach, announced_reaches, waves
+from pointit_lab.evaluation.things.drift_series import drift_series, series_row
 from pointit_lab.evaluation.things.ideal import max_right
 from pointit_lab.evaluation.things.listening_reach import ListenerModel
 from pointit_lab.evaluation.things.things import ROWS, Share, reaches, row_of, wrong_selections
@@ -89,3 +90,21 @@ def test_the_command_simulates_listeners() -> None:
     assert document["assumptions"]["false_presses_per_min"] == 0.5
     ended = CliRunner().invoke(things, ["--announce", "names", "--method", "gauge"])
     assert "--announce works with method estimate, not gauge" in str(ended.exception)
+
+
+def test_landings_keep_drift_away_and_nothing_learned_does_not() -> None:
+    learned, ignored = (
+        series_row(0.25, learns, drift_series(("names", 0.25, learns), (400_000, 2)))
+        for learns in (True, False)
+    )
+    assert learned.yaw_error_deg < 8.0 < ignored.yaw_error_deg
+    assert learned.last.right.of == ignored.last.right.of == 2
+
+
+def test_the_command_simulates_series_with_drift() -> None:
+    few = ["--announce", "names", "--drift", "0.1", "--trials", "1", "--jobs", "1", "--json", "-"]
+    ended = CliRunner().invoke(things, few)
+    assert ended.exit_code == 0, ended.output
+    assert [row["learns"] for row in json.loads(ended.stdout)["series"]] == [False, True]
+    ended = CliRunner().invoke(things, ["--drift", "0.1"])
+    assert "--drift works with --announce only" in str(ended.exception)

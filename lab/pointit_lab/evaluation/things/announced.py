@@ -6,6 +6,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Announced, ButtonEvent, Cursor, SelectionEvent, Step
 from pointit.services.pui.things import PERIOD_S, TRACKER, listing
@@ -41,6 +42,9 @@ ANNOUNCED_ROWS = tuple(
 )
 WAVES = ("among", "nothing")
 """Points of people who mean nothing: among the things, or beside them."""
+WAVE_RAD = (math.radians(35.0), math.radians(20.0))
+"""Largest azimuth and elevation of points among the things. So `estimate` without names fires 216 times in 30
+min, and with names and dwell 271 times, at 1 to 4 s for each point: the prototype had 209 and 258."""
 
 
 def announced_config(way: AnnounceWay) -> SelectorConfig:
@@ -153,8 +157,8 @@ def waves(way: AnnounceWay, piece: tuple[str, int, float]) -> int:
     site = AnnouncedSite(row, way)
     fired, begun_s, arm = 0, 0.0, None
     while begun_s < minutes * 60.0:
-        half_m = row.apart_m * row.count / 2.0
-        among: Vec3 = (row.away_m, float(rng.uniform(-half_m, half_m)), float(rng.uniform(1.0, 1.8)))
+        azimuth, elevation = (float(rng.uniform(-most, most)) for most in WAVE_RAD)
+        among = vector.add(EYES_M, vector.scale(vector.direction(azimuth, elevation), row.away_m))
         point_m = among if kind == "among" else point_beside(row, rng)
         targets_m = {**site.positions_m, "point": point_m}
         arm = ListeningReach(

@@ -18,21 +18,13 @@ from pointit.schemas import (
     UserPose,
     decode,
     encode,
+    topics,
 )
-from pointit.schemas.topics import (
-    CLOCK,
-    CONFIGURATION,
-    DEPLOYMENT,
-    LAMP_COLOR,
-    LAMP_LEASES,
-    TOPICS,
-    Delivery,
-    Topic,
-)
+from pointit.schemas.topics import TOPICS, Delivery, Topic
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.record import StateRecord, StoredState
 
-NOT_RETAINED: tuple[Topic[Any], ...] = (CLOCK, LAMP_LEASES, CONFIGURATION)
+NOT_RETAINED: tuple[Topic[Any], ...] = (topics.CLOCK, topics.LAMP_LEASES, topics.CONFIGURATION)
 """States that end with their writers."""
 
 
@@ -174,12 +166,12 @@ class RetainedStates:
     def _limit_ns(self, topic: Topic[Any]) -> int:
         if is_personal(topic):
             return self._person_ns
-        return self._deployment_ns if topic is DEPLOYMENT else self._site_ns
+        return self._deployment_ns if topic is topics.DEPLOYMENT else self._site_ns
 
     def _is_evictable(self, _key: str, name: str, value: _Value) -> bool:
-        if value.topic is LAMP_COLOR:
+        if value.topic is topics.LAMP_COLOR:
             return name not in self._lamps
-        may_be_left = is_personal(value.topic) or value.topic is DEPLOYMENT
+        may_be_left = is_personal(value.topic) or value.topic is topics.DEPLOYMENT
         return may_be_left and not self._is_owned(name, value)
 
     def _drop(self, where: tuple[str, str]) -> None:

@@ -29,27 +29,10 @@ from pointit.schemas import (
     ShowPixels,
     TrackedObjects,
     UserProfile,
+    topics,
 )
 from pointit.schemas.base import Rgb
 from pointit.schemas.pointing import LINES
-from pointit.schemas.topics import (
-    CURSOR,
-    FEEDBACK,
-    HOVER,
-    LAMP_COLOR,
-    LAMP_LEASES,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    PROFILE,
-    SELECTION,
-    SERVICE_ALIVE,
-    SET_BRIGHTNESS,
-    SET_LAMP,
-    SHOW_PIXELS,
-    STRIPS_FRAME,
-    USER_ALIVE,
-)
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.light_state import LightState
@@ -86,7 +69,7 @@ class LedDriver(Service[LedDriverConfig]):
         self._lamp_timer = Timer(self.bus.call_later, self._publish_lamps)
         self._shown_timer = Timer(self.bus.call_later, self._schedule_frame)
         self._lamps_s = -LAMP_PERIOD_S
-        self._lamp = functools.cache(functools.partial(self.bus.publisher, LAMP_COLOR))
+        self._lamp = functools.cache(functools.partial(self.bus.publisher, topics.LAMP_COLOR))
         self._lit: dict[str, Rgb] = {}
         """Last published colours of the lamps."""
         self._lamp_seqs = Counter[str]()
@@ -100,25 +83,25 @@ class LedDriver(Service[LedDriverConfig]):
         self._beams = [output for output in self._outputs if output.follows_cursors]
         self._beamed = set[str]()
         """People whose cursors are on beams."""
-        self._frames = self.bus.publisher(STRIPS_FRAME, timed=not self._outputs)
-        self._leases = self.bus.publisher(LAMP_LEASES)
+        self._frames = self.bus.publisher(topics.STRIPS_FRAME, timed=not self._outputs)
+        self._leases = self.bus.publisher(topics.LAMP_LEASES)
         for name in ("brightness", "default brightness"):
             self.bus.set_metric(name, config.brightness)
         self._leases.put(LampLeases(stamp_ns=self.clock.now_ns()))  # replaces a crashed instance's
-        self.bus.serve(SET_BRIGHTNESS, self._set_brightness)
-        self.bus.serve(SET_LAMP, self._set_lamp)
-        self.bus.serve(SHOW_PIXELS, self._show_pixels)
-        self.bus.watch(USER_ALIVE, self._on_person)
-        self.bus.watch(SERVICE_ALIVE, self._on_service)
-        self.bus.subscribe(MAP, self._on_map)
-        self.bus.subscribe(PROFILE, self._on_profile)
-        self.bus.subscribe(SELECTION, self._on_selection)
-        self.bus.subscribe(LOCALIZATION, self._on_localization)
-        self.bus.subscribe(FEEDBACK, self._on_feedback)
-        self.bus.subscribe(OBJECTS, self._on_objects)
-        self.bus.subscribe(HOVER, self._on_hover)
+        self.bus.serve(topics.SET_BRIGHTNESS, self._set_brightness)
+        self.bus.serve(topics.SET_LAMP, self._set_lamp)
+        self.bus.serve(topics.SHOW_PIXELS, self._show_pixels)
+        self.bus.watch(topics.USER_ALIVE, self._on_person)
+        self.bus.watch(topics.SERVICE_ALIVE, self._on_service)
+        self.bus.subscribe(topics.MAP, self._on_map)
+        self.bus.subscribe(topics.PROFILE, self._on_profile)
+        self.bus.subscribe(topics.SELECTION, self._on_selection)
+        self.bus.subscribe(topics.LOCALIZATION, self._on_localization)
+        self.bus.subscribe(topics.FEEDBACK, self._on_feedback)
+        self.bus.subscribe(topics.OBJECTS, self._on_objects)
+        self.bus.subscribe(topics.HOVER, self._on_hover)
         # a cursor without a point removes what was shown, which is never too late
-        self.bus.subscribe(CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
+        self.bus.subscribe(topics.CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
 
     async def run(self) -> None:
         """Run the outputs. Drawing is triggered by messages. Switches the lamps off at the end."""

@@ -8,25 +8,16 @@ from typing import Any, cast, get_args
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Scope, Service
+from pointit.schemas import topics
 from pointit.schemas.table_types import NAME
-from pointit.schemas.topics import (
-    ACCOUNTS,
-    CLOCK,
-    DEPLOYMENT,
-    PRESENCES,
-    REQUESTS,
-    TOPICS,
-    Presence,
-    Request,
-    Topic,
-)
+from pointit.schemas.topics import Presence, Request, Topic
 
 Row = Topic[Any] | Request[Any, Any]
 
-SYSTEM = (CLOCK, DEPLOYMENT, *ACCOUNTS)
+SYSTEM = (topics.CLOCK, topics.DEPLOYMENT, *topics.ACCOUNTS)
 """Topics that the runtime writes itself."""
 
-OURS = (*TOPICS, *REQUESTS)
+OURS = (*topics.TOPICS, *topics.REQUESTS)
 """Rows of PointIt itself."""
 
 PLACEHOLDER = re.compile(r"\{\w+\}\Z")
@@ -93,8 +84,10 @@ class ServicePlugin(Plugin):
 
     def add_rows(self) -> None:
         """Add its topics and requests to the tables, unless they are there already."""
-        TOPICS.extend(topic for topic in (*self.reads, *self.writes) if topic not in TOPICS)
-        REQUESTS.extend(request for request in (*self.serves, *self.asks) if request not in REQUESTS)
+        topics.TOPICS.extend(topic for topic in (*self.reads, *self.writes) if topic not in topics.TOPICS)
+        topics.REQUESTS.extend(
+            request for request in (*self.serves, *self.asks) if request not in topics.REQUESTS
+        )
 
 
 def _check_key(row: Row) -> None:
@@ -113,7 +106,7 @@ def _check_key(row: Row) -> None:
             f"its key {row.key} must consist of names of letters, digits, '_', '-' and '.', one of which may "
             "be a placeholder such as {user}"
         )
-    rows: tuple[Row | Presence, ...] = (*TOPICS, *REQUESTS, *PRESENCES)
+    rows: tuple[Row | Presence, ...] = (*topics.TOPICS, *topics.REQUESTS, *topics.PRESENCES)
     taken = [other.key for other in rows if other != row and _overlap(row.key, other.key)]
     if taken:
         raise ConfigError(f"its key {row.key} is that of another row of the tables, {taken[0]}")

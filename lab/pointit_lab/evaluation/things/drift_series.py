@@ -43,10 +43,10 @@ class DriftingWrist:
         self._manager.on_map(room, START_NS)
         self._position_m, self._yaw_rad, self._posed_ns = (0.0, 0.0, 0.0), 0.0, START_NS
         x, y, yaw = (sigma**2 for sigma in FIX_SIGMAS)
-        fix = SetPose(
+        pose_query = SetPose(
             position_m=self._position_m, method="static_targets", covariance=(x, 0, 0, 0, y, 0, 0, 0, yaw)
         )
-        self._manager.set_pose(fix, START_NS)
+        self._manager.set_pose(pose_query, START_NS)
 
     def drift_rad(self, now_ns: int) -> float:
         """Return the true yaw of {H} in {W}."""

@@ -24,7 +24,7 @@ class LandingDetector:
     def __init__(self) -> None:
         self._rays: deque[PointingRay] = deque(maxlen=256)
         self._is_moving = False
-        self._landing: Mean | None = None
+        self._landing_mean: Mean | None = None
         self._landed_ns = 0
 
     def add(self, ray: PointingRay) -> None:
@@ -37,8 +37,8 @@ class LandingDetector:
             return
         speed_radps = vector.angle_between(unfiltered(rays[0]), unfiltered(ray)) * NS_PER_S / passed_ns
         if self._is_moving and speed_radps < RESTING_RADPS and (landing := mean(list(rays))) is not None:
-            if self._landing is None or not 0 <= stamp_ns - self._landed_ns <= CORRECTION_NS:
-                self._landing = replace(landing, sigma_rad=SIGMA_RAD)
+            if self._landing_mean is None or not 0 <= stamp_ns - self._landed_ns <= CORRECTION_NS:
+                self._landing_mean = replace(landing, sigma_rad=SIGMA_RAD)
             self._landed_ns = stamp_ns
         self._is_moving = speed_radps > MOVING_RADPS or (self._is_moving and speed_radps >= RESTING_RADPS)
         while stamp_ns - rays[0].stamp_ns >= WINDOW_NS:
@@ -46,5 +46,5 @@ class LandingDetector:
 
     def take(self) -> Mean | None:
         """Return the mean of the rays at the first landing of the reach, once. None if there is none."""
-        landing, self._landing = self._landing, None
-        return landing
+        landing_mean, self._landing_mean = self._landing_mean, None
+        return landing_mean

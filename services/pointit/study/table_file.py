@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pointit.conversion.spreadsheet_text import restore_formula
+from pointit.errors import ConfigError
 from pointit.study.columns import (
     ADDED,
     COUNTS,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from pointit.errors import ConfigError
 from pointit.study.columns import ADDED, OUTCOMES
 from pointit.study_report.model import MEASURES, TrialRow, Trials
 from pointit.study_report.table import LEVEL, Table, summary

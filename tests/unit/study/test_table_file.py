@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.columns import ADDED
 from pointit.study.data import read_table

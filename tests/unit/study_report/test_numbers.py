@@ -10,8 +10,7 @@ import pytest
 from scipy import stats
 
 from pointit import study_report
-from pointit.errors import PointItError
-from pointit.runtime.errors import ConfigError
+from pointit.errors import ConfigError, PointItError
 from pointit.study_report.comparisons import _holm
 from pointit.study_report.mixed import fit as fit_mixed
 from pointit.study_report.page import sections

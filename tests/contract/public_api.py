@@ -7,13 +7,12 @@ import functools
 import inspect
 import re
 import sys
-import textwrap
 from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
 from typing import Any
 
 import pointit
-from pointit import errors, plugins, testing
+from pointit import commands, errors, plugins, testing
 from pointit.api.feed import Feed
 from pointit.api.latest import Latest, Newest
 from pointit.api.loop_thread import LoopThread
@@ -77,7 +76,7 @@ def listing() -> list[str]:
         for name, group in groups_of(site).items():
             lines.append(f"{type(site).__name__}.{name}: {without_modules(group.__orig_class__)}")
             lines += members(type(group), f"Site.{name}") if isinstance(site, Site) else []
-    for module in (plugins, testing):
+    for module in (commands, plugins, testing):
         for name in module.__all__:
             lines += for_authors(getattr(module, name), f"{module.__name__}.{name}")
     return sorted(lines)
@@ -98,6 +97,16 @@ def without_modules(annotation: Any) -> str:
     return re.sub(r"[\w.]+\.|~", "", inspect.formatannotation(annotation))
 
 
+def parsed(value: Any) -> ast.stmt:
+    """Return the syntax of a class or function, which may be indented and contain text that is not."""
+    source = inspect.getsource(value)
+    if not source[0].isspace():
+        return ast.parse(source).body[0]
+    (block,) = ast.parse(f"if True:\n{source}").body
+    assert isinstance(block, ast.If)
+    return block.body[0]
+
+
 def for_authors(value: Any, path: str) -> Iterator[str]:
     """Yield the lines of a name for authors of plug-ins; the fields of messages are in the catalogue."""
     if inspect.isfunction(value):
@@ -111,7 +120,7 @@ def for_authors(value: Any, path: str) -> Iterator[str]:
     maker = next(base for base in value.__mro__ if "__init__" in vars(base))
     if (maker is value or maker is InstalledGroup) and is_written:  # whose heirs alone have a public name
         yield f"{path}.__init__{signature(value.__init__)}"
-    (node,) = ast.parse(textwrap.dedent(inspect.getsource(value))).body
+    node = parsed(value)
     assert isinstance(node, ast.ClassDef)
     for field in node.body:
         if isinstance(field, ast.AnnAssign) and not (name := ast.unparse(field.target)).startswith("_"):
@@ -136,7 +145,7 @@ def members(kind: Any, path: str) -> Iterator[str]:
 
 def signature(function: Any) -> str:
     """Return parameters, defaults and types of `function`, types as its source writes them."""
-    (node,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
+    node = parsed(function)
     assert isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     arguments = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
     types = {each.arg: ast.unparse(each.annotation) for each in arguments if each.annotation}

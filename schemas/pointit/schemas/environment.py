@@ -161,6 +161,9 @@ class Thing(Box):
         0.0,
     )
     is_tracked: Annotated[bool, Field(description="the tracked object of this id, wherever that is")] = False
+    home_assistant: Annotated[
+        str, Field(max_length=2000, description="entity there, or JSON: entity, action, data")
+    ] = ""
 
     @property
     def object_fields(self) -> dict[str, Any]:

@@ -1,6 +1,8 @@
 """Content of a map file: the sections of the ROS toolkit, with additions. {W}, metres, z up."""
 
+import json
 import math
+import re
 from collections.abc import Callable
 from typing import Annotated, Any, Literal, NamedTuple, Self, cast, get_args
 
@@ -19,6 +21,10 @@ from pointit.schemas.environment import ThingMode
 MAX_PIXELS = 4096
 MIN_AREA_M2 = 1e-4
 MAX_LABEL = 64
+HOME_ENTITY = re.compile(r"[a-z0-9_]+\.[a-z0-9_]+")
+MAX_HOME_ACTION = 2000
+HOME_BUTTONS = ("{", "automation.", "button.", "input_button.", "scene.", "script.")
+"""Starts of actions of Home Assistant and of entities that are run, not switched on and off."""
 OBJECT = "object"
 """Place of a thing that is the tracked object of its name."""
 
@@ -140,6 +146,24 @@ def _name(value: object) -> str:
     if not isinstance(name, str):
         raise ValueError(f"write the name of a belt, not {format_value(value)}")  # noqa: TRY004 - pydantic's
     return name
+
+
+def _home_action(value: object) -> str:
+    """Return an entity of Home Assistant, or its entity, action and data as JSON."""
+    fields = cast("dict[str, Any]", value) if isinstance(value, dict) else {"entity": value, "action": "a.b"}
+    names, data = [fields.get("entity"), fields.get("action")], fields.get("data", {})
+    is_valid = all(isinstance(each, str) and HOME_ENTITY.fullmatch(each) for each in names)
+    if not is_valid or not isinstance(data, dict) or fields.keys() - {"entity", "action", "data"}:
+        raise ValueError(
+            "write an entity of Home Assistant, such as light.desk, or {entity: light.desk, action: "
+            f"light.turn_on, data: {{brightness_pct: 40}}}}, not {format_value(value)}"
+        )
+    text = json.dumps(value, allow_nan=False) if isinstance(value, dict) else str(value)
+    if len(text) > MAX_HOME_ACTION:
+        raise ValueError(
+            f"{len(text)} characters, limit {MAX_HOME_ACTION}; make it a script of Home Assistant"
+        )
+    return text
 
 
 class LinePart(NamedTuple):
@@ -332,6 +356,7 @@ class ThingEntry(_Entry):
     dwell_s: Annotated[float, _DWELL] | None = None
     label: Annotated[str, _LABEL, _TEXT] = ""
     at: Annotated[str | LinePart, _AT] | None = None
+    home_assistant: Annotated[str, BeforeValidator(_home_action)] = ""
 
     @property
     def yaw_rad(self) -> float:
@@ -344,7 +369,7 @@ class ThingEntry(_Entry):
             raise ValueError("has at, which says where it is; remove its center, size and yaw_deg")
         if self.at == OBJECT and isinstance(self.light, LinePart):
             raise ValueError("is a tracked object, which has a lamp as its light or none; change light")
-        if self.center is None and self.light is None and self.at is None:
+        if self.center is None and self.light is None and self.at is None and not self.home_assistant:
             raise ValueError("is nowhere; give its center and size, or a light")
         if self.center is not None and self.size is None:
             raise ValueError("has no size; add it, three sizes in metres")

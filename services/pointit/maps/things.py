@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.maps.model import LinePart, MapFile, ThingEntry
+from pointit.maps.model import HOME_BUTTONS, LinePart, MapFile, ThingEntry
 from pointit.runtime.config.similar_names import nearest
 from pointit.schemas import Thing
 from pointit.schemas.environment import BESIDE_BELT_M
@@ -83,16 +83,19 @@ def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:
             size_m = size_m or around_m
     elif light is not None and center_m is None:
         center_m = file.lamps[light].position
+    fields = entry.model_dump(include={"label", "mode", "press", "dwell_s", "home_assistant"})
+    if entry.home_assistant and "mode" not in entry.model_fields_set:
+        fields["mode"] = "button" if entry.home_assistant.startswith(HOME_BUTTONS) else "switch"
     return Thing(
         id=name,
-        **entry.model_dump(include={"label", "mode", "press", "dwell_s"}),
+        **fields,
         center_m=center_m or (0.0, 0.0, 0.0),
         size_m=size_m or (LAMP_M, LAMP_M, LAMP_M),
         yaw_rad=yaw_rad,
         lamp=light if isinstance(light, str) else "",
         strip=strip,
         part_m=part_m if strip else (0.0, 0.0),
-        is_tracked=isinstance(at, str),
+        is_tracked=isinstance(at, str) or center_m is None,  # without a position, nothing tracks it
     )
 
 

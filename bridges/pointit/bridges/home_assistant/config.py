@@ -1,0 +1,104 @@
+"""Parameters of home-assistant."""
+
+import re
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from pydantic import Field, field_validator
+
+from pointit.runtime.address_config import described_error
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.network_address import parse_address
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.atomic_file import read_limited
+from pointit.runtime.host.state_file import expand_home
+
+MAX_TOKEN_BYTES = 4096
+"""Maximum size of the file of a token. A token of Home Assistant has about 200 bytes."""
+FORM = "write http://HOST:8123, or https://HOST if it encrypts"
+SCHEMES = {"http": "ws", "ws": "ws", "https": "wss", "wss": "wss"}
+_TOKEN = re.compile(r"eyJ[\w-]+\.[\w-]+")
+"""Begin of a long-lived access token, a JSON Web Token."""
+
+
+class HomeAssistantConfig(Config):
+    """A Home Assistant, and the file with the token by which it accepts connections."""
+
+    url: str = Field(
+        default="", description="address of Home Assistant, as in a browser: http://homeassistant.local:8123"
+    )
+    token_file: str = Field(
+        default="", description="file with a long-lived access token, made in your profile there, Security"
+    )
+    hover: bool = Field(
+        default=True, description="lamps that are on brighten or dim by a fifth while somebody points at them"
+    )
+    max_hover_latency_s: float = Field(
+        default=1.0, gt=0, le=10, description="lamps that take longer show no hover, s"
+    )
+    rate_hz: float = Field(
+        default=5.0, gt=0, le=50, description="maximum rate of commands to one entity; the newest counts, Hz"
+    )
+
+    @field_validator("url")
+    @classmethod
+    def _is_url(cls, url: str) -> str:
+        try:
+            parts = urlsplit(url.strip())
+            port = parse_address(parts.netloc)[1] if parts.netloc else None
+        except ValueError:  # its text has the URL, which may have a password
+            raise described_error(f"url: {FORM}") from None
+        if url and (parts.scheme not in SCHEMES or not parts.hostname or "@" in parts.netloc or port == 0):
+            raise described_error(f"url: {FORM}")
+        return (
+            f"{parts.scheme}://{parts.netloc}" if url else ""
+        )  # a copied address has the path of a dashboard
+
+    @field_validator("token_file")
+    @classmethod
+    def _is_path(cls, path: str) -> str:
+        if _TOKEN.match(path.strip()):
+            raise described_error(
+                "token_file: is a token itself: write it into a file, and name that file here"
+            )
+        return path
+
+    @property
+    def address(self) -> str:
+        """Return the address of the websocket."""
+        scheme, _, host = self.url.partition("://")
+        return f"{SCHEMES[scheme]}://{host}/api/websocket"
+
+    def check(self) -> None:
+        """Check that there are an address and a file. Raises ConfigError."""
+        if not self.url:
+            raise ConfigError(f"url: is missing; {FORM}")
+        if not self.token_file:
+            raise ConfigError(
+                "token_file: is missing; make a long-lived access token in your profile of Home Assistant, "
+                "Security, write it into a file and name that file"
+            )
+
+    def read_token(self) -> str:
+        """Return the token. Errors quote no content of its file.
+
+        Raises:
+            ConfigError: If the file has none.
+        """
+        path = expand_home(self.token_file)
+        try:
+            content = read_limited(Path(path), MAX_TOKEN_BYTES + 1)
+        except FileNotFoundError:
+            raise ConfigError(f"token_file: {path} does not exist; correct the path") from None
+        except ConfigError as error:
+            raise ConfigError(f"token_file: {error}; correct the path or its rights") from None
+        try:
+            token = content.decode("utf-8-sig").strip()
+        except UnicodeDecodeError:
+            token = ""
+        if not token.isascii() or len(token.split()) != 1 or len(content) > MAX_TOKEN_BYTES:
+            raise ConfigError(
+                f"token_file: {path} does not hold one token and nothing else; copy the long-lived access "
+                "token of Home Assistant into it"
+            )
+        return token

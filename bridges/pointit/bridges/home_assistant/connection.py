@@ -1,0 +1,257 @@
+"""Connection to a Home Assistant by its WebSocket API.
+
+https://developers.home-assistant.io/docs/api/websocket
+"""
+
+import asyncio
+import contextlib
+import importlib.util
+import json
+import logging
+import ssl
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn, cast
+from urllib.parse import urlsplit
+
+from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.home_action import ServiceCall
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.runtime.host.certificate_errors import certificate_error_in, describe_certificate_error
+from pointit.runtime.host.extras import remedy
+from pointit.runtime.mqtt.broker_errors import encrypts
+from pointit.schemas.text import one_line
+
+if TYPE_CHECKING:
+    from websockets.asyncio.client import ClientConnection
+
+CONNECT_TIMEOUT_S = 10.0
+REPLY_TIMEOUT_S = 30.0
+"""Time for Home Assistant to carry out a command, s. Some lamps take seconds."""
+PROBE_TIMEOUT_S = 3.0
+MAX_MESSAGE_BYTES = 64 * 2**20
+"""Limit of a message: all states of a large home have some MB."""
+MAX_REASON = 200
+"""Characters of an error of Home Assistant that are shown."""
+REDIRECT, FORBIDDEN = range(300, 400), 403
+AUTHORITY_HINT = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
+_logger = logging.getLogger("pointit.home_assistant.websocket")
+_logger.setLevel(logging.INFO)  # the library logs all frames, also that with the token, at the level DEBUG
+
+
+class NoHomeAssistantError(PointItError):
+    """There is no Home Assistant at the address, or it is gone."""
+
+
+class LoginError(ConfigError):
+    """Home Assistant rejects the token. Repeated, it makes it block this machine."""
+
+
+def require_client() -> None:
+    """Check that the extra is installed. Raises ConfigError."""
+    if importlib.util.find_spec("websockets") is None:
+        raise ConfigError(f"Home Assistant needs an extra: run {remedy('home-assistant')}")
+
+
+class HomeAssistantConnection:
+    """Commands to a Home Assistant and their replies, and its events."""
+
+    def __init__(self, websocket: "ClientConnection") -> None:
+        """Use an authenticated `websocket`."""
+        self._websocket = websocket
+        self._last_id = 0
+        self._replies: dict[int, asyncio.Future[Any]] = {}
+        self._handlers: dict[int, Callable[[Mapping[str, Any]], None]] = {}
+
+    async def request(self, command: str, **fields: Any) -> Any:
+        """Send a command and return its result. Requires a task in `read`.
+
+        Raises:
+            RefusedError: If Home Assistant does not carry it out. Its sentence.
+            TimeoutError: If it does not reply within `REPLY_TIMEOUT_S`.
+        """
+        return await self._request(self._next_id(), command, fields)
+
+    async def subscribe(self, event: str, handler: Callable[[Mapping[str, Any]], None]) -> None:
+        """Call `handler` with the data of all events of a type. Raises as `request`."""
+        number = self._next_id()
+        self._handlers[number] = handler
+        await self._request(number, "subscribe_events", {"event_type": event})
+
+    async def call(self, call: ServiceCall) -> None:
+        """Run an action. Raises as `request`."""
+        await self.request(
+            "call_service",
+            domain=call.domain,
+            service=call.service,
+            service_data=dict(call.data),
+            target={"entity_id": call.entity},
+        )
+
+    async def read(self) -> None:
+        """Hand on replies and events until the connection is lost.
+
+        Raises:
+            NoHomeAssistantError: If it is lost.
+        """
+        from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 - an extra
+
+        try:
+            while True:
+                for message in _messages(await self._websocket.recv()):
+                    self._on_message(message)
+        except ConnectionClosed as error:
+            raise NoHomeAssistantError(
+                "the connection is lost: wait until Home Assistant runs again"
+            ) from error
+        finally:
+            for reply in self._replies.values():
+                reply.cancel()
+
+    def _next_id(self) -> int:
+        self._last_id += 1
+        return self._last_id
+
+    async def _request(self, number: int, command: str, fields: Mapping[str, Any]) -> Any:
+        from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 - an extra
+
+        reply = self._replies[number] = asyncio.get_running_loop().create_future()
+        try:
+            await self._websocket.send(json.dumps({**fields, "id": number, "type": command}))
+            async with asyncio.timeout(REPLY_TIMEOUT_S):
+                return await reply
+        except ConnectionClosed as error:
+            raise NoHomeAssistantError(
+                "the connection is lost: wait until Home Assistant runs again"
+            ) from error
+        finally:
+            del self._replies[number]
+
+    def _on_message(self, message: Mapping[str, Any]) -> None:
+        number, kind = message.get("id"), message.get("type")
+        reply, handler = self._replies.get(cast("int", number)), self._handlers.get(cast("int", number))
+        if kind == "event" and handler is not None:
+            event = message.get("event")
+            data = cast("Mapping[str, Any]", event).get("data") if isinstance(event, dict) else None
+            if isinstance(data, dict):
+                handler(cast("Mapping[str, Any]", data))
+        elif kind == "result" and reply is not None and not reply.done():
+            if message.get("success"):
+                reply.set_result(message.get("result"))
+            else:
+                error = message.get("error")
+                text = cast("Mapping[str, Any]", error).get("message") if isinstance(error, dict) else error
+                reply.set_exception(RefusedError(one_line(str(text), MAX_REASON)))
+
+
+def _messages(text: str | bytes) -> Sequence[Mapping[str, Any]]:
+    """Return the messages in a frame: one, or several in a list. Without those that are no objects."""
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        return ()
+    values = cast("list[Any]", value) if isinstance(value, list) else [value]
+    return [each for each in values if isinstance(each, dict)]
+
+
+@contextlib.asynccontextmanager
+async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistantConnection]:
+    """Yield an authenticated connection.
+
+    Raises:
+        LoginError: If the token is rejected.
+        ConfigError: If there is no token.
+        NoHomeAssistantError: If there is no Home Assistant at the address. One sentence with the remedy.
+    """
+    from websockets.asyncio.client import connect  # noqa: PLC0415 - an extra
+    from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidMessage  # noqa: PLC0415
+
+    class Connect(connect):
+        """Follows no redirect: another server would get the token."""
+
+        def process_redirect(self, exc: Exception) -> Exception:
+            return exc
+
+    require_client()
+    config.check()
+    token = await asyncio.to_thread(config.read_token)
+    opening = Connect(
+        config.address,
+        open_timeout=CONNECT_TIMEOUT_S,
+        close_timeout=1.0,
+        max_size=MAX_MESSAGE_BYTES,
+        proxy=None,
+        logger=_logger,
+    )
+    try:
+        websocket = await opening
+    except (OSError, EOFError, InvalidHandshake, InvalidMessage) as error:  # TimeoutError is an OSError
+        await _raise_connect_error(config, error)
+    try:
+        try:
+            await _log_in(config, websocket, token)
+        except (ConnectionClosed, TimeoutError):
+            raise NoHomeAssistantError(_is_none(config, "it does not begin as one")) from None
+        yield HomeAssistantConnection(websocket)
+    finally:
+        await websocket.close()
+
+
+async def _log_in(config: HomeAssistantConfig, websocket: "ClientConnection", token: str) -> None:
+    """Send `token` to what has begun as a Home Assistant does."""
+    async with asyncio.timeout(CONNECT_TIMEOUT_S):
+        first = _messages(await websocket.recv())
+        if [each.get("type") for each in first] != ["auth_required"]:
+            raise NoHomeAssistantError(_is_none(config, "it does not begin as one"))
+        await websocket.send(json.dumps({"type": "auth", "access_token": token}))
+        for answer in _messages(await websocket.recv()):
+            if answer.get("type") == "auth_ok":
+                return
+            if answer.get("type") == "auth_invalid":
+                raise LoginError(
+                    f"Home Assistant at {config.url} rejects the token in {config.token_file}: make a new "
+                    "long-lived access token in your profile there, Security, and write it into the file"
+                )
+    raise NoHomeAssistantError(_is_none(config, "it does not answer as one"))
+
+
+def _is_none(config: HomeAssistantConfig, reason: str) -> str:
+    return (
+        f"the server at {config.url} is no Home Assistant ({reason}): correct `url`, its usual port is 8123"
+    )
+
+
+async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) -> NoReturn:
+    """Raise the meaning of an error of a connection, with the remedy."""
+    from websockets.exceptions import InvalidStatus  # noqa: PLC0415 - an extra
+
+    parts = urlsplit(config.url)
+    host, is_encrypted = parts.hostname or "", config.address.startswith("wss")
+    plain_url, encrypted_url = f"http://{parts.netloc}", f"https://{parts.netloc}"
+    problem = f"no Home Assistant answers at {config.url} ({one_line(str(error), MAX_REASON) or 'no answer'})"
+    problem += ": start it, or correct `url`, its usual port is 8123"
+    if (refusal := certificate_error_in(error)) is not None:
+        problem = describe_certificate_error(refusal, f"Home Assistant at {parts.netloc}", AUTHORITY_HINT)
+    elif isinstance(error, InvalidStatus):
+        status, location = error.response.status_code, error.response.headers.get("Location", "")
+        problem = _is_none(config, f"it answers {status}")
+        if status in REDIRECT and location.startswith(("https://", "http://")):
+            problem = (
+                f"the server at {config.url} refers to another address: write "
+                f"{'://'.join(urlsplit(location)[:2])} as `url`"
+            )
+        elif status == FORBIDDEN:
+            problem = (
+                f"Home Assistant at {config.url} blocks this machine (403), as after wrong logins: remove its "
+                "address from ip_bans.yaml there and restart it"
+            )
+        elif not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
+            problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
+    elif is_encrypted and isinstance(error, ssl.SSLError):
+        problem = f"the server at {config.url} does not encrypt: write {plain_url} as `url`"
+    elif isinstance(error, TimeoutError):
+        problem = f"no Home Assistant answers at {config.url} within {CONNECT_TIMEOUT_S:g} s: correct `url`"
+    elif not isinstance(error, OSError):
+        problem = _is_none(config, "it speaks no HTTP")
+        if not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
+            problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
+    raise NoHomeAssistantError(problem) from error

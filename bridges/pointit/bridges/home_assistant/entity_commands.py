@@ -1,0 +1,180 @@
+"""Calls to entities of one connection: the newest of each entity, at a limited rate, and its hover."""
+
+import asyncio
+import contextlib
+import logging
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import Any
+
+from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection, NoHomeAssistantError
+from pointit.bridges.home_assistant.home_action import ServiceCall
+from pointit.bridges.home_assistant.hover_feedback import DimmedLights, HoverFeedback
+from pointit.runtime.bus.service_bus import ServiceBus
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.runtime.host.state_file import StateFile, site_folder
+
+log = logging.getLogger(__name__)
+
+END_TIMEOUT_S = 1.0
+"""Maximum time to restore lamps at the end, s."""
+MAX_SLOW_CALLS = 2
+"""Number of slow calls in a row after which a lamp shows no hover."""
+
+
+class EntityCommands:
+    """Sends calls to entities while a connection is open."""
+
+    def __init__(
+        self,
+        config: HomeAssistantConfig,
+        bus: ServiceBus,
+        states: Callable[[str], Mapping[str, Any]],
+        hovered: Callable[[], Collection[str]],
+    ) -> None:
+        """Continue with the lamps that an earlier process has not restored.
+
+        Args:
+            config: parameters of the service.
+            bus: gets warnings.
+            states: returns the state of an entity in Home Assistant, empty if it is not there.
+            hovered: returns the entities that somebody hovers.
+        """
+        self._config = config
+        self._bus = bus
+        self._state_of = states
+        self._hovered = hovered
+        self._connection: HomeAssistantConnection | None = None
+        self._pending: dict[str, tuple[str, ServiceCall]] = {}
+        """Newest call of each entity that is not sent yet, with its thing."""
+        self._acted: set[str] = set()
+        """Entities that were switched during this hover, which show it no more."""
+        self._slow_calls: Counter[str] = Counter()
+        """Number of slow calls in a row by lamp."""
+        self._workers: dict[str, asyncio.Task[None]] = {}
+        self._feedback: HoverFeedback | None = None
+        with self._reported():
+            file = site_folder(bus.site, "home-assistant") / "dimmed_lights.json"
+            self._feedback = HoverFeedback(StateFile.at(file, DimmedLights))
+
+    @property
+    def is_connected(self) -> bool:
+        """Return True if calls can be sent."""
+        return self._connection is not None
+
+    def open(self, connection: HomeAssistantConnection) -> None:
+        """Send by `connection` from now on."""
+        self._connection = connection
+
+    async def close(self, connection: HomeAssistantConnection, *, is_lost: bool) -> None:
+        """Stop, and restore all lamps unless the connection is lost."""
+        self._connection = None
+        workers = list(self._workers.values())
+        for worker in workers:
+            worker.cancel()
+        await asyncio.gather(*workers, return_exceptions=True)
+        self._pending.clear()
+        if not is_lost:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(END_TIMEOUT_S):
+                    await asyncio.gather(*(self._restore(connection, each) for each in self._dimmed()))
+
+    def send(self, thing: str, call: ServiceCall) -> None:
+        """Send `call` for a thing, instead of one of the same entity that waits."""
+        self._pending[call.entity] = (thing, call)
+        self._acted.add(call.entity)
+        self.wake(call.entity)
+
+    def check(self) -> None:
+        """Look at all lamps that show a hover or shall show it. Called periodically."""
+        hovered = set(self._hovered())
+        self._acted &= hovered
+        for entity in {*self._dimmed(), *hovered}:
+            self.wake(entity)
+
+    def wake(self, entity: str) -> None:
+        """Send what there is to send to an entity, unless that is being done."""
+        if self._connection is None or entity in self._workers:
+            return
+        work = self._work(self._connection, entity)
+        task = self._workers[entity] = asyncio.create_task(work, name=f"calls to {entity}")
+        task.add_done_callback(lambda _task: self._workers.pop(entity, None))
+
+    def _dimmed(self) -> tuple[str, ...]:
+        return self._feedback.entities if self._feedback is not None else ()
+
+    async def _work(self, connection: HomeAssistantConnection, entity: str) -> None:
+        """Send calls to an entity, at a limited rate, until it is as it shall be."""
+        with contextlib.suppress(NoHomeAssistantError):  # the connection is opened again
+            while await self._send_next(connection, entity):
+                await asyncio.sleep(1.0 / self._config.rate_hz)
+
+    async def _send_next(self, connection: HomeAssistantConnection, entity: str) -> bool:
+        """Send the next call to an entity. Return False if there is none."""
+        if entity in self._pending:
+            await self._restore(
+                connection, entity
+            )  # first, so that the lamp has its brightness when it is on
+            thing, call = self._pending.pop(entity)
+            try:
+                await connection.call(call)
+            except (RefusedError, TimeoutError) as error:
+                self._bus.warn(
+                    "actions",
+                    f"{thing}: Home Assistant did not run {call.domain}.{call.service} on {entity} "
+                    f"({str(error) or 'no answer'}): correct `home_assistant` of this thing in the map",
+                )
+            else:
+                self._bus.clear("actions")
+            return True
+        is_slow = self._slow_calls[entity] >= MAX_SLOW_CALLS
+        if entity in self._hovered() and entity not in self._acted and not is_slow:
+            return await self._show_hover(connection, entity)
+        return await self._restore(connection, entity)
+
+    async def _show_hover(self, connection: HomeAssistantConnection, entity: str) -> bool:
+        """Show the hover on a lamp. Return False if it shows it already, or cannot."""
+        call = None
+        if self._feedback is not None:
+            with self._reported():
+                call = self._feedback.begin(entity, self._state_of(entity))
+        if call is None:
+            return False
+        loop = asyncio.get_running_loop()
+        begin_s = loop.time()
+        with contextlib.suppress(RefusedError, TimeoutError):
+            await connection.call(call)
+        latency_s, limit_s = loop.time() - begin_s, self._config.max_hover_latency_s
+        self._slow_calls[entity] = self._slow_calls[entity] + 1 if latency_s > limit_s else 0
+        if self._slow_calls[entity] == MAX_SLOW_CALLS:
+            log.warning(
+                "%s takes %.1f s, limit %g s: it shows no hover; raise `max_hover_latency_s` to use it",
+                *(entity, latency_s, limit_s),
+            )
+        return True
+
+    async def _restore(self, connection: HomeAssistantConnection, entity: str) -> bool:
+        """Give a lamp its brightness of before the hover. Return False if it has it, or is off now."""
+        call = None
+        if self._feedback is not None:
+            with self._reported():
+                call = self._feedback.end(entity, self._state_of(entity))
+        if call is None or self._feedback is None:
+            return False
+        try:
+            await connection.call(call)
+        except (PointItError, TimeoutError):  # tried again by the next check
+            return False
+        with self._reported():
+            self._feedback.forget(entity)
+        return True
+
+    @contextlib.contextmanager
+    def _reported(self) -> Iterator[None]:
+        """Report a file that cannot be read or written."""
+        try:
+            yield
+            self._bus.clear("hover")
+        except ConfigError as error:
+            self._bus.warn("hover", f"lamps show no hover: {error}")

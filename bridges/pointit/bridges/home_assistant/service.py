@@ -1,0 +1,278 @@
+"""Runs actions of a Home Assistant when people point at things, and shows its states."""
+
+import asyncio
+import contextlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.connection import (
+    HomeAssistantConnection,
+    LoginError,
+    NoHomeAssistantError,
+    connected,
+    require_client,
+)
+from pointit.bridges.home_assistant.entity_commands import EntityCommands
+from pointit.bridges.home_assistant.home_action import HomeAction
+from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.errors import ConfigError, RefusedError, RequestError
+from pointit.runtime.host.state_file import expand_home
+from pointit.runtime.service.service import Context, Scope, Service
+from pointit.schemas import Environment, Hover, Selection, SelectionEvent, SetThing
+from pointit.schemas.environment import Thing
+from pointit.schemas.topics import HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
+from pointit.services.selector.outputs import TOLD_AGAIN
+
+USER = "home-assistant"
+"""Name by which it switches things."""
+RETRY_S = 2.0
+"""Pause before the next connection, s."""
+CHECK_PERIOD_S = 0.5
+SETTLE_S = 3.0
+"""Time for an entity to reach the state of its thing, s. Then the thing gets the state of the entity."""
+HOVER_TIMEOUT_S = 1.0
+"""Time without a message after which nobody hovers, s. There are 5 a second at least."""
+MAX_NAMES = 10
+"""Number of entities that a warning names."""
+
+
+class HomeAssistant(Service[HomeAssistantConfig]):
+    """Switches the entities of things that people point at, and the things when their entities change."""
+
+    NAME: ClassVar[str] = "home-assistant"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = HomeAssistantConfig
+    TIME_MAY_STEP: ClassVar[bool] = True
+
+    def __init__(self, config: HomeAssistantConfig, context: Context) -> None:
+        """Prepare; nothing is connected yet. Raises ConfigError as `validate_config`."""
+        super().__init__(config, context)
+        self.validate_config(config)
+        self._loop = asyncio.get_running_loop()
+        self._things: dict[str, tuple[Thing, HomeAction]] = {}
+        self._states: dict[str, Mapping[str, Any]] = {}
+        """States in Home Assistant by entity."""
+        self._new_names: dict[str, str] = {}
+        """New names of entities that were renamed."""
+        self._selected: set[str] | None = None
+        self._hovers: dict[str, tuple[str, float]] = {}
+        """Hovered thing of each person, and the time of the message."""
+        self._targets: dict[str, tuple[bool, float]] = {}
+        """State that each switched entity shall reach, and until when."""
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._commands = EntityCommands(
+            config, self.bus, lambda entity: self._states.get(entity, {}), self._hovered_entities
+        )
+        self.bus.subscribe(MAP, self._on_map)
+        self.bus.subscribe(SELECTION, self._on_selection)
+        self.bus.subscribe(SELECTION_EVENTS, self._on_event)
+        if config.hover:
+            self.bus.subscribe(HOVER, self._on_hover)
+
+    @classmethod
+    def validate_config(cls, config: HomeAssistantConfig) -> None:
+        """Check that a Home Assistant and a token are named. Raises ConfigError."""
+        require_client()
+        config.check()
+        config.read_token()
+
+    async def run(self) -> None:
+        """Stay connected until cancelled."""
+        while True:
+            try:
+                await self._serve()
+            except LoginError as error:
+                self.bus.warn("connection", str(error))
+                await self._wait_for_new_token()
+            except (NoHomeAssistantError, ConfigError, RefusedError, TimeoutError) as error:
+                self.bus.warn("connection", str(error) or f"{self.config.url} does not answer: restart it")
+                await asyncio.sleep(RETRY_S)
+
+    async def _wait_for_new_token(self) -> None:
+        """Wait for another token: with the same one Home Assistant blocks this machine in the end."""
+        path = expand_home(self.config.token_file)
+        rejected = await asyncio.to_thread(_content, path)
+        while await asyncio.to_thread(_content, path) == rejected:
+            await asyncio.sleep(RETRY_S)
+
+    async def _serve(self) -> None:
+        async with connected(self.config) as connection:
+            reading = asyncio.create_task(connection.read(), name="messages of Home Assistant")
+            following = asyncio.create_task(self._follow(connection), name="states of Home Assistant")
+            try:
+                await asyncio.wait((reading, following), return_when=asyncio.FIRST_COMPLETED)
+                await (reading if reading.done() else following)
+            finally:
+                following.cancel()
+                await self._commands.close(connection, is_lost=reading.done())
+                reading.cancel()
+                await asyncio.gather(reading, following, return_exceptions=True)
+                self._targets.clear()
+
+    async def _follow(self, connection: HomeAssistantConnection) -> None:
+        """Read all states, then give things the states of their entities, except while these change."""
+        await connection.subscribe("state_changed", self._on_state_changed)
+        with contextlib.suppress(RefusedError):  # of an old version
+            await connection.subscribe("entity_registry_updated", self._on_registry)
+        states = await connection.request("get_states")
+        self._states = {each["entity_id"]: each for each in states if _is_state(each)}
+        self._commands.open(connection)
+        self.bus.clear("connection")
+        self._report_entities()
+        differs_since: dict[str, float] = {}
+        known: set[str] = set()
+        while True:
+            now_s, differing = self._loop.time(), self._differing()
+            # what differs at first has been so before the connection: it does not settle
+            begin_s = {name: now_s if name in known else now_s - SETTLE_S for name in differing}
+            differs_since = {name: differs_since.get(name, begin_s[name]) for name in differing}
+            for name in differing:
+                if now_s - differs_since[name] >= SETTLE_S:
+                    differs_since[name] = now_s
+                    await self._set_thing(name, is_restored=True)
+            if self._selected is not None:
+                known |= self._things.keys()
+            self._commands.check()
+            await asyncio.sleep(CHECK_PERIOD_S)
+
+    def _differing(self) -> list[str]:
+        """Return the switches that are not in the state of their entity, which is not about to change."""
+        return [
+            name
+            for name, (thing, action) in self._things.items()
+            if thing.mode == "switch"
+            and self._selected is not None
+            and self._target(action.entity) is None
+            and (is_on := self._is_on(action)) is not None
+            and is_on != (name in self._selected)
+        ]
+
+    def _target(self, entity: str) -> bool | None:
+        """Return the state that an entity was switched to a moment ago, or None."""
+        is_on, until_s = self._targets.get(entity, (None, 0.0))
+        return is_on if until_s > self._loop.time() else None
+
+    def _is_on(self, action: HomeAction) -> bool | None:
+        return action.is_on(self._states.get(action.entity, {}).get("state"))
+
+    async def _set_thing(self, name: str, *, is_restored: bool) -> None:
+        """Give the thing `name` the state of its entity. If it is not there yet, a later call does."""
+        on = self._is_on(self._things[name][1]) if name in self._things else None
+        if on is not None:
+            with contextlib.suppress(RequestError):
+                await self.bus.call(SET_THING, SetThing(thing=name, on=on, is_restored=is_restored), USER)
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        self._things = {
+            thing.id: (thing, HomeAction.parse(thing.home_assistant))
+            for thing in environment.things
+            if thing.home_assistant
+        }
+        self._report_entities()
+
+    def _on_selection(self, selection: Selection, _name: str) -> None:
+        self._selected = {each.id for each in selection.objects}
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        thing, action = self._things.get(event.object_id, (None, None))
+        is_old = event.user == USER or event.reason.endswith(TOLD_AGAIN)
+        if thing is None or action is None or is_old or not event.is_reaction(thing.mode):
+            return
+        # what is pointed at without a connection would happen long after
+        if not self._commands.is_connected or self._is_unavailable(action.entity):
+            return
+        target = self._target(action.entity)
+        is_on = self._is_on(action) if target is None else target
+        on: bool | None = None  # run it, or toggle what has an unknown state
+        if thing.mode == "switch":
+            on = event.is_on
+            if is_on is on and not action.action:
+                return
+        elif is_on is not None and not action.action:
+            on = not is_on
+        if on is not None:
+            self._targets[action.entity] = (on, self._loop.time() + SETTLE_S)
+        self._commands.send(thing.id, action.call(on=on))
+
+    def _on_hover(self, hover: Hover, user: str) -> None:
+        before = self._hovers.get(user, ("", 0.0))[0]
+        self._hovers[user] = (hover.object_id, self._loop.time())
+        for name in {before, hover.object_id} & self._things.keys() if before != hover.object_id else ():
+            self._commands.wake(self._things[name][1].entity)
+
+    def _hovered_entities(self) -> set[str]:
+        oldest_s = self._loop.time() - HOVER_TIMEOUT_S
+        names = {name for name, received_s in self._hovers.values() if received_s >= oldest_s}
+        return {action.entity for name, (_thing, action) in self._things.items() if name in names}
+
+    def _on_state_changed(self, data: Mapping[str, Any]) -> None:
+        entity, state = data.get("entity_id"), data.get("new_state")
+        if not isinstance(entity, str):
+            return
+        before = self._states.pop(entity, {})
+        if _is_state(state):
+            self._states[entity] = state
+        changed = {name: action for name, (_thing, action) in self._things.items() if action.entity == entity}
+        if not changed or before.get("state") == self._states.get(entity, {}).get("state"):
+            return
+        self._report_entities()
+        for name, action in changed.items():
+            if self._target(entity) is self._is_on(action):
+                del self._targets[entity]  # reached
+            was_on = action.is_on(before.get("state"))
+            if name in self._differing() and was_on is not self._is_on(action):
+                task = asyncio.create_task(self._set_thing(name, is_restored=was_on is None))
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
+
+    def _on_registry(self, data: Mapping[str, Any]) -> None:
+        before, after = data.get("old_entity_id"), data.get("entity_id")
+        if isinstance(before, str) and isinstance(after, str):
+            self._new_names[before] = after
+            self._report_entities()
+
+    def _is_unavailable(self, entity: str) -> bool:
+        return self._states.get(entity, {}).get("state", "unavailable") == "unavailable"
+
+    def _report_entities(self) -> None:
+        """Report entities that do not exist or are unavailable, by name."""
+        if not self._commands.is_connected:
+            return
+        missing: list[str] = []
+        unavailable: list[str] = []
+        for name, (_thing, action) in self._things.items():
+            entity = action.entity
+            if entity not in self._states:
+                new = self._new_names.get(entity, "")
+                hint = f"now {new}" if new in self._states else nearest(entity, self._states)
+                missing.append(f"{entity} of thing {name} ({hint})")
+            elif self._is_unavailable(entity):
+                unavailable.append(f"{entity} of thing {name}")
+        remedies = {
+            "entities": (
+                missing,
+                "not in Home Assistant",
+                "correct `home_assistant` of the thing in the map",
+            ),
+            "unavailable": (unavailable, "unavailable in Home Assistant", "look into the integration there"),
+        }
+        for topic, (entries, problem, remedy) in remedies.items():
+            more = f" and {len(entries) - MAX_NAMES} more" if len(entries) > MAX_NAMES else ""
+            listed = ", ".join(entries[:MAX_NAMES]) + more
+            self.bus.warn(topic, f"{problem}: {listed}; {remedy}" if entries else "")
+
+
+def _is_state(state: Any) -> bool:
+    return isinstance(state, dict) and isinstance(state.get("entity_id"), str)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b""
+
+
+SERVICE = HomeAssistant

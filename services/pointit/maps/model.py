@@ -160,9 +160,7 @@ def _home_action(value: object) -> str:
         )
     text = json.dumps(value, allow_nan=False) if isinstance(value, dict) else str(value)
     if len(text) > MAX_HOME_ACTION:
-        raise ValueError(
-            f"{len(text)} characters, limit {MAX_HOME_ACTION}; make it a script of Home Assistant"
-        )
+        raise ValueError(f"{len(text)} characters, limit {MAX_HOME_ACTION}; make it a script there")
     return text
 
 

@@ -114,6 +114,41 @@ ROS2 = Process(
     ),
     announces=(topics.USER_ALIVE,),
 )  # fmt: skip
+GOAL = Process(
+    name="goal", scope="user", about="pointing at robots and places to steering and goals for a robot",
+    reads=(
+        topics.CURSOR, topics.RAY, topics.POSE, topics.INTERACTION, topics.BUTTON, topics.MAP,
+        topics.ROBOT_STATE,
+    ),
+    writes=(topics.GOAL, topics.STEERING, topics.FEEDBACK),
+    serves=(topics.SEND_ROBOT,),
+)  # fmt: skip
+SELECTOR = Process(
+    name="selector", scope="site", several=True, shard_serves=(),
+    about="cursors that rest on objects to selections",
+    reads=(
+        topics.CURSOR, topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS, topics.MAP,
+        topics.BUTTON, topics.STEP, topics.CLAIM, topics.SELECTION,
+    ),
+    writes=(
+        topics.HOVER, topics.ANNOUNCED, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK,
+        topics.CLAIM,
+    ),
+    serves=(
+        topics.CLEAR_SELECTION, topics.UNDO_SELECTION, topics.RELEASE_OBJECT, topics.SET_THING,
+        topics.SET_METHOD, topics.READ_HISTORY,
+    ),
+)  # fmt: skip
+LED_DRIVER = Process(
+    name="led-driver", scope="site",
+    about="cursors, objects and selections to the light of strips and lamps; who may use which lamp",
+    reads=(
+        topics.MAP, topics.CURSOR, topics.OBJECTS, topics.HOVER, topics.SELECTION, topics.PROFILE,
+        topics.LOCALIZATION, topics.FEEDBACK,
+    ),
+    writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
+    serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP, topics.SHOW_PIXELS),
+)  # fmt: skip
 """The processes with the longest lists."""
 
 PROCESSES: list[Process] = [
@@ -141,22 +176,7 @@ PROCESSES: list[Process] = [
         writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK),
         serves=(topics.SET_OFFSET, topics.SAY),
     ),
-    Process(
-        name="goal",
-        scope="user",
-        about="pointing at robots and places to steering and goals for a robot",
-        reads=(
-            topics.CURSOR,
-            topics.RAY,
-            topics.POSE,
-            topics.INTERACTION,
-            topics.BUTTON,
-            topics.MAP,
-            topics.ROBOT_STATE,
-        ),
-        writes=(topics.GOAL, topics.STEERING, topics.FEEDBACK),
-        serves=(topics.SEND_ROBOT,),
-    ),
+    GOAL,
     Process(
         name="listener",
         scope="user",
@@ -191,57 +211,8 @@ PROCESSES: list[Process] = [
         writes=(topics.MAP, topics.CURSOR, topics.FEEDBACK, topics.OBJECTS),
         serves=(topics.SET_WORKSPACE, topics.SET_TOLERANCE, topics.USE_MAP),
     ),
-    Process(
-        name="selector",
-        scope="site",
-        several=True,
-        shard_serves=(),
-        about="cursors that rest on objects to selections",
-        reads=(
-            topics.CURSOR,
-            topics.OBJECTS,
-            topics.CONVEYOR_STATE,
-            topics.SELECTION_EVENTS,
-            topics.MAP,
-            topics.BUTTON,
-            topics.STEP,
-            topics.CLAIM,
-            topics.SELECTION,
-        ),
-        writes=(
-            topics.HOVER,
-            topics.ANNOUNCED,
-            topics.SELECTION,
-            topics.SELECTION_EVENTS,
-            topics.FEEDBACK,
-            topics.CLAIM,
-        ),
-        serves=(
-            topics.CLEAR_SELECTION,
-            topics.UNDO_SELECTION,
-            topics.RELEASE_OBJECT,
-            topics.SET_THING,
-            topics.SET_METHOD,
-            topics.READ_HISTORY,
-        ),
-    ),
-    Process(
-        name="led-driver",
-        scope="site",
-        about="cursors, objects and selections to the light of strips and lamps; who may use which lamp",
-        reads=(
-            topics.MAP,
-            topics.CURSOR,
-            topics.OBJECTS,
-            topics.HOVER,
-            topics.SELECTION,
-            topics.PROFILE,
-            topics.LOCALIZATION,
-            topics.FEEDBACK,
-        ),
-        writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
-        serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP, topics.SHOW_PIXELS),
-    ),
+    SELECTOR,
+    LED_DRIVER,
     Process(
         name="conveyor-sim",
         scope="site",

@@ -47,20 +47,16 @@ class HomeAssistantConfig(Config):
             parts = urlsplit(url.strip())
             port = parse_address(parts.netloc)[1] if parts.netloc else None
         except ValueError:  # its text has the URL, which may have a password
-            raise described_error(f"url: {FORM}") from None
+            raise described_error(FORM) from None
         if url and (parts.scheme not in SCHEMES or not parts.hostname or "@" in parts.netloc or port == 0):
-            raise described_error(f"url: {FORM}")
-        return (
-            f"{parts.scheme}://{parts.netloc}" if url else ""
-        )  # a copied address has the path of a dashboard
+            raise described_error(FORM)
+        return f"{parts.scheme}://{parts.netloc}" if url else ""  # copied ones have a path
 
     @field_validator("token_file")
     @classmethod
     def _is_path(cls, path: str) -> str:
         if _TOKEN.match(path.strip()):
-            raise described_error(
-                "token_file: is a token itself: write it into a file, and name that file here"
-            )
+            raise described_error("is a token itself: write it into a file and name the file")
         return path
 
     @property

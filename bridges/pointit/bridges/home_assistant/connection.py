@@ -30,6 +30,7 @@ REPLY_TIMEOUT_S = 30.0
 PROBE_TIMEOUT_S = 3.0
 MAX_MESSAGE_BYTES = 64 * 2**20
 """Limit of a message: all states of a large home have some MB."""
+LOST = "the connection is lost: wait until Home Assistant runs again"
 MAX_REASON = 200
 """Characters of an error of Home Assistant that are shown."""
 REDIRECT, FORBIDDEN = range(300, 400), 403
@@ -100,9 +101,7 @@ class HomeAssistantConnection:
                 for message in _messages(await self._websocket.recv()):
                     self._on_message(message)
         except ConnectionClosed as error:
-            raise NoHomeAssistantError(
-                "the connection is lost: wait until Home Assistant runs again"
-            ) from error
+            raise NoHomeAssistantError(LOST) from error
         finally:
             for reply in self._replies.values():
                 reply.cancel()
@@ -120,9 +119,7 @@ class HomeAssistantConnection:
             async with asyncio.timeout(REPLY_TIMEOUT_S):
                 return await reply
         except ConnectionClosed as error:
-            raise NoHomeAssistantError(
-                "the connection is lost: wait until Home Assistant runs again"
-            ) from error
+            raise NoHomeAssistantError(LOST) from error
         finally:
             del self._replies[number]
 
@@ -149,7 +146,7 @@ def _messages(text: str | bytes) -> Sequence[Mapping[str, Any]]:
         value = json.loads(text)
     except (ValueError, RecursionError):
         return ()
-    values = cast("list[Any]", value) if isinstance(value, list) else [value]
+    values = value if isinstance(value, list) else [value]
     return [each for each in values if isinstance(each, dict)]
 
 
@@ -215,9 +212,7 @@ async def _log_in(config: HomeAssistantConfig, websocket: "ClientConnection", to
 
 
 def _is_none(config: HomeAssistantConfig, reason: str) -> str:
-    return (
-        f"the server at {config.url} is no Home Assistant ({reason}): correct `url`, its usual port is 8123"
-    )
+    return f"{config.url} is no Home Assistant ({reason}): correct `url`, its usual port is 8123"
 
 
 async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) -> NoReturn:
@@ -241,7 +236,7 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
             )
         elif status == FORBIDDEN:
             problem = (
-                f"Home Assistant at {config.url} blocks this machine (403), as after wrong logins: remove its "
+                f"Home Assistant at {config.url} blocks this machine (403) after wrong logins: remove its "
                 "address from ip_bans.yaml there and restart it"
             )
         elif not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
@@ -251,7 +246,7 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
     elif isinstance(error, TimeoutError):
         problem = f"no Home Assistant answers at {config.url} within {CONNECT_TIMEOUT_S:g} s: correct `url`"
     elif not isinstance(error, OSError):
-        problem = _is_none(config, "it speaks no HTTP")
+        problem = _is_none(config, "it does not answer as one")
         if not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
             problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
     raise NoHomeAssistantError(problem) from error

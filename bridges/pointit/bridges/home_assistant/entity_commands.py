@@ -98,17 +98,20 @@ class EntityCommands:
         if self._connection is None or entity in self._workers:
             return
         work = self._work(self._connection, entity)
-        task = self._workers[entity] = asyncio.create_task(work, name=f"calls to {entity}")
-        task.add_done_callback(lambda _task: self._workers.pop(entity, None))
+        self._workers[entity] = asyncio.create_task(work, name=f"calls to {entity}")
 
     def _dimmed(self) -> tuple[str, ...]:
         return self._feedback.entities if self._feedback is not None else ()
 
     async def _work(self, connection: HomeAssistantConnection, entity: str) -> None:
         """Send calls to an entity, at a limited rate, until it is as it shall be."""
-        with contextlib.suppress(NoHomeAssistantError):  # the connection is opened again
-            while await self._send_next(connection, entity):
+        try:
+            while await self._send_next(connection, entity):  # noqa: ASYNC110 - no wait, a rate
                 await asyncio.sleep(1.0 / self._config.rate_hz)
+        except NoHomeAssistantError:  # the connection is opened again
+            return
+        finally:  # at once: what is woken now needs another task
+            del self._workers[entity]
 
     async def _send_next(self, connection: HomeAssistantConnection, entity: str) -> bool:
         """Send the next call to an entity. Return False if there is none."""

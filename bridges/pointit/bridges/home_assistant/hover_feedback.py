@@ -101,7 +101,7 @@ def _brightness(state: Mapping[str, Any]) -> int | None:
 
 
 def _has_more_than_brightness(state: Mapping[str, Any]) -> bool:
-    """Return True for groups, whose lamps may differ, and lamps with an effect, which a brightness may end."""
+    """Return True for groups, whose lamps may differ, and for effects, which a brightness may end."""
     attributes = state.get("attributes") or {}
     is_group = "entity_id" in attributes or attributes.get("is_hue_group") is True
     return is_group or str(attributes.get("effect") or "none").lower() not in ("none", "off")

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeGuard, cast
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import (
@@ -94,7 +94,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Wait for another token: with the same one Home Assistant blocks this machine in the end."""
         path = expand_home(self.config.token_file)
         rejected = await asyncio.to_thread(_content, path)
-        while await asyncio.to_thread(_content, path) == rejected:
+        while await asyncio.to_thread(_content, path) == rejected:  # noqa: ASYNC110 - a file
             await asyncio.sleep(RETRY_S)
 
     async def _serve(self) -> None:
@@ -234,7 +234,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             self._report_entities()
 
     def _is_unavailable(self, entity: str) -> bool:
-        return self._states.get(entity, {}).get("state", "unavailable") == "unavailable"
+        return bool(self._states.get(entity, {}).get("state", "unavailable") == "unavailable")
 
     def _report_entities(self) -> None:
         """Report entities that do not exist or are unavailable, by name."""
@@ -264,8 +264,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             self.bus.warn(topic, f"{problem}: {listed}; {remedy}" if entries else "")
 
 
-def _is_state(state: Any) -> bool:
-    return isinstance(state, dict) and isinstance(state.get("entity_id"), str)
+def _is_state(state: Any) -> TypeGuard[Mapping[str, Any]]:
+    return isinstance(state, dict) and isinstance(cast("Mapping[str, Any]", state).get("entity_id"), str)
 
 
 def _content(path: Path) -> bytes:

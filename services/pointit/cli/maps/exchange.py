@@ -11,6 +11,7 @@ from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import print_file
 from pointit.cli.maps.check import notify_if_slow, print_findings
+from pointit.cli.maps.home_assistant import SOURCE, import_entities
 from pointit.maps import exchange
 from pointit.maps.checks.examine import examined
 from pointit.maps.checks.strips import has_detours
@@ -45,7 +46,19 @@ CELL = click.option(
 
 @click.command("import")
 @click.argument("source", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--as", "kind", type=click.Choice(FORMATS), required=True, help="format of FILE")
+@click.option("--as", "kind", type=click.Choice(FORMATS), help="format of FILE, which needs it")
+@click.option("--url", default="", help="address of Home Assistant, such as http://homeassistant.local:8123")
+@click.option("--token-file", default="", metavar="FILE", help="file with a token of Home Assistant")
+@click.option(
+    "--entity", "entities", multiple=True, help="entity of Home Assistant, `light.*` for all lights"
+)
+@click.option("--area", "areas", multiple=True, help="area of Home Assistant, for all its entities")
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    metavar="MAP",
+    help="map that gets the entities as things without a position; its text stays",
+)
 @click.option(
     "--per-metre", type=Finite(1, 1000), default=60.0, metavar="N", help="pixels a metre of segments"
 )
@@ -55,17 +68,38 @@ CELL = click.option(
 @CELL
 @OUTPUT
 def import_(
-    *, source: Path, kind: str, per_metre: float, preset: int | None, cell_m: float, output: Path | None
+    *,
+    source: Path,
+    kind: str | None,
+    url: str,
+    token_file: str,
+    entities: tuple[str, ...],
+    areas: tuple[str, ...],
+    into: Path | None,
+    per_metre: float,
+    preset: int | None,
+    cell_m: float,
+    output: Path | None,
 ) -> None:
-    """Make a map of FILE: strips with their lines and pixels.
+    """Make a map of FILE: strips with their lines and pixels, or of `home-assistant`: things.
 
     csv has a pixel a line: x,y,z in metres, as xLights and mapping programs write them, with a header or
     without. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
     counts (http://WLED/json/state): they have no positions, so strips lie one above the other until they
     are scanned or moved. A matrix in WLED's configuration (cfg.json) is laid out by its panels.
 
+    home-assistant lists lights, switches, covers, fans, media players, scenes and scripts of the Home
+    Assistant at --url by area. --entity and --area choose those that become things.
+
     Example: pointit map import state.json --as segments --per-metre 30 -o wled.yaml
     """
+    if kind is None and str(source) == SOURCE:
+        import_entities(
+            url=url, token_file=token_file, patterns=entities, areas=areas, into=into, output=output
+        )
+        return
+    if kind is None:
+        raise click.UsageError(f"Missing option '--as'. Choose from: {', '.join(FORMATS)}")
     path = output or Path(f"{source.stem}.yaml")
     with notify_if_slow(f"reading {source} …"):
         text = _read_text(source)

@@ -24,7 +24,9 @@ from pointit.maps.edit.edits import SetValue
 from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import parse_map_file, to_message
 from pointit.runtime.bus.contract import Bus
+from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError, NoMessageError, RefusedError
+from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.scan.as_map import pointed_text
 from pointit.scan.by_pointing import PointedAt, TargetRay, locate, pointing_of
@@ -151,6 +153,8 @@ CORNERS: dict[str, tuple[str, ...]] = {
 """Corners of each kind that are pointed at."""
 HOLD_RAYS = 25
 """Number of rays before a press that are averaged."""
+PLACED_SIZE_M = 0.3
+"""Size of a thing that is placed by pointing, m: about the error of its position."""
 MAX_PLACES = 4
 SAME_PLACE_M = 0.5
 """Distance up to which a person stands where they stood."""
@@ -189,6 +193,12 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
     "its strips (STRIP:first, STRIP:last); x points to the first one",
 )
 @click.option(
+    "--into",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    metavar="MAP",
+    help="NAMES are things of this map, whose centers are written into it",
+)
+@click.option(
     "--floor",
     "floor_m",
     type=Finite(-10, 10),
@@ -202,6 +212,7 @@ def command(
     kind: Kind,
     output: Path | None,
     room: Path | None,
+    into: Path | None,
     floor_m: float | None,
     **at: Unpack[site_link.AtSite],
 ) -> int:
@@ -213,6 +224,8 @@ def command(
     estimated along. Positions are good to 0.2 or 0.3 m, with the standard deviation stated: enough for
     lamps, boxes and screens, too little for strips, which `pointit map scan` finds.
 
+    With --into, NAMES are things of a map, such as those of `pointit map import home-assistant`.
+
     With --origin, one place suffices, whose pose nobody knows: two ends, one of them low and both far apart
     sideways, place a scanned map, and the floor becomes z = 0.
 
@@ -221,7 +234,14 @@ def command(
     check_name(user, "user")
     if output is not None and output.exists():
         raise ConfigError(f"{output}: exists already; choose another name or move it away")
-    if room is None:
+    if into is not None:
+        things = parse_map_file(into.read_bytes(), into).things
+        if (absent := next((name for name in names if name not in things), None)) is not None:
+            raise ConfigError(f"{into} has no thing {absent!r}; {nearest(absent, things)}")
+        if room is not None or output is not None or kind != "lamp":
+            raise click.UsageError("--into writes things into a map: leave out --origin, --output and --as")
+        work = place_things(names, into)
+    elif room is None:
         for name in names:
             check_name(name, "name")
         work = _point(names, kind)
@@ -240,9 +260,9 @@ async def _run(user: str, work: Work, output: Path | None, **at: Unpack[site_lin
                 text, code = await work(session)
         except asyncio.CancelledError:
             return INTERRUPTED
-    if output is None:
+    if output is None and text:
         print_file(text)
-    else:
+    elif output is not None:
         write_new(output, text)
     return code
 
@@ -259,6 +279,28 @@ def _point(names: Sequence[str], kind: Kind) -> Work:
         }
         text = f"# Positions found by pointing.\n{pointed_text(targets, kind)}"
         return text, EXIT_FAILED if open_ones else 0
+
+    return work
+
+
+def place_things(names: Sequence[str], path: Path) -> Work:
+    """Return the work of pointing at things of the map at `path`, which gets their centers."""
+
+    async def work(session: "PointingSession") -> tuple[str, int]:
+        positions = await session.run(names, CORNERS["lamp"])
+        edits: list[SetValue] = []
+        content = await asyncio.to_thread(path.read_bytes)  # may have changed meanwhile
+        things = parse_map_file(content, path).things
+        for name, each in positions.items():
+            if each.reason:
+                say(f"{name}: {each.reason}")
+                continue
+            values = {"center": [round(value, 2) for value in each.position_m]}
+            values |= {} if things[name].size else {"size": [PLACED_SIZE_M] * 3}
+            edits += [SetValue(section="things", name=name, key=key, value=values[key]) for key in values]
+        with replaced_file(path) as part:
+            part.write_bytes(edited(content, edits, path))
+        return "", EXIT_FAILED if any(each.reason for each in positions.values()) else 0
 
     return work
 

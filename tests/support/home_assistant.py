@@ -1,0 +1,257 @@
+"""Home Assistants for tests: one that plays a recorded conversation, one in memory, and a site beside it."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncGenerator, Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from websockets.asyncio.client import connect
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+
+from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.service import HomeAssistant
+from pointit.schemas import Done, Environment, Hover, SelectedObject, Selection, SelectionEvent, SetThing
+from pointit.schemas.environment import Thing, ThingMode
+from pointit.schemas.topics import HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
+from tests.support.bench import Bench
+
+TOKEN = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of a test
+VERSION = "2025.4.4"
+Message = dict[str, Any]
+
+
+def token_file(folder: Path, token: str = TOKEN) -> Path:
+    path = folder / "token"
+    path.write_text(token + "\n")
+    return path
+
+
+def config_of(folder: Path, port: int, **parameters: Any) -> HomeAssistantConfig:
+    fields = {"url": f"http://127.0.0.1:{port}", "token_file": str(token_file(folder)), **parameters}
+    return HomeAssistantConfig.model_validate(fields)
+
+
+def thing(name: str, action: str, mode: ThingMode = "switch") -> Thing:
+    return Thing(id=name, center_m=(0, 0, 1), size_m=(0.2, 0.2, 0.2), mode=mode, home_assistant=action)
+
+
+class HomeSite:
+    """Map and selection of a site on a bench, as `pui` and `selector` publish them."""
+
+    def __init__(self, bench: Bench, *things: Thing) -> None:
+        self._bench = bench
+        self.selected: set[str] = set()
+        self.set_things: list[tuple[str, bool | None, bool]] = []
+        self._stamp_ns = 1
+        bench.bus.serve(SET_THING, self._set_thing)
+        bench.put(MAP, Environment(stamp_ns=1, name="room", things=things))
+        self._publish()
+
+    def point(self, name: str, *, on: bool = True, user: str = "anna") -> None:
+        (self.selected.add if on else self.selected.discard)(name)
+        self._publish()
+        event = "selected" if on else "deselected"
+        self._bench.put(
+            SELECTION_EVENTS, SelectionEvent(stamp_ns=self._stamp_ns, event=event, object_id=name, user=user)
+        )
+
+    def hover(self, name: str, user: str = "anna") -> None:
+        self._stamp_ns += 1
+        self._bench.put(HOVER, Hover(stamp_ns=self._stamp_ns, object_id=name), user)
+
+    @contextlib.asynccontextmanager
+    async def hovering(self, name: str) -> AsyncGenerator[None]:
+        """Hover a thing while the block runs, as the selector repeats it."""
+
+        async def repeat() -> None:
+            while True:
+                self.hover(name)
+                await asyncio.sleep(0.1)
+
+        task = asyncio.create_task(repeat())
+        try:
+            yield
+        finally:
+            task.cancel()
+            await asyncio.wait([task])
+            self.hover("")
+
+    async def _set_thing(self, query: SetThing, _user: str) -> Done:
+        self.set_things.append((query.thing, query.on, query.is_restored))
+        (self.selected.add if query.on else self.selected.discard)(query.thing)
+        self._publish()
+        return Done(message="done")
+
+    def _publish(self) -> None:
+        self._stamp_ns += 1
+        objects = tuple(SelectedObject(id=each, user="anna", since_ns=1) for each in sorted(self.selected))
+        self._bench.put(SELECTION, Selection(stamp_ns=self._stamp_ns, objects=objects))
+
+
+def start(bench: Bench, config: HomeAssistantConfig) -> asyncio.Task[None]:
+    return bench.start(HomeAssistant, config)
+
+
+class MemoryHome:
+    """The WebSocket API of a Home Assistant with states in memory. Its messages have the recorded form."""
+
+    def __init__(self, states: Mapping[str, tuple[str, Mapping[str, Any]]]) -> None:
+        self.states: dict[str, Message] = {}
+        self.calls: list[tuple[str, str, Message]] = []
+        """Calls of services: `light.turn_on`, entity, data."""
+        self.logins: list[str] = []
+        self.latency_s = 0.0
+        self.refusal = ""
+        self.registries: dict[str, list[Message]] = {}
+        self.token = TOKEN
+        self._subscriptions: list[tuple[ServerConnection, int, str]] = []
+        self._port = 0
+        for entity, (state, attributes) in states.items():
+            self.states[entity] = {"entity_id": entity, "state": state, "attributes": dict(attributes)}
+
+    @contextlib.asynccontextmanager
+    async def serving(self, port: int = 0) -> AsyncGenerator[int]:
+        async with serve(self._serve, "127.0.0.1", port) as server:
+            yield next(iter(server.sockets)).getsockname()[1]
+        self._subscriptions.clear()
+
+    def set(self, entity: str, state: str | None, **attributes: Any) -> None:
+        """Change a state, as a person or a device does; None: the entity is deleted."""
+        old = self.states.pop(entity, None)
+        new = None
+        if state is not None:
+            kept = (old or {}).get("attributes", {}) if state != "unavailable" else {}
+            new = {"entity_id": entity, "state": state, "attributes": {**kept, **attributes}}
+            self.states[entity] = new
+        self.fire("state_changed", {"entity_id": entity, "old_state": old, "new_state": new})
+
+    def fire(self, event: str, data: Message) -> None:
+        for websocket, number, kind in self._subscriptions:
+            if kind == event:
+                message = {"id": number, "type": "event", "event": {"event_type": event, "data": data}}
+                asyncio.get_running_loop().create_task(_send(websocket, message))
+
+    async def _serve(self, websocket: ServerConnection) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            await _send(websocket, {"type": "auth_required", "ha_version": VERSION})
+            login = json.loads(await websocket.recv())
+            self.logins.append(login["access_token"])
+            if login["access_token"] != self.token:
+                await _send(
+                    websocket, {"type": "auth_invalid", "message": "Invalid access token or password"}
+                )
+                return
+            await _send(websocket, {"type": "auth_ok", "ha_version": VERSION})
+            async with asyncio.TaskGroup() as tasks:
+                async for text in websocket:
+                    tasks.create_task(self._answer(websocket, json.loads(text)))
+
+    async def _answer(self, websocket: ServerConnection, command: Message) -> None:
+        number, result = command["id"], None
+        if command["type"] == "get_states":
+            result = list(self.states.values())
+        elif command["type"] == "subscribe_events":
+            self._subscriptions.append((websocket, number, command["event_type"]))
+        elif command["type"] == "call_service":
+            await asyncio.sleep(self.latency_s)
+            entity, data = command["target"]["entity_id"], command["service_data"]
+            self.calls.append((f"{command['domain']}.{command['service']}", entity, data))
+            if self.refusal:
+                error = {"code": "home_assistant_error", "message": self.refusal}
+                await _send(websocket, {"id": number, "type": "result", "success": False, "error": error})
+                return
+            self._act(command["service"], entity, data)
+            result = {"context": {"id": "01", "parent_id": None, "user_id": "u"}, "response": None}
+        else:
+            result = self.registries.get(command["type"], [])
+        with contextlib.suppress(ConnectionClosed):
+            await _send(websocket, {"id": number, "type": "result", "success": True, "result": result})
+
+    def _act(self, service: str, entity: str, data: Message) -> None:
+        state = self.states.get(entity)
+        if state is None or state["state"] == "unavailable":
+            return
+        is_on = state["state"] == "on"
+        if service == "turn_on" or (service == "toggle" and not is_on):
+            self.set(entity, "on", **({"brightness": 180} if not is_on else {}), **data)
+        elif service in ("turn_off", "toggle"):
+            self.set(entity, "off", brightness=None)
+
+
+async def _send(websocket: ServerConnection, message: Message) -> None:
+    with contextlib.suppress(ConnectionClosed):
+        await websocket.send(json.dumps(message))
+
+
+@contextlib.asynccontextmanager
+async def played(path: Path) -> AsyncGenerator[int]:
+    """Play the server's side of a recorded conversation to each client. Yield the port."""
+    lines = [json.loads(line) for line in path.read_text().splitlines()]  # noqa: ASYNC240 - of a test
+
+    async def play(websocket: ServerConnection) -> None:
+        entries, first = list(lines), 0
+        while first < len(entries) and "server" in entries[first]:
+            await _send(websocket, entries[first]["server"])
+            first += 1
+        entries = entries[first:]
+        with contextlib.suppress(ConnectionClosed):
+            async for text in websocket:
+                message = json.loads(text)
+                wanted = _without_secrets({key: each for key, each in message.items() if key != "id"})
+                index = next(
+                    (
+                        number
+                        for number, each in enumerate(entries)
+                        if {key: value for key, value in each.get("client", {}).items() if key != "id"}
+                        == wanted
+                    ),
+                    None,
+                )
+                assert index is not None, f"not in the recording: {wanted}"
+                recorded = entries.pop(index)["client"].get("id")
+                numbers[recorded] = message.get("id")
+                while index < len(entries) and "server" in entries[index]:
+                    answer = entries.pop(index)["server"]
+                    await _send(
+                        websocket, {**answer, **({"id": numbers[answer["id"]]} if "id" in answer else {})}
+                    )
+
+    numbers: dict[int, int] = {}
+    async with serve(play, "127.0.0.1", 0) as server:
+        yield next(iter(server.sockets)).getsockname()[1]
+
+
+@contextlib.asynccontextmanager
+async def recording(url: str, path: Path, keep: Callable[[Message], bool]) -> AsyncGenerator[int]:
+    """Forward to the websocket at `url`, and write the messages that `keep` accepts, without the token."""
+    with path.open("w") as file:
+
+        def write(side: str, text: str | bytes) -> None:
+            message = json.loads(text)
+            for each in message if isinstance(message, list) else [message]:
+                if keep(each):
+                    file.write(json.dumps({side: _without_secrets(each)}) + "\n")
+
+        async def forward(websocket: ServerConnection) -> None:
+            async with connect(url, max_size=None) as upstream:
+
+                async def back() -> None:
+                    async for text in upstream:
+                        write("server", text)
+                        await websocket.send(text)
+
+                task = asyncio.create_task(back())
+                async for text in websocket:
+                    write("client", text)
+                    await upstream.send(text)
+                task.cancel()
+
+        async with serve(forward, "127.0.0.1", 0) as server:
+            yield next(iter(server.sockets)).getsockname()[1]
+
+
+def _without_secrets(message: Message) -> Message:
+    return {key: "TOKEN" if key == "access_token" else each for key, each in message.items()}

@@ -5,6 +5,7 @@ import contextlib
 import json
 from collections.abc import AsyncGenerator, Callable, Mapping
 from pathlib import Path
+from ssl import SSLContext
 from typing import Any
 
 from websockets.asyncio.client import connect
@@ -113,8 +114,8 @@ class MemoryHome:
             self.states[entity] = {"entity_id": entity, "state": state, "attributes": dict(attributes)}
 
     @contextlib.asynccontextmanager
-    async def serving(self, port: int = 0) -> AsyncGenerator[int]:
-        async with serve(self._serve, "127.0.0.1", port) as server:
+    async def serving(self, port: int = 0, ssl: SSLContext | None = None) -> AsyncGenerator[int]:
+        async with serve(self._serve, "127.0.0.1", port, ssl=ssl) as server:
             yield next(iter(server.sockets)).getsockname()[1]
         self._subscriptions.clear()
 

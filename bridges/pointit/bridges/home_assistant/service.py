@@ -219,10 +219,10 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             return
         self._report_entities()
         for name, action in changed.items():
-            if self._target(entity) is self._is_on(action):
-                del self._targets[entity]  # reached
-            was_on = action.is_on(before.get("state"))
-            if name in self._differing() and was_on is not self._is_on(action):
+            was_on, is_on = action.is_on(before.get("state")), self._is_on(action)
+            if is_on is not None and self._target(entity) is is_on:
+                self._targets.pop(entity)  # reached
+            if name in self._differing() and was_on is not is_on:
                 task = asyncio.create_task(self._set_thing(name, is_restored=was_on is None))
                 self._tasks.add(task)
                 task.add_done_callback(self._tasks.discard)

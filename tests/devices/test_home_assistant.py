@@ -1,0 +1,375 @@
+"""The bridge beside a recorded conversation with a real Home Assistant 2025.4.4, and one in memory."""
+
+import asyncio
+import logging
+import ssl
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from websockets.asyncio.server import ServerConnection, serve
+
+from pointit.bridges.home_assistant.connection import connected
+from pointit.bridges.home_assistant.home_action import HomeAction
+from pointit.cli.maps.exchange import import_
+from pointit.cli.maps.home_assistant import HomeEntity, chosen_entities, entities_of, with_things
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.schemas.topics import CONFIGURATION, HEALTH
+from tests.support.bench import memory_bench, until
+from tests.support.buses import free_port
+from tests.support.certificates import issue
+from tests.support.home_assistant import (
+    TOKEN,
+    HomeSite,
+    MemoryHome,
+    config_of,
+    played,
+    start,
+    thing,
+    token_file,
+)
+
+RECORDING = Path(__file__).parents[1] / "data/home_assistant_2025_4_4.jsonl"
+LAMP = "light.desk"
+
+
+def lit_home(**attributes: Any) -> MemoryHome:
+    return MemoryHome({LAMP: ("on", {"brightness": 100, **attributes}), "switch.fan": ("off", {})})
+
+
+def brightness(home: MemoryHome) -> Any:
+    return home.states[LAMP]["attributes"]["brightness"]
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
+
+
+@pytest.fixture
+async def home() -> AsyncIterator[tuple[MemoryHome, int]]:
+    memory_home = lit_home()
+    async with memory_home.serving() as port:
+        yield memory_home, port
+
+
+async def test_recorded_home_assistant_is_switched_and_its_states_come_back(tmp_path: Path) -> None:
+    async with played(RECORDING) as port, memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("bed", "light.bed_light"), thing("ceiling", "light.ceiling_lights"))
+        start(bench, config_of(tmp_path, port, hover=False))
+        await until(lambda: site.selected == {"ceiling"}, what="the states of before")
+        assert site.set_things == [("ceiling", True, True)], "nothing reacts to what was on before"
+        site.point("bed")
+        await asyncio.sleep(4.0)
+        assert site.selected == {"ceiling", "bed"}, "the recorded lamp went on, or it would have been reset"
+        site.point("bed", on=False)
+        await asyncio.sleep(4.0)
+        assert site.selected == {"ceiling"}
+
+
+async def test_entities_of_the_recorded_home_assistant_are_listed_by_area(tmp_path: Path) -> None:
+    async with played(RECORDING) as port, connected(config_of(tmp_path, port)) as connection:
+        reading = asyncio.create_task(connection.read())
+        entities = await entities_of(connection)
+        reading.cancel()
+        await asyncio.wait([reading])
+    assert [(each.area, each.entity) for each in entities] == [
+        ("Bedroom", "light.bed_light"),
+        ("Kitchen", "switch.ac"),
+        ("Living room", "light.ceiling_lights"),
+        ("", "cover.hall_window"),
+        ("", "scene.movie"),
+    ]
+    assert entities[0].name == "Bed Light"
+
+
+def test_chosen_entities_become_things_of_a_map_whose_text_stays() -> None:
+    entities = [
+        HomeEntity("Kitchen", "light.desk", "Desk lamp", "on"),
+        HomeEntity("Kitchen", "switch.desk", "Desk", "off"),
+        HomeEntity("", "light.hall", "hall", "off"),
+    ]
+    content = b"# mine\nthings:\n  hall: {home_assistant: light.hall}  # known\n"
+    chosen = chosen_entities(entities, ["light.*"], ["kitchen"])
+    text, names = with_things(content, Path("room.yaml"), chosen)
+    assert names == ["desk", "desk_2"]
+    assert text.startswith(content)
+    assert text.decode().splitlines()[3:] == [
+        "  desk: {home_assistant: light.desk, label: Desk lamp}",
+        "  desk_2: {home_assistant: switch.desk, label: Desk}",
+    ]
+    assert with_things(text, Path("room.yaml"), chosen)[1] == [], "again"
+    with pytest.raises(ConfigError, match=r"--entity light\.dsk: fits no entity; did you mean light\.desk"):
+        chosen_entities(entities, ["light.dsk"], [])
+
+
+async def test_selection_acts_newest_wins_and_the_rate_is_limited(
+    home: tuple[MemoryHome, int], tmp_path: Path
+) -> None:
+    memory_home, port = home
+    async with memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("desk", LAMP), thing("bell", "switch.fan", "button"))
+        start(bench, config_of(tmp_path, port))
+        await until(lambda: site.selected == {"desk"}, what="the state of the lamp")
+        memory_home.latency_s = 0.5
+        for on in (False, True, False, True, False):
+            site.point("desk", on=on)
+        await until(lambda: memory_home.states[LAMP]["state"] == "off", what="the lamp to go off")
+        assert len(memory_home.calls) <= 2, "the newest of those that waited"
+        site.point("bell")
+        await until(lambda: memory_home.states["switch.fan"]["state"] == "on", what="the button to toggle")
+        site.point("bell")
+        await until(lambda: memory_home.states["switch.fan"]["state"] == "off", what="it to toggle back")
+
+
+async def test_thing_has_the_state_of_its_entity_whoever_switches_it_and_if_it_fails(
+    home: tuple[MemoryHome, int], tmp_path: Path
+) -> None:
+    memory_home, port = home
+    async with memory_bench(WallClock()) as bench:
+        health = bench.collect(HEALTH)
+        site = HomeSite(bench, thing("desk", LAMP), thing("fan", "switch.fan"))
+        start(bench, config_of(tmp_path, port))
+        await until(lambda: site.selected == {"desk"}, what="the state of the lamp")
+        memory_home.set("switch.fan", "on")
+        await until(lambda: site.selected == {"desk", "fan"}, what="what was switched there")
+        assert site.set_things[-1] == ("fan", True, False), "others react to it"
+        assert memory_home.calls == [], "no echo"
+        memory_home.refusal = "the bulb does not answer"
+        site.point("desk", on=False)
+        await until(lambda: "desk" in site.selected, what="the state of the lamp after the refusal")
+        await until(
+            lambda: "did not run light.turn_off on light.desk (the bulb" in str(health[-1]), what="why"
+        )
+
+
+async def test_unavailable_renamed_and_deleted_entities_are_named(
+    home: tuple[MemoryHome, int], tmp_path: Path
+) -> None:
+    memory_home, port = home
+    async with memory_bench(WallClock()) as bench:
+        health = bench.collect(HEALTH)
+        site = HomeSite(bench, thing("desk", LAMP), thing("fan", "switch.fan"), thing("typo", "light.dek"))
+        start(bench, config_of(tmp_path, port))
+        await until(
+            lambda: bool(health) and "light.dek of thing typo (did you mean light.desk" in str(health[-1]),
+            what="the entity that does not exist",
+        )
+        memory_home.set("switch.fan", "unavailable")
+        await until(
+            lambda: "unavailable in Home Assistant: switch.fan of thing fan;" in str(health[-1]),
+            what="the unavailable entity",
+        )
+        site.point("fan")
+        memory_home.set("switch.fan", "off")
+        await until(lambda: "unavailable in" not in str(health[-1]), what="it to be there again")
+        assert memory_home.calls == []
+        memory_home.set("light.table", "on")
+        memory_home.fire("entity_registry_updated", {"entity_id": "light.table", "old_entity_id": LAMP})
+        memory_home.set(LAMP, None)
+        await until(
+            lambda: "light.desk of thing desk (now light.table)" in str(health[-1]), what="the renamed one"
+        )
+
+
+async def test_hovered_lamp_returns_also_after_the_end_and_a_restart_of_home_assistant(
+    tmp_path: Path,
+) -> None:
+    memory_home, port = lit_home(), free_port()
+    config = config_of(tmp_path, port)
+    async with memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("desk", LAMP))
+        async with memory_home.serving(port):
+            launch = start(bench, config)
+            await until(lambda: "desk" in site.selected, what="the state of the lamp")
+            async with site.hovering("desk"):
+                await until(lambda: brightness(memory_home) == 120, what="the hover")
+            await until(lambda: brightness(memory_home) == 100, what="the lamp to return")
+            async with site.hovering("desk"):
+                await until(lambda: brightness(memory_home) == 120, what="the hover")
+        async with memory_home.serving(port):
+            await until(lambda: brightness(memory_home) == 100, what="the lamp after the restart")
+            async with site.hovering("desk"):
+                await until(lambda: brightness(memory_home) == 120, what="the hover")
+                await bench.end(launch)
+            await until(lambda: brightness(memory_home) == 100, what="the lamp after the end")
+
+
+async def test_lamp_that_is_switched_off_while_hovered_keeps_its_brightness(
+    home: tuple[MemoryHome, int], tmp_path: Path
+) -> None:
+    memory_home, port = home
+    async with memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("desk", LAMP))
+        start(bench, config_of(tmp_path, port))
+        await until(lambda: "desk" in site.selected, what="the state of the lamp")
+        async with site.hovering("desk"):
+            await until(lambda: brightness(memory_home) == 120, what="the hover")
+            site.point("desk", on=False)
+            await until(lambda: memory_home.states[LAMP]["state"] == "off", what="the lamp to go off")
+    assert [(call, data) for call, _entity, data in memory_home.calls] == [
+        ("light.turn_on", {"brightness": 120}),
+        ("light.turn_on", {"brightness": 100}),
+        ("light.turn_off", {}),
+    ]
+
+
+async def test_slow_lamp_shows_no_hover_after_two_slow_calls(
+    home: tuple[MemoryHome, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    memory_home, port = home
+    memory_home.latency_s = 0.3
+    async with memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("desk", LAMP))
+        start(bench, config_of(tmp_path, port, max_hover_latency_s=0.1))
+        await until(lambda: "desk" in site.selected, what="the state of the lamp")
+        for _ in range(2):
+            async with site.hovering("desk"):
+                await until(lambda: brightness(memory_home) == 120, what="the hover")
+            await until(lambda: brightness(memory_home) == 100, what="the lamp to return")
+        assert "light.desk takes 0." in caplog.text
+        calls = len(memory_home.calls)
+        async with site.hovering("desk"):
+            await asyncio.sleep(1.5)
+        assert len(memory_home.calls) == calls
+
+
+async def test_rejected_token_is_reported_once_sent_and_a_new_one_is_used(
+    home: tuple[MemoryHome, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    memory_home, port = home
+    memory_home.token = "another"  # noqa: S105 - of a test
+    async with memory_bench(WallClock()) as bench:
+        health = bench.collect(HEALTH)
+        configurations = bench.collect(CONFIGURATION)
+        site = HomeSite(bench, thing("desk", LAMP))
+        start(bench, config_of(tmp_path, port))
+        await until(lambda: bool(health) and "rejects the token in" in str(health[-1]), what="the reason")
+        await asyncio.sleep(3.0)
+        assert memory_home.logins == [TOKEN], "more would make Home Assistant block this machine"
+        token_file(tmp_path, "another")
+        await until(lambda: "desk" in site.selected, what="the new token")
+        published = f"{health} {configurations} {caplog.text}"
+    secret = TOKEN.rpartition(".")[2]
+    assert configurations
+    assert secret not in published
+    assert "another" not in published
+
+
+async def refusal(config: Any) -> str:
+    with pytest.raises(PointItError) as caught:
+        async with connected(config):
+            pass
+    assert TOKEN not in str(caught.value)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+async def test_server_that_is_no_home_assistant_gets_no_token(tmp_path: Path) -> None:
+    received: list[str | bytes] = []
+
+    async def other(websocket: ServerConnection) -> None:
+        await websocket.send('{"hello": 1}')
+        async for text in websocket:
+            received.append(text)
+
+    async with serve(other, "127.0.0.1", 0) as server:
+        port = next(iter(server.sockets)).getsockname()[1]
+        assert "is no Home Assistant (it does not begin as one): correct `url`" in await refusal(
+            config_of(tmp_path, port)
+        )
+    assert received == []
+
+
+@pytest.mark.parametrize(
+    ("answer", "sentence"),
+    [
+        (b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n", "is no Home Assistant (it answers 404)"),
+        (b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nhi", "is no Home Assistant (it answers 200)"),
+        (b"HTTP/1.0 404 File not found\r\n\r\n", "is no Home Assistant (it does not answer as one)"),
+        (b"SSH-2.0-OpenSSH_9.2\r\n", "is no Home Assistant (it does not answer as one)"),
+        (b"", "is no Home Assistant (it does not answer as one)"),
+        (b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\n\r\n", "blocks this machine (403)"),
+        (
+            b"HTTP/1.1 301 Moved\r\nLocation: https://ha.example/api/websocket\r\nContent-Length: 0\r\n\r\n",
+            "refers to another address: write https://ha.example as `url`",
+        ),
+    ],
+)
+async def test_answers_of_other_servers_give_one_sentence(
+    answer: bytes, sentence: str, tmp_path: Path
+) -> None:
+    async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(100)
+        writer.write(answer)
+        writer.close()
+
+    async with await asyncio.start_server(reply, "127.0.0.1", 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        assert sentence in await refusal(config_of(tmp_path, port))
+
+
+async def test_http_for_https_and_https_for_http_name_the_right_address(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory_home = lit_home()
+    async with memory_home.serving() as port:
+        config = config_of(tmp_path, port, url=f"https://127.0.0.1:{port}")
+        assert f"does not encrypt: write http://127.0.0.1:{port} as `url`" in await refusal(config)
+    authority, certificate, key = issue(tmp_path, "127.0.0.1")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate, key)
+    async with memory_home.serving(ssl=context) as port:
+        assert f"encrypts: write https://127.0.0.1:{port} as `url`" in await refusal(
+            config_of(tmp_path, port)
+        )
+        config = config_of(tmp_path, port, url=f"https://127.0.0.1:{port}")
+        assert "is not trusted (" in (problem := await refusal(config))
+        assert "set the variable SSL_CERT_FILE to a file with its authority's certificate" in problem
+        monkeypatch.setenv("SSL_CERT_FILE", str(authority))
+        async with connected(config):
+            pass
+    port = free_port()
+    assert f"no Home Assistant answers at http://127.0.0.1:{port}" in await refusal(config_of(tmp_path, port))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ({"url": "homeassistant.local:8123"}, "url: write http://HOST:8123"),
+        ({"url": "http://me:s3cr3t@hub:8123"}, "url: write http://HOST:8123"),
+        ({"url": "ftp://hub"}, "url: write http://HOST:8123"),
+        ({"url": ""}, "url: is missing"),
+        ({"token_file": TOKEN}, "token_file: is a token itself"),
+        ({"token_file": ""}, "token_file: is missing"),
+        ({"token_file": "/none"}, "/none does not exist"),
+    ],
+)
+def test_wrong_options_give_one_sentence_without_secrets(
+    parameters: dict[str, str], sentence: str, tmp_path: Path
+) -> None:
+    options = {"url": "http://hub:8123", "token_file": str(token_file(tmp_path)), **parameters}
+    arguments = ["home-assistant"]
+    for name, value in options.items():
+        arguments += [f"--{name.replace('_', '-')}", value]
+    result = CliRunner().invoke(import_, arguments)
+    assert sentence in str(result.exception)
+    assert "s3cr3t" not in str(result.exception) + result.output
+
+
+@pytest.mark.parametrize("content", [b"", b"two words", b"\xff\xfe\x00", b"x" * 5000, "ä".encode()])
+def test_file_without_a_token_is_named_and_not_quoted(content: bytes, tmp_path: Path) -> None:
+    config = config_of(tmp_path, 1)
+    Path(config.token_file).write_bytes(content)
+    with pytest.raises(ConfigError, match=r"token does not hold one token and nothing else"):
+        config.read_token()
+
+
+def test_address_that_was_copied_from_a_browser_is_that_of_its_server(tmp_path: Path) -> None:
+    config = config_of(tmp_path, 1, url="http://homeassistant.local:8123/lovelace/0?edit=1")
+    assert config.address == "ws://homeassistant.local:8123/api/websocket"
+    assert HomeAction.parse(LAMP).domain == "light"

@@ -241,6 +241,7 @@ async def test_rejected_token_is_reported_once_sent_and_a_new_one_is_used(
     home: tuple[MemoryHome, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG)
+    caplog.set_level(logging.INFO, "websockets.server")  # of the server here
     memory_home, port = home
     memory_home.token = "another"  # noqa: S105 - of a test
     async with memory_bench(WallClock()) as bench:
@@ -274,8 +275,7 @@ async def test_server_that_is_no_home_assistant_gets_no_token(tmp_path: Path) ->
 
     async def other(websocket: ServerConnection) -> None:
         await websocket.send('{"hello": 1}')
-        async for text in websocket:
-            received.append(text)
+        received.extend([text async for text in websocket])
 
     async with serve(other, "127.0.0.1", 0) as server:
         port = next(iter(server.sockets)).getsockname()[1]

@@ -54,9 +54,11 @@ class HomeSite:
     def point(self, name: str, *, on: bool = True, user: str = "anna") -> None:
         (self.selected.add if on else self.selected.discard)(name)
         self._publish()
-        event = "selected" if on else "deselected"
         self._bench.put(
-            SELECTION_EVENTS, SelectionEvent(stamp_ns=self._stamp_ns, event=event, object_id=name, user=user)
+            SELECTION_EVENTS,
+            SelectionEvent(
+                stamp_ns=self._stamp_ns, event="selected" if on else "deselected", object_id=name, user=user
+            ),
         )
 
     def hover(self, name: str, user: str = "anna") -> None:
@@ -120,11 +122,11 @@ class MemoryHome:
         self._subscriptions.clear()
 
     def set(self, entity: str, state: str | None, **attributes: Any) -> None:
-        """Change a state, as a person or a device does; None: the entity is deleted."""
+        """Change a state, as a person or a device does. `state`: None if the entity is deleted."""
         old = self.states.pop(entity, None)
-        new = None
+        new: Message | None = None
         if state is not None:
-            kept = (old or {}).get("attributes", {}) if state != "unavailable" else {}
+            kept: Message = (old or {}).get("attributes", {}) if state != "unavailable" else {}
             new = {"entity_id": entity, "state": state, "attributes": {**kept, **attributes}}
             self.states[entity] = new
         self.fire("state_changed", {"entity_id": entity, "old_state": old, "new_state": new})
@@ -151,7 +153,8 @@ class MemoryHome:
                     tasks.create_task(self._answer(websocket, json.loads(text)))
 
     async def _answer(self, websocket: ServerConnection, command: Message) -> None:
-        number, result = command["id"], None
+        number = command["id"]
+        result: Any = None
         if command["type"] == "get_states":
             result = list(self.states.values())
         elif command["type"] == "subscribe_events":
@@ -231,8 +234,9 @@ async def recording(url: str, path: Path, keep: Callable[[Message], bool]) -> As
     with path.open("w") as file:
 
         def write(side: str, text: str | bytes) -> None:
-            message = json.loads(text)
-            for each in message if isinstance(message, list) else [message]:
+            value: Any = json.loads(text)
+            messages: list[Message] = value if isinstance(value, list) else [value]
+            for each in messages:
                 if keep(each):
                     file.write(json.dumps({side: _without_secrets(each)}) + "\n")
 

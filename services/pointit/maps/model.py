@@ -148,7 +148,7 @@ def _name(value: object) -> str:
     return name
 
 
-def _home_action(value: object) -> str:
+def _home_action(value: Any) -> str:
     """Return an entity of Home Assistant, or its entity, action and data as JSON."""
     fields = cast("dict[str, Any]", value) if isinstance(value, dict) else {"entity": value, "action": "a.b"}
     names, data = [fields.get("entity"), fields.get("action")], fields.get("data", {})

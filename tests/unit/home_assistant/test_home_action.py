@@ -18,7 +18,7 @@ LAMP = "light.desk"
 
 
 def feedback(folder: Path) -> HoverFeedback:
-    return HoverFeedback(StateFile.at(folder / "lights.json", DimmedLights))
+    return HoverFeedback(StateFile[DimmedLights].at(folder / "lights.json", DimmedLights))
 
 
 def lamp(brightness: int | None, **attributes: Any) -> dict[str, Any]:
@@ -43,7 +43,9 @@ def shown(call: Any) -> Any:
         ("input_button.bell", False, "input_button.press"),
     ],
 )
-def test_entity_is_switched_by_the_action_of_its_domain(entity: str, on: bool | None, service: str) -> None:
+def test_entity_is_switched_by_the_action_of_its_domain(
+    entity: str, *, on: bool | None, service: str
+) -> None:
     call = HomeAction.parse(entity).call(on=on)
     assert (call.entity, f"{call.domain}.{call.service}", call.data) == (entity, service, {})
 

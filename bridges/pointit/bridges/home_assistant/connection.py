@@ -171,7 +171,7 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
     require_client()
     config.check()
     token = await asyncio.to_thread(config.read_token)
-    opening = Connect(
+    connecting = Connect(
         config.address,
         open_timeout=CONNECT_TIMEOUT_S,
         close_timeout=1.0,
@@ -180,7 +180,7 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
         logger=_logger,
     )
     try:
-        websocket = await opening
+        websocket = await connecting
     except (OSError, EOFError, InvalidHandshake, InvalidMessage) as error:  # TimeoutError is an OSError
         await _raise_connect_error(config, error)
     try:
@@ -241,7 +241,7 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
             )
         elif not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
             problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
-    elif is_encrypted and isinstance(error, ssl.SSLError):
+    elif is_encrypted and isinstance(error, ssl.SSLError | ConnectionResetError | ConnectionAbortedError):
         problem = f"the server at {config.url} does not encrypt: write {plain_url} as `url`"
     elif isinstance(error, TimeoutError):
         problem = f"no Home Assistant answers at {config.url} within {CONNECT_TIMEOUT_S:g} s: correct `url`"

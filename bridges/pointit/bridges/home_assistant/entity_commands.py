@@ -56,7 +56,7 @@ class EntityCommands:
         self._feedback: HoverFeedback | None = None
         with self._reported():
             file = site_folder(bus.site, "home-assistant") / "dimmed_lights.json"
-            self._feedback = HoverFeedback(StateFile.at(file, DimmedLights))
+            self._feedback = HoverFeedback(StateFile[DimmedLights].at(file, DimmedLights))
 
     @property
     def is_connected(self) -> bool:

@@ -53,7 +53,7 @@ class HomeAction:
         return self.entity.partition(".")[0]
 
     def call(self, *, on: bool | None) -> ServiceCall:
-        """Return the call that switches the entity; None: its state is not known, or it has none."""
+        """Return the call that switches the entity. `on`: None if its state is not known, or it has none."""
         if self.action and on is not False:
             domain, _, service = self.action.partition(".")
             return ServiceCall(self.entity, domain, service, self.data)

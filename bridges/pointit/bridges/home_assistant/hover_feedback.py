@@ -5,7 +5,7 @@ it returns also after the process or Home Assistant was killed.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 from pydantic import BaseModel
 
@@ -94,15 +94,19 @@ class HoverFeedback:
         self._lights = lights
 
 
+def _attributes(state: Mapping[str, Any]) -> Mapping[str, Any]:
+    return cast("Mapping[str, Any]", state.get("attributes") or {})
+
+
 def _brightness(state: Mapping[str, Any]) -> int | None:
     """Return the brightness of a lamp that is on, or None."""
-    brightness = (state.get("attributes") or {}).get("brightness")
+    brightness = _attributes(state).get("brightness")
     return brightness if state.get("state") == "on" and isinstance(brightness, int) and brightness else None
 
 
 def _has_more_than_brightness(state: Mapping[str, Any]) -> bool:
     """Return True for groups, whose lamps may differ, and for effects, which a brightness may end."""
-    attributes = state.get("attributes") or {}
+    attributes = _attributes(state)
     is_group = "entity_id" in attributes or attributes.get("is_hue_group") is True
     return is_group or str(attributes.get("effect") or "none").lower() not in ("none", "off")
 

@@ -63,9 +63,7 @@ def import_entities(
         return
     chosen = chosen_entities(entities, patterns, areas)
     content, path = (
-        (b"", output or Path("things.yaml"))
-        if into is None
-        else (read_limited(into, MAX_MAP_BYTES), into)
+        (b"", output or Path("things.yaml")) if into is None else (read_limited(into, MAX_MAP_BYTES), into)
     )
     text, names = with_things(content, path, chosen)
     if into is not None:
@@ -98,11 +96,11 @@ async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
     registry: dict[str, dict[str, Mapping[str, Any]]] = {}
     for kind, key in (("area", "area_id"), ("device", "id"), ("entity", "entity_id")):
         try:
-            entries = await connection.request(f"config/{kind}_registry/list")
+            entries: list[Mapping[str, Any]] = await connection.request(f"config/{kind}_registry/list")
         except RefusedError:  # not for users without rights of an administrator
             entries = []
         registry[kind] = {each[key]: each for each in entries}
-    found: list[HomeEntity] = []
+    entities: list[HomeEntity] = []
     for state in states:
         entity = state["entity_id"]
         entry = registry["entity"].get(entity, {})
@@ -111,8 +109,8 @@ async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
         device = registry["device"].get(entry.get("device_id") or "", {})
         area = registry["area"].get(entry.get("area_id") or device.get("area_id") or "", {})
         name = state.get("attributes", {}).get("friendly_name") or entity
-        found.append(HomeEntity(area.get("name") or "", entity, str(name), str(state.get("state"))))
-    return sorted(found, key=lambda each: (each.area == "", each.area.casefold(), each.entity))
+        entities.append(HomeEntity(area.get("name") or "", entity, str(name), str(state.get("state"))))
+    return sorted(entities, key=lambda each: (each.area == "", each.area.casefold(), each.entity))
 
 
 def chosen_entities(

@@ -6,7 +6,7 @@ import json
 from collections.abc import AsyncGenerator, Callable, Mapping
 from pathlib import Path
 from ssl import SSLContext
-from typing import Any
+from typing import Any, cast
 
 from websockets.asyncio.client import connect
 from websockets.asyncio.server import ServerConnection, serve
@@ -235,7 +235,7 @@ async def recording(url: str, path: Path, keep: Callable[[Message], bool]) -> As
 
         def write(side: str, text: str | bytes) -> None:
             value: Any = json.loads(text)
-            messages: list[Message] = value if isinstance(value, list) else [value]
+            messages = cast("list[Message]", value) if isinstance(value, list) else [value]
             for each in messages:
                 if keep(each):
                     file.write(json.dumps({side: _without_secrets(each)}) + "\n")

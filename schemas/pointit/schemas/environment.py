@@ -185,7 +185,7 @@ class Frame(SchemaModel):
 class Environment(Message):
     """The map of the room in {W}; the ROS toolkit's `belts`, `leds`, `strips`, `links`, and more."""
 
-    version: ClassVar[int] = 5
+    version: ClassVar[int] = 6
 
     max_bytes: ClassVar[int] = 1024 * 1024
     """Room for 10 000 strips."""

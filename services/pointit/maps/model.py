@@ -156,7 +156,7 @@ def _home_action(value: Any) -> str:
     if not is_valid or not isinstance(data, dict) or fields.keys() - {"entity", "action", "data"}:
         raise ValueError(
             "write an entity of Home Assistant, such as light.desk, or {entity: light.desk, action: "
-            f"light.turn_on, data: {{brightness_pct: 40}}}}, not {format_value(value)}"
+            f"light.turn_on, data: {{brightness_pct: 40}}}}, not {format_value(cast('object', value))}"
         )
     text = json.dumps(value, allow_nan=False) if isinstance(value, dict) else str(value)
     if len(text) > MAX_HOME_ACTION:

@@ -146,8 +146,8 @@ def _messages(text: str | bytes) -> Sequence[Mapping[str, Any]]:
         value = json.loads(text)
     except (ValueError, RecursionError):
         return ()
-    values = value if isinstance(value, list) else [value]
-    return [each for each in values if isinstance(each, dict)]
+    values = cast("list[object]", value) if isinstance(value, list) else [value]
+    return [cast("Mapping[str, Any]", each) for each in values if isinstance(each, dict)]
 
 
 @contextlib.asynccontextmanager

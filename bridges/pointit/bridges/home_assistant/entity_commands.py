@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Mapping
 from typing import Any
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
@@ -174,7 +174,7 @@ class EntityCommands:
         return True
 
     @contextlib.contextmanager
-    def _reported(self) -> Iterator[None]:
+    def _reported(self) -> Generator[None]:
         """Report a file that cannot be read or written."""
         try:
             yield

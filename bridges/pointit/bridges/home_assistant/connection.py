@@ -160,7 +160,7 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
         NoHomeAssistantError: If there is no Home Assistant at the address. One sentence with the remedy.
     """
     from websockets.asyncio.client import connect  # noqa: PLC0415 - an extra
-    from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidMessage  # noqa: PLC0415
+    from websockets.exceptions import ConnectionClosed, InvalidHandshake  # noqa: PLC0415
 
     class Connect(connect):
         """Follows no redirect: another server would get the token."""
@@ -181,7 +181,7 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
     )
     try:
         websocket = await connecting
-    except (OSError, EOFError, InvalidHandshake, InvalidMessage) as error:  # TimeoutError is an OSError
+    except (OSError, EOFError, UnicodeError, InvalidHandshake) as error:  # TimeoutError is an OSError
         await _raise_connect_error(config, error)
     try:
         try:

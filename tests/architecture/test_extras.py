@@ -23,7 +23,9 @@ EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
 
 def test_table_names_every_extra_with_its_libraries() -> None:
-    rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| ([^|]+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    rows = re.findall(
+        r"^\| `([\w-]+)` \| [^|]+ \| ([^|]+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE
+    )
     documented = {name: set(libraries.split(", ")) for name, libraries in rows}
     declared = {name: {Requirement(line).name for line in lines} for name, lines in EXTRAS.items()}
     assert documented == {name: declared[name] for name in declared.keys() - FOR_WORK_ON_POINTIT}
@@ -31,7 +33,7 @@ def test_table_names_every_extra_with_its_libraries() -> None:
 
 def test_examples_name_extras_and_the_version_that_there_are() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    listed = [*re.findall(r"scripts/setup ([\w ]+)`", text), *re.findall(r"\[([\w,]+)\]", text)]
+    listed = [*re.findall(r"scripts/setup ([\w -]+)`", text), *re.findall(r"\[([\w,]+)\]", text)]
     assert len(listed) >= 5
     assert {name for names in listed for name in re.split(r"[ ,]", names)} <= {*EXTRAS, "lab"}
     assert set(re.findall(r"pointit-([\d.]+)-py3", text)) == {PROJECT["version"]}

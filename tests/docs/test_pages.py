@@ -25,6 +25,7 @@ REASONS = {
 UNRUN = {
     "deploy/README.md": 7, "docs/explanation/limits.md": 1, "docs/how-to/assistants.md": 2,
     "docs/how-to/contribute.md": 1, "docs/how-to/conveyor.md": 1, "docs/how-to/export.md": 2,
+    "docs/how-to/home-assistant.md": 2,
     "docs/how-to/measure.md": 13, "docs/how-to/observe.md": 1, "docs/how-to/page.md": 1,
     "docs/how-to/put-that-there.md": 1, "docs/how-to/replay.md": 1, "docs/how-to/ros2.md": 3,
     "docs/how-to/ros4hri.md": 2, "docs/how-to/scan-details.md": 5, "docs/how-to/scan.md": 2,

@@ -64,7 +64,7 @@ def test_extras_are_installed_in_one_way_where_people_read() -> None:
     for path in set(files) - {PAGE, Path(extras.__file__)}:
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"pip install\b.*\bpointit\b|pointit\[", text), path
-        named.update(re.findall(r"scripts/setup (\w+)", text))
+        named.update(re.findall(r"scripts/setup ([\w-]+)", text))
     assert named <= {*EXTRAS, "lab"}
 
 

@@ -2,7 +2,6 @@
 
 import ast
 import re
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -99,12 +98,7 @@ def test_every_service_folder_is_in_the_registry_and_vice_versa() -> None:
         for folder in home.iterdir()
         if folder.is_dir() and folder.name != "__pycache__"
     }
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    plugins = project["entry-points"]["pointit.services"]
-    parts = [module.split(".") for module in plugins.values()]  # pointit.bridges.NAME.plugin:OBJECT
-    assert folders == {folder_of(row) for row in PROCESSES if row.plugin is None} | {
-        HOMES[room] / name for _root, room, name, *_ in parts
-    }
+    assert folders == {folder_of(row) for row in PROCESSES}
 
 
 @rows

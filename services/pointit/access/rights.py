@@ -36,7 +36,7 @@ from pointit.schemas.topics import (
     Request,
     Topic,
 )
-from pointit.services.registry import PROCESSES, RECORDER, Process, add_installed
+from pointit.services.registry import HOME_ASSISTANT, PROCESSES, RECORDER, Process, add_installed
 
 Role = Literal["user", "services", "service", "web", "ros2", "dashboard", "operator", "supervisor", "router"]
 """Role of an identity: a person's services; the shared services; one shared service with the identity's name;
@@ -221,8 +221,10 @@ def _of_scope(scope: Literal["site", "user"]) -> Sequence[Process]:
 
 
 def _asked(rows: Iterable[Process]) -> list[Request[Any, Any]]:
-    """Return the requests that services of other packages send. Ours send none."""
-    return [request for row in rows if row.plugin is not None for request in row.plugin.asks]
+    """Return the requests that services of other packages send. Of ours, only `home-assistant` sends one."""
+    asks = {row.name: row.plugin.asks if row.plugin is not None else () for row in rows}
+    own: tuple[Request[Any, Any], ...] = (SET_THING,) if HOME_ASSISTANT.name in asks else ()
+    return [*(request for requests in asks.values() for request in requests), *own]
 
 
 def _is_personal(row: Topic[Any] | Request[Any, Any]) -> bool:

@@ -149,6 +149,19 @@ LED_DRIVER = Process(
     writes=(topics.STRIPS_FRAME, topics.LAMP_COLOR, topics.LAMP_LEASES),
     serves=(topics.SET_BRIGHTNESS, topics.SET_LAMP, topics.SHOW_PIXELS),
 )  # fmt: skip
+USER_SIM = Process(
+    name="user-sim", scope="user", about="a simulated person who sees lights, reaches for targets and holds",
+    reads=(
+        topics.MAP, topics.OBJECTS, topics.ROBOT_STATE, topics.STRIPS_FRAME, topics.LAMP_COLOR,
+        topics.FEEDBACK, topics.PROFILE, topics.WRIST,
+    ),
+    writes=(topics.IMU, topics.BUTTON),
+)  # fmt: skip
+HOME_ASSISTANT = Process(
+    name="home-assistant", scope="site", room="bridges", extra="home-assistant",
+    about="things that are entities of a Home Assistant: actions there, and their state back",
+    reads=(topics.MAP, topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS), writes=(),
+)  # fmt: skip
 """The processes with the longest lists."""
 
 PROCESSES: list[Process] = [
@@ -185,22 +198,7 @@ PROCESSES: list[Process] = [
         writes=(),
         serves=(topics.FIND_REFERENTS,),
     ),
-    Process(
-        name="user-sim",
-        scope="user",
-        about="a simulated person who sees lights, reaches for targets and holds",
-        reads=(
-            topics.MAP,
-            topics.OBJECTS,
-            topics.ROBOT_STATE,
-            topics.STRIPS_FRAME,
-            topics.LAMP_COLOR,
-            topics.FEEDBACK,
-            topics.PROFILE,
-            topics.WRIST,
-        ),
-        writes=(topics.IMU, topics.BUTTON),
-    ),
+    USER_SIM,
     Process(
         name="pui",
         scope="site",
@@ -283,6 +281,7 @@ PROCESSES: list[Process] = [
         writes=(),
     ),
     ROS2,
+    HOME_ASSISTANT,
 ]
 """All rows: ours, and those of other packages that were added."""
 

@@ -30,6 +30,7 @@ DEVICES = {
             network/datagram_source.py network/port_source.py network/slimevr.py network/udp_server.py
             network/ximu3.py replay_source.py serial/source.py simulated.py sources.py""",
         "foxglove": "server.py",
+        "home-assistant": "config.py connection.py entity_commands.py hover_feedback.py",
         "keeper": "record.py",
         "recorder": "sink.py",
         "led-driver": """

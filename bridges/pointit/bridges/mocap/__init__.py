@@ -1,0 +1,1 @@
+"""Motion capture: bodies of OptiTrack Motive as tracked objects, robots and people, or as ground truth."""

@@ -1,0 +1,215 @@
+"""Rigid bodies of a stream: checked, in {W}, as tracked objects. Pure; time is an argument."""
+
+import math
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from pointit.bridges.mocap.config import MAX_BODIES, MocapConfig
+from pointit.bridges.mocap.natnet.packets import BodySample
+from pointit.bridges.mocap.natnet.session import TimedFrame
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
+from pointit.maps.frames import point_in_world
+from pointit.runtime.config.similar_names import did_you_mean
+from pointit.schemas import NS_PER_S, TrackedObject
+from pointit.schemas.environment import Frame
+
+HOLD_NS = NS_PER_S // 5
+"""Time for which an unseen body keeps its position and speed, ns."""
+UNSEEN_NS = 2 * NS_PER_S
+"""Time after which it is reported."""
+REPORT_NS = 10 * NS_PER_S
+"""Time for which a jump is reported."""
+MAX_SPEED_MPS, JUMP_M = 10.0, 0.1
+MAX_RATE_RADPS, JUMP_RAD = 30.0, 0.6
+"""A body that moves or turns by more than the speed allows, and this much, has jumped."""
+JUMP_NS, SWAP_NS = 3 * NS_PER_S // 10, 3 * NS_PER_S
+"""Time after which a body that jumped is used again, and one that jumped to where another body was, ns."""
+MIN_MEASURED = 3
+"""Least number of markers that cameras see, below which Motive fills in the others by the model."""
+MIN_SIGMA_M = 0.001
+"""Least 1 sigma of a position, m: the error that Motive states is that of its fit to the markers."""
+VELOCITY_NS = NS_PER_S // 10
+"""Time over which a velocity is taken, ns."""
+
+
+@dataclass(frozen=True)
+class BodyPose:
+    """A body in {W}."""
+
+    name: str
+    stamp_ns: int
+    position_m: Vec3
+    orientation_xyzw: Quaternion
+    sigma_m: float
+
+
+@dataclass
+class _Track:
+    """Course of one body."""
+
+    pose: BodyPose | None = None
+    """The last one that was used."""
+    past: deque[BodyPose] = field(default_factory=deque[BodyPose])
+    velocity_mps: Vec3 = (0.0, 0.0, 0.0)
+    seen_ns: int = 0
+    """Time at which it was seen last, used or not."""
+    jumped_ns: int = 0
+    """Time of the jump since which it is not used, or 0."""
+    fault: str = ""
+    """Reason why it was not used in the last frame, or `""`."""
+
+
+class Bodies:
+    """The bodies of a stream."""
+
+    def __init__(self, config: MocapConfig) -> None:
+        self._config = config
+        self._tracks: dict[str, _Track] = {}
+        self._jumps: dict[str, int] = {}
+        """Sentences about jumps, and when they happened."""
+        self._frame_ns = 0
+
+    def update(self, timed: TimedFrame, frame: Frame | None) -> list[BodyPose]:
+        """Return the bodies of a frame that can be used, in {W}. `frame`: Motive's origin, None for {W}."""
+        self._frame_ns = timed.stamp_ns
+        counts = Counter(name for name, _ in timed.bodies)
+        used: list[BodyPose] = []
+        for name, body in timed.bodies[:MAX_BODIES]:
+            track = (
+                self._tracks.setdefault(name, _Track()) if len(self._tracks) < 2 * MAX_BODIES else _Track()
+            )
+            track.fault = _fault(name, body, counts[name])
+            if not track.fault:
+                pose = self._in_world(name, body, timed.stamp_ns, frame)
+                if self._is_plausible(track, pose):
+                    _follow(track, pose)
+                    used.append(pose)
+        return used
+
+    def current(self, now_ns: int) -> Iterator[tuple[BodyPose, Vec3]]:
+        """Yield the bodies that are seen, with their velocities. `now_ns`: time of the newest frame."""
+        for track in self._tracks.values():
+            if track.pose is not None and 0 <= now_ns - track.pose.stamp_ns <= HOLD_NS:
+                yield track.pose, track.velocity_mps
+
+    def objects(self, now_ns: int) -> tuple[TrackedObject, ...]:
+        """Return the bodies that no person wears at `now_ns`."""
+        worn = {name for name, each in self._config.bodies.items() if each.person}
+        return tuple(
+            self._object(pose, velocity_mps, now_ns)
+            for pose, velocity_mps in self.current(now_ns)
+            if pose.name not in worn
+        )
+
+    @property
+    def unused(self) -> int:
+        """Return the number of bodies that are in the stream and not used."""
+        return sum(
+            track.pose is None or track.pose.stamp_ns != self._frame_ns for track in self._tracks.values()
+        )
+
+    def problem(self, now_ns: int) -> str:
+        """Return a sentence about bodies that are not used, or `""`."""
+        self._jumps = {text: at_ns for text, at_ns in self._jumps.items() if now_ns - at_ns < REPORT_NS}
+        problems = list(self._jumps)
+        for name in self._config.bodies:
+            track = self._tracks.get(name)
+            if track is None and self._frame_ns:
+                names = sorted(self._tracks)
+                known = did_you_mean(name, names) or f"it has {', '.join(names) or 'none'};"
+                problems.append(
+                    f"Motive streams no body {name!r}: {known} correct `bodies`, or rename it there"
+                )
+        for name, track in self._tracks.items():
+            is_worn = name in self._config.bodies or "two bodies" in track.fault
+            last_ns = 0 if track.pose is None else track.pose.stamp_ns
+            if track.fault and is_worn and self._frame_ns - last_ns > UNSEEN_NS:
+                problems.append(track.fault)
+        more = f" ({len(problems) - 1} more)" if problems[1:] else ""
+        return f"{problems[0]}{more}" if problems else ""
+
+    def _in_world(self, name: str, body: BodySample, stamp_ns: int, frame: Frame | None) -> BodyPose:
+        position_m, turn = body.position_m, body.orientation_xyzw
+        if self._config.up == "y":
+            position_m = (position_m[0], -position_m[2], position_m[1])
+            turn = (turn[0], -turn[2], turn[1], turn[3])
+        if frame is not None:
+            position_m = point_in_world(position_m, frame)
+            turn = rotation.multiply(frame.orientation_xyzw, turn)
+        return BodyPose(name, stamp_ns, position_m, turn, max(MIN_SIGMA_M, min(1.0, body.error_m)))
+
+    def _is_plausible(self, track: _Track, pose: BodyPose) -> bool:
+        """Return False if the body has just jumped."""
+        last, seen_ns, track.seen_ns = track.pose, track.seen_ns, pose.stamp_ns
+        if last is None or not _has_jumped(last, pose, (pose.stamp_ns - seen_ns) / NS_PER_S):
+            track.jumped_ns = 0
+            return True
+        others = [each.pose for each in self._tracks.values() if each.pose is not None]
+        others = [each for each in others if each.name != pose.name]
+        nearest = min(others, key=lambda each: math.dist(each.position_m, pose.position_m), default=last)
+        moved_m = math.dist(last.position_m, pose.position_m)
+        is_swap = nearest is not last and math.dist(nearest.position_m, pose.position_m) < JUMP_M < moved_m
+        if not track.jumped_ns:
+            track.jumped_ns = pose.stamp_ns
+            text = f"{pose.name} jumped by {moved_m:.2f} m at once and is not used until it stays"
+            if is_swap:
+                text = f"{pose.name} is where {nearest.name} was: Motive has exchanged them"
+            self._jumps[f"{text}; make their markers more different"] = pose.stamp_ns
+        if pose.stamp_ns - track.jumped_ns < (SWAP_NS if is_swap else JUMP_NS):
+            return False
+        track.past.clear()
+        track.jumped_ns = 0
+        return True
+
+    def _object(self, pose: BodyPose, velocity_mps: Vec3, now_ns: int) -> TrackedObject:
+        config = self._config.bodies.get(pose.name)
+        kind = config.kind if config else "object"
+        age_s = (now_ns - pose.stamp_ns) / NS_PER_S
+        return TrackedObject(
+            id=pose.name[:64],
+            kind=kind,
+            position_m=vector.add(pose.position_m, vector.scale(velocity_mps, age_s)),
+            velocity_mps=velocity_mps,
+            length_m=config.length_m if config else 0.1,
+            yaw_rad=front_azimuth(pose) if kind == "robot" else None,
+            position_sigma_m=pose.sigma_m,
+        )
+
+
+def front_azimuth(pose: BodyPose) -> float:
+    """Return the azimuth of the x axis of a body, rad."""
+    return vector.azimuth(rotation.rotate(pose.orientation_xyzw, (1.0, 0.0, 0.0)))
+
+
+def _fault(name: str, body: BodySample, count: int) -> str:
+    """Return the reason why a body cannot be used, or `""`."""
+    if count > 1:
+        return f"two bodies are called {name!r} and are not used: rename one in Motive"
+    if not body.is_tracked:
+        return f"{name} is not seen: uncover its markers"
+    if body.measured is not None and body.measured < MIN_MEASURED:
+        return f"{name} has {body.measured} markers that cameras see, {MIN_MEASURED} are needed: uncover them"
+    return ""
+
+
+def _has_jumped(last: BodyPose, pose: BodyPose, since_s: float) -> bool:
+    alike = abs(sum(a * b for a, b in zip(last.orientation_xyzw, pose.orientation_xyzw, strict=True)))
+    moved_m, turned_rad = math.dist(last.position_m, pose.position_m), 2.0 * math.acos(min(1.0, alike))
+    return moved_m > MAX_SPEED_MPS * since_s + JUMP_M or turned_rad > MAX_RATE_RADPS * since_s + JUMP_RAD
+
+
+def _follow(track: _Track, pose: BodyPose) -> None:
+    if track.past and not 0 < pose.stamp_ns - track.past[-1].stamp_ns <= HOLD_NS:
+        track.past.clear()
+    track.pose = pose
+    track.past.append(pose)
+    while len(track.past) > 2 and pose.stamp_ns - track.past[1].stamp_ns >= VELOCITY_NS:
+        track.past.popleft()
+    since_s = (pose.stamp_ns - track.past[0].stamp_ns) / NS_PER_S
+    moved_m = vector.subtract(pose.position_m, track.past[0].position_m)
+    track.velocity_mps = (
+        vector.scale(moved_m, 1.0 / since_s) if since_s > VELOCITY_NS / 2 / NS_PER_S else (0.0, 0.0, 0.0)
+    )

@@ -1,0 +1,69 @@
+"""Parameters of mocap."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from pointit.runtime.config.config import Config
+from pointit.schemas.base import Name
+
+MAX_BODIES = 500
+
+
+class BodyConfig(Config):
+    """Meaning of one rigid body."""
+
+    kind: str = Field(
+        default="object",
+        max_length=64,
+        description="kind of the object, `robot` for what people may steer by",
+    )
+    length_m: float = Field(default=0.1, gt=0, le=20, description="diameter of the object, m")
+    person: Name | Literal[""] = Field(default="", description="person who wears it, or empty")
+    part: Literal["head", "forearm"] = Field(
+        default="head",
+        description="where the person wears it. head: gives the position; forearm, of the arm with the "
+        "IMU: gives the yaw",
+    )
+
+
+class MocapConfig(Config):
+    """A server of motion capture, and the meaning of its bodies."""
+
+    server: str = Field(
+        default="", max_length=253, description="name or address of the machine with OptiTrack Motive"
+    )
+    port: int = Field(default=1510, gt=0, le=65535, description="its UDP port for commands")
+    interface: str = Field(
+        default="",
+        max_length=15,
+        description="IPv4 address of this machine in the network of the cameras; if empty, the one that "
+        "leads to the server",
+    )
+    up: Literal["y", "z"] = Field(
+        default="y", description="axis that points up in the stream, `Up Axis` of Motive's streaming panel"
+    )
+    tracker: Name = Field(default="mocap", description="name of the tracker, unique on the site")
+    frame: str = Field(
+        default="", description="frame of the map that is Motive's origin on the floor; empty for {W}"
+    )
+    bodies: dict[str, BodyConfig] = Field(
+        default={},
+        max_length=MAX_BODIES,
+        description="meaning of rigid bodies by their names in Motive; others are objects of these names",
+    )
+    truth: bool = Field(
+        default=False,
+        description="ground truth: people are published as objects for recordings and compared with their "
+        "localization, and no pose is changed",
+    )
+
+    @model_validator(mode="after")
+    def _parts_occur_once(self) -> "MocapConfig":
+        parts = [(each.person, each.part) for each in self.bodies.values() if each.person]
+        for person, part in parts:
+            if parts.count((person, part)) > 1:
+                raise ValueError(f"bodies: two are the {part} of {person}: leave one out")
+            if (person, "head") not in parts:
+                raise ValueError(f"bodies: {person} has no `part: head`, which gives the position: add one")
+        return self

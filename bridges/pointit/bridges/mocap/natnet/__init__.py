@@ -1,0 +1,1 @@
+"""NatNet, the protocol of OptiTrack Motive: packets, clock, session, sockets, search."""

@@ -1,0 +1,161 @@
+"""People who wear marker bodies: their poses, or their true poses beside those of the localizer. Pure."""
+
+import math
+from dataclasses import dataclass, field
+
+from pointit.bridges.mocap.bodies import BodyPose
+from pointit.bridges.mocap.config import MocapConfig
+from pointit.bridges.mocap.yaw import ForearmYaw, YawEstimate
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, UserPose
+
+MAX_YAW_SIGMA_RAD = math.radians(5.0)
+"""Largest 1 sigma of a yaw with which a pose is published for the first time."""
+MAX_KEPT_SIGMA_RAD = math.radians(15.0)
+"""The same later, while the arm rests and the IMU's yaw drifts."""
+FRESH_NS = NS_PER_S // 2
+"""Age at which a head's position is none of now."""
+HEAD_SIGMA_M = 0.02
+"""1 sigma of the way from the head's body to the point above the feet, m."""
+ARM_SILENCE_NS = 3 * NS_PER_S
+PERSON_LENGTH_M = 0.3
+"""Diameter of a person as an object, m."""
+
+
+@dataclass
+class _Worn:
+    """Bodies of one person."""
+
+    has_forearm: bool
+    yaw: ForearmYaw = field(default_factory=ForearmYaw)
+    head: BodyPose | None = None
+    velocity_mps: Vec3 = (0.0, 0.0, 0.0)
+    arm_ns: int = 0
+    forearm_ns: int = 0
+    is_known: bool = False
+    """True if the yaw was known well enough once since the IMU's yaw origin changed."""
+    epoch: int | None = None
+
+
+class WornBodies:
+    """Poses of people by the bodies that they wear."""
+
+    def __init__(self, config: MocapConfig) -> None:
+        self._is_truth = config.truth
+        self._parts = {name: (each.person, each.part) for name, each in config.bodies.items() if each.person}
+        arms = {person for person, part in self._parts.values() if part == "forearm"}
+        self._people = {person: _Worn(person in arms) for person, _ in self._parts.values()}
+        self._differences: dict[str, tuple[float, float | None]] = {}
+
+    @property
+    def names(self) -> list[str]:
+        """Return the people who wear bodies."""
+        return sorted(self._people)
+
+    def on_body(self, pose: BodyPose) -> None:
+        """Update a person by a body in {W}."""
+        person, part = self._parts.get(pose.name, ("", ""))
+        if not person:
+            return
+        if part == "head":
+            self._people[person].head = pose
+        else:
+            self._people[person].forearm_ns = pose.stamp_ns
+            self._people[person].yaw.add_body(pose.stamp_ns, pose.orientation_xyzw)
+
+    def on_imu(self, person: str, sample: ImuSample) -> None:
+        """Update a person by the orientation of the arm."""
+        worn = self._people.get(person)
+        if worn is None or not worn.has_forearm:
+            return
+        if sample.yaw_epoch != worn.epoch:
+            worn.epoch, worn.is_known = sample.yaw_epoch, False
+        worn.arm_ns = sample.stamp_ns
+        worn.yaw.add_arm(sample.stamp_ns, sample.orientation_xyzw, sample.yaw_epoch)
+
+    def on_pose(self, person: str, pose: UserPose) -> None:
+        """Compare the localizer's pose with the truth."""
+        worn = self._people.get(person)
+        if worn is None or worn.head is None or pose.method == "external":
+            return
+        if abs(pose.stamp_ns - worn.head.stamp_ns) > FRESH_NS:
+            return
+        yaw = self._yaw(worn, pose.stamp_ns)
+        away_m = math.dist(worn.head.position_m[:2], pose.position_m[:2])
+        turned = None if yaw is None else math.remainder(pose.yaw_rad - yaw.yaw_rad, math.tau)
+        self._differences[person] = away_m, turned
+
+    def poses(self, now_ns: int) -> list[tuple[str, UserPose]]:
+        """Return the poses of people whose position and yaw are known; none if they are only truth."""
+        poses: list[tuple[str, UserPose]] = []
+        for person, worn in self._people.items():
+            head, yaw = self._fresh_head(worn, now_ns), self._yaw(worn, now_ns)
+            if head is None or yaw is None or self._is_truth:
+                continue
+            variance = head.sigma_m**2 + HEAD_SIGMA_M**2
+            covariance = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, yaw.sigma_rad**2)
+            x, y, _ = head.position_m
+            pose = UserPose(
+                stamp_ns=head.stamp_ns,
+                position_m=(x, y, 0.0),
+                yaw_rad=yaw.yaw_rad,
+                covariance=covariance,
+                method="external",
+            )
+            poses.append((person, pose))
+        return poses
+
+    def objects(self, now_ns: int) -> list[TrackedObject]:
+        """Return the people who have no pose here, with the yaw of {H} if they are truth and it is known."""
+        people: list[TrackedObject] = []
+        for person, worn in self._people.items():
+            head, yaw = self._fresh_head(worn, now_ns), self._yaw(worn, now_ns)
+            if head is None or (yaw is not None and not self._is_truth):
+                continue
+            people.append(
+                TrackedObject(
+                    id=person,
+                    kind="person",
+                    position_m=head.position_m,
+                    length_m=PERSON_LENGTH_M,
+                    yaw_rad=None if yaw is None else yaw.yaw_rad,
+                    position_sigma_m=head.sigma_m,
+                )
+            )
+        return people
+
+    def figures(self, now_ns: int) -> dict[str, tuple[float | None, str]]:
+        """Return values and units of the metrics by name. None removes one."""
+        figures: dict[str, tuple[float | None, str]] = {}
+        for person, worn in self._people.items():
+            yaw = worn.yaw.estimate(now_ns)
+            figures[f"yaw sigma of {person}"] = None if yaw is None else math.degrees(yaw.sigma_rad), "°"
+            if self._is_truth:
+                away_m, turned_rad = self._differences.get(person, (None, None))
+                figures[f"position error of {person}"] = away_m, "m"
+                figures[f"yaw error of {person}"] = (
+                    None if turned_rad is None else math.degrees(turned_rad),
+                    "°",
+                )
+        return figures
+
+    def problem(self, now_ns: int) -> str:
+        """Return a sentence about a yaw that is not known, or `""`."""
+        for person, worn in self._people.items():
+            if not worn.has_forearm or self._yaw(worn, now_ns) is not None:
+                continue
+            if now_ns - worn.arm_ns > ARM_SILENCE_NS:
+                return f"the yaw of {person} is not known: no wrist sends, start imu-bridge for {person}"
+            if now_ns - worn.forearm_ns <= ARM_SILENCE_NS:
+                return f"the yaw of {person} is not known: move the arm up, down and to the sides for 5 s"
+        return ""
+
+    def _fresh_head(self, worn: _Worn, now_ns: int) -> BodyPose | None:
+        head = worn.head
+        return head if head is not None and now_ns - head.stamp_ns <= FRESH_NS else None
+
+    def _yaw(self, worn: _Worn, now_ns: int) -> YawEstimate | None:
+        yaw = worn.yaw.estimate(now_ns)
+        limit_rad = MAX_KEPT_SIGMA_RAD if worn.is_known else MAX_YAW_SIGMA_RAD
+        worn.is_known = yaw is not None and yaw.sigma_rad <= limit_rad
+        return yaw if worn.is_known else None

@@ -1,0 +1,147 @@
+"""Reads a server of motion capture, and publishes its bodies as objects and poses of people."""
+
+import asyncio
+from typing import ClassVar
+
+from pointit.bridges.mocap.bodies import Bodies
+from pointit.bridges.mocap.config import MocapConfig
+from pointit.bridges.mocap.natnet.client import NatNetClient
+from pointit.bridges.mocap.natnet.session import NatNetSession, TimedFrame
+from pointit.bridges.mocap.people import WornBodies
+from pointit.maps.frames import frame_of
+from pointit.runtime.clock import ticks
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.service import Context, Scope, Service
+from pointit.schemas import NS_PER_S, Environment, ImuSample, TrackedObjects, UserPose
+from pointit.schemas.environment import Frame
+from pointit.schemas.topics import IMU, MAP, OBJECTS, POSE
+
+RATE_HZ = 25.0
+"""Rate of the objects, Hz."""
+FRESH_NS = NS_PER_S // 2
+"""Time without frames after which all objects have left, ns."""
+POSE_TICKS = 3
+"""Number of these periods between two poses of a person."""
+
+
+class Mocap(Service[MocapConfig]):
+    """Publishes the bodies of OptiTrack Motive as objects, and the poses of people who wear some of them."""
+
+    NAME: ClassVar[str] = "mocap"
+    SCOPE: ClassVar[Scope] = "site"
+    CONFIG = MocapConfig
+
+    def __init__(self, config: MocapConfig, context: Context) -> None:
+        """Prepare; nothing is opened yet.
+
+        Raises:
+            ConfigError: If there is no server.
+        """
+        super().__init__(config, context)
+        self.validate_config(config)
+        self._bodies = Bodies(config)
+        self._people = WornBodies(config)
+        self._session = NatNetSession(config.server, self._on_frame)
+        self._frame: Frame | None = None
+        self._stamp_ns = 0
+        """Time of the newest frame."""
+        self._sigma_s = 0.0
+        self._used_ns = 0
+        """Arrival of the newest frame."""
+        self._used_frames = 0
+        self._objects = self.bus.publisher(OBJECTS, config.tracker)
+        self._poses = {} if config.truth else {
+            name: self.bus.publisher(POSE, name) for name in self._people.names
+        }  # fmt: skip
+        self._had_objects = False
+        self.bus.subscribe(MAP, self._on_map)
+        for name in self._people.names:
+            self.bus.subscribe(IMU, self._on_imu, name)
+            if config.truth:
+                self.bus.subscribe(POSE, self._on_pose, name)
+
+    @classmethod
+    def validate_config(cls, config: MocapConfig) -> None:
+        """Check that a server is named."""
+        if not config.server:
+            raise ConfigError(
+                "server: is missing; name the machine with Motive, such as 192.168.1.5, which "
+                "`pointit devices` finds"
+            )
+
+    async def run(self) -> None:
+        """Publish until cancelled."""
+        client = NatNetClient(
+            self._session,
+            self.clock.now_ns,
+            lambda problem: self.bus.warn("network", problem),
+            port=self.config.port,
+            interface=self.config.interface,
+        )
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(client.run(), name="frames of motion capture")
+            count = 0
+            async for now_ns in ticks(self.clock, RATE_HZ):
+                self._publish(now_ns)
+                if count % POSE_TICKS == 0:
+                    self._publish_poses(now_ns)
+                if count % round(RATE_HZ) == 0:
+                    self._report(now_ns)
+                count += 1
+
+    def _publish(self, now_ns: int) -> None:
+        is_fresh = now_ns - self._used_ns < FRESH_NS
+        objects = (*self._bodies.objects(self._stamp_ns), *self._people.objects(now_ns)) if is_fresh else ()
+        if objects or self._had_objects:
+            stamp_ns = self._stamp_ns if objects else now_ns
+            self._objects.put(
+                TrackedObjects(stamp_ns=stamp_ns, objects=objects, latency_sigma_s=self._sigma_s)
+            )
+        self._had_objects = bool(objects)
+
+    def _publish_poses(self, now_ns: int) -> None:
+        for name, pose in self._people.poses(now_ns):
+            if name in self._poses:
+                self._poses[name].put(pose)
+
+    def _report(self, now_ns: int) -> None:
+        self.bus.warn("server", self._session.problem(now_ns))
+        self.bus.warn("bodies", self._bodies.problem(self._stamp_ns))
+        self.bus.warn("yaw", self._people.problem(now_ns))
+        sigma_s = self._session.clock_sigma_s(now_ns)
+        self.bus.set_metric("clock sigma", None if sigma_s is None else 1e3 * sigma_s, "ms")
+        self.bus.set_metric("frame rate", self._used_frames, "Hz")
+        self.bus.set_metric("damaged packets", self._session.damaged or None)
+        self.bus.set_metric("unused bodies", self._bodies.unused or None)
+        for name, (value, unit) in self._people.figures(now_ns).items():
+            self.bus.set_metric(name, value, unit)
+        self._used_frames = 0
+
+    def _on_frame(self, timed: TimedFrame) -> None:
+        if self.config.frame and self._frame is None:
+            return
+        self._stamp_ns, self._sigma_s = timed.stamp_ns, timed.sigma_s
+        self._used_ns = self.clock.now_ns()
+        self._used_frames += 1
+        for pose in self._bodies.update(timed, self._frame):
+            self._people.on_body(pose)
+
+    def _on_imu(self, sample: ImuSample, name: str) -> None:
+        self._people.on_imu(name, sample)
+
+    def _on_pose(self, pose: UserPose, name: str) -> None:
+        self._people.on_pose(name, pose)
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        if not self.config.frame:
+            return
+        self._frame = None
+        try:
+            self._frame = frame_of(environment, self.config.frame)
+        except ConfigError as error:
+            self.bus.warn("frame", str(error))
+        else:
+            self.bus.clear("frame")
+
+
+SERVICE = Mocap

@@ -1,0 +1,273 @@
+"""Yaw of a person's frame {H} from a marker body on the forearm that moves with the wrist's IMU. Pure.
+
+Both see the same turns of the arm, in frames that differ by the yaw: W = Rz(yaw) · H · C, with the
+orientations W of the body and H of the arm, and the constant C of the body on the arm. Yaw, its drift, C and
+the delay between both are estimated together by least squares from the last turns. An arm at rest, or one
+that only turns level, does not show the yaw: then there is no estimate.
+"""
+
+import bisect
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas import NS_PER_S
+
+Array = NDArray[np.float64]
+
+MAX_GAP_NS = NS_PER_S // 20
+"""Largest time between two orientations of the body between which one is interpolated, ns."""
+MIN_TURN_RAD = math.radians(2.0)
+"""Turn after which an orientation is stored, so that a resting arm replaces nothing."""
+HOLD_NS = NS_PER_S
+"""Time for which an arm that came to rest still adds orientations, ns."""
+MAX_PAIRS = 300
+"""Number of stored orientations, 6 s of a moving arm at 50 Hz."""
+SOLVE_PERIOD_NS = NS_PER_S // 4
+"""Least time between two estimates, ns."""
+MIN_PAIRS = 12
+MAX_AGE_NS = 60 * NS_PER_S
+"""Age at which a stored orientation is dropped, since the IMU's yaw drifts."""
+DRIFT_RADPS = math.radians(0.03)
+"""Assumed drift of the IMU's yaw, by which an estimate ages."""
+DELAY_SIGMA_S = 0.05
+"""1 sigma of the delay between IMU and body, before it is estimated."""
+NOISE_RAD = math.radians(0.3)
+"""Least noise of the difference of two orientations."""
+BLOCK_NS = NS_PER_S // 2
+"""Time after which errors are independent, ns."""
+WANDER_RAD = math.radians(0.25)
+"""1 sigma of the error of an IMU's orientation that stays the same for seconds, and so does not show."""
+SWITCH_SIGMAS = 4.0
+"""Difference from the estimate before, in its sigmas, at which a worse but newer one counts."""
+ITERATIONS = 5
+
+
+@dataclass(frozen=True)
+class YawEstimate:
+    """Azimuth of {H}'s x axis in {W}."""
+
+    yaw_rad: float
+    sigma_rad: float
+    """1 sigma."""
+    stamp_ns: int
+    delay_s: float = 0.0
+    """Time by which the IMU's stamps are later than the body's."""
+
+    def aged(self, now_ns: int) -> "YawEstimate":
+        """Return the estimate with its uncertainty at `now_ns`."""
+        drift_rad = DRIFT_RADPS * max(0, now_ns - self.stamp_ns) / NS_PER_S
+        return YawEstimate(self.yaw_rad, math.hypot(self.sigma_rad, drift_rad), now_ns, self.delay_s)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Orientations of arm and body at one time."""
+
+    stamp_ns: int
+    arm: Array
+    body: Array
+    rate_radps: Array
+    """Angular velocity of the body, {W}."""
+
+
+class ForearmYaw:
+    """Estimates the yaw of one person from orientations as they come."""
+
+    def __init__(self) -> None:
+        self._epoch: int | None = None
+        self._clear()
+
+    def _clear(self) -> None:
+        self._bodies: deque[tuple[int, Array]] = deque(maxlen=512)
+        self._arms: deque[tuple[int, Array]] = deque(maxlen=64)
+        self._recent: deque[tuple[int, Array, Array]] = deque(maxlen=5)
+        self._pairs: deque[_Pair] = deque(maxlen=MAX_PAIRS)
+        self._estimate: YawEstimate | None = None
+        self._solved_ns = 0
+        self._moved_ns = 0
+
+    def add_arm(self, stamp_ns: int, orientation: Quaternion, epoch: int) -> None:
+        """Add the orientation of the arm in {H}. Another `epoch` than before is another yaw: begin again."""
+        if epoch != self._epoch:
+            self._clear()
+            self._epoch = epoch
+        if not self._arms or stamp_ns > self._arms[-1][0]:
+            self._arms.append((stamp_ns, np.array(orientation)))
+        self._match()
+
+    def add_body(self, stamp_ns: int, orientation: Quaternion) -> None:
+        """Add the orientation of the body in {W}."""
+        if not self._bodies or stamp_ns > self._bodies[-1][0]:
+            self._bodies.append((stamp_ns, np.array(orientation)))
+            self._match()
+
+    def estimate(self, now_ns: int) -> YawEstimate | None:
+        """Return the best estimate at `now_ns`, or None if there is none yet."""
+        while self._pairs and now_ns - self._pairs[0].stamp_ns > MAX_AGE_NS:
+            self._pairs.popleft()
+        if len(self._pairs) >= MIN_PAIRS and self._pairs[-1].stamp_ns - self._solved_ns >= SOLVE_PERIOD_NS:
+            self._solved_ns = self._pairs[-1].stamp_ns
+            new, old = _solve(list(self._pairs)), self._estimate and self._estimate.aged(self._solved_ns)
+            if new is not None and (old is None or _replaces(new, old)):
+                self._estimate = new
+        return self._estimate and self._estimate.aged(now_ns)
+
+    def _match(self) -> None:
+        while self._arms and self._bodies and self._arms[0][0] <= self._bodies[-1][0]:
+            stamp_ns, arm = self._arms.popleft()
+            after = bisect.bisect_left(self._bodies, stamp_ns, key=lambda each: each[0])
+            (begin_ns, first), (end_ns, second) = self._bodies[max(0, after - 1)], self._bodies[after]
+            if begin_ns > stamp_ns or end_ns - begin_ns > MAX_GAP_NS:
+                continue
+            share = (stamp_ns - begin_ns) / max(1, end_ns - begin_ns)
+            body = (1.0 - share) * first + share * (second if first @ second >= 0.0 else -second)
+            self._add(stamp_ns, arm, body / np.linalg.norm(body))
+
+    def _add(self, stamp_ns: int, arm: Array, body: Array) -> None:
+        if self._recent and stamp_ns - self._recent[-1][0] > 4 * MAX_GAP_NS:
+            self._recent.clear()
+        self._recent.append((stamp_ns, arm, body))
+        if len(self._recent) < (self._recent.maxlen or 0):
+            return
+        middle_ns, arm, body = self._recent[2]
+        (begin_ns, _, first), (end_ns, _, last) = self._recent[0], self._recent[-1]
+        if self._pairs:
+            moved = 2.0 * math.acos(min(1.0, abs(float(body @ self._pairs[-1].body)))) >= MIN_TURN_RAD
+            self._moved_ns = middle_ns if moved else self._moved_ns
+            if middle_ns - self._moved_ns > HOLD_NS:
+                return
+        turn = _rotation_vectors(_product(last[None], _inverse(first[None])))[0]
+        self._pairs.append(_Pair(middle_ns, arm, body, turn / ((end_ns - begin_ns) / NS_PER_S)))
+
+
+def _replaces(new: YawEstimate, old: YawEstimate) -> bool:
+    apart_rad = abs(math.remainder(new.yaw_rad - old.yaw_rad, math.tau))
+    return new.sigma_rad <= old.sigma_rad or apart_rad > SWITCH_SIGMAS * math.hypot(
+        new.sigma_rad, old.sigma_rad
+    )
+
+
+def _solve(pairs: list[_Pair]) -> YawEstimate | None:
+    """Return the yaw of the latest pair, by least squares over all, or None if it does not show."""
+    arms, bodies = np.array([each.arm for each in pairs]), np.array([each.body for each in pairs])
+    rates = np.array([each.rate_radps for each in pairs])
+    yaw_rad, delay_s = _first_yaw(arms, bodies), 0.0
+    mount = _mean(_product(_inverse(_product(_about_z(yaw_rad), arms)), bodies))
+    count = len(pairs)
+    weights = np.ones(count)
+    ages_s = np.array([each.stamp_ns - pairs[-1].stamp_ns for each in pairs]) / NS_PER_S
+    drift_radps = 0.0
+    matrix, residuals, inverse = np.zeros((count, 3, 6)), np.empty((count, 3)), np.empty((6, 6))
+    prior = np.diag([0.0, 0.0, 0.0, 0.0, (NOISE_RAD / DELAY_SIGMA_S) ** 2, (NOISE_RAD / DRIFT_RADPS) ** 2])
+    for _ in range(ITERATIONS):
+        turned = _product(_about_z(yaw_rad), arms)
+        residuals = _rotation_vectors(_product(bodies, _inverse(_product(turned, mount[None]))))
+        residuals = residuals - delay_s * rates
+        residuals[:, 2] -= drift_radps * ages_s
+        matrix[:, 2, 0], matrix[:, :, 1:4], matrix[:, :, 4] = 1.0, _matrices(turned), rates
+        matrix[:, 2, 5] = ages_s
+        lengths = np.linalg.norm(residuals, axis=1)
+        limit = 3.0 * max(NOISE_RAD, float(np.median(lengths)))
+        weights = np.minimum(1.0, limit / np.maximum(lengths, 1e-12))
+        weighted = matrix * weights[:, None, None]
+        try:
+            inverse = np.linalg.inv(np.einsum("nij,nik->jk", weighted, matrix) + prior)
+        except np.linalg.LinAlgError:
+            return None
+        step = inverse @ (
+            np.einsum("nij,ni->j", weighted, residuals) - prior @ [0, 0, 0, 0, delay_s, drift_radps]
+        )
+        yaw_rad, delay_s = yaw_rad + float(step[0]), delay_s + float(step[4])
+        drift_radps += float(step[5])
+        mount = _product(_from_rotation_vector(step[1:4])[None], mount[None])[0]
+    variance = _yaw_variance(pairs, matrix * weights[:, None, None], residuals, inverse)
+    if variance is None:
+        return None
+    return YawEstimate(math.remainder(yaw_rad, math.tau), math.sqrt(variance), pairs[-1].stamp_ns, delay_s)
+
+
+def _yaw_variance(pairs: list[_Pair], matrix: Array, residuals: Array, inverse: Array) -> float | None:
+    """Return the variance of the yaw, rad², or None if the turns are not larger than their noise.
+
+    The larger one of white noise, and of errors that stay the same within each block of time.
+    """
+    noise = max(NOISE_RAD**2, float((residuals**2).sum()) / (3 * len(pairs) - 5))
+    known = 1.0 / float(inverse[0, 0])
+    shown = known - 2.0 * noise * len(pairs)  # noise of the turns themselves shows no yaw
+    if shown <= 0.0:
+        return None
+    blocks = np.array([each.stamp_ns // BLOCK_NS for each in pairs])
+    scores = np.einsum("nij,ni->nj", matrix, residuals)
+    sums = np.array([scores[blocks == block].sum(axis=0) for block in np.unique(blocks)])
+    shares = sums @ inverse[0]
+    alone, next_to = float(shares @ shares), float(shares[1:] @ shares[:-1])
+    spread = max(alone, alone + next_to) * len(sums) / max(1, len(sums) - 1)
+    return WANDER_RAD**2 + max(noise / shown, spread * (known / shown) ** 2)
+
+
+def _first_yaw(arms: Array, bodies: Array) -> float:
+    """Return the yaw by which the axes of turns agree. How the body sits on the arm does not matter."""
+    chosen = np.linspace(0, len(arms) - 1, min(len(arms), 40)).astype(int)
+    first, second = np.triu_indices(len(chosen), 1)
+    first, second = chosen[first], chosen[second]
+    a = _rotation_vectors(_product(arms[second], _inverse(arms[first])))
+    b = _rotation_vectors(_product(bodies[second], _inverse(bodies[first])))
+    across = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    return math.atan2(across, float((a[:, :2] * b[:, :2]).sum()))
+
+
+def _product(a: Array, b: Array) -> Array:
+    ax, ay, az, aw = np.moveaxis(a, -1, 0)
+    bx, by, bz, bw = np.moveaxis(b, -1, 0)
+    parts: Any = (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+    return np.stack(parts, axis=-1)
+
+
+def _inverse(q: Array) -> Array:
+    return q * (-1.0, -1.0, -1.0, 1.0)
+
+
+def _about_z(yaw_rad: float) -> Array:
+    return np.array([[0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)]])
+
+
+def _mean(q: Array) -> Array:
+    _, vectors = np.linalg.eigh(q.T @ q)
+    mean: Array = vectors[:, -1]
+    return mean
+
+
+def _rotation_vectors(q: Array) -> Array:
+    q = np.where(q[:, 3:] < 0.0, -q, q)
+    lengths = np.linalg.norm(q[:, :3], axis=1)
+    factors = np.where(lengths > 1e-9, 2.0 * np.arctan2(lengths, q[:, 3]) / np.maximum(lengths, 1e-12), 2.0)
+    vectors: Array = q[:, :3] * factors[:, None]
+    return vectors
+
+
+def _from_rotation_vector(vector: Array) -> Array:
+    angle = float(np.linalg.norm(vector))
+    scale = 0.5 if angle < 1e-9 else math.sin(angle / 2) / angle
+    return np.array([*(vector * scale), math.cos(angle / 2)])
+
+
+def _matrices(q: Array) -> Array:
+    """Return the rotation matrices (n x 3 x 3)."""
+    x, y, z, w = q.T
+    rows: Any = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), -1, 0)

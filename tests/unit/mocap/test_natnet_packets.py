@@ -1,0 +1,179 @@
+"""Packets of NatNet: those that others recorded and wrote, ours, and damaged ones."""
+
+import json
+import math
+import random
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pointit.bridges.mocap.natnet.models import read_models
+from pointit.bridges.mocap.natnet.packets import (
+    MalformedPacketError,
+    connect_packet,
+    read_frame,
+    read_server_info,
+    split_packet,
+)
+from tests.unit.mocap import natnet_encoder
+from tests.unit.mocap.natnet_encoder import Body
+
+FILE = json.loads((Path(__file__).parent / "packets.json").read_text(encoding="utf-8"))
+PACKETS = {
+    name: bytes.fromhex(text)
+    for group in ("recorded", "encoded")
+    for name, text in FILE[group]["packets"].items()
+}
+VERSIONS = [(2, 0), (2, 5), (2, 6), (2, 9), (2, 10), (2, 11), (3, 0), (3, 1), (4, 0), (4, 1), (4, 3)]
+RECORDED = {
+    "2.5": (92881, 1, (-0.2631579, 0.0391267, 1.1235183), 6.563962e-06, None),
+    "2.7": (411213, 1, (0.0060196, 0.0958076, -1.4075972), 2.163400e-05, None),
+    "2.9": (11823217, 2, (0.2453393, 0.0169602, 0.2201603), 1.156181e-04, 3),
+}
+
+
+def version_of(name: str) -> tuple[int, int]:
+    major, _, minor = name.split()[-1].partition(".")
+    return int(major), int(minor)
+
+
+@pytest.mark.parametrize("version", RECORDED)
+def test_frames_that_were_recorded_from_motive_are_read(version: str) -> None:
+    number, body_id, position_m, error_m, measured = RECORDED[version]
+    name = f"frame {version}"
+    frame = read_frame(split_packet(PACKETS[name])[1], version_of(name))
+    (body,) = frame.bodies
+    assert (frame.number, frame.flags, body.id, body.is_tracked) == (number, 0, body_id, True)
+    assert body.position_m == pytest.approx(position_m, abs=1e-6)
+    assert body.error_m == pytest.approx(error_m, rel=1e-5)
+    assert math.hypot(*body.orientation_xyzw) == pytest.approx(1.0)
+    assert body.measured == measured
+
+
+@pytest.mark.parametrize("version", ["3.0", "3.1", "4.0", "4.1"])
+def test_frames_that_another_program_wrote_are_read_past_skeletons_assets_and_plates(version: str) -> None:
+    frame = read_frame(split_packet(PACKETS[f"frame {version}"])[1], version_of(version))
+    cup, occluded, ghost = frame.bodies
+    assert (frame.number, frame.flags, frame.exposure_ticks) == (1234, 2, 125_000_000)
+    assert (cup.id, cup.position_m, cup.is_tracked, cup.measured) == (7, (1.0, 1.25, -2.5), True, 3)
+    assert cup.orientation_xyzw == pytest.approx((0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)))
+    assert (occluded.id, occluded.is_tracked) == (8, False)
+    assert (ghost.id, ghost.is_tracked, ghost.measured) == (3, True, 0)
+
+
+@pytest.mark.parametrize("version", ["3.0", "3.1", "4.0", "4.1"])
+def test_names_that_another_program_wrote_are_read_past_other_models(version: str) -> None:
+    payload = split_packet(PACKETS[f"models {version}"])[1]
+    assert read_models(payload, version_of(version)) == {7: "cup", 8: "Größe 8", 3: "ghost"}
+
+
+@pytest.mark.parametrize("name", [name for name in PACKETS if name.startswith("info")])
+def test_servers_that_others_recorded_and_wrote_are_read(name: str) -> None:
+    info = read_server_info(split_packet(PACKETS[name])[1])
+    is_new = version_of(name) >= (3, 0)
+    assert info.version[0] == version_of(name)[0]
+    assert info.application == ("Motive" if is_new else "NatNetLib")
+    assert (info.clock_hz, info.data_port, info.group) == (10_000_000 if is_new else 0, 1511, "239.255.42.99")
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_bodies_of_every_version_are_read_with_their_flags(version: tuple[int, int]) -> None:
+    bodies = [Body(1, tracked=True), Body(65536 * 9 + 2, (0.0, 0.5, 0.25), tracked=False)]
+    data = natnet_encoder.frame(bodies, version, number=-7, exposure=2**40, flags=8)
+    frame = read_frame(split_packet(data)[1], version)
+    assert [(body.id, body.position_m) for body in frame.bodies] == [
+        (1, (1.0, 1.5, -2.0)),
+        (65536 * 9 + 2, (0.0, 0.5, 0.25)),
+    ]
+    assert [body.is_tracked for body in frame.bodies] == [True, version < (2, 6)]
+    assert (frame.number, frame.flags) == (-7, 8)
+    assert frame.exposure_ticks == (2**40 if version >= (3, 0) else 0)
+
+
+def test_bodies_of_later_versions_may_be_longer() -> None:
+    body = struct.pack("<i3f4ffH", 5, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.001, 1) + b"later"
+    sections = struct.pack("<8i", 9, 0, 0, 0, 0, 2, 2 * len(body), 0)[:28] + 2 * body
+    rest = struct.pack("<10i", *[0] * 10) + bytes(8) + struct.pack("<IId3QII", 0, 0, 0.0, 4, 5, 6, 0, 0)
+    frame = read_frame(sections + rest + struct.pack("<Hi", 0, 0), (4, 4))
+    assert [each.position_m for each in frame.bodies] == [(1.0, 2.0, 3.0)] * 2
+    assert (frame.exposure_ticks, frame.sent_ticks) == (4, 6)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, 1e20])
+def test_a_body_without_a_position_or_orientation_is_not_tracked(number: float) -> None:
+    for body in (Body(1, position=(0.0, number, 0.0)), Body(1, turn=(0.0, 0.0, 0.0, 0.0))):
+        frame = read_frame(split_packet(natnet_encoder.frame([body]))[1], (3, 1))
+        assert not frame.bodies[0].is_tracked
+
+
+def test_names_may_be_empty_repeat_and_be_no_utf_8() -> None:
+    data = natnet_encoder.models({1: "", 2: "cup", 3: "cup"}).replace(b"cup", b"c\xffp", 1)
+    assert read_models(split_packet(data)[1], (3, 1)) == {1: "", 2: "c�p", 3: "cup"}
+
+
+def test_a_request_to_connect_asks_for_version_4_1() -> None:
+    message, payload = split_packet(connect_packet())
+    assert (message, len(payload), payload[-4:]) == (0, 269, bytes((4, 1, 0, 0)))
+
+
+@given(st.sampled_from(sorted(PACKETS)), st.data())
+def test_damaged_packets_are_refused_or_read_and_raise_nothing_else(name: str, data: Any) -> None:
+    damaged = bytearray(PACKETS[name])
+    for _ in range(data.draw(st.integers(0, 4))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
+    damaged = damaged[: data.draw(st.integers(0, len(damaged)))]
+    read_all(bytes(damaged), version_of(name))
+
+
+def test_thousands_of_damaged_packets_cost_no_more_than_themselves() -> None:
+    dice = random.Random(1)
+    names = sorted(PACKETS)
+    for _ in range(4000):
+        name = dice.choice(names)
+        damaged = bytearray(PACKETS[name])
+        for _ in range(dice.choice((1, 1, 2, 8))):
+            damaged[dice.randrange(4, len(damaged))] = dice.choice((0, 1, 127, 128, 255, dice.randrange(256)))
+        read_all(bytes(damaged), version_of(name))
+
+
+def read_all(data: bytes, version: tuple[int, int]) -> None:
+    for read in (lambda payload: read_frame(payload, version), lambda payload: read_models(payload, version)):
+        try:
+            read(split_packet(data)[1])
+        except MalformedPacketError as error:
+            assert str(error)
+    try:
+        read_server_info(split_packet(data)[1])
+    except MalformedPacketError as error:
+        assert str(error)
+
+
+def test_an_independent_decoder_reads_the_same() -> None:
+    data_frame = pytest.importorskip("natnet.data_frame", reason="natnet 0.3.0 is not installed")
+    buffers = pytest.importorskip("natnet.packet_buffer")
+    versions = pytest.importorskip("natnet.version")
+    written = {
+        f"ours {major}.{minor}": natnet_encoder.frame([Body(3, markers=(2, 2, 2)), Body(4, tracked=False)], (major, minor))
+        for major, minor in VERSIONS
+        if (2, 6) <= (major, minor) <= (4, 1)
+    }  # fmt: skip
+    frames = {name: data for name, data in PACKETS.items() if name.startswith("frame")}
+    for name, data in {**frames, **written}.items():
+        payload, version = split_packet(data)[1], version_of(name)
+        theirs = data_frame.DataFrame.read_from_buffer(
+            buffers.PacketBuffer(payload), versions.Version(*version)
+        )
+        ours = read_frame(payload, version)
+        assert ours.number == theirs.prefix.frame_number, name
+        assert [body.id for body in ours.bodies] == [body.id_num for body in theirs.rigid_bodies]
+        for body, other in zip(ours.bodies, theirs.rigid_bodies, strict=True):
+            assert body.is_tracked == other.tracking_valid or version < (2, 6)
+            assert body.position_m == other.pos
+            assert body.orientation_xyzw == pytest.approx(other.rot, abs=1e-6)
+            assert body.error_m == other.marker_error
+        if version >= (3, 0):
+            assert ours.exposure_ticks == theirs.suffix.stamp_camera_mid_exposure

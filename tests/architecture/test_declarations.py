@@ -47,8 +47,14 @@ def without_a_broker(kind: type[Config], _folder: Path) -> Config:
     return kind.model_validate({"broker": "127.0.0.1:1"})
 
 
+def with_a_server(kind: type[Config], _folder: Path) -> Config:
+    bodies = {"cap": {"person": "anna"}, "cuff": {"person": "anna", "part": "forearm"}}
+    return kind.model_validate({"server": "127.0.0.1", "port": 1, "bodies": bodies})
+
+
 CONFIGURATIONS: dict[str, Callable[[type[Config], Path], Config]] = {
     "agv-tracker": without_a_broker,
+    "mocap": with_a_server,
     "recorder": to_a_file_of_its_own,
     "robot-replay": with_a_recording,
     "ros2": in_a_graph_of_its_own,

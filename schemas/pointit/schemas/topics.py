@@ -195,7 +195,7 @@ RAY = Topic(
 )
 POSE = Topic(
     key="users/{user}/pose", message=pointing.UserPose, delivery=_STATE, rate_hz=None,
-    writers=("localizer", "ros2", "external"), about="{H} in {W}",
+    writers=("localizer", "mocap", "ros2", "external"), about="{H} in {W}",
 )
 LOCALIZATION = Topic(
     key="users/{user}/localization", message=pointing.Localization, delivery=_STATE, rate_hz=None,
@@ -247,7 +247,7 @@ MAP = Topic(
 )
 OBJECTS = Topic(
     key="objects/{tracker}", message=environment.TrackedObjects, delivery=_LATEST, rate_hz=25,
-    writers=("conveyor-sim", "robot-replay", "robot", "agv-tracker", "ros2", "external", "pui"),
+    writers=("conveyor-sim", "robot-replay", "robot", "mocap", "agv-tracker", "ros2", "external", "pui"),
     about="moving objects, and the things of the map; each tracker lists its own",
 )
 SELECTION = Topic(

@@ -99,6 +99,22 @@ KEEPER = Process(
     ),
     writes=(),
 )  # fmt: skip
+SELECTOR = Process(
+    name="selector", scope="site", several=True, shard_serves=(),
+    about="cursors that rest on objects to selections",
+    reads=(
+        topics.CURSOR, topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS, topics.MAP,
+        topics.BUTTON, topics.STEP, topics.CLAIM, topics.SELECTION,
+    ),
+    writes=(
+        topics.HOVER, topics.ANNOUNCED, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK,
+        topics.CLAIM,
+    ),
+    serves=(
+        topics.CLEAR_SELECTION, topics.UNDO_SELECTION, topics.RELEASE_OBJECT, topics.SET_THING,
+        topics.SET_METHOD, topics.READ_HISTORY,
+    ),
+)  # fmt: skip
 ROS2 = Process(
     name="ros2", scope="site", room="bridges", extra="ros2",
     about="a node in a ROS 2 graph: every topic under the names and types that robots know, both ways",
@@ -225,6 +241,14 @@ PROCESSES: list[Process] = [
         about="the robot of a recording, as a tracker would report it",
         reads=(),
         writes=(topics.OBJECTS,),
+    ),
+    Process(
+        name="mocap",
+        scope="site",
+        room="bridges",
+        about="bodies of motion capture as tracked objects, poses of people, or ground truth",
+        reads=(topics.MAP, topics.IMU, topics.POSE),
+        writes=(topics.OBJECTS, topics.POSE),
     ),
     Process(
         name="agv-tracker",

@@ -6,6 +6,7 @@ import socket
 import struct
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 CLOCK_HZ = 10_000_000
 FRAME, INFO, MODELS, ECHO = 7, 1, 5, 13
@@ -109,8 +110,7 @@ class Server(asyncio.DatagramProtocol):
     data_port: int = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.DatagramTransport)
-        self.transport = transport
+        self.transport: Any = transport
 
     def ticks(self, now_ns: int) -> int:
         return (now_ns + self.ahead_ns) * CLOCK_HZ // 10**9
@@ -144,6 +144,9 @@ async def serving(server: Server, host: str = "127.0.0.1") -> AsyncIterator[int]
     """Run a server at a free port. Yield the port."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind((host, 0))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind((host, 0))
+        server.data_port = int(free.getsockname()[1])
     if server.multicast:
         sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(server.multicast))
     loop = asyncio.get_running_loop()

@@ -1,0 +1,160 @@
+"""Bodies of a stream as objects: coordinates, and bodies that are not used."""
+
+import math
+
+import pytest
+from pydantic import ValidationError
+
+from pointit.bridges.mocap.bodies import Bodies
+from pointit.bridges.mocap.config import MocapConfig
+from pointit.bridges.mocap.natnet.packets import BodySample
+from pointit.bridges.mocap.natnet.session import TimedFrame
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, TrackedObject
+from pointit.schemas.environment import Frame
+from tests.support.bench import START_NS
+
+STEP_NS = NS_PER_S // 100
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+def body(
+    x: float, y: float = 0.0, z: float = 0.0, *, is_tracked: bool = True, measured: int | None = None
+) -> BodySample:
+    return BodySample(1, (x, y, z), UPRIGHT, 0.0004, is_tracked, measured)
+
+
+class Stream:
+    """Bodies, fed at 100 Hz."""
+
+    def __init__(self, frame: Frame | None = None, **parameters: object) -> None:
+        self.bodies = Bodies(MocapConfig.model_validate({"server": "motive", "up": "z", **parameters}))
+        self.frame = frame
+        self.now_ns = START_NS
+
+    def put(self, *named: tuple[str, BodySample], times: int = 1) -> set[str]:
+        used: set[str] = set()
+        for _ in range(times):
+            self.now_ns += STEP_NS
+            used |= {
+                pose.name for pose in self.bodies.update(TimedFrame(self.now_ns, 0.0, named), self.frame)
+            }
+        return used
+
+    @property
+    def objects(self) -> dict[str, TrackedObject]:
+        return {each.id: each for each in self.bodies.objects(self.now_ns)}
+
+    def place(self, name: str) -> Vec3:
+        return self.objects[name].position_m
+
+    @property
+    def problem(self) -> str:
+        return self.bodies.problem(self.now_ns)
+
+
+def test_the_y_axis_of_motive_is_up_in_the_room_unless_z_is() -> None:
+    stream = Stream(up="y", bodies={"cart": {"kind": "robot"}})
+    turn = (0.0, math.sin(0.4), 0.0, math.cos(0.4))
+    stream.put(("cart", BodySample(1, (1.0, 2.0, 3.0), turn, 0.0004, is_tracked=True, measured=None)))
+    assert stream.place("cart") == (1.0, -3.0, 2.0)
+    assert stream.objects["cart"].yaw_rad == pytest.approx(0.8)
+    stream = Stream()
+    stream.put(("cup", body(1.0, 2.0, 3.0)))
+    assert stream.place("cup") == (1.0, 2.0, 3.0)
+
+
+def test_a_frame_of_the_map_turns_and_moves_bodies() -> None:
+    turned = (0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))
+    stream = Stream(
+        Frame(id="motive", position_m=(10.0, 0.0, 0.0), orientation_xyzw=turned),
+        bodies={"cart": {"kind": "robot"}},
+    )
+    stream.put(("cart", body(1.0, 2.0, 0.5)))
+    assert stream.place("cart") == pytest.approx((8.0, 1.0, 0.5))
+    assert stream.objects["cart"].yaw_rad == pytest.approx(math.pi / 2)
+
+
+def test_objects_have_their_kind_speed_and_an_uncertainty_of_a_millimetre_at_least() -> None:
+    stream = Stream(bodies={"cup": {"kind": "red", "length_m": 0.2}})
+    for index in range(30):
+        stream.put(("cup", body(0.01 * index)), ("box", body(5.0)))
+    cup, box = stream.objects["cup"], stream.objects["box"]
+    assert (cup.kind, cup.length_m, cup.position_sigma_m) == ("red", 0.2, 0.001)
+    assert cup.velocity_mps == pytest.approx((1.0, 0.0, 0.0))
+    assert (box.kind, box.velocity_mps, box.yaw_rad) == ("object", (0.0, 0.0, 0.0), None)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "sentence"),
+    [
+        (body(9.0, is_tracked=False), "cup is not seen"),
+        (body(9.0, measured=2), "cup has 2 markers that cameras see"),
+    ],
+)
+def test_bodies_that_are_unseen_or_filled_in_from_the_model_leave_and_are_reported(
+    hidden: BodySample, sentence: str
+) -> None:
+    stream = Stream(bodies={"cup": {}})
+    stream.put(("cup", body(1.0, measured=3)), times=2)
+    assert not stream.put(("cup", hidden), times=10)
+    assert stream.place("cup") == (1.0, 0.0, 0.0), "for a moment it is where it was"
+    stream.put(("cup", hidden), times=20)
+    assert stream.objects == {}
+    assert stream.problem == ""
+    stream.put(("cup", hidden), times=200)
+    assert sentence in stream.problem
+    assert stream.bodies.unused == 1
+
+
+def test_two_bodies_that_exchange_names_are_not_used_and_both_are_named() -> None:
+    stream = Stream()
+    stream.put(("cup", body(1.0)), ("plate", body(1.75)), times=5)
+    assert not stream.put(("cup", body(1.75)), ("plate", body(1.0)), times=50)
+    assert "cup is where plate was" in stream.problem
+    assert "(1 more)" in stream.problem
+    assert stream.put(("cup", body(1.0)), ("plate", body(1.75))) == {"cup", "plate"}
+
+
+def test_a_jump_is_used_after_it_stayed_for_a_moment() -> None:
+    stream = Stream()
+    stream.put(("cup", body(1.0)), times=5)
+    assert not stream.put(("cup", body(3.0)), times=30)
+    assert "cup jumped by 2.00 m" in stream.problem
+    assert stream.put(("cup", body(3.0)), times=2) == {"cup"}
+    assert stream.objects["cup"].velocity_mps == (0.0, 0.0, 0.0)
+
+
+def test_a_fast_hand_and_a_body_that_was_hidden_have_not_jumped() -> None:
+    stream = Stream()
+    for index in range(100):
+        assert stream.put(("cup", body(0.05 * index))) == {"cup"}, "5 m/s"
+    stream.now_ns += NS_PER_S
+    assert stream.put(("cup", body(9.0))) == {"cup"}
+
+
+def test_bodies_of_one_name_are_not_used_and_reported() -> None:
+    stream = Stream()
+    assert not stream.put(("cup", body(1.0)), ("cup", body(2.0)), times=300)
+    assert "two bodies are called 'cup'" in stream.problem
+
+
+def test_a_body_that_motive_does_not_stream_is_named_with_similar_ones() -> None:
+    stream = Stream(bodies={"cupp": {}})
+    assert stream.problem == ""
+    stream.put(("cup", body(1.0)))
+    assert stream.problem == (
+        "Motive streams no body 'cupp': did you mean cup? correct `bodies`, or rename it there"
+    )
+
+
+@pytest.mark.parametrize(
+    ("bodies", "sentence"),
+    [
+        ({"a": {"person": "anna"}, "b": {"person": "anna"}}, "two are the head of anna"),
+        ({"a": {"person": "anna", "part": "forearm"}}, "anna has no `part: head`"),
+    ],
+)
+def test_people_have_one_head_each(bodies: object, sentence: str) -> None:
+    with pytest.raises(ValidationError, match=sentence):
+        MocapConfig.model_validate({"server": "motive", "bodies": bodies})

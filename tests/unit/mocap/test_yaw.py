@@ -1,0 +1,159 @@
+"""The yaw of {H} from a marker body on a forearm that moves: simulated arms with noise of IMU and cameras."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pointit.bridges.mocap.yaw import ForearmYaw, YawEstimate
+from pointit.geometry import rotation
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas import NS_PER_S
+from tests.support.bench import START_NS
+
+STEP_S = 0.01
+DRIFT_RADPS = math.radians(0.02)
+IMU_RAD, CAMERA_RAD = math.radians(0.3), math.radians(0.4)
+
+Course = Callable[[float], Quaternion]
+
+
+def waving(dice: np.random.Generator) -> Course:
+    rates, phases = dice.uniform(0.8, 1.5, 3), dice.uniform(0.0, math.tau, 3)
+
+    def course(time_s: float) -> Quaternion:
+        azimuth, elevation, roll = 0.3 * np.sin(math.tau * rates * time_s + phases)
+        return rotation.from_azimuth_elevation(azimuth, elevation, roll)
+
+    return course
+
+
+def pointing(dice: np.random.Generator) -> Course:
+    """Point at one place after another: .6 s for each way, .5 s for each hold."""
+    places = dice.uniform((-0.8, -0.5, -0.3), (0.8, 0.3, 0.3), (60, 3))
+
+    def course(time_s: float) -> Quaternion:
+        index, rest_s = divmod(time_s, 1.1)
+        share = min(1.0, rest_s / 0.6)
+        share = 10 * share**3 - 15 * share**4 + 6 * share**5
+        angles = places[int(index)] + share * (places[int(index) + 1] - places[int(index)])
+        return rotation.from_azimuth_elevation(*angles)
+
+    return course
+
+
+class Arm:
+    """An arm with an IMU and a marker body on it."""
+
+    def __init__(self, seed: int, *, delay_s: float = 0.0) -> None:
+        self.dice = np.random.default_rng(seed)
+        self.yaw_rad = float(self.dice.uniform(-3.0, 3.0))
+        self.mount = self.noise(2.0)
+        self.delay_s = delay_s
+        self.epoch = 0
+        self.time_s = 0.0
+        self.estimator = ForearmYaw()
+
+    @property
+    def now_ns(self) -> int:
+        return START_NS + round(self.time_s * NS_PER_S)
+
+    @property
+    def true_rad(self) -> float:
+        return self.yaw_rad + DRIFT_RADPS * self.time_s
+
+    def noise(self, sigma_rad: float) -> Quaternion:
+        vector = self.dice.normal(0.0, sigma_rad, 3)
+        angle = float(np.linalg.norm(vector))
+        x, y, z = (vector / angle).tolist()
+        return rotation.from_axis_angle((x, y, z), angle)
+
+    def move(self, course: Course, duration_s: float, *, cameras: bool = True) -> None:
+        for step in range(round(duration_s / STEP_S)):
+            self.time_s += STEP_S
+            if cameras:
+                arm = rotation.multiply(rotation.from_yaw(self.yaw_rad), course(self.time_s))
+                seen = rotation.multiply(rotation.multiply(arm, self.mount), self.noise(CAMERA_RAD))
+                self.estimator.add_body(self.now_ns, seen)
+            if step % 2 == 0:
+                late = course(max(0.0, self.time_s - self.delay_s))
+                drifted = rotation.multiply(rotation.from_yaw(-DRIFT_RADPS * self.time_s), late)
+                self.estimator.add_arm(
+                    self.now_ns, rotation.multiply(self.noise(IMU_RAD), drifted), self.epoch
+                )
+            if step % 25 == 0:
+                self.estimator.estimate(self.now_ns)
+
+    def estimate(self) -> YawEstimate:
+        estimate = self.estimator.estimate(self.now_ns)
+        assert estimate is not None
+        return estimate
+
+    def error_rad(self) -> float:
+        return abs(math.remainder(self.estimate().yaw_rad - self.true_rad, math.tau))
+
+
+@pytest.mark.parametrize(("make", "duration_s"), [(waving, 2.0), (pointing, 5.0)], ids=["waving", "pointing"])
+def test_the_yaw_is_known_after_seconds_of_movement_and_its_sigma_is_honest(
+    make: Callable[[np.random.Generator], Course], duration_s: float
+) -> None:
+    errors_rad: list[float] = []
+    for seed in range(12):
+        arm = Arm(seed, delay_s=0.02 * (seed % 3))
+        arm.move(make(arm.dice), duration_s)
+        errors_rad.append(arm.error_rad())
+        assert arm.error_rad() < 3.0 * arm.estimate().sigma_rad
+    assert np.median(errors_rad) < math.radians(0.4)
+    assert max(errors_rad) < math.radians(1.5)
+
+
+def test_an_arm_at_rest_shows_no_yaw() -> None:
+    arm = Arm(1)
+    arm.move(lambda _: rotation.from_azimuth_elevation(0.2, -1.3), 20.0)
+    assert arm.estimator.estimate(arm.now_ns) is None
+
+
+def test_an_arm_that_turns_level_only_shows_no_yaw() -> None:
+    arm = Arm(2)
+    arm.move(lambda time_s: rotation.from_azimuth_elevation(0.8 * math.sin(2.0 * time_s), 0.0), 8.0)
+    estimate = arm.estimator.estimate(arm.now_ns)
+    assert estimate is None or estimate.sigma_rad > math.radians(3.0)
+
+
+def test_a_delay_of_the_wrist_is_found_and_does_not_turn_the_yaw() -> None:
+    arm = Arm(3, delay_s=0.06)
+    arm.move(waving(arm.dice), 4.0)
+    assert arm.estimate().delay_s == pytest.approx(0.06, abs=0.012)
+    assert arm.error_rad() < math.radians(1.0)
+
+
+def test_the_uncertainty_grows_while_the_arm_rests() -> None:
+    arm = Arm(4)
+    arm.move(waving(arm.dice), 4.0)
+    before, still = arm.estimate(), waving(arm.dice)(0.0)
+    arm.move(lambda _: still, 30.0)
+    assert before.sigma_rad < 0.6 * arm.estimate().sigma_rad < math.radians(1.5)
+    assert arm.error_rad() < 3.0 * arm.estimate().sigma_rad
+
+
+def test_another_yaw_origin_begins_anew() -> None:
+    arm = Arm(5)
+    arm.move(waving(arm.dice), 4.0)
+    arm.epoch, arm.yaw_rad = 1, arm.yaw_rad + 1.5
+    arm.move(lambda _: rotation.IDENTITY, 0.1)
+    assert arm.estimator.estimate(arm.now_ns) is None
+    arm.move(waving(arm.dice), 3.0)
+    assert arm.error_rad() < math.radians(1.0)
+
+
+def test_nothing_is_paired_over_a_gap_of_the_cameras() -> None:
+    arm = Arm(6)
+    course = waving(arm.dice)
+    arm.move(course, 3.0)
+    before = arm.estimate()
+    arm.move(course, 3.0, cameras=False)
+    assert arm.estimate().stamp_ns > before.stamp_ns
+    assert arm.estimate().yaw_rad == before.yaw_rad
+    arm.move(course, 3.0)
+    assert arm.error_rad() < math.radians(1.0)

@@ -167,6 +167,24 @@ def test_a_tracker_that_knows_the_yaw_is_the_truth_of_it(tmp_path: Path) -> None
     assert anna["yaw_deg"]["median"] == pytest.approx(5.0, abs=0.5)
 
 
+@pytest.mark.parametrize(("kind", "error_deg"), [("person_frame", 15.0), ("person", 0.0)])
+def test_the_yaw_of_a_person_frame_is_the_truth_and_the_direction_that_a_person_faces_is_not(
+    tmp_path: Path, kind: str, error_deg: float
+) -> None:
+    stand = Stand(x=0.3, y=0.2)
+    yaw_rad = math.radians(20.0)
+    heads = [
+        models.TrackedObject(id="anna", kind=kind, position_m=(stand.x, stand.y, 1.8), yaw_rad=yaw_rad)
+    ] * 150
+    reports = [
+        said(tick / 5, OBJECTS, "mocap", models.TrackedObjects(stamp_ns=at(tick / 5), objects=(head,)))
+        for tick, head in enumerate(heads)
+    ]
+    path = session(tmp_path / "s.mcap", pointing_at_lamps("anna", stand), reports)
+    row = next(each for each in rows_of("--recording", path) if each["subject"] == "anna")
+    assert row["yaw_deg"]["median"] == pytest.approx(error_deg, abs=0.5)
+
+
 def test_what_is_missing_is_told_in_one_sentence(tmp_path: Path) -> None:
     nobody = session(tmp_path / "nobody.mcap", pointing_at_lamps("anna", Stand()))
     with pytest.raises(

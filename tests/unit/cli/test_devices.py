@@ -153,6 +153,7 @@ def test_json_has_addresses_labels_and_details() -> None:
         ],
         "lights": [],
         "robots": [],
+        "mocap": [],
         "not_searched": [],
     }
 
@@ -178,7 +179,9 @@ def test_a_search_that_fails_hangs_or_blocks_is_named_and_costs_the_others_nothi
 @pytest.mark.usefixtures("package")
 def test_without_devices_it_says_so_and_why_a_search_could_not_run() -> None:
     shown = run()
-    assert shown.stdout == "No wrists found.\nNo outputs found.\nNo robots found.\n"
+    assert shown.stdout == (
+        "No wrists found.\nNo outputs found.\nNo robots found.\nNo motion capture servers found.\n"
+    )
     assert shown.stderr == (
         "adapter, adapter: there is no Bluetooth adapter: plug one in\n"
         "raises: search of LED output 'raises' of strangers-parts failed (SystemExit: no)\n"

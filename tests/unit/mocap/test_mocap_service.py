@@ -122,7 +122,11 @@ async def test_ground_truth_is_compared_with_the_localizer_and_changes_no_pose()
     async with serving(server()) as port, running(port, truth=True) as (watcher, bus), moving_wrist(bus):
         await until(lambda: watcher.sees("anna") and watcher.objects[-1].objects[-1].yaw_rad is not None)
         anna = watcher.objects[-1].objects[-1]
-        assert (anna.id, anna.kind, anna.position_m) == ("anna", "person", (1.0, 2.0, pytest.approx(1.7)))
+        assert (anna.id, anna.kind, anna.position_m) == (
+            "anna",
+            "person_frame",
+            (1.0, 2.0, pytest.approx(1.7)),
+        )
         localizer = bus.publisher(POSE, "anna")
 
         def is_compared() -> bool:

@@ -18,6 +18,8 @@ FRESH_NS = NS_PER_S // 2
 HEAD_SIGMA_M = 0.02
 """1 sigma of the way from the head's body to the point above the feet, m."""
 ARM_SILENCE_NS = 3 * NS_PER_S
+PERSON_FRAME = "person_frame"
+"""Kind of the object of a person whose `yaw_rad` is that of {H}. The yaw of a `person` is where they face."""
 PERSON_LENGTH_M = 0.3
 """Diameter of a person as an object, m."""
 
@@ -115,7 +117,7 @@ class WornBodies:
             people.append(
                 TrackedObject(
                     id=person,
-                    kind="person",
+                    kind="person" if yaw is None else PERSON_FRAME,
                     position_m=head.position_m,
                     length_m=PERSON_LENGTH_M,
                     yaw_rad=None if yaw is None else yaw.yaw_rad,

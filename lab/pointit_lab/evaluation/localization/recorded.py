@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from pointit.bridges.mocap.people import PERSON_FRAME
 from pointit.geometry.vector import Vec3
 from pointit.recording.reader import Recording
 from pointit.runtime.errors import ConfigError
@@ -173,6 +174,8 @@ class _Reader:
             course = person.truth if person else self._targets.get(item.id)
             if course is not None:
                 course.add(message.stamp_ns, item.position_m)
+            if person and item.kind == PERSON_FRAME and item.yaw_rad is not None:
+                person.add_yaw(message.stamp_ns, item.yaw_rad)
 
     def _move(self, name: str, sample: ImuSample) -> None:
         if name in self._rayed:

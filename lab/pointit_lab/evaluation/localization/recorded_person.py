@@ -98,9 +98,13 @@ class PersonInSession:
         """Note a true pose, or one of the localizer's."""
         if pose.method == "external":
             self.truth.add(pose.stamp_ns, pose.position_m)
-            self.yaws.add(pose.stamp_ns, (math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)))
+            self.add_yaw(pose.stamp_ns, pose.yaw_rad)
         elif pose.method != "fixed":
             self.poses.setdefault(pose.anchored_ns, pose)
+
+    def add_yaw(self, time_ns: int, yaw_rad: float) -> None:
+        """Note the true yaw of {H}."""
+        self.yaws.add(time_ns, (math.cos(yaw_rad), math.sin(yaw_rad)))
 
     def on_localization(self, message: Localization, lamps: dict[str, Vec3]) -> None:
         """Note what the person points at from now on."""

@@ -1,10 +1,11 @@
-"""`pointit devices`: the wrists, outputs and robots within reach, with the words that choose them."""
+"""`pointit devices`: wrists, outputs, robots, motion capture, and the words that choose them."""
 
 import shlex
 from typing import Any
 
 import click
 
+from pointit.bridges.mocap.mocap_systems import MOCAP_SYSTEMS
 from pointit.commands import (
     Finite,
     OutputSection,
@@ -19,27 +20,29 @@ from pointit.plugins import GROUPS, FoundDevice
 from pointit.plugins.device_search import SearchResult, search, words
 from pointit.runtime.service.logs import setup_logging
 
+MOCAP, MOCAP_COMMAND = "mocap", "pointit service run mocap"
 SECTIONS = {
     "imu-source": ("wrists", "wrists", "--imu"),
     "led-output": ("lights", "outputs", "--output"),
     "robot": ("robots", "robots", "--set"),
+    MOCAP: ("mocap", "motion capture servers", "--server"),
 }
-"""Name of the table in JSON, name for people, and option of `pointit run` by the kind of plug-in."""
+"""Name of the table in JSON, name for people, and option that chooses one, by the kind of device."""
 
 
 @click.command("devices")
 @click.option("--seconds", type=Finite(min=0.1, max=60), default=3.0, help="time for the search, s")
 @json_option
 def command(*, seconds: float, as_json: bool) -> None:
-    """Find wrists, outputs and robots within reach: on serial ports, by Bluetooth, in the network.
+    """Find wrists, outputs, robots and motion capture within reach: serial ports, Bluetooth, the network.
 
     All installed plug-ins that can search do so at the same time. Each device is shown with the option of
-    `pointit run` that uses it. A search that cannot run is named below, with what to do.
+    `pointit run`, or the command, that uses it. A search that cannot run is named below, with what to do.
 
     Example: pointit devices --seconds 10
     """
     setup_logging("warning")
-    groups = {kind: GROUPS[kind] for kind in SECTIONS}
+    groups = {kind: MOCAP_SYSTEMS if kind == MOCAP else GROUPS[kind] for kind in SECTIONS}
     with progress(sum(len(group.names) for group in groups.values())) as tell:
         results = search(groups, seconds, lambda done: tell("searching", done))
     problems = [result for result in results if result.problem]
@@ -53,7 +56,7 @@ def command(*, seconds: float, as_json: bool) -> None:
     for kind, (_, name, option) in SECTIONS.items():
         shown = tuple({"use": row["use"], "found": row["label"]} for row in rows(results, kind))
         if shown:
-            about = f"`pointit run {option} …` uses one"
+            about = f"`{'pointit run' if kind != MOCAP else MOCAP_COMMAND} {option} …` uses one"
             print_table(
                 console(), OutputSection(name=name, about=about, rows=shown, whole=frozenset({"use"}))
             )
@@ -68,7 +71,7 @@ def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
     option = SECTIONS[kind][2]
     return [
         {
-            "use": _parameters(result, each) if kind == "robot" else f"{option} {words(result, each)}",
+            "use": _words(result, each, option),
             "name": result.name,
             "address": each.address,
             "label": each.label,
@@ -78,6 +81,12 @@ def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
         if result.kind == kind
         for each in result.found
     ]
+
+
+def _words(result: SearchResult, device: FoundDevice, option: str) -> str:
+    if result.kind == MOCAP:
+        return f"{option} {shlex.quote(device.address)}"
+    return _parameters(result, device) if result.kind == "robot" else f"{option} {words(result, device)}"
 
 
 def _parameters(result: SearchResult, device: FoundDevice) -> str:

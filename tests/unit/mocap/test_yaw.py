@@ -121,6 +121,17 @@ def test_an_arm_that_turns_level_only_shows_no_yaw() -> None:
     assert estimate is None or estimate.sigma_rad > math.radians(3.0)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_body_on_another_arm_than_the_wrist_shows_no_yaw(seed: int) -> None:
+    dice, estimator = np.random.default_rng(seed), ForearmYaw()
+    wrist, other = pointing(dice), waving(dice)
+    for tick in range(250):
+        time_ns = START_NS + tick * NS_PER_S // 50
+        estimator.add_body(time_ns, other(tick / 50))
+        estimator.add_arm(time_ns, wrist(tick / 50), 0)
+        assert estimator.estimate(time_ns) is None
+
+
 def test_a_delay_of_the_wrist_is_found_and_does_not_turn_the_yaw() -> None:
     arm = Arm(3, delay_s=0.06)
     arm.move(waving(arm.dice), 4.0)

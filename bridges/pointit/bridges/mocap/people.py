@@ -149,7 +149,7 @@ class WornBodies:
             if now_ns - worn.arm_ns > ARM_SILENCE_NS:
                 return f"the yaw of {person} is not known: no wrist sends, start imu-bridge for {person}"
             if now_ns - worn.forearm_ns <= ARM_SILENCE_NS:
-                return f"the yaw of {person} is not known: move the arm up, down and to the sides for 5 s"
+                return f"the yaw of {person} is not known: move the arm with the wrist and the body up, down and sideways for 5 s"
         return ""
 
     def _fresh_head(self, worn: _Worn, now_ns: int) -> BodyPose | None:

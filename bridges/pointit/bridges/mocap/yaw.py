@@ -28,7 +28,7 @@ HOLD_NS = NS_PER_S
 """Time for which an arm that came to rest still adds orientations, ns."""
 MAX_PAIRS = 300
 """Number of stored orientations, 6 s of a moving arm at 50 Hz."""
-SOLVE_PERIOD_NS = NS_PER_S // 4
+SOLVE_PERIOD_NS = NS_PER_S // 2
 """Least time between two estimates, ns."""
 MIN_PAIRS = 12
 MAX_AGE_NS = 60 * NS_PER_S
@@ -39,13 +39,15 @@ DELAY_SIGMA_S = 0.05
 """1 sigma of the delay between IMU and body, before it is estimated."""
 NOISE_RAD = math.radians(0.3)
 """Least noise of the difference of two orientations."""
+MAX_NOISE_RAD = math.radians(3.0)
+"""Largest difference of the two orientations, 1 sigma: beyond it, the body is not on the arm with the IMU."""
 BLOCK_NS = NS_PER_S // 2
 """Time after which errors are independent, ns."""
 WANDER_RAD = math.radians(0.25)
 """1 sigma of the error of an IMU's orientation that stays the same for seconds, and so does not show."""
 SWITCH_SIGMAS = 4.0
 """Difference from the estimate before, in its sigmas, at which a worse but newer one counts."""
-ITERATIONS = 5
+ITERATIONS = 4
 
 
 @dataclass(frozen=True)
@@ -193,11 +195,13 @@ def _solve(pairs: list[_Pair]) -> YawEstimate | None:
 
 
 def _yaw_variance(pairs: list[_Pair], matrix: Array, residuals: Array, inverse: Array) -> float | None:
-    """Return the variance of the yaw, rad², or None if the turns are not larger than their noise.
+    """Return the variance of the yaw, rad², or None if the turns do not agree, or not exceed their noise.
 
     The larger one of white noise, and of errors that stay the same within each block of time.
     """
     noise = max(NOISE_RAD**2, float((residuals**2).sum()) / (3 * len(pairs) - 5))
+    if noise > MAX_NOISE_RAD**2:
+        return None
     known = 1.0 / float(inverse[0, 0])
     shown = known - 2.0 * noise * len(pairs)  # noise of the turns themselves shows no yaw
     if shown <= 0.0:

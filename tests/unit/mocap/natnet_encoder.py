@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import socket
 import struct
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -105,8 +105,8 @@ class Server(asyncio.DatagramProtocol):
     """Address of the interface by which it sends to the group, or `""` for unicast."""
     ahead_ns: int = 5 * 10**15
     """Time of its clock before that of `now_ns`."""
-    clients: set[tuple[str, int]] = field(default_factory=set)
-    requests: list[int] = field(default_factory=list)
+    clients: set[tuple[str, int]] = field(default_factory=set[tuple[str, int]])
+    requests: list[int] = field(default_factory=list[int])
     data_port: int = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -140,7 +140,7 @@ class Server(asyncio.DatagramProtocol):
 
 
 @contextlib.asynccontextmanager
-async def serving(server: Server, host: str = "127.0.0.1") -> AsyncIterator[int]:
+async def serving(server: Server, host: str = "127.0.0.1") -> AsyncGenerator[int]:
     """Run a server at a free port. Yield the port."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind((host, 0))

@@ -118,7 +118,7 @@ def test_a_recording_that_motive_plays_is_not_used() -> None:
 def test_frames_of_another_machine_are_not_used_and_reported_for_a_while() -> None:
     talk = Conversation()
     talk.stream(1)
-    talk.session.receive_stray(natnet.frame([Body(1)], number=9), "10.0.0.9", talk.now_ns)
+    talk.session.receive_unknown(natnet.frame([Body(1)], number=9), "10.0.0.9", talk.now_ns)
     assert len(talk.used) == 1
     assert "10.0.0.9 streams here, too" in talk.problem
     talk.stream(1001)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pointit.bridges.mocap.yaw import ForearmYaw, YawEstimate
+from pointit.bridges.mocap.yaw import ForearmYaw, ForearmYawEstimate
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
@@ -85,7 +85,7 @@ class Arm:
             if step % 25 == 0:
                 self.estimator.estimate(self.now_ns)
 
-    def estimate(self) -> YawEstimate:
+    def estimate(self) -> ForearmYawEstimate:
         estimate = self.estimator.estimate(self.now_ns)
         assert estimate is not None
         return estimate

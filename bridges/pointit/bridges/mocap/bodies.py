@@ -52,7 +52,7 @@ class _Track:
 
     pose: BodyPose | None = None
     """The last one that was used."""
-    past: deque[BodyPose] = field(default_factory=deque[BodyPose])
+    poses: deque[BodyPose] = field(default_factory=deque[BodyPose])
     velocity_mps: Vec3 = (0.0, 0.0, 0.0)
     seen_ns: int = 0
     """Time at which it was seen last, used or not."""
@@ -160,7 +160,7 @@ class Bodies:
             self._jumps[f"{text}; make their markers more different"] = pose.stamp_ns
         if pose.stamp_ns - track.jumped_ns < (SWAP_NS if is_swap else JUMP_NS):
             return False
-        track.past.clear()
+        track.poses.clear()
         track.jumped_ns = 0
         return True
 
@@ -202,14 +202,14 @@ def _has_jumped(last: BodyPose, pose: BodyPose, since_s: float) -> bool:
 
 
 def _follow(track: _Track, pose: BodyPose) -> None:
-    if track.past and not 0 < pose.stamp_ns - track.past[-1].stamp_ns <= HOLD_NS:
-        track.past.clear()
+    if track.poses and not 0 < pose.stamp_ns - track.poses[-1].stamp_ns <= HOLD_NS:
+        track.poses.clear()
     track.pose = pose
-    track.past.append(pose)
-    while len(track.past) > 2 and pose.stamp_ns - track.past[1].stamp_ns >= VELOCITY_NS:
-        track.past.popleft()
-    since_s = (pose.stamp_ns - track.past[0].stamp_ns) / NS_PER_S
-    moved_m = vector.subtract(pose.position_m, track.past[0].position_m)
+    track.poses.append(pose)
+    while len(track.poses) > 2 and pose.stamp_ns - track.poses[1].stamp_ns >= VELOCITY_NS:
+        track.poses.popleft()
+    since_s = (pose.stamp_ns - track.poses[0].stamp_ns) / NS_PER_S
+    moved_m = vector.subtract(pose.position_m, track.poses[0].position_m)
     track.velocity_mps = (
         vector.scale(moved_m, 1.0 / since_s) if since_s > VELOCITY_NS / 2 / NS_PER_S else (0.0, 0.0, 0.0)
     )

@@ -10,7 +10,7 @@ from pointit.schemas.base import Name
 MAX_BODIES = 500
 
 
-class BodyConfig(Config):
+class WornBodyConfig(Config):
     """Meaning of one rigid body."""
 
     kind: str = Field(
@@ -22,7 +22,7 @@ class BodyConfig(Config):
     person: Name | Literal[""] = Field(default="", description="person who wears it, or empty")
     part: Literal["head", "forearm"] = Field(
         default="head",
-        description="where the person wears it. head: gives the position; forearm, of the arm with the "
+        description="place on the person. head: gives the position; forearm, of the arm with the "
         "IMU: gives the yaw",
     )
 
@@ -47,7 +47,7 @@ class MocapConfig(Config):
     frame: str = Field(
         default="", description="frame of the map that is Motive's origin on the floor; empty for {W}"
     )
-    bodies: dict[str, BodyConfig] = Field(
+    bodies: dict[str, WornBodyConfig] = Field(
         default={},
         max_length=MAX_BODIES,
         description="meaning of rigid bodies by their names in Motive; others are objects of these names",

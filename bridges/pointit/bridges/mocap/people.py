@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 
 from pointit.bridges.mocap.bodies import BodyPose
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.yaw import ForearmYaw, YawEstimate
+from pointit.bridges.mocap.yaw import ForearmYaw, ForearmYawEstimate
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, UserPose
 
 MAX_YAW_SIGMA_RAD = math.radians(5.0)
 """Largest 1 sigma of a yaw with which a pose is published for the first time."""
-MAX_KEPT_SIGMA_RAD = math.radians(15.0)
+MAX_LATER_SIGMA_RAD = math.radians(15.0)
 """The same later, while the arm rests and the IMU's yaw drifts."""
 FRESH_NS = NS_PER_S // 2
 """Age at which a head's position is none of now."""
@@ -30,7 +30,7 @@ class _Worn:
 
     has_forearm: bool
     yaw: ForearmYaw = field(default_factory=ForearmYaw)
-    head: BodyPose | None = None
+    head_pose: BodyPose | None = None
     velocity_mps: Vec3 = (0.0, 0.0, 0.0)
     arm_ns: int = 0
     forearm_ns: int = 0
@@ -60,7 +60,7 @@ class WornBodies:
         if not person:
             return
         if part == "head":
-            self._people[person].head = pose
+            self._people[person].head_pose = pose
         else:
             self._people[person].forearm_ns = pose.stamp_ns
             self._people[person].yaw.add_body(pose.stamp_ns, pose.orientation_xyzw)
@@ -78,17 +78,17 @@ class WornBodies:
     def on_pose(self, person: str, pose: UserPose) -> None:
         """Compare the localizer's pose with the truth."""
         worn = self._people.get(person)
-        if worn is None or worn.head is None or pose.method == "external":
+        if worn is None or worn.head_pose is None or pose.method == "external":
             return
-        if abs(pose.stamp_ns - worn.head.stamp_ns) > FRESH_NS:
+        if abs(pose.stamp_ns - worn.head_pose.stamp_ns) > FRESH_NS:
             return
         yaw = self._yaw(worn, pose.stamp_ns)
-        away_m = math.dist(worn.head.position_m[:2], pose.position_m[:2])
+        away_m = math.dist(worn.head_pose.position_m[:2], pose.position_m[:2])
         turned = None if yaw is None else math.remainder(pose.yaw_rad - yaw.yaw_rad, math.tau)
         self._differences[person] = away_m, turned
 
     def poses(self, now_ns: int) -> list[tuple[str, UserPose]]:
-        """Return the poses of people whose position and yaw are known; none if they are only truth."""
+        """Return the poses of people whose position and yaw are known; an empty list in truth mode."""
         poses: list[tuple[str, UserPose]] = []
         for person, worn in self._people.items():
             head, yaw = self._fresh_head(worn, now_ns), self._yaw(worn, now_ns)
@@ -109,12 +109,12 @@ class WornBodies:
 
     def objects(self, now_ns: int) -> list[TrackedObject]:
         """Return the people who have no pose here, with the yaw of {H} if they are truth and it is known."""
-        people: list[TrackedObject] = []
+        objects: list[TrackedObject] = []
         for person, worn in self._people.items():
             head, yaw = self._fresh_head(worn, now_ns), self._yaw(worn, now_ns)
             if head is None or (yaw is not None and not self._is_truth):
                 continue
-            people.append(
+            objects.append(
                 TrackedObject(
                     id=person,
                     kind="person" if yaw is None else PERSON_FRAME,
@@ -124,7 +124,7 @@ class WornBodies:
                     position_sigma_m=head.sigma_m,
                 )
             )
-        return people
+        return objects
 
     def figures(self, now_ns: int) -> dict[str, tuple[float | None, str]]:
         """Return values and units of the metrics by name. None removes one."""
@@ -149,15 +149,16 @@ class WornBodies:
             if now_ns - worn.arm_ns > ARM_SILENCE_NS:
                 return f"the yaw of {person} is not known: no wrist sends, start imu-bridge for {person}"
             if now_ns - worn.forearm_ns <= ARM_SILENCE_NS:
-                return f"the yaw of {person} is not known: move the arm with the wrist and the body up, down and sideways for 5 s"
+                advice = "move the arm with the wrist and the body up, down and sideways for 5 s"
+                return f"the yaw of {person} is not known: {advice}"
         return ""
 
     def _fresh_head(self, worn: _Worn, now_ns: int) -> BodyPose | None:
-        head = worn.head
+        head = worn.head_pose
         return head if head is not None and now_ns - head.stamp_ns <= FRESH_NS else None
 
-    def _yaw(self, worn: _Worn, now_ns: int) -> YawEstimate | None:
+    def _yaw(self, worn: _Worn, now_ns: int) -> ForearmYawEstimate | None:
         yaw = worn.yaw.estimate(now_ns)
-        limit_rad = MAX_KEPT_SIGMA_RAD if worn.is_known else MAX_YAW_SIGMA_RAD
+        limit_rad = MAX_LATER_SIGMA_RAD if worn.is_known else MAX_YAW_SIGMA_RAD
         worn.is_known = yaw is not None and yaw.sigma_rad <= limit_rad
         return yaw if worn.is_known else None

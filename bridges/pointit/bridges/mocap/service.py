@@ -40,7 +40,7 @@ class Mocap(Service[MocapConfig]):
         super().__init__(config, context)
         self.validate_config(config)
         self._bodies = Bodies(config)
-        self._people = WornBodies(config)
+        self._worn_bodies = WornBodies(config)
         self._session = NatNetSession(config.server, self._on_frame)
         self._frame: Frame | None = None
         self._stamp_ns = 0
@@ -51,11 +51,11 @@ class Mocap(Service[MocapConfig]):
         self._used_frames = 0
         self._objects = self.bus.publisher(OBJECTS, config.tracker)
         self._poses = {} if config.truth else {
-            name: self.bus.publisher(POSE, name) for name in self._people.names
+            name: self.bus.publisher(POSE, name) for name in self._worn_bodies.names
         }  # fmt: skip
         self._had_objects = False
         self.bus.subscribe(MAP, self._on_map)
-        for name in self._people.names:
+        for name in self._worn_bodies.names:
             self.bus.subscribe(IMU, self._on_imu, name)
             if config.truth:
                 self.bus.subscribe(POSE, self._on_pose, name)
@@ -91,7 +91,9 @@ class Mocap(Service[MocapConfig]):
 
     def _publish(self, now_ns: int) -> None:
         is_fresh = now_ns - self._used_ns < FRESH_NS
-        objects = (*self._bodies.objects(self._stamp_ns), *self._people.objects(now_ns)) if is_fresh else ()
+        objects = (
+            (*self._bodies.objects(self._stamp_ns), *self._worn_bodies.objects(now_ns)) if is_fresh else ()
+        )
         if objects or self._had_objects:
             stamp_ns = self._stamp_ns if objects else now_ns
             self._objects.put(
@@ -100,20 +102,20 @@ class Mocap(Service[MocapConfig]):
         self._had_objects = bool(objects)
 
     def _publish_poses(self, now_ns: int) -> None:
-        for name, pose in self._people.poses(now_ns):
+        for name, pose in self._worn_bodies.poses(now_ns):
             if name in self._poses:
                 self._poses[name].put(pose)
 
     def _report(self, now_ns: int) -> None:
         self.bus.warn("server", self._session.problem(now_ns))
         self.bus.warn("bodies", self._bodies.problem(self._stamp_ns))
-        self.bus.warn("yaw", self._people.problem(now_ns))
+        self.bus.warn("yaw", self._worn_bodies.problem(now_ns))
         sigma_s = self._session.clock_sigma_s(now_ns)
         self.bus.set_metric("clock sigma", None if sigma_s is None else 1e3 * sigma_s, "ms")
         self.bus.set_metric("frame rate", self._used_frames, "Hz")
         self.bus.set_metric("damaged packets", self._session.damaged or None)
         self.bus.set_metric("unused bodies", self._bodies.unused or None)
-        for name, (value, unit) in self._people.figures(now_ns).items():
+        for name, (value, unit) in self._worn_bodies.figures(now_ns).items():
             self.bus.set_metric(name, value, unit)
         self._used_frames = 0
 
@@ -124,13 +126,13 @@ class Mocap(Service[MocapConfig]):
         self._used_ns = self.clock.now_ns()
         self._used_frames += 1
         for pose in self._bodies.update(timed, self._frame):
-            self._people.on_body(pose)
+            self._worn_bodies.on_body(pose)
 
     def _on_imu(self, sample: ImuSample, name: str) -> None:
-        self._people.on_imu(name, sample)
+        self._worn_bodies.on_imu(name, sample)
 
     def _on_pose(self, pose: UserPose, name: str) -> None:
-        self._people.on_pose(name, pose)
+        self._worn_bodies.on_pose(name, pose)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         if not self.config.frame:

@@ -51,7 +51,7 @@ ITERATIONS = 4
 
 
 @dataclass(frozen=True)
-class YawEstimate:
+class ForearmYawEstimate:
     """Azimuth of {H}'s x axis in {W}."""
 
     yaw_rad: float
@@ -61,10 +61,10 @@ class YawEstimate:
     delay_s: float = 0.0
     """Time by which the IMU's stamps are later than the body's."""
 
-    def aged(self, now_ns: int) -> "YawEstimate":
+    def aged(self, now_ns: int) -> "ForearmYawEstimate":
         """Return the estimate with its uncertainty at `now_ns`."""
         drift_rad = DRIFT_RADPS * max(0, now_ns - self.stamp_ns) / NS_PER_S
-        return YawEstimate(self.yaw_rad, math.hypot(self.sigma_rad, drift_rad), now_ns, self.delay_s)
+        return ForearmYawEstimate(self.yaw_rad, math.hypot(self.sigma_rad, drift_rad), now_ns, self.delay_s)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class ForearmYaw:
         self._arms: deque[tuple[int, Array]] = deque(maxlen=64)
         self._recent: deque[tuple[int, Array, Array]] = deque(maxlen=5)
         self._pairs: deque[_Pair] = deque(maxlen=MAX_PAIRS)
-        self._estimate: YawEstimate | None = None
+        self._estimate: ForearmYawEstimate | None = None
         self._solved_ns = 0
         self._moved_ns = 0
 
@@ -109,7 +109,7 @@ class ForearmYaw:
             self._bodies.append((stamp_ns, np.array(orientation)))
             self._match()
 
-    def estimate(self, now_ns: int) -> YawEstimate | None:
+    def estimate(self, now_ns: int) -> ForearmYawEstimate | None:
         """Return the best estimate at `now_ns`, or None if there is none yet."""
         while self._pairs and now_ns - self._pairs[0].stamp_ns > MAX_AGE_NS:
             self._pairs.popleft()
@@ -148,14 +148,14 @@ class ForearmYaw:
         self._pairs.append(_Pair(middle_ns, arm, body, turn / ((end_ns - begin_ns) / NS_PER_S)))
 
 
-def _replaces(new: YawEstimate, old: YawEstimate) -> bool:
+def _replaces(new: ForearmYawEstimate, old: ForearmYawEstimate) -> bool:
     apart_rad = abs(math.remainder(new.yaw_rad - old.yaw_rad, math.tau))
     return new.sigma_rad <= old.sigma_rad or apart_rad > SWITCH_SIGMAS * math.hypot(
         new.sigma_rad, old.sigma_rad
     )
 
 
-def _solve(pairs: list[_Pair]) -> YawEstimate | None:
+def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
     """Return the yaw of the latest pair, by least squares over all, or None if it does not show."""
     arms, bodies = np.array([each.arm for each in pairs]), np.array([each.body for each in pairs])
     rates = np.array([each.rate_radps for each in pairs])
@@ -165,7 +165,8 @@ def _solve(pairs: list[_Pair]) -> YawEstimate | None:
     weights = np.ones(count)
     ages_s = np.array([each.stamp_ns - pairs[-1].stamp_ns for each in pairs]) / NS_PER_S
     drift_radps = 0.0
-    matrix, residuals, inverse = np.zeros((count, 3, 6)), np.empty((count, 3)), np.empty((6, 6))
+    inverse: Array = np.empty((6, 6))
+    matrix, residuals = np.zeros((count, 3, 6)), np.empty((count, 3))
     prior = np.diag([0.0, 0.0, 0.0, 0.0, (NOISE_RAD / DELAY_SIGMA_S) ** 2, (NOISE_RAD / DRIFT_RADPS) ** 2])
     for _ in range(ITERATIONS):
         turned = _product(_about_z(yaw_rad), arms)
@@ -182,7 +183,7 @@ def _solve(pairs: list[_Pair]) -> YawEstimate | None:
             inverse = np.linalg.inv(np.einsum("nij,nik->jk", weighted, matrix) + prior)
         except np.linalg.LinAlgError:
             return None
-        step = inverse @ (
+        step: Array = inverse @ (
             np.einsum("nij,ni->j", weighted, residuals) - prior @ [0, 0, 0, 0, delay_s, drift_radps]
         )
         yaw_rad, delay_s = yaw_rad + float(step[0]), delay_s + float(step[4])
@@ -191,7 +192,9 @@ def _solve(pairs: list[_Pair]) -> YawEstimate | None:
     variance = _yaw_variance(pairs, matrix * weights[:, None, None], residuals, inverse)
     if variance is None:
         return None
-    return YawEstimate(math.remainder(yaw_rad, math.tau), math.sqrt(variance), pairs[-1].stamp_ns, delay_s)
+    return ForearmYawEstimate(
+        math.remainder(yaw_rad, math.tau), math.sqrt(variance), pairs[-1].stamp_ns, delay_s
+    )
 
 
 def _yaw_variance(pairs: list[_Pair], matrix: Array, residuals: Array, inverse: Array) -> float | None:

@@ -69,7 +69,7 @@ class NatNetClient(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Use a datagram."""
         if addr[0] not in self._addresses:
-            self._session.receive_stray(data, addr[0], self._now_ns())
+            self._session.receive_unknown(data, addr[0], self._now_ns())
             return
         self._session.receive(data, self._now_ns())
         if self._session.info is not self._info:

@@ -159,7 +159,7 @@ def read_echo(payload: bytes) -> tuple[int, int]:
 
 
 def read_server_info(payload: bytes) -> ServerInfo:
-    """Return what a server states of itself.
+    """Return the description that a server sends.
 
     Raises:
         MalformedPacketError: If it is too short.

@@ -12,7 +12,7 @@ from pointit.schemas import NS_PER_S
 REQUEST_PERIOD_NS = NS_PER_S // 2
 """Period of echoes and keep-alives, and of a request that was not answered."""
 SERVER_TIMEOUT_NS = 5 * NS_PER_S
-"""Time without any packet after which the connection is made anew."""
+"""Time without any packet after which the connection is restarted."""
 SILENCE_NS = 3 * NS_PER_S
 """Time without frames or an answer after which that is reported."""
 REPORT_NS = 10 * NS_PER_S
@@ -44,7 +44,7 @@ class NatNetSession:
         self.server = server
         """Name of the server in messages."""
         self.info: ServerInfo | None = None
-        """What the server stated of itself, or None while it is not connected."""
+        """Description of the server, or None while it is not connected."""
         self._on_frame = on_frame
         self._clock: ServerClock | None = None
         self._names: dict[int, str] | None = None
@@ -64,7 +64,7 @@ class NatNetSession:
         """Number of packets that could not be read."""
 
     def restart(self, now_ns: int) -> None:
-        """Forget the server, in order to connect anew."""
+        """Forget the server, in order to connect again."""
         self.info, self._clock, self._names, self._last = None, None, None, None
         self._since_ns = self._packet_ns = now_ns
         self._arrived_ns = self._used_ns = 0
@@ -95,11 +95,11 @@ class NatNetSession:
                 now_ns,
             )
 
-    def receive_stray(self, data: bytes, address: str, now_ns: int) -> None:
+    def receive_unknown(self, data: bytes, address: str, now_ns: int) -> None:
         """Note a packet of another machine. It is not used, since anybody can send one."""
         if data[:2] == packets.packet(packets.FRAME)[:2]:
             advice = "end that server or give it another port, or name it as `server`"
-            self._faults["stray"] = f"{address} streams here, too, and is not used: {advice}", now_ns
+            self._faults["unknown"] = f"{address} streams here, too, and is not used: {advice}", now_ns
 
     def problem(self, now_ns: int) -> str:
         """Return a sentence if there is no usable stream, or something is odd, else `""`."""

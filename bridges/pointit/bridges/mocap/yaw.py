@@ -178,14 +178,14 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
         lengths = np.linalg.norm(residuals, axis=1)
         limit = 3.0 * max(NOISE_RAD, float(np.median(lengths)))
         weights = np.minimum(1.0, limit / np.maximum(lengths, 1e-12))
-        weighted = matrix * weights[:, None, None]
+        columns = matrix.reshape(-1, 6)
+        weighted = columns * np.repeat(weights, 3)[:, None]
         try:
-            inverse = np.linalg.inv(np.einsum("nij,nik->jk", weighted, matrix) + prior)
+            inverse = np.linalg.inv(weighted.T @ columns + prior).astype(np.float64)
         except np.linalg.LinAlgError:
             return None
-        step: Array = inverse @ (
-            np.einsum("nij,ni->j", weighted, residuals) - prior @ [0, 0, 0, 0, delay_s, drift_radps]
-        )
+        beyond_prior = prior @ np.array((0.0, 0.0, 0.0, 0.0, delay_s, drift_radps))
+        step = inverse @ (weighted.T @ residuals.ravel() - beyond_prior)
         yaw_rad, delay_s = yaw_rad + float(step[0]), delay_s + float(step[4])
         drift_radps += float(step[5])
         mount = _product(_from_rotation_vector(step[1:4])[None], mount[None])[0]
@@ -210,7 +210,7 @@ def _yaw_variance(pairs: list[_Pair], matrix: Array, residuals: Array, inverse: 
     if shown <= 0.0:
         return None
     blocks = np.array([each.stamp_ns // BLOCK_NS for each in pairs])
-    scores = np.einsum("nij,ni->nj", matrix, residuals)
+    scores = (matrix * residuals[:, :, None]).sum(axis=1)
     sums = np.array([scores[blocks == block].sum(axis=0) for block in np.unique(blocks)])
     shares = sums @ inverse[0]
     alone, next_to = float(shares @ shares), float(shares[1:] @ shares[:-1])

@@ -2,7 +2,7 @@
 # (the stubs of zenoh leave return types out)
 # pyright: reportUnknownMemberType=false
 # (the stubs of zenoh leave types out)
-"""The sessions that a session is connected to: whether a client has its router, and why not."""
+"""Connections of a session to other sessions, and detection of a lost or refusing router."""
 
 import asyncio
 import contextlib
@@ -25,13 +25,13 @@ log = logging.getLogger(__name__)
 
 ASK_S = 1.0
 MAX_SITES = 20
-"""Names that are told: more are of no use to anybody."""
+"""Maximum number of site names in an error message."""
 
 
 async def sites_at(link: Link) -> tuple[str, ...]:
-    """Return the names of the sites with services at the addresses of `link`, whatever its site.
+    """Return the names of all sites that have services at the addresses of `link`.
 
-    Empty where nobody answers, or where the router's rules show other sites to nobody.
+    The tuple is empty if no session answers, or if the router's rules hide other sites.
     """
     config = configuration(link)
     config.insert_json5("namespace", "null")
@@ -45,13 +45,13 @@ async def sites_at(link: Link) -> tuple[str, ...]:
     finally:
         await close_session(session)
     found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
-    return tuple(sorted(filter(NAME.match, found)))[:MAX_SITES]  # anybody can have written them
+    return tuple(sorted(filter(NAME.match, found)))[:MAX_SITES]  # any session can have written these keys
 
 
 SUSPICION_S = 2.0
-"""A router that is lost for longer than a restart takes is asked whether it still wants us, repeatedly."""
+"""Delay before a lost router is first tested for a refusal of our credentials, s. A restart takes less."""
 MAX_SUSPICION_S = 30.0
-"""Longest time between two questions, which doubles from the first on, s."""
+"""Maximum time between two tests, s. It doubles after each test."""
 
 
 class Connections:
@@ -65,13 +65,15 @@ class Connections:
         *,
         one: bool = False,
     ) -> None:
-        """Call `on_change` in the loop for each connection of `session` there is now, and after each change.
+        """Call `on_change` in the loop for each present connection of `session`, and after each change.
 
-        `endpoints`: to which it connects, or where it listens. `one`: a new connection ends the former.
+        `endpoints`: addresses to which it connects, or at which it listens. `one`: a new connection replaces
+        the previous one.
         """
         self.routers: dict[str, bool] = {}
-        """Connected sessions by id: True for a router."""
-        self._ups: Counter[str] = Counter()  # by id, less the ends: threads of Zenoh tell them in any order
+        """True for a router, False for another session, by the id of each connected session."""
+        # connects minus disconnects by id: Zenoh's threads report them in any order
+        self._ups: Counter[str] = Counter()
         self._one = one
         self._on_change = on_change
         self._ports = ports_of(endpoints)
@@ -85,7 +87,7 @@ class Connections:
         return bool(self.routers)
 
     def close(self) -> None:
-        """Follow no more."""
+        """Stop following connections."""
         if self._is_open:
             self._is_open = False
             self._listener.undeclare()
@@ -93,7 +95,7 @@ class Connections:
     def _on_event(self, event: zenoh.TransportEvent) -> None:  # on Zenoh's thread
         is_router = event.transport.whatami == zenoh.WhatAmI.ROUTER
         up = event.kind == zenoh.SampleKind.PUT
-        with contextlib.suppress(RuntimeError):  # the loop is gone
+        with contextlib.suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self._count, str(event.transport.zid), is_router, up)
 
     def _count(self, zid: str, is_router: bool, up: bool) -> None:  # noqa: FBT001
@@ -115,10 +117,13 @@ class Connections:
 
 
 class LinkWatch:
-    """Knows whether a client has its router; says once that it is lost and once that it is back."""
+    """Tracks whether a client has its router. Logs a loss and a return once each."""
 
     def __init__(self, session: zenoh.Session, link: Link, on_back: Callable[[], None]) -> None:
-        """Watch the connections of `session`, which has one now; call `on_back` when it is so again."""
+        """Watch the connections of `session`, which is connected now.
+
+        Call `on_back` after each reconnection.
+        """
         self._link = link
         self._on_back = on_back
         self._why = ""
@@ -142,7 +147,7 @@ class LinkWatch:
         return f"{lost}: {self._why}" if self._why else lost
 
     def close(self) -> None:
-        """Say nothing any more."""
+        """Stop watching and logging."""
         self._connections.close()
         self._end_suspicion()
 
@@ -161,7 +166,7 @@ class LinkWatch:
                 self._suspicion_timer = self._loop.create_task(self._ask_why(), name="refusal")
 
     async def _ask_why(self) -> None:
-        """Find out whether the router is there and refuses us, as when the certificate has expired."""
+        """Test whether the router is running but refuses our credentials, e.g. an expired certificate."""
         wait_s = SUSPICION_S
         while True:
             await asyncio.sleep(wait_s)

@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""Declarations of a session, for what other sessions send. Callbacks run on Zenoh's threads."""
+"""Publishers and subscribers that a session declares. Callbacks run on Zenoh's threads."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -14,7 +14,7 @@ class Declared(Protocol):
     """A declaration in a session."""
 
     def undeclare(self) -> None:
-        """Withdraw it. Callbacks that are already queued still run."""
+        """Withdraw the declaration. Callbacks that are already queued still run."""
         ...
 
 
@@ -28,9 +28,9 @@ def declare_publisher(
 ) -> Any:
     """Return a `zenoh.Publisher` of `key`, or with a cache a `zenoh.ext.AdvancedPublisher`.
 
-    BLOCK would let one stuck reader stop this process for seconds. What DROP loses is fetched again from the
-    `cache` of that number of messages, if there is one. `missed`: the way in which readers notice that they
-    lost the last of it.
+    With BLOCK, one stuck reader would stop this process for seconds. Readers fetch messages that DROP has
+    lost from the `cache`, which holds that number of messages. `missed`: method by which readers detect that
+    they lost the last message.
     """
     options |= {
         "congestion_control": zenoh.CongestionControl.DROP,
@@ -51,7 +51,7 @@ def declare_publisher(
 def declare_subscriber(
     session: zenoh.Session, key: str, on_sample: Callable[[zenoh.Sample], None]
 ) -> Declared:
-    """Call `on_sample` for what is put to `key` and deleted from it, as long as there is a route."""
+    """Call `on_sample` for each put and delete on `key` while there is a route to the writer."""
     remote = zenoh.Locality.REMOTE
     return session.declare_subscriber(key, Callback(on_sample, indirect=False), allowed_origin=remote)
 
@@ -65,9 +65,9 @@ def declare_caching_subscriber(
     recovers: bool = True,
     is_announced: bool = False,
 ) -> Declared:
-    """Call `on_sample` for what is put to `key` and deleted from it, and for what publishers have cached.
+    """Call `on_sample` for each put and delete on `key`, and for cached messages of its publishers.
 
-    `history`: how many messages of each publisher to fetch. `recovers`: fetch what was lost on the way.
+    `history`: number of messages to fetch from each publisher. `recovers`: fetch lost messages again.
     `is_announced`: publishers can detect this subscriber.
     """
     zid = session.info.zid()
@@ -76,7 +76,7 @@ def declare_caching_subscriber(
         source = sample.source_info
         if source is None or source.source_id.zid != zid:
             on_sample(sample)
-        # else our own, fetched from our own cache when a lost router is back
+        # otherwise our own messages return from our own cache when a lost router is back
 
     return ext.declare_advanced_subscriber(
         session,

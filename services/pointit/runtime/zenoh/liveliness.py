@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-"""Presence on Zenoh: tokens that come and go, and who is present here or elsewhere."""
+"""Presence on Zenoh: liveliness tokens, and the names that this process or others announce."""
 
 import contextlib
 import functools
@@ -19,18 +19,19 @@ from pointit.schemas import SchemaError
 from pointit.schemas.topics import ANY, Presence
 
 MAX_TOKEN_CHARACTERS = 5000
-"""Longer ones are cut: nothing can parse them, but they are present."""
+"""Maximum characters of a token. A longer token is cut. It still counts as present, though no key has such a
+form."""
 
 
 class LivelinessSubscriber:
-    """Reports tokens that are there now, and changes.
+    """Reports present tokens and changes.
 
-    While the loop is busy, only the tokens wait whose last change differs from what was reported: never more
-    than are present or reported, however many come and go.
+    While the loop is busy, only tokens whose state differs from the reported one are queued. The queue is
+    therefore never longer than the number of tokens that are present or reported.
 
-    Zenoh reports the end of a connection on another thread than what the next one declares. If the successor
-    of a killed process declares the same token at once, the arrival may be reported before the departure.
-    Changes are therefore counted, and Zenoh is asked if a change does not agree with their sum.
+    Zenoh reports the end of a connection and the declarations of the next one on different threads. If the
+    successor of a killed process declares the same token at once, the arrival may be reported before the
+    departure. Changes are therefore counted. If a change does not agree with the count, Zenoh is queried.
     """
 
     def __init__(
@@ -40,7 +41,10 @@ class LivelinessSubscriber:
         handler: Callable[[Mapping[str, bool]], None],
         dispatcher: Dispatcher,
     ) -> None:
-        """Begin to look at `pattern`; `dispatcher` calls `handler` with what came (True) and went (False)."""
+        """Watch `pattern`.
+
+        `dispatcher` calls `handler` with each token and True if it came, False if it went.
+        """
         self._session = session
         self._handler = handler
         self._dispatcher = dispatcher
@@ -50,9 +54,9 @@ class LivelinessSubscriber:
         self._changed: dict[str, None] = {}
         """Tokens to report, in order: each is the opposite of what was reported."""
         self._sums = Counter[str]()
-        """Number of arrivals less departures by token: 1 if it is present, unless they are out of order."""
+        """Arrivals minus departures by token: 1 if it is present, unless reports are out of order."""
         self._doubted: dict[str, list[zenoh.Reply] | None] = {}
-        """Tokens to ask for (None), or the answers so far to the last question."""
+        """Tokens to query (None), or the answers so far to the last query."""
         self._marked = False
         self._closed = False
         self._subscriber = session.liveliness().declare_subscriber(
@@ -60,7 +64,7 @@ class LivelinessSubscriber:
         )
 
     def close(self) -> None:
-        """Look no more; no handler runs afterwards."""
+        """Stop watching. No handler runs afterwards."""
         if not self._closed:
             self._closed = True
             self._subscriber.undeclare()
@@ -72,13 +76,13 @@ class LivelinessSubscriber:
             count = self._sums[token] + step
             self._set(token, count)
             if token in self._doubted or (count > 0) != (step > 0):
-                self._doubted[token] = None  # an answer that is on its way may be older than this
+                self._doubted[token] = None  # a pending answer may be older than this change
         self._wake()
 
     def _on_answer(self, token: str, answers: list[zenoh.Reply]) -> None:  # on Zenoh's threads
         with self._lock:
             if self._doubted.get(token) is not answers:
-                return  # it is asked for again
+                return  # it is queried again
             if any(answer.ok is None for answer in answers):
                 self._doubted[token] = None
             else:
@@ -121,7 +125,7 @@ class LivelinessSubscriber:
 
 
 class ZenohWatcher(PresenceWatcher):
-    """Tells who is present here or elsewhere."""
+    """Reports the names that this process or other processes announce."""
 
     def __init__(
         self,
@@ -133,7 +137,7 @@ class ZenohWatcher(PresenceWatcher):
         super().__init__(bus, presence, handler)
         self._here = bus.exchange.present.setdefault(presence.key, {})
         self._withheld: set[str] = set()
-        """Names of which Zenoh has said that they are gone, while this process still announces them."""
+        """Names that Zenoh has reported as gone while this process still announces them."""
         self._tokens = LivelinessSubscriber(session, presence.at(ANY), self._on_tokens, bus.dispatcher)
 
     def notify_departure(self, name: str) -> None:
@@ -147,7 +151,7 @@ class ZenohWatcher(PresenceWatcher):
 
     def _on_tokens(self, changes: Mapping[str, bool]) -> None:
         for token, present in changes.items():
-            with contextlib.suppress(SchemaError):  # not a name of ours
+            with contextlib.suppress(SchemaError):  # not a valid name of PointIt
                 self._change(name_from_key(self.presence, token), present)
 
     def _change(self, name: str, present: bool) -> None:  # noqa: FBT001

@@ -2,9 +2,9 @@
 # (the stubs of zenoh leave return types out)
 """Detection of missing permissions by a self-test, since a router drops denied messages silently.
 
-Rules that grant a key grant `KEY/@may/NAME/VERB` too. The process writes there, and a second session of the
-same identity, which lives as long as the test, reports what came back: delivery within one session is never
-filtered. Keys of services are not touched.
+Rules that grant a key grant `KEY/@may/NAME/VERB` too. The process writes test messages there. A second
+session of the same identity, which lives as long as the test, reports those that arrive: delivery within one
+session is never filtered. Keys of services are not touched.
 """
 
 import asyncio
@@ -27,18 +27,19 @@ WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
 SETTLE_S = 0.25
 """Rights declared within this time are tested together."""
 WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
-"""Times to wait for the messages of a round before they are written again."""
+"""Delays before the messages of a round are written again, s."""
 MIN_COMPLETE_ROUNDS = 3
-"""Rounds whose last message, which everybody may write, arrived without a message before it: only then that
-message is denied. A busy machine delays the whole round, since a session delivers in order."""
+"""Number of complete rounds in which a message must be missing to count as denied. A round is complete when
+its last message, which every user may write, has arrived. A busy machine delays the whole round, since a
+session delivers in order."""
 RETRY_S = (2.0, 5.0, 15.0, 60.0)
-"""After so long what is denied is tested again, the last one from then on: a router that was just restarted,
-with everybody at its door, answers late; and rules change."""
+"""Delays before denied rights are tested again, s. The last one repeats. A router that has just restarted
+answers late while all its clients reconnect, and its rules may change."""
 MAX_KEYS = 3
-"""Keys that a sentence names."""
+"""Maximum number of keys in a message."""
 
 Right = tuple[str, str]
-"""Verb and key, relative to the site."""
+"""A verb (`reads` or `writes`) and a key relative to the site."""
 
 Second = Callable[[], contextlib.AbstractAsyncContextManager[zenoh.Session]]
 """Opens a session of the same identity, and closes it."""
@@ -53,10 +54,10 @@ class PermissionProbe:
         """Test the rights of `session`.
 
         Args:
-            session: which writes.
-            credentials: of both sessions.
-            second: opens and closes the session that listens.
-            is_up: whether there is a router; without one nothing is known.
+            session: The session that writes.
+            credentials: The credentials of both sessions.
+            second: Opens and closes the session that listens.
+            is_up: Returns True if there is a router. Without one, no right is known.
         """
         self._session = session
         self._credentials = credentials
@@ -67,11 +68,11 @@ class PermissionProbe:
         self._untested: set[Right] = set()
         self._testing: set[Right] = set()
         self._tested = asyncio.Event()
-        """Set, and replaced, at the end of each test."""
+        """Set at the end of each test, then replaced by a new event."""
         self._denied: set[Right] = set()
         self._is_unknown_identity = False
         self._denials = 0
-        """Tests in a row in which something was denied."""
+        """Number of consecutive tests in which a right was denied."""
         self._is_due = asyncio.Event()
         self._task = self._loop.create_task(self._run(), name="self-test")
 
@@ -81,7 +82,7 @@ class PermissionProbe:
         return "; ".join(self._sentences())
 
     def add(self, verb: str, key: str) -> None:
-        """Have a right tested soon, unless it was."""
+        """Schedule a test of a right, unless it was tested already."""
         right = (verb, key)
         if right not in self._wanted:
             self._wanted.add(right)
@@ -89,15 +90,15 @@ class PermissionProbe:
             self._is_due.set()
 
     def retest(self) -> None:
-        """Schedule a new test of all rights: the router is back, perhaps with other rules."""
+        """Schedule a new test of all rights. A router that is back may have other rules."""
         self._denials = 0
         self._untested |= self._wanted
         self._is_due.set()
 
     async def denial_reason(self, verb: str, key: str) -> str:
-        """Return the reason if this right is denied, or `""` if it is not, or if that is unknown.
+        """Return the reason if this right is denied, or `""` if it is granted or unknown.
 
-        A right that was added is tested together with others, once while it holds.
+        An added right is tested together with others, and not again while it is granted.
         """
         right = (verb, key)
         was_pending = self._is_pending(right)
@@ -123,7 +124,7 @@ class PermissionProbe:
         )
 
     async def close(self) -> None:
-        """Test nothing any more."""
+        """Stop testing."""
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
 
@@ -170,7 +171,7 @@ class PermissionProbe:
             log.info("%s may do now what it needs", self._credentials.description)
 
     async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
-        """Return which of `rights` hold, and the right to join; `None` when the router did not answer all."""
+        """Return the granted `rights` and the right to join, or None if the router did not answer all."""
         name = self._credentials.link.name
         keys = {f"{key}/{ROOM}/{name}/{verb}": (verb, key) for verb, key in rights}
         join = f"{ROOM}/{name}/{JOIN}"
@@ -187,7 +188,7 @@ class PermissionProbe:
                 all_arrived.set()
 
         def on_sample(sample: zenoh.Sample) -> None:  # on Zenoh's thread
-            with contextlib.suppress(RuntimeError):  # the loop is gone
+            with contextlib.suppress(RuntimeError):  # the loop is closed
                 self._loop.call_soon_threadsafe(record, str(sample.key_expr), sample.payload.to_bytes())
 
         try:
@@ -239,7 +240,7 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
 
 
 def _person(key: str) -> str:
-    """Return the person whose key it is, or `""` for other keys."""
+    """Return the user in a per-user key, or `""` for other keys."""
     topic = topic_of(key)
     rows = REQUESTS if topic is None else (topic,)
     names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}

@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""Queries to other sessions, and bounded queues of theirs.
+"""Queries to other sessions, and bounded queues for queries from them.
 
 Nothing waits on Zenoh's threads or in the loop, which handles each queue for a slice of time per turn.
 """
@@ -25,9 +25,10 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 MAX_WAITING = 512
-"""Length of one queue, twice what one request answers at a time. Further items are rejected."""
+"""Maximum length of a queue: twice the number of calls that one server answers at a time. Further items are
+rejected."""
 SLICE_S = 0.001
-"""Time for which a line works in one turn of the loop before everybody else gets theirs."""
+"""Maximum time for which one queue is handled in a turn of the loop, s. Other tasks run between turns."""
 SHOWN_S = 5.0
 """Time for which the warning about refused queries is shown after the last of them, s."""
 LOG_PERIOD_S = 1.0
@@ -36,9 +37,9 @@ LOG_PERIOD_S = 1.0
 async def query_replies(
     session: zenoh.Session | zenoh.Liveliness, selector: str, **asked: Any
 ) -> list[zenoh.Reply]:
-    """Return all that others answer, as it comes; a task that is cancelled waits for nothing more.
+    """Yield the answers of other sessions as they arrive. A cancelled task waits for no further answer.
 
-    `session`: its `liveliness()` for tokens. `asked`: what else its `get` takes.
+    `session`: a session, or its `liveliness()` for tokens. `asked`: further arguments of its `get`.
     """
     loop = asyncio.get_running_loop()
     done = asyncio.Event()
@@ -61,9 +62,9 @@ async def query_replies(
 async def query_samples(
     session: zenoh.Session, selector: str, *, timeout_s: float, under_any_key: bool = False
 ) -> list[zenoh.Sample]:
-    """Return all samples with which others answer, in order of arrival, and nothing if Zenoh cannot ask.
+    """Return the samples of all answers in order of arrival, or none if Zenoh cannot send the query.
 
-    `under_any_key`: answers may be about other keys than the one that is asked for.
+    `under_any_key`: answers may have other keys than the query.
     """
     try:
         replies = await query_replies(
@@ -75,7 +76,7 @@ async def query_samples(
             allowed_destination=zenoh.Locality.REMOTE,
             accept_replies=zenoh.ReplyKeyExpr.ANY if under_any_key else None,
         )
-    except zenoh.ZError as error:  # who asks in the background asks again: it must not end
+    except zenoh.ZError as error:  # background tasks repeat their queries: an error must not end them
         log.warning("%s cannot be asked for: %s", selector, error)
         return []
     return [each.ok for each in replies if each.ok is not None and each.ok.kind == zenoh.SampleKind.PUT]
@@ -83,7 +84,7 @@ async def query_samples(
 
 def refuse(query: zenoh.Query, reason: str) -> None:
     """Answer `query` with an error: without an answer the caller would wait for its time-out."""
-    with query, contextlib.suppress(zenoh.ZError):  # the caller is gone, or our session is
+    with query, contextlib.suppress(zenoh.ZError):  # the caller's session or our own is closed
         query.reply_err(reason.encode())
 
 
@@ -91,14 +92,14 @@ class OverflowCounter:
     """Counts rejections by full queues, for all queues of a process and from any thread."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Create a counter of 0."""
         self._lock = threading.Lock()
         self._count = 0
         self._key = ""
         self._last_s = self._logged_s = -math.inf
 
     def add(self, key: str, now_s: float) -> None:
-        """Count one who asked for `key` at `now_s`, monotonic."""
+        """Count a rejected query for `key` at `now_s`, monotonic."""
         with self._lock:
             self._count += 1
             self._key, self._last_s = key, now_s
@@ -120,10 +121,13 @@ class OverflowCounter:
 
 
 class BoundedWorkQueue(Generic[T]):
-    """Takes items on any thread and works on them in the loop that it was made in, one after another."""
+    """A queue that is filled on any thread.
+
+    The loop in which it was created handles the items one after another.
+    """
 
     def __init__(self, key: str, work: Callable[[T], Iterable[object]], turned_away: OverflowCounter) -> None:
-        """Begin empty. `work` runs in the loop, in small steps, one each time the iterator goes on."""
+        """Create an empty queue. `work` returns an iterator over an item's steps, which run in the loop."""
         self._key = key
         self._work = work
         self._turned_away = turned_away
@@ -135,10 +139,10 @@ class BoundedWorkQueue(Generic[T]):
         self._is_awake = False
 
     def offer(self, item: T) -> bool:
-        """Take `item`, or return that there is no room for it; from any thread.
+        """Add `item`, or return False if the queue is full. Any thread.
 
         Raises:
-            RuntimeError: the loop is gone.
+            RuntimeError: If the loop is closed.
         """
         with self._lock:
             has_room = len(self._waiting) < MAX_WAITING
@@ -174,7 +178,7 @@ class BoundedWorkQueue(Generic[T]):
 
 
 def declare_queryable(session: zenoh.Session, key: str, on_query: Callable[[zenoh.Query], None]) -> Declared:
-    """Call `on_query` for each query of `key`; it or a later caller must answer or drop the query."""
+    """Call `on_query` for each query of `key`. It or a later function must answer or drop the query."""
     return session.declare_queryable(
         key, Callback(on_query, indirect=False), complete=True, allowed_origin=zenoh.Locality.REMOTE
     )
@@ -194,10 +198,11 @@ class QueuedQueryable:
         busy: str,
         check: Callable[[zenoh.Query], None] = lambda _: None,
     ) -> None:
-        """Declare; must be called in the loop.
+        """Declare the queryable.
 
-        `work` handles a query in small steps, in the loop, or drops it. `about` is `key` for people, `busy`
-        the refusal where there is no room. `check` raises `SchemaError` to refuse a query on Zenoh's threads.
+        Call this in the loop. `work` handles or drops a query in small steps in the loop. `about` is the text
+        for `key` in messages, `busy` the refusal if the queue is full. `check` raises `SchemaError` to refuse
+        a query on Zenoh's threads.
         """
         self._work = work
         self._busy = busy
@@ -207,7 +212,7 @@ class QueuedQueryable:
         self._declared = declare_queryable(session, key, self._on_query)
 
     def undeclare(self) -> None:
-        """Answer no more: queries that wait are dropped."""
+        """Stop answering. Pending queries are dropped."""
         self._closed = True
         self._declared.undeclare()
 
@@ -216,7 +221,7 @@ class QueuedQueryable:
             self._check(query)
             if not self._queue.offer(query):
                 refuse(query, self._busy)
-        except SchemaError as error:  # nothing of it waits for the loop
+        except SchemaError as error:  # no item of it is queued for the loop
             refuse(query, str(error))
         except RuntimeError:  # the loop is gone
             query.drop()

@@ -1,9 +1,9 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""States whose writers are gone, over Zenoh: a query on the state's own key, which who keeps it answers.
+"""Retained states of writers that are gone, over Zenoh. The keeper answers queries on the state's own key.
 
-Living writers answer for themselves through their caches, under keys that such a query does not meet; and
-access rules for a state's key hold for what is kept of it, too.
+Living writers answer from their caches, under keys that such a query does not match. Access rules for a
+state's key also apply to its retained value.
 """
 
 import asyncio
@@ -25,19 +25,19 @@ from pointit.schemas.topics import ANY, KEEPER_ALIVE
 
 TIMEOUT_S = 2.0
 AT_ONCE = 32
-"""Questions on their way at a time."""
+"""Maximum number of pending queries."""
 EMPTY_RETRY_S = (0.05, 0.2, 0.7)
-"""Waits before what was not answered is asked again: who has just come may not be known everywhere."""
+"""Delays before unanswered queries are repeated, s. A new process may not be known everywhere yet."""
 BUSY = "the keeper is busy with too many other questions; ask later"
 
 
 def recall_for_others(
     session: zenoh.Session, topics: Sequence[AnyTopic], recall: Recall, overflows: OverflowCounter
 ) -> list[Declared]:
-    """Answer the readers of other processes with what `recall` yields."""
+    """Answer queries of other processes with the states that `recall` yields."""
 
     def work(topic: AnyTopic, query: zenoh.Query) -> Iterator[None]:
-        """Answer in small steps: a question may be for all names, and there may be hundreds."""
+        """Answer in small steps: a query may be for all names, and there may be hundreds."""
         with query:
             for name, message in recall(topic):
                 key = topic.at(name)
@@ -51,35 +51,35 @@ def recall_for_others(
         )
         for topic in topics
     ]
-    # last: it says that this one answers
+    # declared last: its arrival tells readers that the queryables are ready
     token = session.liveliness().declare_token(KEEPER_ALIVE.at(str(session.zid())))
     return [token, *queryables]
 
 
 class RetainedStateFetcher:
-    """Asks who keeps states elsewhere, for the readers of this process, once for each reader and keeper."""
+    """Queries the keepers of other processes for the readers of this one, once for each reader and keeper."""
 
     def __init__(self, bus: Participant, session: zenoh.Session) -> None:
-        """Watch for who keeps states; must be called in the loop."""
+        """Watch for keepers. Call this in the loop."""
         self._bus = bus
         self._session = session
         self._here = KEEPER_ALIVE.at(str(session.zid()))
         self._readers: list[tuple[AnyTopic, str, Mailbox]] = []
         self._due: dict[str, AnyTopic] = {}
-        """By key: what is to be asked for."""
+        """Pending queries by key."""
         self._keepers: set[str] = set()
         self._asking: asyncio.Task[None] | None = None
         self._tokens = LivelinessSubscriber(session, KEEPER_ALIVE.at(ANY), self._on_keepers, bus.dispatcher)
 
     def fetch(self, topic: AnyTopic, name: str, mailbox: Mailbox) -> None:
-        """Fill `mailbox` with what is kept of `topic` under `name`."""
+        """Fill `mailbox` with the retained states of `topic` under `name`."""
         self._readers = [reader for reader in self._readers if reader[2].accepts_retained]
         self._readers.append((topic, name, mailbox))
         if self._keepers:
             self._ask_for([(topic, name, mailbox)])
 
     def close(self) -> None:
-        """Watch no longer; what is on its way ends with the bus."""
+        """Stop watching. Pending queries end with the bus."""
         self._tokens.close()
 
     def _on_keepers(self, changes: Mapping[str, bool]) -> None:
@@ -106,7 +106,7 @@ class RetainedStateFetcher:
             self._asking = None
 
     async def _ask_once(self, due: dict[str, AnyTopic]) -> dict[str, AnyTopic]:
-        """Ask for every key and hand over what comes; return what was not answered."""
+        """Query every key and deliver the answers. Return the queries without an answer."""
         left: dict[str, AnyTopic] = {}
         items = list(due.items())
         for first in range(0, len(items), AT_ONCE):

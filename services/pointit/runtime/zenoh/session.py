@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave types out)
-"""Sessions of Zenoh, of any configuration or of a process of a site; opening holds up no loop."""
+"""Sessions of Zenoh with any configuration, or for a process of a site. Opening does not block the loop."""
 
 import asyncio
 import contextlib
@@ -24,9 +24,9 @@ from pointit.schemas.topics import check_name
 log = logging.getLogger(__name__)
 
 CONNECT_TIMEOUT_MS = 1000
-"""Duration limit of an attempt to open. Later attempts to reach a lost router take up to 10 s: with less, the
-attempts that clients have given up would keep a router that stood still busy for good, which turns away ten a
-second (github.com/eclipse-zenoh/zenoh/issues/2685)."""
+"""Duration limit of an attempt to open. Later attempts to reach a lost router take up to 10 s. A router
+rejects only ten attempts a second: with a shorter limit, abandoned attempts would keep a router busy for ever
+after a pause (github.com/eclipse-zenoh/zenoh/issues/2685)."""
 SOON_S = 5.0
 """Shorter attempts to open are not logged."""
 SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
@@ -34,19 +34,19 @@ IN_USE = re.compile(r"\(os error (48|98|10048)\)")
 """Numbers by which macOS, Linux and Windows report that an address is in use."""
 OPEN_RETRY_S = 0.5
 PASSES_S = 10.0
-"""Time after which a `PassingRefusal` counts as one that does not pass."""
+"""Time after which a repeated `PassingRefusal` counts as permanent, s."""
 CLOSE_TIMEOUT_S = 1.0
-"""Time to wait for the closing of a session. It takes some ms, but with a lost router as long as the current
-attempt to reach it."""
+"""Timeout for closing a session, s. Closing takes some ms, but if the router is lost, it lasts as long as the
+current attempt to reach it."""
 RUNTIME = "(rx: (worker_threads: 1))"
 """One thread receives, not two: each message would wake both, and both need Python's lock."""
 
 
 def config_of(settings: Mapping[str, Any]) -> zenoh.Config:
-    """Return Zenoh's configuration with `settings`, by their paths in it.
+    """Return Zenoh's configuration with `settings`, values by their paths in it.
 
     Raises:
-        ConfigError: Zenoh does not take one. Secrets are not quoted.
+        ConfigError: If Zenoh rejects a setting. The message quotes no secrets.
     """
     config = zenoh.Config()
     for key, value in settings.items():
@@ -66,12 +66,13 @@ async def open_first(
     patience_s: float | None,
     on_wait: Callable[[], None],
 ) -> zenoh.Session:
-    """Return the session that the first of `configs` opens that can; may be cancelled at any time.
+    """Return a session of the first of `configs` with which one opens. May be cancelled at any time.
 
-    `zenoh.open` ignores signals while it blocks, so it should have a short time-out, and is tried again.
+    `zenoh.open` ignores signals while it blocks, so it should have a short timeout and is repeated.
 
-    It connects to `endpoints`, or listens there. `problem_of` returns the error to raise if no more attempts
-    are made, or raises it to make none. `on_wait` is called once, before the second round of attempts.
+    `endpoints` are the addresses to which it connects, or at which it listens. `problem_of` returns the error
+    to raise when attempts end, or raises it to end them at once. `on_wait` is called once, before the second
+    round of attempts.
 
     Raises:
         BusError: that of `problem_of`; a `ListenError` after the first round.
@@ -104,13 +105,13 @@ async def _open_by_turns(configs: Sequence[zenoh.Config]) -> zenoh.Session:
 
 
 async def open_cancellable(config: zenoh.Config, *, runtime: str = RUNTIME) -> zenoh.Session:
-    """Return an open session; may be cancelled at any time: one that opens all the same is closed again.
+    """Return an open session. May be cancelled at any time: a session that still opens is closed again.
 
-    `runtime`: Zenoh's threads, empty for as many as it likes. The first session of a process decides, and
-    `ZENOH_RUNTIME` in the environment goes before it.
+    `runtime`: settings of Zenoh's threads, `""` for Zenoh's defaults. Only the first session of a process
+    sets them, and `ZENOH_RUNTIME` in the environment has precedence.
 
     Raises:
-        zenoh.ZError: it cannot be opened.
+        zenoh.ZError: If it cannot be opened.
     """
     if runtime:
         os.environ.setdefault("ZENOH_RUNTIME", runtime)
@@ -120,7 +121,10 @@ async def open_cancellable(config: zenoh.Config, *, runtime: str = RUNTIME) -> z
 
 
 async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_TIMEOUT_S) -> None:
-    """Close `session`, in a thread, since that waits for callbacks that run; go on after `patience_s`."""
+    """Close `session` in a thread, since closing waits for running callbacks.
+
+    Return after `patience_s` at most.
+    """
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(patience_s):
             await in_daemon_thread(session.close, "zenoh-close")
@@ -140,7 +144,7 @@ def is_in_use(error: Exception) -> bool:
 def configuration(link: Link) -> zenoh.Config:
     """Return Zenoh's configuration for `link`.
 
-    Who connects is a client: peers do not relay for peers, and gossip would pass by access rules.
+    Processes that connect are clients: peers do not relay for peers, and gossip would bypass access rules.
 
     Raises:
         ConfigError: an endpoint is not one.
@@ -177,12 +181,12 @@ def configuration(link: Link) -> zenoh.Config:
 
 
 async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.Session:
-    """Return an open session, tried for `patience_s`, or for ever (said once).
+    """Return an open session. Attempts end after `patience_s`, or never if it is None, which is logged once.
 
     Raises:
         ConfigError: as `configuration`.
-        ListenError: the address to listen on is taken.
-        ConnectError: nobody answered within `patience_s`, or the router refuses the credentials.
+        ListenError: If the address to listen on is in use.
+        ConnectError: If no router answered within `patience_s`, or if it refuses the credentials.
     """
     where = ", ".join(link.connect or link.listen)
     refusal, has_waited = "", False
@@ -212,7 +216,7 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
     def on_wait() -> None:
         nonlocal has_waited
         if patience_s is not None and patience_s <= SOON_S:
-            return  # the error at the end is enough
+            return  # the final error says it
         has_waited = True
         if refusal:
             log.warning("%s; trying again until it does not", refusal)
@@ -237,9 +241,9 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
 
 
 def refusals(link: Link) -> str:
-    """Return the first refusal of our credentials by `link`, or `""` unless all its routers refuse them.
+    """Return the first refusal of our credentials if all routers of `link` refuse them, else `""`.
 
-    Blocks for up to 3 s each.
+    Blocks for up to 3 s per router.
     """
     if link.credentials is None:
         return ""

@@ -1,13 +1,13 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
 # pyright: reportUnknownMemberType=false
-"""Reading topics over Zenoh; its callbacks arrive on its threads and only fill mailboxes.
+"""Readers of topics over Zenoh. Callbacks run on Zenoh's threads and only fill mailboxes.
 
-Events that a lost link has swallowed: their writer is asked for them until it answers.
+After a link loss, the writer is queried for lost events until it answers.
 
-Zenoh asks by itself, but once: when the link is lost again before the answer, it gives up and goes on with
-what came later (zenoh-ext 1.10). Here what came later waits, so that events stay in order. What a writer has
-sent before the first event that was heard of it is asked for three times: the link may have swallowed that.
+Zenoh queries only once: if the link is lost again before the answer, it gives up and continues with later
+events (zenoh-ext 1.10). Here later events wait for the missing ones, so that events stay in order. Events
+before the first one that arrived from a writer are queried three times, since they may also have been lost.
 """
 
 import asyncio
@@ -33,35 +33,38 @@ from pointit.schemas import DecodeError, KeyNameError, Message, SchemaError
 from pointit.schemas.topics import Delivery
 
 WAITS_S = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0, 2.0, 2.0)
-"""Before each question; what has not come after the last one counts as lost."""
+"""Delay before each query, s. An event that has not arrived after the last query counts as lost."""
 MAX_OF_FIRST = 3
-"""Questions about what was before the first event of a writer; not every writer keeps what it has sent."""
+"""Number of queries for events before a writer's first event. Not every writer caches its events."""
 TIMEOUT_S = 2.0
 MAX_GAPS = 32
-"""Writers that are asked at a time. What others lack is not asked for, which bounds memory."""
+"""Maximum number of writers that are queried at a time. Lost events of others are not queried, which bounds
+memory."""
 MAX_WRITERS = 1000
-"""Writers whose last sequence number is kept. The oldest is evicted first, which bounds memory."""
+"""Maximum number of writers whose last sequence number is stored. The oldest is evicted first, which bounds
+memory."""
 
 Writer = tuple[str, int]
-"""Session and number in it."""
+"""Session id, and number of the writer in the session."""
 
 
 @dataclass(slots=True, eq=False)
 class _Gap:
-    """Missing samples of one writer, and those that came since."""
+    """Missing samples of one writer, and the later samples that wait for them."""
 
     about: str
-    """Under which the writer is asked."""
+    """Key of queries to the writer."""
     wanted: set[int] = field(default_factory=set[int])
     held: dict[int, zenoh.Sample] = field(default_factory=dict[int, zenoh.Sample])
     given_up: int = 0
-    """More than any writer keeps are not even asked for."""
+    """Number of lost samples that are not queried, since no writer caches so many."""
     heard_from: int = 0
-    """Missing samples before it may be older than the reader, and are not counted as lost."""
+    """Sequence number before which missing samples may be older than the reader. They do not count as
+    lost."""
 
 
 class EventRecovery:
-    """Hands on what one reader hears, in the order of each writer, without gaps where that is possible."""
+    """Delivers the samples of one reader in the order of each writer, without gaps where possible."""
 
     def __init__(
         self,
@@ -70,7 +73,7 @@ class EventRecovery:
         hand_on: Callable[[zenoh.Sample], None],
         lose: Callable[[int], None],
     ) -> None:
-        """Begin with nothing heard; must be called in the loop.
+        """Create an orderer without samples. Call this in the loop.
 
         `hand_on` gets each sample, in the loop or on Zenoh's threads, one at a time. `lose` gets the
         number of lost ones.
@@ -86,12 +89,12 @@ class EventRecovery:
         self._has_evicted = False
 
     def close(self) -> None:
-        """Hand on nothing that is held, and ask no more."""
+        """Discard waiting samples and stop querying."""
         with self._lock:
             self._gaps.clear()
 
     def on_sample(self, sample: zenoh.Sample) -> None:
-        """Take what came, of each writer in order; from any thread."""
+        """Add samples that arrived, in order per writer. Any thread."""
         source = sample.source_info
         if source is None:
             self._hand_on(sample)
@@ -102,7 +105,7 @@ class EventRecovery:
             self._last[writer] = number if last is None else max(last, number)
             if len(self._last) > MAX_WRITERS:
                 self._last.popitem(last=False)
-                self._has_evicted = True  # who is heard for the first time may have been heard before
+                self._has_evicted = True  # a writer that seems new may have been evicted
             gap = self._gaps.get(writer)
             may_ask = gap is not None or len(self._gaps) < MAX_GAPS
             is_first = last is None and may_ask and not self._has_evicted
@@ -133,7 +136,7 @@ class EventRecovery:
             if not self._bus.is_closed:
                 self._bus.spawn(self._ask(writer, gap), f"asking for {gap.about}")
 
-        with contextlib.suppress(RuntimeError):  # the loop is gone
+        with contextlib.suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(ask)
 
     async def _ask(self, writer: Writer, gap: _Gap) -> None:
@@ -143,9 +146,10 @@ class EventRecovery:
                 if self._gaps.get(writer) is not gap:
                     return
                 missing = gap.wanted - gap.held.keys()
-            if not missing:  # they came late, by themselves
+            if not missing:  # they arrived late without a query
                 break
-            # One more than what is missing: its own answer, the last one, tells that the writer has said all.
+            # One sample more than the missing ones: its answer comes last and shows that the answer is
+            # complete.
             first, beyond = min(missing), max(missing) + 1
             selector = f"{gap.about}?_sn={first}..{beyond}"
             samples = await query_samples(self._session, selector, timeout_s=TIMEOUT_S, under_any_key=True)
@@ -172,19 +176,22 @@ class EventRecovery:
 
 MAX_USERS = 256
 MAX_NAMES = 4096
-"""Limit for all placeholders but users: lamps, service instances."""
+"""Maximum number of names of a placeholder other than users, such as lamps and service instances."""
 SILENT_S = 60.0
-"""Time without a message after which a name gives way to a new one, s."""
+"""Time without a message after which a name may be replaced by a new one, s."""
 
 
 class NameAllowlist:
-    """Names that every reader of a bus takes, whatever unknown peers make up: the map's lamps."""
+    """Names that every reader of a bus accepts, such as the map's lamps.
+
+    Names made up by unknown peers cannot displace them.
+    """
 
     def __init__(self) -> None:
         self._kept: dict[str, frozenset[str]] = {}
 
     def keep(self, placeholder: str, names: Iterable[str]) -> None:
-        """Keep places for `names`, in place of those kept for `placeholder` before."""
+        """Reserve `names`, in place of those reserved for `placeholder` before."""
         self._kept[placeholder] = frozenset(names)
 
     def holds(self, placeholder: str, name: str) -> bool:
@@ -198,27 +205,27 @@ def max_names_for(placeholder: str) -> int:
 
 
 class NameLimiter:
-    """The names one reader hears; from any thread.
+    """Limits the number of names that one reader accepts. Any thread.
 
-    Readers keep something for each name (a publisher, a tracker), so a flood of new ones would take the
-    time and memory of those who were there before.
+    Readers store an object for each name (a publisher, a tracker), so a flood of new names would cost the
+    time and memory that the existing ones need.
     """
 
     def __init__(self, placeholder: str, name_in: Callable[[str], str], places: NameAllowlist) -> None:
-        """Take what stands for `placeholder`; `name_in` reads it from a key, or raises `SchemaError`."""
+        """Accept names for `placeholder`. `name_in` reads one from a key, or raises `SchemaError`."""
         self._places = places
         self._what = placeholder or "name"
         self._limit = max_names_for(placeholder)
         self._name_in = name_in
         self._lock = threading.Lock()
         self._received: collections.OrderedDict[str, tuple[str, float]] = collections.OrderedDict()
-        """By key: its name and when it was last heard, s; the one longest silent first."""
+        """Name and time of the last message, s, by key. The one that has been silent longest comes first."""
 
     def admit(self, key: str, now_s: float) -> str:
-        """Return the name in `key`, which was heard at `now_s`.
+        """Return the name in `key`, on which a message arrived at `now_s`.
 
         Raises:
-            SchemaError: there cannot be such a name, or there are too many others.
+            SchemaError: If the name is invalid, or if there are too many others.
         """
         with self._lock:
             known = self._received.get(key)
@@ -242,7 +249,7 @@ class NameLimiter:
 
 
 class EncodedMessage:
-    """Bytes from another process, for all readers of them in this one; in the loop."""
+    """A payload from another process, decoded for all its readers in this one. Used in the loop."""
 
     __slots__ = ("_failure", "_kind", "_message", "_sample")
 
@@ -261,17 +268,17 @@ class EncodedMessage:
     def sent(self) -> Sent | None:
         """Return when and by which process it was published, or None if it does not say.
 
-        A process that hears a clock up to 0.5 s ahead of its own stamps no earlier than that one. Messages
-        of a clock that is further ahead are stamped by the first router.
+        If a process receives a stamp up to 0.5 s ahead of its own clock, its next stamp is no earlier. The
+        first router replaces stamps that are further ahead.
         """
         stamp = self._sample.timestamp
         return None if stamp is None else Sent(stamp.get_time_as_ntp64().as_nanos(), str(stamp.get_id()))
 
     def decode(self) -> Message:
-        """Return the message; decoded for the first reader, the same object for all others.
+        """Return the message. It is decoded for the first reader, and all others get the same object.
 
         Raises:
-            DecodeError: it is none.
+            DecodeError: If the payload is no valid message.
         """
         if self._failure:
             raise DecodeError(self._failure)
@@ -287,7 +294,7 @@ class EncodedMessage:
 
 
 class _SampleInput(ABC):
-    """The input of samples of other processes, for the readers of one key. Called on Zenoh's threads."""
+    """Input of samples from other processes for the readers of one key. Called on Zenoh's threads."""
 
     def __init__(self, topic: AnyTopic, places: NameAllowlist) -> None:
         self.mailboxes: tuple[Mailbox, ...] = ()
@@ -322,12 +329,12 @@ class SharedSubscriber(_SampleInput):
         self._subscriber = declare_subscriber(session, key, self.on_sample)
 
     def undeclare(self) -> None:
-        """Hear nothing any more."""
+        """Stop receiving."""
         self._subscriber.undeclare()
 
 
 class _RetainedInput(_SampleInput):
-    """The input of one reader of states or events, which begins with a history of its own."""
+    """Input of one reader of states or events, which fetches its own history first."""
 
     def __init__(
         self,
@@ -353,15 +360,15 @@ class _RetainedInput(_SampleInput):
             self._recovery.close()
 
     def _on_event(self, sample: zenoh.Sample) -> None:
-        # A writer that is heard for the first time makes Zenoh fetch everything it has kept: a button that
-        # was pressed a minute ago must not be pressed now. What comes live is taken whatever its clock says.
+        # Zenoh fetches the whole cache of a new writer. A button press of a minute ago must not count now.
+        # Live samples are accepted whatever their stamp.
         stamp = sample.timestamp
         if sample.priority == PRIORITY or stamp is None or stamp >= self._began:
             self.on_sample(sample)
 
 
 class ZenohSubscription(MailboxSubscription):
-    """A mailbox that is filled by this process's writers and by Zenoh."""
+    """A mailbox that is filled by the writers of this process and by Zenoh."""
 
     def __init__(
         self,
@@ -374,7 +381,7 @@ class ZenohSubscription(MailboxSubscription):
         inputs: dict[str, SharedSubscriber],
         places: NameAllowlist,
     ) -> None:
-        """Fill `mailbox`; `inputs` are those of the bus, by key, `places` the names it takes in any case."""
+        """Fill `mailbox`. `inputs` are the bus's inputs by key, `places` the names that it always accepts."""
         super().__init__(bus, topic, mailbox, name)
         self._key = topic.at(name)
         self._inputs = inputs

@@ -1,10 +1,10 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""The bus on Zenoh: the in-process exchange for readers of this process, Zenoh for all others.
+"""Bus on Zenoh: the local broker delivers to readers of this process, Zenoh to all others.
 
-Messages are encoded once a put (*latest*: only while somebody elsewhere reads) and decoded once a process
-(states and events, which are rare: once a subscription); readers of the same process get the frozen model
-itself.
+Messages are encoded once per put (*latest*: only while another process reads them) and decoded once per
+process (states and events, which are rare: once per subscription). Readers of the same process get the frozen
+model itself.
 """
 
 import asyncio
@@ -60,19 +60,19 @@ Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 
 EVENT_CACHE = 500
-"""Events a writer keeps for readers that were cut off."""
+"""Number of events that a writer caches for readers that lost their connection."""
 HEARTBEAT_S = 0.2
 """Period of sequence numbers published by a writer of states and events. Bounds the time to recover."""
 
 
 class _LatestWriter:
-    """Sends the newest, and nothing at all while nobody elsewhere reads it."""
+    """Sends the newest message, and none while no other process reads it."""
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
         self._publisher = declare_publisher(
             session, key, encoding=encoding_of(topic.message), priority=zenoh.Priority.INTERACTIVE_HIGH
         )
-        self._wanted = False  # the listener tells at once if there is somebody
+        self._wanted = False  # the listener reports present readers at once
         # No callback of ours here: it would wait for Python's lock on the thread that ends the heartbeats of
         # _KeptWriter, whose `undeclare` waits for that thread with the lock held, 10 s (Zenoh 1.10).
         self._listener = self._publisher.declare_matching_listener(RingChannel(1))
@@ -90,10 +90,10 @@ class _LatestWriter:
 
 
 class _RetainedWriter:
-    """Sends states and events, and keeps the last of them for readers that come late or were cut off."""
+    """Sends states and events, and caches the last ones for readers that join late or were disconnected."""
 
     def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str) -> None:
-        # What cannot be fetched from this cache is counted by the reader.
+        # The reader counts what it cannot fetch from this cache.
         self._publisher = declare_publisher(
             session,
             key,
@@ -111,7 +111,7 @@ class _RetainedWriter:
 
 
 class ZenohPublisher(MemoryPublisher[M]):
-    """Hands messages to this process's readers, and their bytes to Zenoh for the others."""
+    """Delivers messages to readers of this process, and their bytes through Zenoh to others."""
 
     def __init__(self, bus: Participant, session: zenoh.Session, topic: Topic[M], name: str) -> None:
         key = topic.at(name)
@@ -124,7 +124,7 @@ class ZenohPublisher(MemoryPublisher[M]):
         super().__init__(bus, topic, name, self._writer.put)
 
     def close_nowait(self) -> None:
-        """Write no more; elsewhere the writer is gone with the bus, or a moment later."""
+        """Stop writing. Other processes see the writer until the bus closes, or a moment longer."""
         self._retires = True
         self.close()
 
@@ -144,13 +144,13 @@ class ZenohPublisher(MemoryPublisher[M]):
 
 
 EMPTY_RETRY_S = (0.01, 0.03, 0.1, 0.3)
-"""Waits between tries when nobody answered: a server that was just declared may not be known yet."""
+"""Delays between attempts without an answer, s. A server that was just declared may not be known yet."""
 
 
 def answer_others(
     session: zenoh.Session, handler: RequestHandler[Q, R], key: str, overflows: OverflowCounter
 ) -> QueuedQueryable:
-    """Have `handler` answer the callers of other processes that ask for `key`."""
+    """Answer queries of other processes for `key` with `handler`."""
     request = handler.request
 
     def work(query: zenoh.Query) -> Iterable[None]:
@@ -188,7 +188,7 @@ def _reply(request: Request[Q, R], query: zenoh.Query, answer: asyncio.Task[R]) 
 async def send_query(
     session: zenoh.Session, request: Request[Q, R], key: str, query: Q, timeout_s: float
 ) -> R:
-    """Return the reply; an empty answer is tried again: the server may just be arriving.
+    """Return the reply. Without an answer, the query is repeated, since the server may just be starting.
 
     Raises:
         RequestError: as `Bus.call`.
@@ -212,14 +212,14 @@ async def send_query(
 
 
 LIST_S = 1.0
-"""Time limit of listing who is present. It takes ms."""
+"""Timeout for listing the present names, s. It takes ms."""
 
 
 class ZenohBus(MemoryBus):
     """A process on the network; see `pointit.runtime.bus.contract.Bus` for the contract."""
 
     def __init__(self, session: zenoh.Session, link: Link) -> None:
-        """Use `session`, which the bus closes; `open` is the usual way in."""
+        """Create a bus on `session`, which the bus closes. Callers normally use `open`."""
         super().__init__()
         self.session = session
         self.link = link
@@ -230,18 +230,18 @@ class ZenohBus(MemoryBus):
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
         self._self_test: PermissionProbe | None = None
         self._is_observer = link.credentials is not None and link.credentials.is_observer
-        """True if its own health and presence stay in this process, since the router would refuse them."""
+        """True if health and presence of this process are not sent, since the router would refuse them."""
         if link.credentials is not None and self._watch is not None:
             self._self_test = PermissionProbe(session, link.credentials, self._second, lambda: self.connected)
 
     @classmethod
     async def open(cls, link: Link, *, patience_s: float | None = None) -> "ZenohBus":
-        """Return a bus that has joined `link`; see `open_session` for what is raised."""
+        """Return a bus that is connected to `link`. Raises the errors of `open_session`."""
         return cls(await open_session(link, patience_s=patience_s), link)
 
     @property
     def connected(self) -> bool:
-        """Return True if there is a router, or the bus needs none."""
+        """Return True if the router is connected, or if the bus needs none."""
         return self._watch is None or self._watch.up
 
     @property
@@ -251,18 +251,18 @@ class ZenohBus(MemoryBus):
 
     @property
     def problem(self) -> str:
-        """Return that the router is lost, what this identity may not do, or that too much is asked here."""
+        """Return a message if the router is lost, a right is denied or queries are rejected, else `""`."""
         lost = "" if self._watch is None else self._watch.problem
         denied = "" if self._self_test is None else self._self_test.problem
         return lost or denied or self._turned_away.problem(time.monotonic())
 
     @property
     def is_restricted(self) -> bool:
-        """Return True if a router permits only what its rules say."""
+        """Return True if access rules of a router apply."""
         return self._self_test is not None
 
     async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
-        """Return the reason if this identity may not do something, which takes two seconds, else `""`.
+        """Return the reason if a right of this identity is denied, else `""`. The test takes 2 s.
 
         `verb`: `writes` or `reads`. `name`: the placeholder, or `*` for any.
 
@@ -368,7 +368,7 @@ class ZenohBus(MemoryBus):
     def _tell(self, presence: Presence, name: str, present: bool) -> None:  # noqa: FBT001
         if self._is_observer:
             super()._tell(presence, name, present)
-        elif not present:  # all else is told by Zenoh
+        elif not present:  # Zenoh reports all other names
             for watcher in self.exchange.watchers.get(presence.key, ()):
                 if isinstance(watcher, ZenohWatcher):
                     self._loop.call_soon(watcher.notify_departure, name)
@@ -387,7 +387,7 @@ class ZenohBus(MemoryBus):
         await close_session(self.session)
 
     def _both(self, here: Closable, *declarations: Declared) -> Closable:
-        """Return a declaration that ends `here`, in this process, and `declarations`, in the session."""
+        """Return a declaration that closes `here`, in this process, and `declarations`, in the session."""
 
         def undo() -> None:
             here.close()

@@ -1,10 +1,10 @@
 """Ownership of names: one process at a time runs a person's services.
 
-A present process that reports keeps the name, and a second instance is refused. A silent process, as it was
-stopped, cut off or its machine died, loses the name: its presence ends with Zenoh's lease at the latest,
-and the second instance waits that long. If it comes back nevertheless, two run at once. Then the one that
-started last keeps the name and the other ends. Start times are by each machine's clock: both sides compare
-the same two times and exactly one ends, however long messages take.
+A present process that reports keeps the name, and a second instance is refused. A silent process was stopped
+or disconnected, or its machine failed. It loses the name: its presence ends with Zenoh's lease at the latest,
+and the second instance waits that long. If it returns, two instances run at once. Then the one that started
+last keeps the name and the other ends. Start times come from each machine's clock. Both sides compare the
+same two times, so exactly one ends, however long messages take.
 """
 
 import asyncio
@@ -27,17 +27,17 @@ LISTEN_S = 0.3
 SILENT_S = LEASE_MS / 1000 + 1.5
 """A present instance without Health for this long (s) counts as dead."""
 LOG_AFTER_S = 1.0
-"""Longer waits are logged."""
+"""Waits longer than this are logged, s."""
 ADVICE = "choose another name, or end the other one first"
 
 
 async def claim_names(bus: Bus, presence: Presence, names: Collection[str], advice: str = ADVICE) -> None:
-    """Check that none of `names` is in use by an instance that reports. Wait for silent ones.
+    """Check that no instance that reports uses one of `names`. Wait for silent ones.
 
     It takes `LISTEN_S` if no name is present, and at most `SILENT_S` more.
 
     Raises:
-        ConfigError: If a name is in use. Names it and its process.
+        ConfigError: If a name is in use. The message contains the name and its process.
     """
     wanted = set(names)
     if not wanted or not wanted & await list_present(bus, presence, LISTEN_S):
@@ -76,9 +76,9 @@ class _Looking:
     def __init__(self, names: set[str]) -> None:
         self.done = asyncio.Event()
         self.left = set(names)
-        """Names still present, as far as is known, without a report."""
+        """Present names without a report."""
         self.holders: dict[str, str] = {}
-        """By name: the process that has it."""
+        """Owning process by name."""
 
     def on_presence(self, name: str, is_present: bool) -> None:  # noqa: FBT001 - the handler's own signature
         if not is_present:
@@ -100,13 +100,13 @@ class TakeoverMonitor:
     """Detects that another process has taken over the name of a running service."""
 
     def __init__(self, bus: Bus, instance: str, now_ns: Callable[[], int] = time.time_ns) -> None:
-        """Listen to the reports under `instance`; must be called in the loop."""
+        """Subscribe to the reports of `instance`. Call this in the loop."""
         self.superseded = asyncio.Event()
         """Set when another process owns the name."""
         self.successor = ""
         """Description of the new owner."""
         self.duplicate = ""
-        """Description of another process under the same name, as long as it reports."""
+        """Description of another process with the same name, while it reports."""
         self._rival_s = 0.0
         self._instance = instance
         self._now_ns = now_ns
@@ -116,7 +116,7 @@ class TakeoverMonitor:
         self._subscription = bus.subscribe(HEALTH, self._on_health, instance)
 
     def close(self) -> None:
-        """Listen no longer."""
+        """Unsubscribe."""
         self._subscription.close()
 
     def duplicate_instance_warning(self) -> str:

@@ -16,7 +16,7 @@ class SecretFilter(logging.Filter):
     """Filter that hides secrets in messages and tracebacks, whichever library logs them."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Replace message and traceback of `record` by those without secrets. Return True."""
+        """Remove secrets from the message and the traceback of `record`. Return True."""
         try:
             message = record.getMessage()
         except (TypeError, ValueError, KeyError):  # logging would print the arguments
@@ -28,7 +28,7 @@ class SecretFilter(logging.Filter):
         return True
 
 
-if logging.lastResort is not None:  # the handler of commands that set up none
+if logging.lastResort is not None:  # the handler for commands that configure no logging
     logging.lastResort.addFilter(SecretFilter())
 
 
@@ -36,7 +36,7 @@ class JsonFormatter(logging.Formatter):
     """One JSON object a line: time, level, logger, message, and the traceback if there is one."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line."""
+        """Return `record` as one line of JSON."""
         entry = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(),
             "level": record.levelname.lower(),
@@ -49,9 +49,9 @@ class JsonFormatter(logging.Formatter):
 
 
 def setup_logging(level: str = "info", console: "Console | None" = None) -> None:
-    """Send logs to standard error; through `console` where a live view must not be torn."""
+    """Send logs to standard error, or through `console` so that they do not disturb a live view."""
     if console is not None or sys.stderr.isatty():
-        from rich.logging import RichHandler  # noqa: PLC0415 - takes long
+        from rich.logging import RichHandler  # noqa: PLC0415 - slow to import
 
         from pointit.runtime.service.plain_console import PlainConsole  # noqa: PLC0415 - as above
 

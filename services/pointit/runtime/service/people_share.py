@@ -1,9 +1,10 @@
-"""Shares of people: the persons whom each instance of a service serves, if it runs in shards.
+"""Shares of users: the users that each instance of a service serves if it runs in shards.
 
-The default instance serves everybody whom no shard serves. Shards are further instances, best on the host of
-their people, so that rays and cursors cross a link only to who looks at them. The default instance learns of
-them by their presence: when a shard ends or is cut off, its people are served by the default instance again.
-For a moment both may serve a person, so that two write the same: readers take the newer by stamp.
+The default instance serves all users without a shard. Shards are further instances. They should run on the
+host of their users, so that rays and cursors cross a link only to viewers. The default instance detects
+shards by their presence: when a shard ends or is disconnected, the default instance serves its users again.
+For a moment both may serve a user and write the same topics. Readers then accept the message with the newer
+stamp.
 """
 
 import logging
@@ -20,7 +21,7 @@ from pointit.schemas.system import check_user, instance_of, split_instance
 from pointit.schemas.topics import ANY, SHARD_ALIVE, USER_ALIVE, Delivery, Request, Topic, check_name
 
 FORGET_S = 120.0
-"""Silence after which the default instance no longer reads a person who is not present, s."""
+"""Time without a message after which the default instance stops reading an absent user, s."""
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
@@ -29,14 +30,14 @@ log = logging.getLogger(__name__)
 
 
 class PeopleShare:
-    """Reader and server of the people of one instance: those of a shard, or those whom no shard serves.
+    """Reader and server for the users of one instance: those of a shard, or those without a shard.
 
-    The default instance has one subscription for all people, as long as there is no shard of its service.
-    With shards it reads each person by themselves in topics of class *latest*, so that what shards read does
-    not travel here. It then knows people by `USER_ALIVE`, by their states and events, and whom it has heard
-    within `FORGET_S`: of somebody else it hears no *latest* topic. Health tells how many people it reads.
-    States and events it hears of all people, in order and without gaps, and hands on those of the people whom
-    it serves; when it takes a person over, the newest of each state.
+    Without shards, the default instance has one subscription for all users. With shards, it subscribes to
+    *latest* topics for each user separately, so that messages for shards do not travel here. It then knows
+    the users with a `USER_ALIVE` token, with states or events, or with a message within `FORGET_S`, and
+    receives no *latest* topic of others. Health shows the number of users that it reads. It receives the
+    states and events of all users, in order and without gaps, and delivers those of the users that it serves.
+    When it takes a user over, it delivers the newest value of each state.
     """
 
     def __init__(
@@ -48,13 +49,13 @@ class PeopleShare:
         name: str = "",
         lost: Callable[[str], None] | None = None,
     ) -> None:
-        """Serve `people`, after `announce`, or all whom no shard serves; must be called in the loop.
+        """Serve `people` after `announce`, or all users without a shard. Call this in the loop.
 
-        `people` are those of a shard, empty for the default instance; `name` is its own, or `""`.
-        `lost` is called in the default instance with a person whom a shard serves from now on.
+        `people` are the users of a shard, empty for the default instance. `name` is the instance's name, or
+        `""`. The default instance calls `lost` with each user that a shard takes over.
 
         Raises:
-            ConfigError: A shard has no name or no people, or nobody may be called so.
+            ConfigError: If a shard has no name or no users, or if a user's name is invalid.
         """
         check_people(service, people, name)
         self._bus = bus
@@ -62,30 +63,30 @@ class PeopleShare:
         self._mine = frozenset(people)
         self._lost = lost
         self._here: set[str] = set()
-        """People known to the default instance."""
+        """Users known to the default instance."""
         self._present: set[str] = set()
-        """Those of them who are present."""
+        """Known users that are present."""
         self._leaving: set[str] = set()
-        """Those of them who are forgotten when they are silent, unless they come back."""
+        """Known users that are removed after a silence, unless they return."""
         self._remote_users: set[str] = set()
-        """People whom shards serve."""
+        """Users that shards serve."""
         self._splits: list[_Split] = []
         self._states: list[_States[Any]] = []
         self._names: Collection[str] = () if people else (ANY,)
-        """People, or `*` for all, of whom is read what is read of each."""
+        """Users whose per-user topics are subscribed. `*` for all."""
         self._tokens: list[Closable] = []
         if not people:
             bus.watch(SHARD_ALIVE, self._on_shard)
             bus.watch(USER_ALIVE, self._on_user)
 
     def serves(self, user: str) -> bool:
-        """Return True if this instance serves the person `user`."""
+        """Return True if this instance serves `user`."""
         return user in self._mine if self._mine else user not in self._remote_users
 
     def subscribe(
         self, topic: Topic[M], handler: Handler[M], *, drops_late: Callable[[M], object] | None = None
     ) -> None:
-        """Call `handler(message, user)` for what arrives on `topic` of each person served."""
+        """Call `handler(message, user)` for each message on `topic` of the served users."""
         if not self._mine and topic.delivery is not Delivery.LATEST:
             states = _States(handler, self._is_subscribed, keeps=topic.delivery is Delivery.STATE)
             self._states.append(states)
@@ -94,20 +95,20 @@ class PeopleShare:
             self._add(lambda name: self._bus.subscribe(topic, handler, name, drops_late=drops_late))
 
     def serve(self, request: Request[Q, R], server: Server[Q, R]) -> None:
-        """Answer `request` for each person served; nobody else's is answered here."""
+        """Answer `request` for the served users only."""
         self._add(lambda name: self._bus.serve(request, server, name))
 
     async def announce(self) -> None:
-        """Begin to serve the people of a shard. Nothing happens in the default instance, or if it does.
+        """Start to serve the users of a shard. Does nothing in the default instance, or if called again.
 
-        It takes `LISTEN_S`, and `SILENT_S` more if another shard seems to serve one of them: if it goes on,
-        that is a warning in health.
+        It takes `LISTEN_S`, and `SILENT_S` more if another shard seems to serve one of the users. If that
+        shard continues, health shows a warning.
         """
         if not self._mine or self._tokens:
             return
         tokens = {instance_of(self._service, user): user for user in sorted(self._mine)}
         twice = tokens.keys() & await list_present(self._bus, SHARD_ALIVE, LISTEN_S)
-        if twice:  # who died is present till its lease ends
+        if twice:  # a process that died is present until its lease ends
             twice &= await list_present(self._bus, SHARD_ALIVE, SILENT_S)
         if twice:
             both = ", ".join(tokens[token] for token in sorted(twice))
@@ -118,7 +119,7 @@ class PeopleShare:
         self._tokens = [self._bus.announce(SHARD_ALIVE, token) for token in tokens]
 
     def withdraw(self) -> None:
-        """Leave the people of a shard to the default instance, until `announce`."""
+        """Return the users of a shard to the default instance, until `announce`."""
         while self._tokens:
             self._tokens.pop().close()
             self._follow(())
@@ -168,7 +169,7 @@ class PeopleShare:
             self._share()
 
     def _is_subscribed(self, user: str) -> bool:
-        """Note that the default instance hears of `user`. Return True if it serves them."""
+        """Record a message of `user` in the default instance. Return True if it serves them."""
         if user not in self._here and _is_person(user):
             self._here.add(user)
             self._share()
@@ -191,14 +192,14 @@ class PeopleShare:
 
 
 class _Split:
-    """One reader or server, declared for all people at once or for each by themselves."""
+    """One reader or server, declared for all users together or for each separately."""
 
     def __init__(self, declare: Callable[[str], Closable]) -> None:
         self._declare = declare
         self._declared: dict[str, Closable] = {}
 
     def follow(self, names: Iterable[str]) -> None:
-        """Be declared for exactly `names`; the new ones first, so that nobody is unheard between."""
+        """Declare for exactly `names`. New ones come first, so that no user is missed in between."""
         wanted = set(names)
         for name in sorted(wanted - self._declared.keys()):
             self._declared[name] = self._declare(name)
@@ -206,14 +207,14 @@ class _Split:
             self._declared.pop(name).close()
 
     def heard(self, within_s: float) -> Iterator[str]:
-        """Yield the people whose streams were heard in the last `within_s` seconds."""
+        """Yield the users with a message in the last `within_s` seconds."""
         for declared in self._declared.values():
             if isinstance(declared, MeteredSubscription):
                 yield from declared.heard(within_s)
 
 
 class _States(Generic[M]):
-    """States or events of all people, handed on for those who are served."""
+    """States or events of all users, delivered for those that are served."""
 
     def __init__(self, handler: Handler[M], is_subscribed: Callable[[str], bool], *, keeps: bool) -> None:
         self._handler = handler
@@ -228,7 +229,7 @@ class _States(Generic[M]):
             self._handler(message, user)
 
     def repeat(self, user: str) -> None:
-        """Hand on the newest state of `user`, who is served from now on."""
+        """Deliver the newest state of `user`, who is served from now on."""
         message = self._newest.get(user)
         if message is not None:
             self._handler(message, user)
@@ -242,10 +243,10 @@ def _is_person(user: str) -> bool:
 
 
 def check_people(service: str, people: Sequence[str], name: str) -> None:
-    """Check the people of an instance called `name`, or of the default one.
+    """Check the users of the instance `name`, or of the default one.
 
     Raises:
-        ConfigError: What is wrong, and what to do.
+        ConfigError: If the users do not fit the instance. The message contains the remedy.
     """
     if name and not people:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""A terminal's console for text of others."""
+"""Terminal console that shows untrusted text safely."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -10,13 +10,13 @@ from pointit.schemas.text import plain
 
 
 class PlainConsole(Console):
-    """Writes text as it is, characters that command terminals as `?`; styles are given by code alone."""
+    """Console that prints control characters as `?` and interprets no markup. Only code sets styles."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(markup=False, emoji=False, **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Yield the segments of `renderable`."""
+        """Yield the segments of `renderable` without control characters."""
         for segment in super().render(renderable, options):
             if segment.control or segment.text.isprintable() or segment.text == "\n":
                 yield segment

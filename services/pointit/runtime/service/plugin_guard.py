@@ -1,4 +1,4 @@
-"""Guard of a plug-in: its faults are named in health and cost the rest of its service nothing."""
+"""Guard of a plug-in: health shows its faults, and the rest of its service continues."""
 
 import asyncio
 import contextlib
@@ -19,19 +19,19 @@ from pointit.runtime.service.surroundings import WarningSink
 T = TypeVar("T")
 log = logging.getLogger(__name__)
 FIRST_WAIT_S = 1.0
-"""Wait after the first failure, s. It doubles with each further one."""
+"""Delay before the restart after the first failure, s. It doubles after each further one."""
 MAX_WAIT_S = 30.0
-"""Longest wait, s. After running for as long without a failure, a plug-in counts as sound again."""
+"""Maximum delay, s. After this time without a failure, earlier failures of a plug-in are forgotten."""
 END_TIMEOUT_S = 1.0
-"""Time in which a plug-in must end when it is cancelled, s."""
+"""Timeout for the end of a cancelled plug-in, s."""
 LOG_PERIOD_S = 30.0
-"""At most one log record about a call that raises in this time, s; it may be made for each frame."""
+"""Minimum interval of log records about a failing call, s. It may be called for each frame."""
 abandoned: set[asyncio.Task[None]] = set()
-"""Plug-ins that did not end when they were cancelled. They end with the process."""
+"""Tasks of plug-ins that did not end when cancelled. They end with the process."""
 
 
 def guard_of(plugins: PluginGroup[Any], name: str, health: WarningSink, which: str = "") -> "PluginGuard":
-    """Return the guard of the plug-in `name`, which is also watched for blocking the event loop.
+    """Return the guard of the plug-in `name`. It also detects that the plug-in blocks the event loop.
 
     `which` distinguishes it in warnings from others of that name.
     """
@@ -50,7 +50,7 @@ class PluginGuard:
         self._failures = 0
         self._logged_s: dict[str, float] = {}
         self.problem = ""
-        """Problem of its last run, or `""`."""
+        """Error of its last run, or `""`."""
 
     async def keep_running(self, run: Callable[[], Awaitable[None]]) -> None:
         """Run `run` again and again until cancelled. It should end only then."""
@@ -58,7 +58,7 @@ class PluginGuard:
             error: Exception | None = None
             try:
                 await self.run(run)
-            except Exception as raised:  # noqa: BLE001 - code of others, which may raise anything
+            except Exception as raised:  # noqa: BLE001 - third-party code may raise any error
                 error = raised
             await asyncio.sleep(self.failed(error))
 
@@ -88,10 +88,10 @@ class PluginGuard:
             log.error("%s failed at its end: %s", self.label, describe(error))
 
     def made(self, make: Callable[[], T]) -> T:
-        """Return the result of `make` of the plug-in.
+        """Return the result of `make`, which creates the plug-in.
 
         Raises:
-            ConfigError: If it raises anything else.
+            ConfigError: If `make` raises any other error.
         """
         try:
             return make()
@@ -103,7 +103,7 @@ class PluginGuard:
             ) from error
 
     def call(self, what: str, function: Callable[[], T]) -> T | None:
-        """Return the result of `function`, called `what`, or None if it raises, which is reported."""
+        """Return the result of `function`, or None if it raises. The report names the call `what`."""
         topic = f"{self.label}: {what}"
         try:
             result = function()
@@ -119,7 +119,7 @@ class PluginGuard:
         return result
 
     def failed(self, error: BaseException | None) -> float:
-        """Report that it ended, by `error` if that is not None. Return the time until its restart, s."""
+        """Report the end of the plug-in and its `error`, if any. Return the time until its restart, s."""
         wait_s = min(FIRST_WAIT_S * 2.0 ** min(self._failures, 10), MAX_WAIT_S)
         self._failures += 1
         how = "ended by itself" if error is None else f"failed ({describe(error)})"
@@ -130,7 +130,7 @@ class PluginGuard:
         return wait_s
 
     def clear(self) -> None:
-        """Take the warning back: it runs well again."""
+        """Clear the warning after the plug-in has recovered."""
         self._failures, self.problem = 0, ""
         self._health.clear(self.label)
 
@@ -141,7 +141,7 @@ def describe(error: BaseException) -> str:
 
 
 def first_leaf(error: Exception, kind: type[Exception] = Exception) -> Exception | None:
-    """Return the first error of a `kind` that is `error` or in it, if it is a group, or None."""
+    """Return `error` if it is of `kind`, or the first such error in a group, or None."""
     if isinstance(error, ExceptionGroup):
         inner = cast("ExceptionGroup[Exception]", error).exceptions
         return next((found for each in inner if (found := first_leaf(each, kind)) is not None), None)
@@ -151,7 +151,7 @@ def first_leaf(error: Exception, kind: type[Exception] = Exception) -> Exception
 async def _contained(run: Callable[[], Awaitable[None]]) -> None:
     try:
         await run()
-    except SystemExit as error:  # would end the whole process
+    except SystemExit as error:  # it would end the whole process
         raise RuntimeError("it called sys.exit") from error
 
 
@@ -165,7 +165,7 @@ _watches: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, "StallWatch"] = w
 
 
 def watch_for_stalls(module: str, label: str, health: WarningSink) -> None:
-    """Name the plug-in `label` in `health` from now on if code of the package of `module` blocks the loop.
+    """Report the plug-in `label` in `health` if code in the package of `module` blocks the loop.
 
     Our own code is not watched.
     """
@@ -176,16 +176,16 @@ def watch_for_stalls(module: str, label: str, health: WarningSink) -> None:
 
 
 class StallWatch:
-    """Asks a loop for a sign of life from a thread. If it is late, the plug-in that runs is the cause."""
+    """Watchdog thread of an event loop. If the loop is late, the running plug-in is the cause."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Watch `loop`, which runs in this thread, from the first plug-in on until it is closed."""
+        """Watch `loop`, which runs in this thread, from the first plug-in until it is closed."""
         self._packages: dict[str, weakref.WeakKeyDictionary[WarningSink, str]] = {}
         self._loop = loop
         self._loop_thread = threading.get_ident()
 
     def add(self, package: str, label: str, health: WarningSink) -> None:
-        """Name the plug-in `label` in `health` if code of `package` blocks the loop."""
+        """Report the plug-in `label` in `health` if code of `package` blocks the loop."""
         is_first = not self._packages
         sinks = weakref.WeakKeyDictionary({health: label})
         sinks.update(self._packages.get(package, {}))
@@ -231,7 +231,7 @@ class StallWatch:
 
 
 def find_blocking_package(frame: FrameType | None, packages: Container[str]) -> tuple[str, str] | None:
-    """Return that of `packages` whose code runs in `frame` or called it, and the file and line, or None."""
+    """Return the package whose code runs in `frame` or called it, with file and line, or None."""
     while frame is not None:
         package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
         if package in packages:

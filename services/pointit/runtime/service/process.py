@@ -1,4 +1,4 @@
-"""A process around services: options, configuration, the session, the exit code."""
+"""Process of services: options, configuration, session, exit code."""
 
 import asyncio
 import errno
@@ -37,21 +37,22 @@ EXIT_USAGE = 2
 EXIT_FAULT = 70
 """An unforeseen error (sysexits' EX_SOFTWARE)."""
 SETS = "set_"
-"""Prefix of the names of options that set a parameter."""
+"""Prefix of the internal names of options that set a parameter."""
 CLOCK_TIMEOUT_S = 0.3
-"""Time to wait for the site's simulated time before a service starts. It usually takes ms."""
+"""Timeout for the site's simulated time before a service starts, s. It usually takes ms."""
 CLOCK_REQUEST_TIMEOUT_S = 2.0
-"""The same if the command line says that there is one: many processes may start slowly at once."""
+"""The same timeout if the command line requires simulated time, s. Many processes may start slowly at
+once."""
 
 
 def main(service: type[AnyService]) -> NoReturn:
     """Run `service` as a process of its own. Every `__main__.py` calls this."""
-    # To take Python's modules apart costs 0.1 s of a core; ten processes that end together have two.
+    # Unloading Python's modules takes 0.1 s of a core, too long for ten processes that end on two cores.
     run_program(service_command(service), at_once=True)
 
 
 def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
-    """Run a click command as the only work of this process, see `run_command`; its end joins no threads.
+    """Run a click command as the only work of this process, see `run_command`. Exit without joining threads.
 
     `at_once`: skip `atexit` handlers of others, too.
     """
@@ -65,7 +66,7 @@ def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
 
 
 def run_command(command: click.Command, arguments: list[str] | None = None) -> NoReturn:
-    """Run a click command; errors become one sentence on standard error and an exit code.
+    """Run a click command. An error becomes one sentence on standard error and an exit code.
 
     0 done, or ended as requested; 1 it failed (no answer, an address is in use); 2 an argument, a file or a
     variable is wrong; 70 a fault of the program, whose traceback goes to the log; 130 Ctrl-C before work.
@@ -94,7 +95,7 @@ def run_command(command: click.Command, arguments: list[str] | None = None) -> N
 def service_command(service: type[AnyService], plugin: str = "") -> click.Command:
     """Return the command that runs `service`, with one option for each of its parameters.
 
-    `plugin`: its name in messages, if it is that of another package.
+    `plugin`: the service's name in messages if it belongs to another package.
     """
 
     def callback(**options: Any) -> int:
@@ -127,7 +128,10 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
 def unavailable_command(
     name: str, scope: Scope, about: str, config: type[Config], error: ConfigError
 ) -> click.Command:
-    """Return the command of a service that is not installed: its help, and `error` when it is run."""
+    """Return the command of a service that is not installed.
+
+    It has a help text and raises `error` when run.
+    """
 
     def callback(**_options: Any) -> NoReturn:
         raise error

@@ -46,7 +46,7 @@ class Context:
     bus: ServiceBus
     clock: Clock
     user: str = ""
-    """The person whose service it is, or `""` for a shared service."""
+    """User that owns the service, or `""` for a shared service."""
     name: str = ""
     """Its name among several of its kind on the site, or `""`."""
 
@@ -59,25 +59,25 @@ class Service(ABC, Generic[C]):
     """
 
     NAME: ClassVar[str]
-    """As in the registry, `led-driver`."""
+    """Name in the registry, such as `led-driver`."""
     SCOPE: ClassVar[Scope]
-    """One for all (`site`) or one per person (`user`)."""
+    """One instance for all users (`site`) or one per user (`user`)."""
     CONFIG: ClassVar[type[Config]]
     SEVERAL: ClassVar[bool] = False
-    """True if a site may have several of a shared service, each under a name of its own: `robot.quad`."""
+    """True if a site may have several instances of a shared service, each with a name: `robot.quad`."""
     SHARDS: ClassVar[bool] = False
-    """True if those with a name serve some of the people each (`PeopleShare`, their parameter `people`), and
-    that without a name all others."""
+    """True if each named instance serves the users in its parameter `people` (`PeopleShare`), and the
+    instance without a name all others."""
     MAKES_USER_PRESENT: ClassVar[bool] = True
-    """True if a person is present while this service of theirs runs. Not for services beside the pointing,
-    which may outlive it, nor for those of other packages."""
+    """True if a running instance means that its user is present. False for services that may outlive
+    pointing, and for those of other packages."""
     TIME_MAY_STEP: ClassVar[bool] = False
-    """If false, the clock never goes back while the service lives (`SteadyClock`). If the site's time goes
-    back too far, the service is restarted. True for bridges and for services with more to lose than a
-    restart restores: they expect steps."""
+    """If False, the clock never goes back during a run (`SteadyClock`), and the service restarts if the
+    site's time goes back too far. True for bridges and for services whose state a restart would lose: they
+    handle steps of the clock."""
 
     def __init__(self, config: C, context: Context) -> None:
-        """Keep both; subclasses declare their publishers first and their subscriptions last."""
+        """Store both. Subclasses declare their publishers first and their subscriptions last."""
         self.config = config
         self.bus = context.bus
         self.clock = context.clock
@@ -86,7 +86,7 @@ class Service(ABC, Generic[C]):
 
     @classmethod
     def validate_config(cls, config: C) -> None:
-        """Check for mistakes that no site can remedy. Called before a bus is opened, and may read files.
+        """Check for errors that do not depend on the site. Called before a bus is opened, and may read files.
 
         Raises:
             ConfigError: Names the parameter or file and the remedy.
@@ -110,7 +110,7 @@ class Service(ABC, Generic[C]):
 
     @classmethod
     def discard_saved_state(cls, site: str, now_ns: int) -> None:
-        """Discard the state that an earlier run of `site` left for resumption. Called before a new run.
+        """Delete the state that an earlier run of `site` stored for resumption. Called before a new run.
 
         The state of a service that is running stays.
         """
@@ -144,7 +144,7 @@ class Launch:
     name: str = ""
     """Its name among several of its kind on the site, or `""`."""
     plugin: str = ""
-    """Its name in messages if another package brings it: its faults end no other service. `""`: ours."""
+    """Name in messages of a service from another package, whose faults end no other service, or `""`."""
     is_alone: bool = False
     """True if it is the only service of its process, which ends if that of another package cannot start."""
 
@@ -155,7 +155,7 @@ class Launch:
 
     @property
     def is_single(self) -> bool:
-        """Return True if only one process may have its instance name: that started last keeps it."""
+        """Return True if only one process may have its instance name. The one that started last keeps it."""
         return bool(self.user or self.name) or (self.service.SEVERAL and not self.service.SHARDS)
 
 
@@ -185,10 +185,10 @@ def check_launches(launches: Sequence[Launch], addresses: Sequence[str] = ()) ->
 async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     """Run one service until it ends, is cancelled or `bus` is closed, or a person's name is taken over.
 
-    Whatever it raises ends it and is raised here, in a group. Its presence means that it is ready, and its
-    absence that nothing of it is left. It is restarted when `clock` was set back too far to be slewed. That
-    of another package is also restarted, with back-off, whenever it ends by itself or raises. If it is alone
-    in its process, a `PointItError` in its first `MAX_WAIT_S` ends it: its user is still looking.
+    Whatever it raises ends it and is raised here, in a group. A service is present from when it is ready
+    until all its tasks have ended. It is restarted if `clock` was set back too far to be slewed. A service of
+    another package is also restarted, with back-off, whenever it ends or raises. If it is alone in its
+    process, a `PointItError` in its first `MAX_WAIT_S` ends it: its user is still looking.
     """
     if launch.user:
         check_user(launch.user)
@@ -217,7 +217,7 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
 async def _run_once(
     launch: Launch, bus: Bus, clock: SteadyClock, guard: PluginGuard | None
 ) -> Literal["ended", "set back", "over"]:
-    """Run one service. Return why it ended: by itself, for its clock, or since the bus or name is gone."""
+    """Run one service. Return the reason of its end: itself, its clock, or a lost bus or name."""
     kind = launch.service
     view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
     takeover = TakeoverMonitor(bus, launch.instance)
@@ -237,7 +237,7 @@ async def _run_once(
             reporting = _report(view, health, takeover, clock, guard)
             report = group.create_task(reporting, name=f"{launch.instance} health")
             tasks = {work, report}
-            if launch.is_single:  # duplicates of another shared service both go on, with a warning
+            if launch.is_single:  # duplicates of other shared services both continue, with a warning
                 tasks.add(group.create_task(_until_lost(takeover, launch), name=f"{launch.instance} name"))
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in tasks:
@@ -265,7 +265,7 @@ def _configuration(launch: Launch, now_ns: int) -> Configuration:
 async def _wait_for_restart(
     launch: Launch, bus: Bus, clock: SteadyClock, guard: PluginGuard, wait_s: float
 ) -> None:
-    """Report for a service of another package, which has failed, until it is time to restart it."""
+    """Report the health of a failed service of another package until its restart is due."""
     view = ServiceBus(bus, clock, launch.service.NAME, launch.instance, launch.user)
     try:
         health = view.account(HEALTH)
@@ -292,8 +292,9 @@ async def _report(
     clock: SteadyClock,
     guard: PluginGuard | None,
 ) -> bool:
-    """Publish health until the bus is closed, or the service must be restarted: then return True."""
-    with contextlib.suppress(BusClosedError):  # closed beneath the service: it ends without complaint
+    """Publish health until the bus is closed, or until a restart is due: then return True."""
+    # the bus was closed by its owner: the service ends without an error
+    with contextlib.suppress(BusClosedError):
         while not clock.needs_restart():
             view.warn("twice", takeover.duplicate_instance_warning())
             view.warn("plug-in", "" if guard is None else guard.problem)
@@ -304,7 +305,7 @@ async def _report(
 
 
 async def run_services(launches: Sequence[Launch], bus: Bus, clock: Clock) -> None:
-    """Run services side by side until cancelled; when one fails, all end and its error is raised."""
+    """Run services concurrently until cancelled. If one fails, all end and its error is raised."""
     async with asyncio.TaskGroup() as group:
         for launch in launches:
             group.create_task(run_service(launch, bus, clock), name=f"service {launch.instance}")

@@ -1,4 +1,4 @@
-"""Work that runs until it ends or is asked to: signals, exit code, a time limit for the end."""
+"""Run of a task until it ends or a signal arrives, with exit code and a timeout for the end."""
 
 import asyncio
 import contextlib
@@ -14,15 +14,15 @@ from pointit.runtime.errors import first_cause
 
 EXIT_FAILED = 1
 END_TIMEOUT_S = 5.0
-"""After a signal, how long the end may take before the process is cut off; it takes well below 2 s."""
+"""Time from a signal until the process is killed, s. Ending takes well below 2 s."""
 MAX_CROWDING = 12.0
-"""Limit of the factor by which `END_TIMEOUT_S` is longer where many processes share each core."""
+"""Maximum factor of `END_TIMEOUT_S` for machines on which many processes share each core."""
 SWITCH_INTERVAL_S = 0.0001
 """Python's thread switch interval: with the default, a busy loop delays Zenoh's threads by tens of ms."""
 
 STARTED_S = 5.0
-"""Time after the start at which objects are frozen, s: a process has made what it keeps. Full collections of
-garbage, which stop all else for about 50 ms in a process of 20 people, leave them out from then on."""
+"""Time after the start at which existing objects are frozen, s. By then a process has created its permanent
+objects. Full garbage collections, which block a process of 20 users for about 50 ms, skip frozen objects."""
 
 
 def exit_with_parent() -> None:
@@ -37,10 +37,10 @@ def exit_with_parent() -> None:
 
 
 def run_until_shutdown(work: Coroutine[Any, Any, int]) -> int:
-    """Run `work` until it ends or Ctrl-C or SIGTERM ask for it; return its exit code.
+    """Run `work` until it ends or Ctrl-C or SIGTERM arrives. Return its exit code.
 
-    A signal cancels the work; having been asked to end is not a failure: 0. Where Ctrl-C would kill the
-    process (`SIG_DFL`), one more does nothing from then on.
+    A signal cancels the work. The exit code is then 0, since a requested end is no failure. Where Ctrl-C
+    would kill the process (`SIG_DFL`), a second one is ignored.
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     runner = asyncio.Runner()
@@ -79,7 +79,7 @@ def _cut_off(loop: asyncio.AbstractEventLoop) -> Generator[threading.Timer]:
     has_ended = threading.Event()
 
     def end() -> None:
-        # a process that gets a small share of a core is slow, not stuck
+        # a process with a small share of a core is slow, not stuck
         timeout_s = END_TIMEOUT_S * crowding()
         if has_ended.wait(timeout_s - END_TIMEOUT_S):
             return
@@ -123,6 +123,7 @@ def _signals(
         for number, handler in before.items():
             loop.remove_signal_handler(number)
             if was_asked() and number == signal.SIGINT and handler is signal.SIG_DFL:
-                signal.signal(number, signal.SIG_IGN)  # one more must not kill what says how it ended
-            elif handler is not None:  # which is none of Python's
-                signal.signal(number, handler)  # a shell starts what runs beside it with SIGINT ignored
+                # another one must not kill the process before it reports its end
+                signal.signal(number, signal.SIG_IGN)
+            elif handler is not None:  # a handler that Python did not set
+                signal.signal(number, handler)  # a shell starts background processes with SIGINT ignored

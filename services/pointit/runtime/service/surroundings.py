@@ -1,4 +1,4 @@
-"""Surroundings: the part of a service that its plug-ins may use."""
+"""Surroundings: the interface of a service to its plug-ins."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +19,11 @@ class WarningSink(Protocol):
     """Shows and clears warnings of a part of a service, such as `ServiceBus`."""
 
     def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` (what is wrong, what to do) until `clear(topic)`. `""` clears it, too."""
+        """Show `sentence` (problem and remedy) until `clear(topic)`. `""` also clears it."""
         ...
 
     def clear(self, topic: str) -> None:
-        """Take the warning back."""
+        """Clear the warning."""
         ...
 
 
@@ -35,15 +35,15 @@ class HealthSink(WarningSink, Protocol):
         ...
 
     def reached(self, latency_s: float) -> None:
-        """Record the age of captured data at the moment at which it becomes visible."""
+        """Record the age of captured data when its effect becomes visible."""
         ...
 
 
 class PluginHealth:
-    """Part of a service's health that is one plug-in's: what others show there, it cannot change."""
+    """One plug-in's part of a service's health. It cannot change the entries of others."""
 
     def __init__(self, health: ServiceBus, part: str) -> None:
-        """Show what the plug-in `part`, which no other of the service is called, has to say in `health`."""
+        """Show warnings and metrics of the plug-in `part` in `health`. `part` is unique in the service."""
         self._health = health
         self._part = part
 
@@ -52,7 +52,7 @@ class PluginHealth:
         self._health.warn(self._topic(topic), str(sentence))
 
     def clear(self, topic: str) -> None:
-        """Take a warning back."""
+        """Clear a warning."""
         self._health.clear(self._topic(topic))
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
@@ -60,7 +60,7 @@ class PluginHealth:
         self._health.set_metric(name, value, unit, self._part)
 
     def reached(self, latency_s: float) -> None:
-        """Record the age of captured data at the moment at which it becomes visible."""
+        """Record the age of captured data when its effect becomes visible."""
         self._health.reached(latency_s)
 
     def _topic(self, topic: str) -> str:
@@ -68,12 +68,12 @@ class PluginHealth:
 
 
 def warning_topics(part: str) -> str:
-    """Return the beginning of the topics of the warnings of the plug-in `part`."""
+    """Return the prefix of the warning topics of the plug-in `part`."""
     return f"plug-in {part}: "
 
 
 class NullHealth:
-    """Health that nobody reads."""
+    """Health sink that discards all entries."""
 
     def warn(self, topic: str, sentence: str) -> None:
         """Discard a warning."""
@@ -93,22 +93,22 @@ class Surroundings:
     """The part of a service that its plug-in may use: time, health, stored state. It has no bus."""
 
     clock: Clock
-    """Time of all stamps. A plug-in never asks the operating system."""
+    """Clock of all stamps. A plug-in never reads the operating system's clock."""
     health: HealthSink
-    """Its problems and metrics, shown by `pointit doctor`."""
+    """Receiver of its warnings and metrics, which `pointit doctor` shows."""
     folder: Path
-    """Its own folder for what it stores between runs. It need not exist yet."""
+    """Folder for data that it stores between runs. It may not exist yet."""
     user: str = ""
-    """The person whose part it is, or `""` if it is shared by all people of the site."""
+    """User that owns it, or `""` if all users of the site share it."""
     sensor_from_arm: Quaternion = rotation.IDENTITY
     """IMU sources: the configured mounting of the sensor."""
 
     def state_file(self, model: type[T]) -> StateFile[T]:
-        """Return the one stored value of the plug-in, a `model` in the file `state.json` of its folder."""
+        """Return the plug-in's stored value: a `model` in the file `state.json` of its folder."""
         return StateFile[T].at(self.folder / "state.json", model)
 
     @classmethod
     def detached(cls, user: str = "") -> Self:
-        """Return surroundings outside a site: wall time, and health that nobody reads."""
+        """Return surroundings outside a site, with wall time and a health sink that discards all entries."""
         folder = state_directory() / "detached" / user
         return cls(clock=WallClock(), health=NullHealth(), folder=folder, user=user)

@@ -1,1 +1,1 @@
-"""The typed bus: its contract, the bus within one process, and a service's view of it, which measures."""
+"""Typed bus: its contract, the bus within one process, and the measured bus of a service."""

@@ -1,4 +1,4 @@
-"""The bus as services see it: typed topics, requests and presence; two implementations pass one suite.
+"""Interface of the bus for services: typed topics, requests and presence. Two implementations pass one suite.
 
 All handlers run in the event loop that opened the bus, one at a time, never from within `put`.
 """
@@ -16,23 +16,24 @@ M_contra = TypeVar("M_contra", bound=Message, contravariant=True)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 EVENT_CAPACITY = 1024
-"""Events a reader may lag behind before the oldest are dropped, counted and reported."""
+"""Number of events in a reader's queue. Beyond it, the oldest are dropped, counted and reported."""
 REQUEST_TIMEOUT_S = 2.0
-"""Time (s) that a caller waits for a reply by default."""
+"""Default timeout of a request, s."""
 
 Handler = Callable[[M, str], None]
-"""Takes a message and what stands for the key's placeholder (empty where there is none)."""
+"""Takes a message and the value of the key's placeholder (`""` without a placeholder)."""
 
 
 Server = Callable[[Q, str], Awaitable[R]]
-"""Takes a query and the placeholder's name; raises `RefusedError` with a sentence to refuse.
+"""Takes a query and the value of the placeholder. Raises `RefusedError` with a sentence to refuse.
 
-Each answer is a task of its own that ends with what `serve` returned, not with a caller that gives up.
+Each answer is a separate task. It ends with the declaration that `serve` returned, not when the caller gives
+up.
 """
 
 
 class Sent(NamedTuple):
-    """When and by which process a message was published."""
+    """Time and process that published a message."""
 
     at_ns: int
     """Unix ns, by the clock of the publisher's machine."""
@@ -41,7 +42,7 @@ class Sent(NamedTuple):
 
 
 class Undecoded(Protocol):
-    """A message of another process, as it arrived."""
+    """A message from another process, before decoding."""
 
     @property
     def size(self) -> int:
@@ -50,7 +51,7 @@ class Undecoded(Protocol):
 
     @property
     def sent(self) -> Sent | None:
-        """Return when and by which process it was published, or None if it does not say."""
+        """Return the time and process that published it, or None if it has no stamp."""
         ...
 
     def decode(self) -> Message:
@@ -63,49 +64,49 @@ class Undecoded(Protocol):
 
 
 Tap = Callable[[Message | Undecoded, str], None]
-"""Takes a message as it arrived and what stands for the key's placeholder, on any thread. Must not raise."""
+"""Takes an undecoded message and the value of the key's placeholder, on any thread. Must not raise."""
 
 AnyTopic = Topic[Any]
-"""A row of the table, whatever its message."""
+"""A topic of the table with any message."""
 
 Recall = Callable[[AnyTopic], Iterable[tuple[str, Message]]]
-"""Yields what is kept of a topic now: what stands for the key's placeholder, and the last message."""
+"""Yields the retained states of a topic: value of the key's placeholder, and last message."""
 
 MAX_IN_FLIGHT = 256
-"""Answers that one server works on at a time; further callers are refused at once."""
+"""Maximum number of calls that one server answers at a time. Further callers are refused at once."""
 UNDECLARE_S = 0.25
-"""Time (s) for which a retired writer is still known elsewhere, unless its session is closed before."""
+"""Time for which other processes still see a retired writer, unless its session closes earlier, s."""
 
 
 @dataclass(slots=True)
 class SubscriptionStats:
-    """Counters of a subscription since it was made."""
+    """Counters of a subscription since its creation."""
 
     received: int = 0
     dropped: int = 0
-    """Conflated (latest, state) or overflowed (event)."""
+    """Messages that newer ones replaced (latest, state) or that overflowed the queue (event)."""
     lost: int = 0
-    """Events that a remote writer sent and that never arrived."""
+    """Events of a remote writer that never arrived."""
     invalid: int = 0
-    """Bytes that were not the message of their key."""
+    """Payloads that were no valid message of their key."""
     complaint: str = ""
     """Error message about the last of them."""
     culprit: str = ""
-    """Name on whose key it came, if known."""
+    """Placeholder's value in its key, if known."""
     errors: int = 0
-    """Handlers that raised."""
+    """Number of handler calls that raised."""
 
 
 class Closable(Protocol):
-    """Anything a bus hands out; closing twice is allowed, and closing the bus closes it."""
+    """Base of all objects that a bus returns. Closing twice is allowed. Closing the bus closes them."""
 
     def close(self) -> None:
-        """Undeclare; no handler runs afterwards."""
+        """Undeclare. No handler runs afterwards."""
         ...
 
 
 class Declaration:
-    """Something declared: undone once, by itself or with all that `held` lists."""
+    """A declaration that is undone once, by itself or with all others in `held`."""
 
     def __init__(self, undo: Callable[[], object], held: "dict[Declaration, None] | None" = None) -> None:
         self._undo: Callable[[], object] | None = undo
@@ -118,7 +119,7 @@ class Declaration:
         return self._undo is None
 
     def close(self) -> None:
-        """Undo it, once."""
+        """Undo the declaration, once."""
         undo, self._undo = self._undo, None
         if undo is not None:
             self._held.pop(self, None)
@@ -129,15 +130,15 @@ class Publisher(Closable, Protocol[M_contra]):
     """Writes one key."""
 
     def put(self, message: M_contra) -> None:
-        """Send `message`; returns at once, never blocks on readers.
+        """Send `message`. Returns at once and never blocks on readers.
 
         Raises:
-            BusClosedError: the publisher or its bus is closed.
+            BusClosedError: If the publisher or its bus is closed.
         """
         ...
 
     def close_nowait(self) -> None:
-        """Close, where much else closes too: other processes may see the writer a moment longer."""
+        """Close together with many others. Other processes may see the writer a moment longer."""
         ...
 
 
@@ -151,44 +152,43 @@ class Subscription(Closable, Protocol):
 
 
 class Bus(Protocol):
-    """Publish, subscribe, ask, serve, be present."""
+    """Bus with publishers, subscriptions, requests, servers and presence."""
 
     @property
     def site(self) -> str:
-        """Return the name of the site that was joined."""
+        """Return the name of the site."""
         ...
 
     def publisher(self, topic: Topic[M], name: str = "") -> Publisher[M]:
-        """Declare a writer of the key `topic.at(name)`; declare once, put often."""
+        """Declare a writer of the key `topic.at(name)`. Declare once, put often."""
         ...
 
     def subscribe(
         self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True, every: bool = False
     ) -> Subscription:
-        """Call `handler(message, name)` for what arrives on `topic` (of one `name`, or of all).
+        """Call `handler(message, name)` for each message on `topic` (of one `name`, or of all).
 
-        *latest* and *state* keep the newest a key until handled; *event* keeps `EVENT_CAPACITY` in order, and
-        so do the others if a reader wants `every` message.
-        A reader of *state* gets the last value at once, when a writer that has put one is there, or else
-        from who keeps it (see `serve_retained`), unless `kept` is false; a reader of *event* gets what is put
-        from now on.
+        *latest* and *state* queue the newest message per key. *event* queues `EVENT_CAPACITY` messages in
+        order, and so do the others if `every` is true. A reader of *state* gets the last value at once, from
+        the writer if it is present, or else from the keeper (see `serve_retained`) unless `kept` is false. A
+        reader of *event* gets only messages that are put from now on.
         """
         ...
 
     def tap(self, topic: AnyTopic, handler: Tap, name: str = ANY) -> Subscription:
         """Call `handler` for every message on `topic` at once, on the thread on which it arrives.
 
-        For who only stores messages: it costs a fraction of `subscribe`, as nothing is decoded and no loop
-        wakes up. What is kept of states comes as with `subscribe`.
+        For callers that only store messages. It costs a fraction of `subscribe`, since no message is decoded
+        and no loop wakes up. Retained states arrive as with `subscribe`.
         """
         ...
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
-        """Answer for the writers of `topics`, which are states, that are gone.
+        """Serve the last values of `topics`, which are states, for writers that are gone.
 
-        Each reader gets what `recall` yields, once: those there are now, and those that come when they
-        subscribe. What a living writer has put wins, whichever arrives first. Who keeps a topic reads it
-        with `kept=False`.
+        Each reader gets the states that `recall` yields once: present readers now, later ones when they
+        subscribe. The value of a living writer has precedence, whichever arrives first. The keeper itself
+        subscribes to a topic with `kept=False`.
         """
         ...
 
@@ -202,10 +202,10 @@ class Bus(Protocol):
         """Return the reply.
 
         Raises:
-            RefusedError: the server refuses with a reason, or reports its own error.
-            NoAnswerError: nobody serves it, or not within `timeout_s`.
-            RequestError: the reply is not the one of the table.
-            BusClosedError: the bus was closed meanwhile.
+            RefusedError: If the server refuses with a reason, or reports its own error.
+            NoAnswerError: If no server answers within `timeout_s`.
+            RequestError: If the reply has another type than the table's.
+            BusClosedError: If the bus was closed meanwhile.
         """
         ...
 
@@ -214,7 +214,7 @@ class Bus(Protocol):
         ...
 
     def watch(self, presence: Presence, handler: Callable[[str, bool], None]) -> Closable:
-        """Call `handler(name, present)` for everyone present now, and on every change."""
+        """Call `handler(name, present)` for each present name now, and on every change."""
         ...
 
     @property
@@ -228,12 +228,12 @@ class Bus(Protocol):
         ...
 
     async def close(self) -> None:
-        """Close everything that was declared through this bus; no handler runs afterwards."""
+        """Close all declarations of this bus. No handler runs afterwards."""
         ...
 
 
 async def list_present(bus: Bus, presence: Presence, wait_s: float) -> set[str]:
-    """Return the names that are present now, as far as they are known after `wait_s` (ms on one machine).
+    """Return the present names that are known after `wait_s` seconds. On one machine, ms suffice.
 
     Call this before announcing a name, and reject a name in use.
     """

@@ -1,4 +1,4 @@
-"""The one wake-up of an event loop that drains all buffers: a chain of services on one loop takes one."""
+"""Wake-up of an event loop that drains all buffers. A chain of services on one loop needs one wake-up."""
 
 import asyncio
 import collections
@@ -8,37 +8,37 @@ import time
 from typing import Protocol
 
 MAX_ROUNDS = 16
-"""Hops of a chain handled in one wake-up before other tasks of the loop get their turn."""
+"""Maximum number of hops in a chain per wake-up. Then other tasks of the loop run."""
 LOG_PERIOD_S = 1.0
-"""At most one log line per topic and kind of trouble in this time; one per handler that fails."""
+"""Minimum interval of log lines per topic and kind of problem, and per failing handler, s."""
 
 
 class Drainable(Protocol):
-    """A buffer that is filled on any thread and drained in the loop, such as `Mailbox`."""
+    """A buffer that any thread fills and the loop drains, such as `Mailbox`."""
 
     def drain(self) -> None:
-        """Handle what is there."""
+        """Handle all queued items."""
         ...
 
 
 class Dispatcher:
-    """Drains marked mailboxes in its event loop, with one wake-up for all of them."""
+    """Drains scheduled mailboxes in its event loop, with one wake-up for all of them."""
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
         self.thread = threading.get_ident()
         """Id of the loop's thread."""
         self.ready: collections.deque[Drainable] = collections.deque()
-        """Buffers to be drained. Who adds one calls `wake` then, unless the loop `is_awake`."""
+        """Buffers to drain. A caller that adds one must then call `wake`, unless the loop `is_awake`."""
         self.is_awake = False
-        """True if the loop looks at `ready` before it sleeps."""
+        """True if the loop will check `ready` before it sleeps."""
         self._closed = False
         self._log_lock = threading.Lock()
         self._logged_s: dict[tuple[str, str], float] = {}
 
     @property
     def is_closed(self) -> bool:
-        """Return True if nothing is drained any more."""
+        """Return True if the dispatcher is closed."""
         return self._closed
 
     def should_log(self, key: str, what: str) -> bool:
@@ -51,22 +51,22 @@ class Dispatcher:
             return True
 
     def schedule(self, mailbox: Drainable) -> None:
-        """Have `mailbox` drained soon; from any thread."""
+        """Schedule `mailbox` to be drained. Any thread."""
         self.ready.append(mailbox)
         if not self.is_awake:
             self.wake()
 
     def wake(self) -> None:
-        """Have the loop look at `ready` soon; from any thread."""
+        """Wake the loop to check `ready`. Any thread."""
         self.is_awake = True
         is_here = threading.get_ident() == self.thread
         try:
             (self._loop.call_soon if is_here else self._loop.call_soon_threadsafe)(self._drain_all)
-        except RuntimeError:  # the loop is closed: a late callback of a foreign thread
+        except RuntimeError:  # the loop is closed: this is a late callback of another thread
             self._closed = True
 
     def close(self) -> None:
-        """Drain nothing any more."""
+        """Stop draining."""
         self._closed = True
         self.ready.clear()
 
@@ -82,7 +82,8 @@ class Dispatcher:
                 left -= 1
                 ready.popleft().drain()
         finally:
-            # A thread that added between the last look and this line saw us awake: look again afterwards.
+            # A thread that added a buffer after the last check and before this line saw `is_awake`: check
+            # again.
             self.is_awake = False
             if ready and not self._closed:
                 self.wake()

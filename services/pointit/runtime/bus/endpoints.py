@@ -1,4 +1,4 @@
-"""Declarations of a participant in an exchange: writers, readers, states kept, watchers, servers."""
+"""Declarations of a participant in a broker: writers, readers, retained states, watchers, servers."""
 
 import asyncio
 import logging
@@ -28,12 +28,12 @@ log = logging.getLogger(__name__)
 
 
 class MemoryPublisher(Declaration, Generic[M]):
-    """Hands messages to the readers of this process as they are: they are frozen."""
+    """Delivers messages to the readers of this process without copying, since they are frozen."""
 
     def __init__(
         self, bus: Participant, topic: Topic[M], name: str, send: Callable[[Message], None] | None = None
     ) -> None:
-        """Write `topic.at(name)`; `send` gets each message for the readers of other processes."""
+        """Write `topic.at(name)`. `send` gets each message for readers of other processes."""
         topic.at(name)  # raises on a name that cannot stand in the key
         self._bus = bus
         self._name = name
@@ -58,18 +58,18 @@ class MemoryPublisher(Declaration, Generic[M]):
             self._send(message)
 
     def close_nowait(self) -> None:
-        """Write no more."""
+        """Stop writing."""
         self.close()
 
     def _undeclare(self) -> None:
         self._open = False
-        # a state's last value goes with its writer
+        # a state's last value is removed with its writer
         if self._is_state and self._last is not None and self._states.get(self._name) is self._last:
             del self._states[self._name]
 
 
 class MailboxSubscription(Declaration):
-    """A mailbox in the exchange's list of readers."""
+    """A mailbox in the broker's list of readers."""
 
     def __init__(self, bus: Participant, topic: AnyTopic, mailbox: Mailbox, name: str) -> None:
         if name != ANY:
@@ -97,7 +97,7 @@ class MailboxSubscription(Declaration):
 
 
 class RetainedStateServer(Declaration):
-    """Retained states of one keeper, delivered to the present readers and to each later one."""
+    """Retained states of one keeper, delivered to present readers and to each later one."""
 
     def __init__(self, bus: Participant, topics: Sequence[AnyTopic], recall: Recall) -> None:
         self.recall = recall
@@ -110,7 +110,7 @@ class RetainedStateServer(Declaration):
                 self.deliver(topic, wanted, mailbox)
 
     def deliver(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
-        """Offer what is kept of `topic` under the name `wanted`, or under all."""
+        """Deliver the retained states of `topic` under the name `wanted`, or under all."""
         if topic.key in self._keys and mailbox.accepts_retained:
             for name, message in self.recall(topic):
                 if wanted in (ANY, name):
@@ -121,7 +121,7 @@ class RetainedStateServer(Declaration):
 
 
 class PresenceWatcher(Declaration):
-    """Tells a handler who is present, each change once."""
+    """Reports each change of presence to a handler once."""
 
     def __init__(self, bus: Participant, presence: Presence, handler: Callable[[str, bool], None]) -> None:
         self.presence = presence
@@ -133,13 +133,13 @@ class PresenceWatcher(Declaration):
         super().__init__(self._undeclare, bus.declarations)
 
     def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
-        """Report that `name` is present or gone. Called in the loop, never from a call of the watched."""
+        """Report that `name` is present or gone. Called in the loop, never within `announce` or `close`."""
         if not self._open or present == (name in self._known):
             return
         (self._known.add if present else self._known.discard)(name)
         try:
             self._handler(name, present)
-        except Exception:  # a handler's fault must not stop the others
+        except Exception:  # an error of one handler must not stop the others
             log.exception("watcher of %s failed", self.presence.key)
 
     def _undeclare(self) -> None:
@@ -148,7 +148,7 @@ class PresenceWatcher(Declaration):
 
 
 class RequestHandler(Declaration, Generic[Q, R]):
-    """The server of one request. Each answer is a task that ends with the server, not with its caller."""
+    """Server of one request. Each answer is a task that ends with the server, not with its caller."""
 
     def __init__(self, bus: Participant, request: Request[Q, R], server: Server[Q, R], name: str) -> None:
         self.request = request
@@ -161,7 +161,7 @@ class RequestHandler(Declaration, Generic[Q, R]):
         super().__init__(self._undeclare, bus.declarations)
 
     def handle(self, query: Q, name: str) -> asyncio.Task[R]:
-        """Begin to answer `query`; the task raises nothing but `RefusedError`."""
+        """Start a task that answers `query`. It raises no error except `RefusedError`."""
         is_busy = len(self._answers) >= MAX_IN_FLIGHT
         task = self._bus.spawn(self._answer(query, name, is_busy=is_busy), f"serve {self.request.key}")
         self._answers.add(task)
@@ -181,7 +181,7 @@ class RequestHandler(Declaration, Generic[Q, R]):
             reply = await self._server(query, name)
             if not isinstance(reply, self.request.reply):
                 raise TypeError(f"the reply is a {type(reply).__name__}, not a {self.request.reply.__name__}")  # noqa: TRY301
-        except PointItError as error:  # a sentence for a person already
+        except PointItError as error:  # its text is already written for users
             raise RefusedError(hide_secrets(str(error))) from error
         except Exception as error:
             log.exception("%s failed", key)
@@ -191,12 +191,12 @@ class RequestHandler(Declaration, Generic[Q, R]):
 
 
 def shutting_down(request: Request[Any, Any]) -> str:
-    """Return the refusal for callers of a server that ends."""
+    """Return the refusal for callers of a server that is closing."""
     return f"{request.server} is shutting down"
 
 
 def no_answer(request: Request[Any, Any], key: str, timeout_s: float | None = None) -> NoAnswerError:
-    """Return the error that says who should have answered `key`."""
+    """Return the error for a missing answer. It names the service that should answer `key`."""
     waited = "" if timeout_s is None else f" within {timeout_s:g} s"
     return NoAnswerError(
         f"{request.server} does not answer {key}{waited}; is it running? See `pointit doctor`"

@@ -1,4 +1,4 @@
-"""The ends of topics and requests as a service has them: what passes there is measured or published."""
+"""Publishers, subscriptions and servers of a service that measure or publish each message."""
 
 import logging
 from collections.abc import Callable
@@ -24,14 +24,14 @@ M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 MAX_REPLY = ServedRequest.max_bytes // 8
-"""Most characters of a reply that are published: each has up to four bytes."""
+"""Maximum characters of a published reply. Each takes up to four bytes."""
 MAX_REFUSAL = 4096
 
 log = logging.getLogger(__name__)
 
 
 class InstrumentedPublisher(Generic[M]):
-    """Counts what goes out, and for *latest* how old the captured data are by then."""
+    """Counts published messages. For *latest*, it also measures the age of the captured data."""
 
     def __init__(
         self, inner: Publisher[M], meter: TopicMeter, latency: DurationWindow | None, clock: Clock
@@ -49,7 +49,7 @@ class InstrumentedPublisher(Generic[M]):
         meter.count += 1
         if self._latency is None:
             meter.newest_s = self._time_s()
-        else:  # one reading of a clock for both
+        else:  # one clock reading for both
             meter.newest_ns = now_ns = self._now_ns()
             ages_ns = self._latency.values
             ages_ns.append(now_ns - message.stamp_ns)
@@ -61,7 +61,7 @@ class InstrumentedPublisher(Generic[M]):
         self._inner.close()
 
     def close_nowait(self) -> None:
-        """Close, where much else closes too."""
+        """Close together with many others."""
         self._inner.close_nowait()
 
 
@@ -75,10 +75,10 @@ def instrument_handler(
     counts: ReaderCounts,
     in_order: bool = True,
 ) -> Handler[M]:
-    """Return `handler` for one subscriber, behind its filters, with messages counted and calls timed (s).
+    """Return `handler` behind a subscriber's filters, which counts messages and times calls (s).
 
-    `drops_late` is true of messages that are dropped if late, None accepts them all. `in_order` drops those
-    of a stream that are older than its newest.
+    `drops_late` returns True for a message that is dropped if it is late. None accepts all. `in_order` drops
+    messages of a stream that are older than its newest one.
     """
     order = counts.order if in_order and meter.topic in STREAMS else None
     newest_by_name = counts.order.newest
@@ -90,12 +90,13 @@ def instrument_handler(
         began_s, stamp_ns = time_s(), message.stamp_ns
         if order is not None:
             newest = newest_by_name.get(name)
-            if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:  # most: without a call
+            # most messages need no call
+            if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:
                 newest.stamp_ns, newest.came_s = stamp_ns, began_s
             elif not order.accepts(name, stamp_ns, began_s):
                 return
         if drops_late is not None and drops_late(message):
-            # seconds of the wall; but where time is slow its own, as such a clock is coarse
+            # wall-clock seconds; where time runs slowly, the loop's own, since such a clock is coarse
             age_s = (now_ns() - stamp_ns) / NS_PER_S
             speed = clock.speed
             if speed > 1.0:
@@ -113,7 +114,7 @@ def instrument_handler(
 
 
 class MeteredSubscription(Declaration):
-    """A subscription, whose counts its meter keeps when it is closed."""
+    """A subscription. Its meter keeps the counters after it is closed."""
 
     def __init__(
         self, inner: Subscription, held: dict[Declaration, None], meter: TopicMeter, counts: ReaderCounts
@@ -130,7 +131,7 @@ class MeteredSubscription(Declaration):
         return self._counts.traffic
 
     def heard(self, within_s: float) -> set[str]:
-        """Return the names of a stream (one of `STREAMS`) that were heard in the last `within_s` seconds."""
+        """Return the names of a stream (one of `STREAMS`) with a message in the last `within_s` seconds."""
         return self._counts.order.heard(steady_time()() - within_s)
 
     def close(self) -> None:
@@ -140,7 +141,7 @@ class MeteredSubscription(Declaration):
 
 
 class ServedPublisher:
-    """Publishes each request of one service after it was answered."""
+    """Publishes each request of one service after its answer."""
 
     def __init__(
         self, publisher: Publisher[ServedRequest], clock: Clock, *, service: str, instance: str
@@ -152,7 +153,7 @@ class ServedPublisher:
         self._seq = 0
 
     def reporting(self, request: Request[Q, R], server: Server[Q, R]) -> Server[Q, R]:
-        """Return `server`, whose queries, replies and refusals are also published."""
+        """Return `server` with a wrapper that publishes queries, replies and refusals."""
 
         async def answer(query: Q, name: str) -> R:
             asked_ns = self._clock.now_ns()
@@ -169,7 +170,7 @@ class ServedPublisher:
         return answer
 
     def _put(self, asked_ns: int, key: str, query: Query, reply: Reply | None, refusal: str) -> None:
-        """Publish; whatever is wrong with it is logged, since the request itself is answered."""
+        """Publish the request. Errors are only logged, since the request itself was answered."""
         self._seq += 1
         try:
             text = "" if reply is None else reply.model_dump_json()

@@ -1,4 +1,4 @@
-"""The exchange of one process, and what every participant of it has: its declarations and tasks."""
+"""Message broker of one process, and the declarations and tasks of each participant."""
 
 import asyncio
 import logging
@@ -26,23 +26,23 @@ class RequestServer(Protocol[Q_contra, R_co]):
     """Answers one request in this process."""
 
     wanted: str
-    """The name it answers for, `*` for all."""
+    """Name for which it answers. `*` for all."""
 
     def handle(self, query: Q_contra, name: str) -> asyncio.Task[R_co]:
-        """Begin to answer `query`; the task raises nothing but `RefusedError`."""
+        """Start a task that answers `query`. It raises no error except `RefusedError`."""
         ...
 
 
 class KeptStates(Protocol):
-    """Has the last states of writers that are gone."""
+    """Delivers the last states of writers that are gone."""
 
     def deliver(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
-        """Offer what is kept of `topic` under the name `wanted`, or under all."""
+        """Deliver the retained states of `topic` under the name `wanted`, or under all."""
         ...
 
 
 class PresenceWatcher(Protocol):
-    """Learns who is present."""
+    """Receives changes of presence."""
 
     def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
         """Report that `name` is present or gone."""
@@ -54,13 +54,13 @@ class _Mailboxes(list[Mailbox]):
 
 
 class TopicReaders:
-    """Readers of one topic, in the order in which they subscribed."""
+    """Readers of one topic in the order of their subscriptions."""
 
     def __init__(self) -> None:
         self._entries: list[tuple[str, Mailbox]] = []
         """The wanted name (or `*`) and the mailbox."""
         self._by_name = weakref.WeakValueDictionary[str, _Mailboxes]()
-        """Mailboxes by the name of a publisher, as long as there is one."""
+        """Mailboxes by the name of a publisher, while that exists."""
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -69,7 +69,10 @@ class TopicReaders:
         return iter(self._entries)
 
     def matching(self, name: str) -> list[Mailbox]:
-        """Return the live list of the mailboxes that receive messages of `name`, for publishers to keep."""
+        """Return the mailboxes that receive messages of `name`.
+
+        Publishers keep this list, which is updated.
+        """
         mailboxes = self._by_name.get(name)
         if mailboxes is None:
             mailboxes = _Mailboxes(mailbox for wanted, mailbox in self._entries if wanted in (ANY, name))
@@ -84,7 +87,7 @@ class TopicReaders:
                 mailboxes.append(mailbox)
 
     def remove(self, wanted: str, mailbox: Mailbox) -> None:
-        """Remove a reader that was added."""
+        """Remove an added reader."""
         self._entries.remove((wanted, mailbox))
         for name, mailboxes in self._by_name.items():
             if wanted in (ANY, name):
@@ -92,20 +95,20 @@ class TopicReaders:
 
 
 class LocalBroker:
-    """The shared state of the participants of one process: readers, last values, servers, presence."""
+    """Shared state of the participants of one process: readers, last values, servers, presence."""
 
     def __init__(self) -> None:
         self.readers: dict[str, TopicReaders] = {}
         """By topic key."""
         self.states: dict[str, dict[str, Message]] = {}
-        """By topic key and name: the last value whose writer is still there."""
+        """Last values of present writers, by topic key and name."""
         self.desks: dict[str, list[RequestServer[Any, Any]]] = {}
-        """By request key: who answers."""
+        """Servers by request key."""
         self.present: dict[str, dict[str, int]] = {}
-        """By presence key and name: how many announce it."""
+        """Number of announcements by presence key and name."""
         self.watchers: dict[str, list[PresenceWatcher]] = {}
         self.keepings: list[KeptStates] = []
-        """Servers of the states of writers that are gone."""
+        """Servers of retained states of writers that are gone."""
 
     def readers_of(self, topic: AnyTopic) -> TopicReaders:
         """Return the readers of `topic`."""
@@ -120,10 +123,10 @@ class LocalBroker:
 
 
 class Participant:
-    """The part of a bus that its endpoints need: the exchange, its declarations, tasks that end with it."""
+    """Part of a bus that its endpoints need: the broker, its declarations, and tasks that end with it."""
 
     def __init__(self, exchange: LocalBroker | None = None) -> None:
-        """Join `exchange`, or a new one; must be called in the loop that will run handlers and tasks."""
+        """Join `exchange`, or a new broker. Call this in the loop that will run handlers and tasks."""
         self.exchange = exchange if exchange is not None else LocalBroker()
         self.declarations: dict[Declaration, None] = {}
         self.dispatcher = Dispatcher()
@@ -145,6 +148,7 @@ class Participant:
 
     def _forget(self, task: asyncio.Task[Any]) -> None:
         self._tasks.discard(task)
-        error = None if task.cancelled() else task.exception()  # retrieved: the caller may be gone
-        if error is not None and not isinstance(error, PointItError):  # which is told to who waits
+        # marks the error as retrieved, since the caller may be gone
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not isinstance(error, PointItError):  # waiting callers get the error
             log.error("%s failed", task.get_name(), exc_info=error)

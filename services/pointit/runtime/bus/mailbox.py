@@ -1,7 +1,6 @@
-"""Between arrival and handling: buffers that never grow.
+"""Bounded buffers between arrival and handling.
 
-Items may arrive on any thread; they are conflated or queued before anything is decoded, and handled in
-the event loop.
+Items may arrive on any thread. They are conflated or queued before decoding, and handled in the event loop.
 """
 
 import collections
@@ -19,16 +18,16 @@ log = logging.getLogger(__name__)
 
 
 class Mailbox:
-    """One subscription's buffer: the newest per name, or for events the newest `EVENT_CAPACITY` in order.
+    """Buffer of one subscription: the newest item per name, or the newest `EVENT_CAPACITY` events in order.
 
-    What is put in the loop's own thread, which is most of the traffic of a process, takes no lock: it waits
-    where no other thread looks. What other threads bring waits in a buffer of its own, under the lock.
+    Items from the loop's own thread, which are most of a process's traffic, need no lock: no other thread
+    reads their buffer. Items from other threads go into a second buffer under the lock.
 
-    - No wake-up is lost: who puts the first item into one of the two buffers schedules the mailbox, and
-      `drain` empties both. For the second, the lock makes storing and counting one step, as well as emptying.
-    - Nothing overtakes: whatever waits in the first is older than all in the second, since the loop's thread
-      adds to the second while something is there. `drain` handles them in this order.
-    - No count is lost: each is changed by one thread only, or under the lock.
+    - No wake-up is lost: the first item in either buffer schedules the mailbox, and `drain` empties both. The
+      lock makes storing and counting in the second buffer one step, and emptying another.
+    - No item overtakes another: all items in the first buffer are older than those in the second, since the
+      loop's thread uses the second while it is not empty. `drain` handles them in this order.
+    - No count is lost: each counter is changed by one thread only, or under the lock.
     """
 
     def __init__(
@@ -41,10 +40,10 @@ class Mailbox:
         kept: bool = True,
         every: bool = False,
     ) -> None:
-        """Make a buffer for `topic`, whose messages `handler` takes in the loop of `dispatcher`.
+        """Create a buffer for `topic`. `handler` gets its messages in the loop of `dispatcher`.
 
-        `unpack` turns foreign items into messages, in the loop. `kept`: take what was kept of a state whose
-        writer may be gone. `every`: queue what is not an event like one, rather than keep the newest.
+        `unpack` decodes items of other processes in the loop. `kept`: accept retained states, whose writers
+        may be gone. `every`: queue all messages of the other classes like events, instead of the newest only.
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
@@ -61,18 +60,18 @@ class Mailbox:
         self._newest: dict[str, Any] = {}
         self._queue: collections.deque[tuple[str, Any]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._arrived = 0
-        """Number of items that other threads brought into these two since they were drained."""
+        """Number of items from other threads in these two since the last drain."""
         self._overflowed = 0
         """Number of overflows at the last report."""
         self._takes_kept = kept and topic.delivery is Delivery.STATE
         self._looks = self._takes_kept or not self._keeps_newest
-        """True if what was put here is looked through before it is handled, too."""
+        """True if items of this process are also filtered before they are handled."""
         self._live: set[str] = set()
-        """Names of which a living writer's state was handled."""
+        """Names for which a state of a living writer was handled."""
         self._recalled: dict[str, Message] = {}
-        """By name: what was kept and is handled, till a living writer says something."""
+        """Handled retained states by name, until a living writer puts a value."""
         self._kept: dict[str, Message] = {}
-        """By name: what was kept and is not handled yet."""
+        """Retained states by name that are not handled yet."""
 
     @property
     def accepts_retained(self) -> bool:
@@ -80,7 +79,7 @@ class Mailbox:
         return self._takes_kept and not self._closed
 
     def put(self, name: str, message: Message) -> None:
-        """Take `message` of this process; never blocks, never raises. Meant for the loop's thread."""
+        """Add `message` of this process. Never blocks, never raises. Meant for the loop's thread."""
         if self._arrived or threading.get_ident() != self._thread:
             self.offer(name, message)
             return
@@ -102,7 +101,7 @@ class Mailbox:
             queue.append((name, message))
 
     def offer(self, name: str, item: Any) -> None:
-        """Take `item`, a message or what `unpack` turns into one; any thread, never blocks, never raises."""
+        """Add `item`, a message or an input of `unpack`. Any thread. Never blocks, never raises."""
         with self._lock:
             if self._closed:
                 return
@@ -116,10 +115,10 @@ class Mailbox:
         self._dispatcher.schedule(self)
 
     def offer_retained(self, name: str, message: Message) -> None:
-        """Take what somebody has kept of a state; in the loop.
+        """Add a retained state. Called in the loop.
 
-        What a living writer puts wins, whether it comes before or after; of what is kept, the newer by
-        stamp and number.
+        The value of a living writer has precedence, whether it arrives before or after. Of two retained
+        states, the one with the newer stamp and number is used.
         """
         if not self.accepts_retained or name in self._live:
             return
@@ -133,7 +132,7 @@ class Mailbox:
         self._kept[name] = message
 
     def drain(self) -> None:
-        """Handle everything that is there; in the loop."""
+        """Handle all queued items. Called in the loop."""
         batch: Iterable[tuple[str, Any]]
         if self._arrived or self._looks:
             batch = self._look_through(self._fetch())
@@ -144,13 +143,13 @@ class Mailbox:
         for name, message in batch:
             try:
                 self._handler(message, name)
-            except Exception as error:  # noqa: BLE001 - a handler's fault must not stop the others
+            except Exception as error:  # noqa: BLE001 - an error of one handler must not stop the others
                 self._count_error(error)
         if self._kept:
             self._drain_kept()
 
     def _fetch(self) -> Collection[tuple[str, Any]]:
-        """Return all that waits: what was put here, and behind it what other threads brought."""
+        """Return all queued items: first those of the loop's thread, then those of other threads."""
         newest, queue = self._newest_here, self._queue_here
         with self._lock:
             waiting, self._arrived = self._arrived + len(newest) + len(queue), 0
@@ -165,12 +164,12 @@ class Mailbox:
         return batch
 
     def _count_dropped(self, count: int) -> None:
-        """Count what was replaced or did not fit; in the loop."""
+        """Count replaced items and those that did not fit. Called in the loop."""
         self.traffic.received += count
         self.traffic.dropped += count
 
     def _look_through(self, batch: Iterable[tuple[str, Any]]) -> list[tuple[str, Message]]:
-        """Return the messages of `batch` that are to be handled, unpacked."""
+        """Return the decoded messages of `batch` that must be handled."""
         dropped = self.traffic.dropped
         if not self._keeps_newest and dropped > self._overflowed and self._may_log("overflow"):
             self._overflowed = dropped
@@ -183,7 +182,7 @@ class Mailbox:
         return messages
 
     def _is_known(self, name: str, message: Message) -> bool:
-        """Note that a living writer has put `message`. Return True if it equals the retained value."""
+        """Record that a living writer has put `message`. Return True if it equals the retained value."""
         self._live.add(name)
         return bool(self._recalled) and self._recalled.pop(name, None) == message
 
@@ -206,7 +205,7 @@ class Mailbox:
             log.error("handler of %s failed (%d so far)", self.topic.key, count, exc_info=error)
 
     def count_invalid(self, reason: object, name: str = "") -> None:
-        """Count what came, for `name` if known, and cannot be taken, and say why; from any thread."""
+        """Count an invalid item, for `name` if known, and log the reason. Any thread."""
         with self._lock:
             self.traffic.invalid += 1
             self.traffic.complaint, self.traffic.culprit = str(reason), name
@@ -214,18 +213,18 @@ class Mailbox:
             log.warning("%s: dropped, %s (%d so far)", self.topic.key, reason, self.traffic.invalid)
 
     def count_lost(self, count: int) -> None:
-        """Count events that were sent and never came; from any thread."""
+        """Count events that were sent and never arrived. Any thread."""
         with self._lock:
             self.traffic.lost += count
         if self._may_log("lost"):
             log.warning("%s: %d events never arrived so far", self.topic.key, self.traffic.lost)
 
     def close(self) -> None:
-        """Handle nothing any more."""
+        """Stop handling."""
         with self._lock:
             self._closed = True
-        self._thread = 0  # sends `put` to `offer`, which takes nothing
-        self._handler = _ignore  # what a drain that goes on still has
+        self._thread = 0  # makes `put` call `offer`, which accepts no item
+        self._handler = _ignore  # items of a drain that is still running
         self._fetch()
         for rest in (self._live, self._recalled, self._kept):
             rest.clear()
@@ -235,7 +234,7 @@ class Mailbox:
             return self._unpack(item) if self._unpack else None
         except DecodeError as error:
             self.count_invalid(error, name)
-        except Exception as error:  # noqa: BLE001 - whatever foreign bytes provoke, they stop nobody
+        except Exception as error:  # noqa: BLE001 - no payload of another process may stop the loop
             self.count_invalid(f"{type(error).__name__}: {error}", name)
         return None
 
@@ -244,14 +243,14 @@ class Mailbox:
 
 
 class TapMailbox(Mailbox):
-    """A mailbox that keeps nothing: what arrives goes to the handler, on the thread on which it arrives."""
+    """A mailbox without a buffer: each item goes to the handler on the thread on which it arrives."""
 
     def put(self, name: str, message: Message) -> None:
-        """Hand over `message`; from any thread."""
+        """Deliver `message`. Any thread."""
         self.offer(name, message)
 
     def offer(self, name: str, item: Any) -> None:
-        """Hand over `item`; from any thread."""
+        """Deliver `item`. Any thread."""
         if not self._closed:
             with self._lock:
                 self.traffic.received += 1
@@ -260,7 +259,7 @@ class TapMailbox(Mailbox):
             self._handler(item, name)
 
     def drain(self) -> None:
-        """Hand over what was kept of states."""
+        """Deliver a retained state."""
         self._drain_kept()
 
 

@@ -1,4 +1,4 @@
-"""The bus within one process: for tests, for `sim`, and as the inner half of the Zenoh bus.
+"""Bus within one process, for tests, for `sim`, and as the inner half of the Zenoh bus.
 
 Several buses may share one `LocalBroker`; each stands for one participant.
 """
@@ -38,22 +38,22 @@ M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 CLOSE_PATIENCE_S = 1.0
-"""Time (s) that closing waits for cancelled servers."""
+"""Timeout for cancelled servers when the bus closes, s."""
 
 log = logging.getLogger(__name__)
 
 
 class MemoryBus(Participant):
-    """A participant of an exchange; see `pointit.runtime.bus.contract.Bus` for the contract."""
+    """A participant of a broker. See `pointit.runtime.bus.contract.Bus` for the contract."""
 
     @property
     def site(self) -> str:
-        """Return a name for what has no site: one process by itself."""
+        """Return a placeholder, since a single process has no site."""
         return "memory"
 
     @property
     def problem(self) -> str:
-        """Return nothing: this bus works or is closed."""
+        """Return `""`: this bus works or is closed."""
         return ""
 
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
@@ -64,7 +64,7 @@ class MemoryBus(Participant):
     def subscribe(
         self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True, every: bool = False
     ) -> Subscription:
-        """Call `handler(message, name)` for what arrives."""
+        """Call `handler(message, name)` for each message."""
         self._check_open()
         mailbox = Mailbox(topic, handler, self.dispatcher, kept=kept, every=every)
         return MailboxSubscription(self, topic, mailbox, name)
@@ -75,7 +75,7 @@ class MemoryBus(Participant):
         return MailboxSubscription(self, topic, TapMailbox(topic, handler, self.dispatcher), name)
 
     def serve_retained(self, topics: Sequence[AnyTopic], recall: Recall) -> Closable:
-        """Answer for the writers of `topics` that are gone."""
+        """Serve the last values of `topics` for writers that are gone."""
         self._check_open()
         return RetainedStateServer(self, topics, recall)
 
@@ -127,11 +127,11 @@ class MemoryBus(Participant):
 
     @property
     def is_restricted(self) -> bool:
-        """Return True if rules permit only a part of what can be read and written."""
+        """Return True if access rules apply."""
         return False
 
     async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
-        """Return nothing: within one process all is permitted."""
+        """Return `""`: within one process all rights are granted."""
         del verb, topic, name
         return ""
 
@@ -140,7 +140,7 @@ class MemoryBus(Participant):
         return set(self.exchange.present.get(presence.key, {}))
 
     async def close(self) -> None:
-        """Close everything that was declared here."""
+        """Close all declarations of this bus."""
         if self._closed.done():
             return
         self._closed.set_result(None)

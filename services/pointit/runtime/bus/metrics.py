@@ -1,4 +1,4 @@
-"""Traffic and times between two reports of a service, counted where it meets the bus."""
+"""Message counts and durations between two reports of a service, measured at its bus."""
 
 import asyncio
 import bisect
@@ -16,11 +16,11 @@ from pointit.schemas import NS_PER_S, Quantiles
 from pointit.schemas.system import DURATION_BOUNDS_S
 
 REFUSED_SHOWN_S = 5.0
-"""So long it is said that messages were no news, or came too late, after the last of them."""
+"""Time for which a warning about dropped messages is shown after the last of them, s."""
 SAMPLES = 4096
-"""Quantiles are of at least so many of the newest times between two reports, or of all."""
+"""Minimum number of the newest durations from which quantiles are computed, or all if fewer."""
 FULL = 2 * SAMPLES
-"""Number of times from which the older ones are only counted."""
+"""Number of durations from which older ones only count in the histogram."""
 
 
 def steady_time() -> Callable[[], float]:
@@ -30,17 +30,18 @@ def steady_time() -> Callable[[], float]:
 
 
 class DurationWindow:
-    """Durations between two reports: all are counted. Used in the event loop only."""
+    """Histogram and quantiles of the durations between two reports. Used in the event loop only."""
 
     def __init__(self, per_s: float = 1.0) -> None:
-        """Begin with none; `per_s` is the number of units in a second in which they are added."""
+        """Create an empty histogram. `per_s` is the number of units per second of the added durations."""
         self.per_s = per_s
         self.values: list[float] = []
-        """The newest. Who adds to them without `add`, which is a call, calls `fold` if they are `FULL`."""
+        """The newest durations. A caller that appends directly, to save a call of `add`, must call `fold` if
+        they are `FULL`."""
         self._counts = [0] * (len(DURATION_BOUNDS_S) + 1)
-        """Number of older ones in each bucket."""
+        """Number of older durations in each bucket."""
         self._sum_s = 0.0
-        """Sum of the older ones."""
+        """Sum of the older durations."""
 
     def add(self, duration: float) -> None:
         """Take one."""
@@ -49,7 +50,7 @@ class DurationWindow:
             self.fold()
 
     def fold(self) -> None:
-        """Count all but the newest `SAMPLES`."""
+        """Move all but the newest `SAMPLES` durations into the buckets."""
         # many are sorted into their buckets at once: 0.06 us each, 0.15 us beyond 8192; one at a time 0.2 us
         self._count(sorted(self.values[:-SAMPLES]))
         del self.values[:-SAMPLES]
@@ -80,7 +81,7 @@ class DurationWindow:
 
 
 class _Complaint:
-    """Counts what was left out, and knows for how long to speak of it."""
+    """Counts dropped messages and limits the time of the warning about them."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -94,7 +95,7 @@ class _Complaint:
 
 @dataclass(slots=True, eq=False)
 class ReaderCounts:
-    """Counters of one reader of a topic, or sums of all that were closed."""
+    """Counters of one reader of a topic, or their sums over all closed readers."""
 
     traffic: SubscriptionStats = field(default_factory=SubscriptionStats)
     order: OutOfOrderFilter = field(default_factory=OutOfOrderFilter)
@@ -111,7 +112,7 @@ class ReaderCounts:
 
 
 class TopicMeter:
-    """Message counter of one topic in one direction. The handler of a message counts it."""
+    """Message counter of one topic in one direction. The message handler increments it."""
 
     def __init__(self, topic: AnyTopic) -> None:
         """Begin at 0."""
@@ -119,9 +120,9 @@ class TopicMeter:
         self.count = 0
         """Messages since the last report."""
         self.newest_s: float | None = None
-        """Time of the newest message, monotonic."""
+        """Time of the newest message, s, monotonic."""
         self.newest_ns = 0
-        """Its time by the clock of the service, if only that was read since the last report, else 0."""
+        """Its time by the service's clock if no other clock was read since the last report, else 0."""
         self._closed = ReaderCounts()
         self._readers = {self._closed}
         self._old = _Complaint()
@@ -129,18 +130,18 @@ class TopicMeter:
         self._invalid = _Complaint()
 
     def add(self, reader: ReaderCounts) -> None:
-        """Count what `reader` counts, too."""
+        """Include the counters of `reader`."""
         self._readers.add(reader)
 
     def close(self, reader: ReaderCounts) -> None:
-        """Keep the counts of `reader`, which is closed, but not the reader."""
+        """Add the counters of the closed `reader` to the sums and release it."""
         if reader in self._readers:
             self._readers.remove(reader)
             self._closed.add(reader)
 
     def age_s(self, now_s: float, span_s: float, clock: Clock) -> float | None:
         """Return the age of the newest message, s, or None. `span_s`: time since the last report."""
-        if self.newest_ns:  # the clock may have been set since
+        if self.newest_ns:  # the clock may have been set meanwhile
             passed_s = (clock.now_ns() - self.newest_ns) / NS_PER_S / clock.speed
             self.newest_s = now_s - min(max(0.0, passed_s), span_s)
             self.newest_ns = 0
@@ -151,7 +152,7 @@ class TopicMeter:
         return sum(getattr(reader.traffic, counter) for reader in self._readers)
 
     def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield a message each if old, late or invalid messages came recently."""
+        """Yield one warning each for recent messages that were out of order, late or invalid."""
         old = sum(reader.order.refused for reader in self._readers)
         if self._old.holds(old, now_s):
             yield (

@@ -1,4 +1,4 @@
-"""A service's account of itself: its traffic, its times, its warnings, measured where it meets the bus."""
+"""Bus of a service, which measures messages and durations and holds its warnings and metrics."""
 
 import asyncio
 import contextlib
@@ -45,11 +45,11 @@ R = TypeVar("R", bound=Reply)
 log = logging.getLogger(__name__)
 
 LOG_PERIOD_S = 1.0
-"""At most one log line about timers that fail in this time."""
+"""Minimum interval of log lines about failing timers, s."""
 
 
 class ServiceBus:
-    """A service's own view of the bus: measured, and closed with the service."""
+    """Bus of one service: it is measured, and closed with the service."""
 
     def __init__(self, bus: Bus, clock: Clock, service: str, instance: str, user: str = "") -> None:
         self._bus = bus
@@ -62,40 +62,43 @@ class ServiceBus:
         self._meters: dict[tuple[str, str], TopicMeter] = {}
         self._steps = DurationWindow()
         self._latency = DurationWindow(NS_PER_S * clock.speed)
-        """Ages by the clock of the service, ns."""
+        """Ages of captured data by the service's clock, ns."""
         self._declared: dict[Declaration, None] = {}
         self._publishers: list[Publisher[Any]] = []
         self._tokens: dict[Declaration, None] = {}
         self._warnings: dict[str, str] = {}
         self._figures: dict[tuple[str, str], Figure] = {}
         self._errors = 0
-        """Watchers and timers that raised."""
+        """Number of calls of watchers and timers that raised."""
         self._timers: weakref.WeakSet[asyncio.TimerHandle] = weakref.WeakSet()
         self._logged_s = -math.inf
         self._seq = 0
         self.served: set[str] = set()
-        """Keys of the requests this service answers."""
+        """Keys of the requests that this service answers."""
         self._served: ServedPublisher | None = None
 
     @property
     def reads(self) -> set[str]:
-        """Return the keys of the topics that are read."""
+        """Return the keys of the topics that the service reads."""
         return {key for key, direction in self._meters if direction == "in"}
 
     @property
     def writes(self) -> set[str]:
-        """Return the keys of the topics that are written."""
+        """Return the keys of the topics that the service writes."""
         return {key for key, direction in self._meters if direction == "out"}
 
     def publisher(self, topic: Topic[M], name: str = "", *, timed: bool = True) -> Publisher[M]:
-        """Declare a writer of `topic.at(name)`; unless `timed`, `reached` tells how late its output is."""
+        """Declare a writer of `topic.at(name)`.
+
+        If not `timed`, calls of `reached` measure its output's age.
+        """
         inner = self._bus.publisher(topic, name)
         self._publishers.append(inner)
         latency = self._latency if timed else None
         return InstrumentedPublisher(inner, self._meter(topic, "out"), latency, self._clock)
 
     def reached(self, latency_s: float) -> None:
-        """Count how old what was captured is when it leaves the service other than by the bus."""
+        """Record the age of captured data when it leaves the service by another way than the bus."""
         self._latency.add(latency_s * self._latency.per_s)
 
     def subscribe(
@@ -110,9 +113,10 @@ class ServiceBus:
     ) -> MeteredSubscription:
         """Call `handler(message, name)` for each arriving message.
 
-        `kept`: take what was kept of states whose writers may be gone. `every`: take also what is overtaken
-        or older than the newest; for recordings. `drops_late` selects messages that are left out and reported
-        if they come much later than others before them: services must not act on what a bad link has delayed.
+        `kept`: accept retained states, whose writers may be gone. `every`: accept also replaced messages and
+        those older than the newest, for recordings. `drops_late` selects messages that are dropped and
+        reported if they arrive much later than earlier ones: services must not act on messages that a bad
+        link has delayed.
         """
         meter = self._meter(topic, "in")
         counts = ReaderCounts()
@@ -172,13 +176,13 @@ class ServiceBus:
     def call_later(self, delay_s: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
         """Call `callback` in the loop after `delay_s` of the wall, unless the service has ended by then.
 
-        As the loop's own, but what it raises is counted in health and logged, at most once a second.
+        Like the loop's `call_later`, but errors are counted in health and logged, at most once a second.
         """
 
         def guarded() -> None:
             try:
                 callback()
-            except Exception:  # a timer's fault must not stop the others
+            except Exception:  # an error of one timer must not stop the others
                 self._errors += 1
                 now_s = self._time_s()
                 if now_s - self._logged_s >= LOG_PERIOD_S:
@@ -205,7 +209,7 @@ class ServiceBus:
         return self._bus.is_closed
 
     async def close(self) -> None:
-        """Undeclare everything of this service, its presence last; the bus itself goes on."""
+        """Close all declarations of this service, its presence last. The bus itself stays open."""
         for timer in self._timers:
             timer.cancel()
         with contextlib.ExitStack() as stack:
@@ -220,18 +224,18 @@ class ServiceBus:
             self._declared.clear()
 
     def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` (what is wrong, what to do) in health until `clear(topic)`. `""` clears it, too."""
+        """Show `sentence` (problem and remedy) in health until `clear(topic)`. `""` also clears it."""
         if sentence:
             self._warnings[topic] = sentence
         else:
             self.clear(topic)
 
     def clear(self, topic: str) -> None:
-        """Take the warning about `topic` back."""
+        """Clear the warning about `topic`."""
         self._warnings.pop(topic, None)
 
     def has_warning(self, topics: str) -> bool:
-        """Return True if a warning is shown about a topic that begins with `topics`."""
+        """Return True if a warning about a topic with the prefix `topics` is shown."""
         return any(topic.startswith(topics) for topic in self._warnings)
 
     def set_metric(self, name: str, value: float | None, unit: str = "", part: str = "") -> None:
@@ -242,7 +246,7 @@ class ServiceBus:
             self._figures[name, part] = Figure(name=name, value=value, unit=unit)
 
     def _shown_metrics(self) -> tuple[Figure, ...]:
-        """Return the metrics. Where several have one name, those of parts are also called after the part."""
+        """Return the metrics. If several have one name, those of parts get the part's name as well."""
         uses = Counter(name for name, _ in self._figures)
         return tuple(
             figure.model_copy(update={"name": f"{name} of {part}"[:64]})
@@ -252,7 +256,7 @@ class ServiceBus:
         )
 
     def report(self) -> Health:
-        """Return the account of the time since the last report."""
+        """Return the health report of the time since the last one."""
         now_s = self._time_s()
         span_s = max(now_s - self._reported_s, 1e-3)
         self._reported_s = now_s

@@ -1,4 +1,4 @@
-"""The time of a site: published by who simulates it, followed by everybody else."""
+"""Time of a site. Its simulator publishes it, and all other processes follow."""
 
 import asyncio
 import time
@@ -11,16 +11,17 @@ from pointit.schemas.topics import CLOCK
 TICK_PERIOD_S = 1.0
 """Period of published simulated time, in wall-clock seconds."""
 MAX_AHEAD_S = 2.0
-"""A follower ahead by more, in seconds of the wall, has followed another run; one by less is slowed down."""
+"""Maximum lead of a follower that is slowed down, in wall-clock seconds. A larger lead comes from another
+run."""
 SILENT_NS = 10 * NS_PER_S
-"""After this long without a tick from a regular source, the site has no simulated time any more."""
+"""Time without a tick of a regular source after which simulated time ends, in wall-clock seconds."""
 
 
 class Ticking(Protocol):
     """A clock that others can follow."""
 
     def tick(self) -> ClockTick:
-        """Return the tick by which other processes follow."""
+        """Return the tick that other processes follow."""
         ...
 
 
@@ -36,11 +37,11 @@ async def publish_time(clock: Ticking, bus: Bus) -> None:
 
 
 class SiteClock:
-    """Follows the simulated time that the site publishes, and wall-clock time while there is none.
+    """Clock that follows the site's simulated time, and wall-clock time while there is none.
 
     Between ticks it runs on this machine's monotonic clock, so setting the wall clock changes nothing. A tick
-    counts from its arrival (network delay is neglected). Only the first, which may have waited for this
-    reader, is as old as its stamp says. If a tick shows that this clock is ahead, it runs at half its speed
+    counts from its arrival (network delay is neglected). Only the first tick, which may have been stored for
+    this reader, is as old as its stamp. If a tick shows that this clock is ahead, it runs at half its speed
     until it no longer is: it never goes backwards while it follows one source. It jumps to a tick that is far
     behind, which belongs to another run, and whenever the site's time appears or ends.
     """
@@ -49,7 +50,7 @@ class SiteClock:
         self._tick: ClockTick | None = None
         self._count = 0
         self._arrived_ns = 0
-        """Monotonic time at which the tick said `_base_ns`."""
+        """Monotonic time at which the tick `_base_ns` arrived, s."""
         self._base_ns = 0
         self._ahead_ns = 0
         """Lead of this clock at that moment, ns."""
@@ -58,7 +59,7 @@ class SiteClock:
 
     @property
     def speed(self) -> float:
-        """Return the seconds of this clock per wall-clock second."""
+        """Return the speed: seconds of this clock per wall-clock second."""
         tick = self._source(time.monotonic_ns())
         return 1.0 if tick is None else tick.speed
 
@@ -69,7 +70,7 @@ class SiteClock:
         return time.time_ns() if tick is None else self._at(tick, here_ns)
 
     async def wait_for_tick(self, patience_s: float) -> bool:
-        """Wait for the site's time. Return True if it came, so that nothing sees the jump towards it."""
+        """Wait for the site's time, so that no later code sees a jump to it. Return True if it arrived."""
         try:
             async with asyncio.timeout(patience_s):
                 await self._ticked.wait()
@@ -78,7 +79,7 @@ class SiteClock:
         return True
 
     def close(self) -> None:
-        """Follow no longer."""
+        """Stop following."""
         self._subscription.close()
 
     def _source(self, here_ns: int) -> ClockTick | None:

@@ -1,4 +1,4 @@
-"""Timing of messages: time in the future, order, lateness and the skew of clocks; pure.
+"""Timing of messages: stamps in the future, order, lateness and clock skew. Pure functions.
 
 The clocks of two machines are not comparable, but a message arrives after it was stamped. After packet loss,
 TCP delivers a burst of old messages in order. Acting on them would act where a person pointed seconds ago. So
@@ -25,14 +25,16 @@ STREAMS: frozenset[Topic[Any]] = frozenset((IMU, RAY, CURSOR, HOVER, OBJECTS))
 # Future
 
 MAX_AHEAD_NS = NS_PER_S
-"""A stamp further in the future (ns) is of another clock. Stored, it would make all later ones look late."""
+"""Maximum lead of a stamp over this clock, ns. A larger one comes from another clock, and would make all
+later messages look late."""
 
 # Order
 
 OLD_NS = NS_PER_S // 2
-"""Messages older than the newest by more (ns) are out of order. Younger ones are merely late."""
+"""Age relative to the newest message, ns, above which a message is out of order. Below, it is only late."""
 STRAY_NS = 2 * NS_PER_S
-"""A message ahead of the newest by more (ns) does not become the newest: its clock may have jumped."""
+"""Maximum lead over the newest message with which a message becomes the newest, ns. Beyond it, the writer's
+clock may have jumped."""
 SILENT_S = 1.0
 """If no message has followed the newest for this long (s), the clock was set or the writer changed."""
 
@@ -57,25 +59,25 @@ STALL_S = 0.5
 # Clock skew
 
 APART_S = 0.05
-"""Skew from which latencies between machines mean little, s."""
+"""Clock skew from which latencies between machines are unreliable, s."""
 REFUSED_S = 1.0
-"""Skew from which samples are refused as too old or from the future, s."""
+"""Clock skew from which samples are refused as too old or from the future, s."""
 WINDOW_S = 20.0
-"""Time for which the fastest report counts, s. After it a clock that was set right is believed."""
+"""Time for which the fastest report counts, s. A corrected clock is recognised after that time."""
 LEAST_AHEAD = 2
 """Number of reports needed to call a clock ahead."""
 LEAST_BEHIND = 8
 """Number of reports needed to call a clock behind, unless they are steady."""
 LEAST_STEADY = 3
 LEAST_REFUSED = 2
-"""Number of steady reports needed to call a clock behind, and if they say more than `REFUSED_S`."""
+"""Numbers of steady reports needed to call a clock behind. The second applies from a skew of `REFUSED_S`."""
 STEADY = 0.25
 """Reports are steady if half of them differ from the fastest by less than this share of its delay. Delays
 under load are not."""
 MAX_HOSTS = 256
 """Maximum number of machines, which bounds memory."""
 LONGEST_HOST = 64
-"""Maximum characters of a machine's name that are compared and shown, since strangers may write it."""
+"""Maximum characters of a machine's name that are compared and shown, since unknown peers may write it."""
 REMEDY = "synchronize both by NTP: `timedatectl set-ntp true`, or chrony on a site without internet"
 
 
@@ -113,7 +115,7 @@ class LateMessageFilter:
             self._paces[name] = _Pace(age_s, now_s)
             return True
         silent_s, pace.came_s = now_s - pace.came_s, now_s
-        # no `min`, of which a call costs as much as all the rest here
+        # without `min`: its call would cost as much as the rest of this function
         usual_s = pace.quickest_s + (FOLLOWS * silent_s if silent_s < GAP_S else FOLLOWS_MOST_S)
         if age_s <= usual_s + LATE_S and silent_s <= FORGOTTEN_S:
             pace.quickest_s = usual_s
@@ -169,7 +171,7 @@ class OutOfOrderFilter:
             if ahead_ns < -OLD_NS:
                 self.refused += 1
                 return False
-            return True  # its reader decides; what is true for the others stays
+            return True  # only this reader rejects it; the entry of the others stays
         newest.stamp_ns, newest.came_s = stamp_ns, now_s
         return True
 
@@ -205,10 +207,10 @@ class ClockSkew:
 
 
 class ClockSkewMonitor:
-    """Compares stamps with the times of arrival, by the writer's host."""
+    """Estimates clock skew by host from the stamps and arrival times of reports."""
 
     def __init__(self, here: str, window_s: float = WINDOW_S) -> None:
-        """Set the name of this machine, and for how long a report counts."""
+        """Set the name of this machine, and the time for which a report counts."""
         self.here = here
         self._window_s = window_s
         self._late: dict[str, collections.deque[tuple[float, float]]] = {}
@@ -244,7 +246,7 @@ class ClockSkewMonitor:
 
 
 def _is_sure(values: list[float]) -> bool:
-    """Return True if delays alone do not explain `values` (sorted, s)."""
+    """Return True if delays alone cannot explain the sorted `values`, s."""
     if len(values) >= LEAST_BEHIND:
         return True
     if len(values) < (LEAST_REFUSED if values[0] >= REFUSED_S else LEAST_STEADY):

@@ -36,7 +36,7 @@ class Config(BaseModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_kwargs: Any) -> None:
-        """Build what another package defines: its faults are then errors of its import."""
+        """Build the class of another package at its import, so that its errors are errors of the import."""
         if not cls.__module__.startswith("pointit."):
             cls.model_rebuild(raise_errors=False)  # False: for names that are defined later, as pydantic does
 
@@ -45,7 +45,7 @@ class Layers:
     """Values from several sources, the later ones on top, each remembered with where it came from."""
 
     def __init__(self, replaced: Sequence[str] = ()) -> None:
-        """Begin without values; `replaced` are the fields of `Config.REPLACED`."""
+        """Create without values. `replaced` are the fields of `Config.REPLACED`."""
         self.values: dict[str, Any] = {}
         self._replaced = replaced
         self._sources: dict[tuple[str, ...], str] = {}
@@ -82,7 +82,8 @@ class Layers:
         """Return the configuration.
 
         Raises:
-            ConfigError: names the source, the field, the value and what is wrong with it.
+            ConfigError: If a value is invalid. The message contains the source, the field, the value and the
+                error.
         """
         try:
             return validate(kind, self.values)
@@ -142,10 +143,10 @@ def _make_text(values: Any, loc: Sequence[int | str]) -> None:
 
 
 def published_parameters(config: Config) -> str:
-    """Return the parameters of `config` as JSON for everybody on the site.
+    """Return the parameters of `config` as JSON that all users may read.
 
-    Fields of `Config.SECRETS` are left out, and so are those at any depth whose name says that they are
-    secret: `api_token`, `password`, `client_secret`, `key`. `hide_secrets` is applied to all text.
+    It omits fields of `Config.SECRETS`, and fields at any depth with the name of a secret: `api_token`,
+    `password`, `client_secret`, `key`. `hide_secrets` is applied to all text.
     """
     values = json.loads(config.model_dump_json(exclude=set(config.SECRETS), fallback=str))
     return json.dumps(_without_secrets(values))

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 from pointit.runtime.errors import ConfigError
 
 OURS = ("pointit", "pointit-lab")
-"""This project's packages, whose names no other can take."""
+"""This project's packages. Other packages cannot use their names."""
 P = TypeVar("P")
 
 

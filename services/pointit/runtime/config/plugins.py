@@ -60,8 +60,8 @@ class FoundDevice:
 Discover = Callable[[float], Awaitable[Sequence[FoundDevice]]]
 """Search for devices for a number of seconds.
 
-It returns all that it found, none if nothing is there, and ends when it is cancelled. It must not block the
-event loop. It raises ConfigError, with what to do, if it cannot search: an extra or an adapter is missing.
+It returns all devices that it found, and ends when it is cancelled. It must not block the event loop. If an
+extra or an adapter is missing, it raises a ConfigError with the remedy.
 """
 
 

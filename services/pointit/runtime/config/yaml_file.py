@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 MAX_YAML_DEPTH = 100
 MAX_YAML_UNFOLDED = 200_000
-"""Values that stand in a file only as aliases; to check so many takes a second."""
+"""Maximum number of values that come from aliases. Checking that many takes a second."""
 MAX_YAML_BYTES = 4 * 1024 * 1024
 """Size limit of a file. The C loader takes some seconds for it."""
 MAX_WARNINGS = 1000

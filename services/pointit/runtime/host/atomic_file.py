@@ -42,11 +42,11 @@ def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: 
 
 @contextlib.contextmanager
 def replaced_file(path: Path, *, mode: int | None = None, durable: bool = False) -> Generator[Path]:
-    """Yield the path of a new file, which replaces `path` when the body ends, and is deleted if it raises.
+    """Yield the path of a new file. It replaces `path` when the body ends, or is deleted if the body raises.
 
-    `mode` and `durable` are those of `write_atomically`. Without a mode, for files that a person keeps, it is
-    that of the replaced file, or the system's. Then links are followed, a write-protected file is an error,
-    and what is no file, such as /dev/stdout or a pipe, is yielded itself.
+    `mode` and `durable` are those of `write_atomically`. Without a mode, for files of a user, it is the mode
+    of the replaced file, or the system's default. Then links are followed, a write-protected file is an
+    error, and a path that is no regular file, such as /dev/stdout or a pipe, is yielded itself.
 
     Raises:
         ConfigError: If it cannot be written, which leaves `path` as it was. Names the file.

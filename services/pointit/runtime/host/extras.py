@@ -14,19 +14,19 @@ from pointit.runtime.errors import ConfigError
 T = TypeVar("T")
 
 Part: TypeAlias = tuple[Sequence[str], Callable[[], T]]
-"""Rooms that must be there, and what imports and returns the part."""
+"""Required packages, and a function that imports and returns the part."""
 
 
 def present(parts: Iterable[Part[T]]) -> list[T]:
-    """Return those of `parts` whose rooms are there, in their order; imports no others."""
+    """Return those of `parts` whose packages are installed, in their order. Imports no others."""
     return [load() for rooms, load in parts if all(map(is_there, rooms))]
 
 
 def is_there(room: str) -> bool:
-    """Return True if the module or package `room` is part of this build; does not import it."""
+    """Return True if the module or package `room` is part of this build. Does not import it."""
     try:
         return find_spec(room) is not None
-    except ModuleNotFoundError:  # nor is what it stands in
+    except ModuleNotFoundError:  # its parent package is also missing
         return False
 
 
@@ -34,7 +34,7 @@ def import_room(module: str, what: str) -> ModuleType:
     """Return `module`, imported for `what`.
 
     Raises:
-        ConfigError: If it, or what it stands in, is not part of this build.
+        ConfigError: If it or its parent package is not part of this build.
     """
     try:
         return importlib.import_module(module)

@@ -1,4 +1,4 @@
-"""Serial ports: opened for us alone, kept open by a thread of their own, their errors as sentences."""
+"""Serial ports: exclusive opening, a thread that keeps one open, and error messages."""
 
 import asyncio
 import contextlib
@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 RETRY_FIRST_S = 0.2
 MAX_RETRY_S = 2.0
-"""Waits between tries to open a port: doubled from the first to the most, for ever."""
+"""Delays between attempts to open a port, s: the first one, doubled up to the second one."""
 END_WITHIN_S = 0.5
 """Time to wait for the end of a port's thread."""
 
@@ -86,11 +86,11 @@ class SerialPort:
     path: str
     """Its name that lasts, `/dev/serial/by-id/...`, or the device if there is none."""
     description: str
-    """Name of what is plugged in."""
+    """Name of the connected device."""
 
 
 def serial_ports() -> list[SerialPort]:
-    """Return the serial ports of this machine that something is plugged in."""
+    """Return the serial ports of this machine that have a device."""
     lasting = {os.path.realpath(link): str(link) for link in Path("/dev/serial/by-id").glob("*")}
     return [
         SerialPort(lasting.get(info.device, info.device), info.description)
@@ -100,7 +100,7 @@ def serial_ports() -> list[SerialPort]:
 
 
 def describe_ports() -> str:
-    """Return the serial ports of this machine with what is plugged in, for a sentence; `none` if none."""
+    """Return the serial ports of this machine and their devices as text, or `none`."""
     return ", ".join(f"{port.path} ({port.description})" for port in serial_ports()) or "none"
 
 
@@ -115,7 +115,7 @@ def is_open_in_another_process(path: str) -> bool:
 
 
 class SerialThread:
-    """Keeps one port open in a thread of its own, and has `work` use it there.
+    """Keeps one port open in a separate thread, which runs `work` with it.
 
     The port is opened again for ever, by its name, so a device that was plugged in again is found.
     """
@@ -174,13 +174,13 @@ class SerialThread:
             except Exception as error:  # noqa: BLE001 - raised by `run`
                 self.post(self._fail, error)
                 return
-            # A port that opens and fails at once must not be hammered.
+            # The delay bounds the attempts at a port that opens and fails at once.
             wait_s = RETRY_FIRST_S if time.monotonic() - began_s > MAX_RETRY_S else wait_s
             self._stopping.wait(wait_s)
             wait_s = min(2.0 * wait_s, MAX_RETRY_S)
 
     def _tell(self, why: str) -> None:
-        """Log once down and once up; the loop hears of every change of the reason."""
+        """Log each change to down and to up. Report every change of the reason to the loop."""
         port = self._settings.port
         if why and not self._reported:
             log.warning("%s; trying again until it works", why)

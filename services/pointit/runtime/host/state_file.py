@@ -87,10 +87,10 @@ class StateFile(Generic[T]):
     _remedy = "move it away and calibrate again"
 
     def __init__(self, model: type[T], user: str, purpose: str) -> None:
-        """Touch nothing yet.
+        """Create without opening any file.
 
         Raises:
-            KeyNameError: `user` cannot be a name.
+            KeyNameError: If `user` cannot be a name.
         """
         check_name(user, "user")
         self._model = model
@@ -98,7 +98,7 @@ class StateFile(Generic[T]):
 
     @classmethod
     def at(cls, path: Path, model: type[T]) -> Self:
-        """Return the file at `path` as a `model`, as a plug-in stores its value. Touches nothing yet."""
+        """Return the state file at `path` for a `model`, as for a plug-in's value. Opens no file yet."""
         file = cls.__new__(cls)
         file.path, file._model, file._remedy = path, model, "move it away"  # noqa: SLF001 - its own
         return file

@@ -1,13 +1,13 @@
-"""Sockets of Zenoh: a vanished peer is noticed within its lease, and what is closed is closed at once.
+"""Socket options for Zenoh, so that lost peers are detected within their lease and sockets close at once.
 
-Zenoh gives a link up when nothing came for a lease, but first waits for a pending write (1.10). To a peer
-that was cut off that write ends when TCP gives up, after 15 minutes: until then an unreachable person would
-be present, and their own machine would not report the lost router. Zenoh has no setting for it. On Linux
-the sockets have one, and those that a listening socket accepts inherit it.
+Zenoh closes a link after a lease without messages, but first waits for a pending write (1.10). To a
+disconnected peer, that write ends only when TCP gives up, after 15 minutes. Until then an unreachable user
+would seem present, and their own machine would not report the lost router. Zenoh has no setting for this
+timeout. On Linux, sockets have one, and accepted sockets inherit it from the listening socket.
 
-Where Zenoh closes a connection, it waits likewise until the other end has acknowledged all (`SO_LINGER`),
-40 ms or more, in a thread that reads all connections that a router has accepted: a hundred rejected peers
-would block all others for seconds. Without it the system does the rest in the background.
+When Zenoh closes a connection, it also waits until the peer has acknowledged all data (`SO_LINGER`), 40 ms or
+more, in the thread that reads all accepted connections of a router. A hundred rejected peers would block all
+others for seconds. Without lingering, the system completes the closing in the background.
 """
 
 import contextlib

@@ -6,10 +6,11 @@
 Zenoh reads access rules, passwords and certificates only when a session opens, so a router whose files have
 changed is reopened. Its clients are back after 0.1 s, and repeat their declarations automatically.
 
-Sockets of a router's clients: closed, and what waits in them; and ports of closed listeners.
+The module also closes sockets of clients, counts their unsent bytes, and releases the ports of closed
+listeners.
 
-A QUIC listener that Zenoh has closed keeps its UDP port until its last connection has ended: those of clients
-that came back while it closed were never accepted, and end after 30 s.
+A closed QUIC listener of Zenoh keeps its UDP port until its last connection ends. Connections of clients that
+returned during the closing were never accepted, and end after 30 s.
 """
 
 import asyncio
@@ -90,9 +91,9 @@ def cut(peers: Collection[Peer]) -> int:
 
 
 def release_udp_ports(ports: Collection[int]) -> int:
-    """Take away the UDP ports of closed listeners: sockets without a port get their descriptors.
+    """Release the UDP ports of closed listeners by moving their descriptors to sockets without a port.
 
-    Nothing else of this process may open or close files meanwhile, on whose descriptor one could fall.
+    No other code of this process may open or close files meanwhile, since a descriptor could be reused.
 
     Returns:
         Number of sockets that had one of `ports`, 0 where they cannot be found.
@@ -116,9 +117,9 @@ class RouterHealthPublisher:
     """Health of a router for `pointit doctor` and the page. Access rules let only routers write it."""
 
     def __init__(self, session: zenoh.Session, site: str, *, joins_another: bool) -> None:
-        """Be present at `site`, as long as `session` is open.
+        """Be present at `site` while `session` is open.
 
-        `joins_another`: it is one of several routers of the site, which are told apart by their machines.
+        `joins_another`: the site has several routers, which get the names of their machines.
         """
         host = NO_NAME.sub("-", socket.gethostname())[:LONGEST_HOST]
         self._instance = f"{SERVICE}-{host}" if joins_another else SERVICE
@@ -250,7 +251,7 @@ class Router:
     def report(
         self, of_site: Callable[[str], Sequence[str]], refused: int, sessions: Mapping[str, int]
     ) -> None:
-        """Tell each site, once a second, what is wrong, attempts refused so far, and connections by site."""
+        """Publish warnings, refused attempts and connections to each site, once a second."""
         for site, account in self._health_publishers.items():
             account.report(of_site(site), refused, sessions.get(site, 0))
 
@@ -378,9 +379,9 @@ def _where(error: Exception) -> str:
 
 
 def raise_file_limit() -> None:
-    """Let this process have as many files open as the system lets it at most: mostly it begins with 1024.
+    """Raise the limit of open files to the system's maximum.
 
-    Where the system has no such limit, or does not let it be raised, it stays as it is.
+    The default is usually 1024. If the system has no such limit or refuses to raise it, nothing changes.
     """
     if sys.platform == "win32":
         return

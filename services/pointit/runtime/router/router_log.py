@@ -29,13 +29,14 @@ TakeLine = Callable[[str, int], None]
 
 @contextlib.contextmanager
 def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Generator[None]:
-    """Give each line of Zenoh's log to `take`, in another thread; what else is printed goes where it did.
+    """Pass each line of Zenoh's log to `take`, in another thread. Other output is not changed.
 
-    In colours, whatever NO_COLOR says: the rest of a key with a line break is recognized by having none.
+    The log is coloured in spite of NO_COLOR: a line without colours is recognised as the rest of a key with a
+    line break.
 
-    For a process of its own and once in it: Zenoh's log cannot be set up again. Nothing happens where the
-    person has set RUST_LOG, who wants to see the log as it is. `wanted` is as in RUST_LOG, `take` must not
-    raise, and `marks` stand in lines that matter more than others.
+    Call this once, in a separate process, since Zenoh's log cannot be configured twice. If the user has set
+    RUST_LOG, the log is not changed. `wanted` has the syntax of RUST_LOG. `take` must not raise. Lines that
+    contain one of `marks` have precedence over others.
     """
     if "RUST_LOG" in os.environ:
         zenoh.try_init_log_from_env()

@@ -23,7 +23,7 @@ def bytes_of(data: zenoh.ZBytes | None) -> bytes | None:
 
 
 def is_oversized(payload: zenoh.ZBytes | None, attachment: zenoh.ZBytes | None, max_bytes: int) -> bool:
-    """Return True if a message is longer than anything that is taken; its bytes are not copied."""
+    """Return True if a message exceeds the size limit. Its bytes are not copied."""
     return (payload is not None and len(payload) > max_bytes) or (
         attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
     )
@@ -53,7 +53,7 @@ class RawSample:
         return bytes_of(self._sample.attachment)
 
     def is_oversized(self, max_bytes: int) -> bool:
-        """Return True if it is longer than anything that is taken."""
+        """Return True if it exceeds the size limit."""
         return is_oversized(self._sample.payload, self._sample.attachment, max_bytes)
 
 

@@ -1,6 +1,6 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-"""Questions and answers of a plain session: raw bytes and attachments, and always some answer."""
+"""Queries and answers of a plain session: raw bytes and attachments. Each query is answered."""
 
 import asyncio
 import contextlib
@@ -37,7 +37,7 @@ class IncomingQuery:
         self._done = done
 
     async def answer(self, payload: bytes, attachment: bytes | None) -> None:
-        """Answer; in a thread of its own, as Zenoh waits for a link that is busy: others are not held up."""
+        """Answer in a separate thread, since Zenoh waits for a busy link. Other queries are not delayed."""
 
         def reply(query: zenoh.Query) -> None:
             with query, contextlib.suppress(zenoh.ZError):  # the querier is gone, or our session is
@@ -132,8 +132,9 @@ class RawQuerier(Declaration):
         self._dispatcher = dispatcher
         self._max_bytes = max_bytes
         self._loop = asyncio.get_running_loop()
-        # Answers are sent as the question is. If it may be dropped, long ones are lost on a busy machine, and
-        # with them the end of all answers. What waits for a link holds up only what has its priority.
+        # Answers have the congestion control of their query. With DROP, a busy machine loses long answers,
+        # and with them the end of all answers. A message that waits for a link delays only messages of its
+        # own priority.
         self._querier = session.declare_querier(
             key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
@@ -165,9 +166,9 @@ class RawQuerier(Declaration):
                 listener.undeclare()
 
     async def ask(self, payload: bytes, attachment: bytes | None) -> AsyncGenerator[QueryReply]:
-        """Yield the answers as they come, until everybody has answered; closing takes the question back.
+        """Yield the answers as they arrive, until all queryables have answered. Closing cancels the query.
 
-        It is asked in a thread of its own, as Zenoh waits for a link that is busy.
+        The query is sent in a separate thread, since Zenoh waits for a busy link.
         """
         waiting: asyncio.Queue[QueryReply | None] = asyncio.Queue()
         token = zenoh.CancellationToken()

@@ -41,7 +41,7 @@ MAX_MESSAGE_BYTES = 16 * 1024 * 1024
 
 @dataclass(frozen=True, kw_only=True)
 class RawLink:
-    """The way to join: connect as a peer or a client, or be the router that others connect to."""
+    """Role in the network: a peer, a client, or the router that others connect to."""
 
     endpoint: str
     """Address to connect to, or of a router: to listen on."""
@@ -69,7 +69,7 @@ def plain_configuration(link: RawLink) -> zenoh.Config:
         "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
         "scouting/gossip/autoconnect": {"router": [], "peer": ["router", "peer"]},
         "scouting/gossip/autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
-        "timestamping/enabled": True,  # without which nothing is kept for readers that come late
+        "timestamping/enabled": True,  # otherwise no messages are cached for late readers
         "queries_default_timeout": QUERY_TIMEOUT_MS,
         "transport/shared_memory/enabled": False,
         "transport/unicast/open_timeout": CONNECT_TIMEOUT_MS,
@@ -168,7 +168,7 @@ class RawSession:
     def subscriber(
         self, key: str, handler: Callable[[RawSample], None], *, cache_size: int = 0, reliable: bool = True
     ) -> Closable:
-        """Call `handler`, on Zenoh's threads, for what others put to `key`, which may have wildcards.
+        """Call `handler` on Zenoh's threads for samples of others on `key`, which may have wildcards.
 
         `cache_size`: number of a writer's last messages to fetch from caches. `reliable`: fetch those lost on
         the way, too.
@@ -208,7 +208,7 @@ class RawSession:
         return RawQuerier(self._session, key, self.dispatcher, max_bytes)
 
     def stop(self) -> None:
-        """Run no handler any more, and declare nothing: the first half of `close`."""
+        """Stop running handlers and reject declarations: the first half of `close`."""
         self.dispatcher.close()
 
     async def close(self) -> None:

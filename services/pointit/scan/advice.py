@@ -24,10 +24,10 @@ AIMS = 8
 
 @dataclass(frozen=True)
 class Advice:
-    """A sentence for a person, the strips and lamps that it is about, and where to stand if that is known.
+    """A sentence for a user, its strips and lamps, and the camera position if known.
 
     Attributes:
-        position_m, look_at_m: of the camera, and what it is pointed at, in the scan's frame.
+        position_m, look_at_m: positions of the camera and of its target, in the scan's frame.
     """
 
     text: str
@@ -86,7 +86,7 @@ def _least_certain(found: ScannedStrip | ScannedLamp) -> Array:
 
 
 def _candidates(scan: Scan, ends: Array, aims: Sequence[int]) -> Iterator[tuple[str, Array, int]]:
-    """Yield positions a step aside of a camera, or nearer, with their words, and what to look at."""
+    """Yield positions one step beside a camera or nearer, with their descriptions and targets."""
     cameras = [np.array(camera.position_m) for camera in scan.cameras if camera is not None]
     around = np.concatenate([ends.reshape(-1, 3), cameras])
     for number, camera in enumerate(scan.cameras, 1):

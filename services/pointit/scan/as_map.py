@@ -10,7 +10,7 @@ from pointit.scan.result import Scan
 
 
 def map_text(scan: Scan, *, only_identified: bool = True) -> str:
-    """Return the text of a map file: each strip and lamp with its sigma and what is to be known of it."""
+    """Return the text of a map file: each strip and lamp with its sigma and its note."""
     lamps = [each for each in scan.lamps.values() if each.identified or not only_identified]
     strips = [each for each in scan.strips.values() if each.identified or not only_identified]
     scale = "the known length" if scan.scale_from == "length" else "the pitch of the strips"

@@ -163,7 +163,7 @@ class _Model:
         return np.concatenate([off_az * level / HOLD_SIGMA_RAD, off_el / HOLD_SIGMA_RAD, priors])
 
     def targets(self, values: Array, residuals: Array, covariance: Array) -> dict[str, PointedAt]:
-        """Return the targets with what is to be known of them."""
+        """Return the targets with their notes."""
         count = len(self._all)
         targets: dict[str, PointedAt] = {}
         for number, name in enumerate(self._targets):

@@ -176,7 +176,7 @@ def _started(
     bounds: Mapping[Piece, tuple[float, float]],
     lines: Sequence[Mapping[Piece, ImageLine]],
 ) -> tuple[BundleState, Model]:
-    """Return the first places of all strips and lamps: placed pieces, and what is triangulated."""
+    """Return initial positions of all strips and lamps, from placed pieces and from triangulation."""
     ends = dict(zip(placed.pieces, placed.state.ends, strict=True))
     for piece, (low, high) in bounds.items():
         views = [index for index, view in enumerate(placed.views) if piece in lines[view]]

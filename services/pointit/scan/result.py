@@ -14,7 +14,7 @@ COMPLETE_M = 0.01
 
 
 class ScanError(PointItError):
-    """The views determine no room. One sentence: what is seen, and what to do."""
+    """The views determine no room. The message is one sentence with the cause and the remedy."""
 
 
 @dataclass(frozen=True)

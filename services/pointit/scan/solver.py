@@ -272,7 +272,7 @@ def solve(
 
     Raises:
         ConfigError: If names, numbers or limits are wrong.
-        ScanError: If the views determine no room. One sentence: what is seen, and what to do.
+        ScanError: If the views determine no room. The message has the cause and the remedy.
     """
     check_survey(tuple(strips), tuple(lamps), tuple(views))
     if known_length is not None:

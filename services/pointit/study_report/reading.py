@@ -19,9 +19,9 @@ from pointit.study_report.model import TrialRow, Trials
 def trials(folder: str | Path) -> Trials:
     """Return the trials and answers of the study in `folder`, of all participants.
 
-    Empty numbers are not known. A last line that is not whole, of a participant who is writing or whose
-    writer was killed, is left out with a note. Raises: ConfigError: If there is no study or trial, a column
-    is missing, a value cannot be used, or a row is not of the plan of its participant.
+    Empty numbers are unknown. An incomplete last line, of a running session or a killed writer, is omitted
+    with a note. Raises: ConfigError: If there is no study or trial, a column is missing, a value cannot be
+    used, or a row is not of the plan of its participant.
     """
     folder = Path(folder)
     study = study_in(folder)

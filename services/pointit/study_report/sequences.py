@@ -1,4 +1,4 @@
-"""Throughput of tapping: sequences, those that can be compared, and what is left out."""
+"""Throughput of tapping: sequences, the comparable ones, and the excluded ones."""
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence

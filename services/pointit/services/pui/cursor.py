@@ -131,7 +131,7 @@ def _passed(surface: Surface, hit: Hit, origin_m: Vec3, direction: Vec3, *, is_l
 
 
 def words(name: str, right_rad: float, up_rad: float, elevation_rad: float) -> str:
-    """Return a message of where a person points relative to the thing called `name`, and of what to do.
+    """Return a message with the direction in which to turn from the ray to the thing `name`.
 
     Args:
         name: name of the nearest thing.

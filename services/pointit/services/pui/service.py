@@ -178,13 +178,13 @@ class Pui(Service[PuiConfig]):
         return _Room(surfaces, lamps, Tracked(environment))
 
     def _enter(self, room: _Room) -> None:
-        """Have all people point at the things of `room`, another map, from now on."""
+        """Replace the map by `room`. All users point at its things from now on."""
         self._room = room
         for person in self._persons.values():
             person.use(room.surfaces, room.lamps)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
-        """Take the site's map in a shard; one that cannot be used leaves its people to the default pui."""
+        """Use the site's map in a shard. If it is unusable, the default pui serves the shard's users."""
         self._map_came.set()
         self._has_map, problem = True, ""
         try:

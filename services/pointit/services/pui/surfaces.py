@@ -214,9 +214,9 @@ class _CloudCaster:
 class Occluders:
     """Opaque things of a room.
 
-    They hide only if the ray itself meets one of them. Then a point further along the ray is hidden if the
-    straight line to it from the eyes goes through one: what stands out beside it is visible. A thing that
-    contains the eyes, by a coarse map or pose, hides nothing.
+    They hide points only if the ray itself intersects one of them. Then a point further along the ray is
+    hidden if the line from the eyes to it intersects one. A part that protrudes beside the thing is visible.
+    A thing that contains the eyes, because of a coarse map or pose, hides nothing.
     """
 
     def __init__(self, solids: Sequence[Solid]) -> None:

@@ -5,7 +5,7 @@ from pointit.schemas import Environment, Thing, TrackedObject, TrackedObjects
 
 TRACKER = "things"
 PERIOD_S = 0.4
-"""Time after which they are listed again: who listens takes silence for the end of their tracker."""
+"""Period at which the things are listed again, s. Subscribers take silence for the end of their tracker."""
 
 
 def listing(environment: Environment, stamp_ns: int) -> TrackedObjects:

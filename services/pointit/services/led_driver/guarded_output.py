@@ -20,9 +20,9 @@ class GuardedOutput:
         """Make the output.
 
         Args:
-            make: makes it, again if it fails.
-            guard: reports its faults.
-            strip_ids: the strips of a frame that it gets; all of them if empty.
+            make: creates the output, and creates it again after a failure.
+            guard: reports errors of the output.
+            strip_ids: strips of a frame that it gets. Empty: all of them.
 
         Raises:
             ConfigError: If it cannot be made.

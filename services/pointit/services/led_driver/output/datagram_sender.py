@@ -89,9 +89,10 @@ class DatagramSender:
         """Time from `send` to the last datagram of the last new payload, s; 0.0 before the first."""
 
     def send(self, payload: bytes, age_s: float | None = None) -> None:
-        """Send `payload`. It replaces an unsent one.
+        """Send `payload`.
 
-        `age_s`: time since the capture of what it shows, or None if it shows nothing captured.
+        It replaces an unsent one. `age_s`: age of the captured data that it shows, s, or None if it shows
+        none.
         """
         self._payload = payload
         self._shown_s, self._age_s = asyncio.get_running_loop().time(), age_s

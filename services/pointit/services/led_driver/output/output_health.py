@@ -25,7 +25,7 @@ class OutputHealth:
         self._health.warn(f"{topic} {self._address}", f"{self._address}: {sentence}" if sentence else "")
 
     def clear(self, topic: str) -> None:
-        """Take a warning back."""
+        """Clear a warning."""
         self._health.clear(f"{topic} {self._address}")
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:

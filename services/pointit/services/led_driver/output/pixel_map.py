@@ -75,7 +75,7 @@ class PixelMap:
         return PixelMap(self._strips, gather, self.colors, tuple(blocks))
 
     def output_bytes(self, frame: StripsFrame) -> bytes:
-        """Return the pixels of the output that show `frame`. What the frame lacks is dark."""
+        """Return the pixels of the output that show `frame`. Pixels without a value in it are dark."""
         shown = {strip.id: strip.rgb for strip in frame.strips}
         parts = [shown.get(name, b"")[:size].ljust(size, b"\0") for name, size in self._sizes.items()]
         source = np.frombuffer(b"".join((*parts, b"\0")), dtype=np.uint8)

@@ -252,7 +252,8 @@ class StripContent:
         rows: list[tuple[int, TrackedObject, int]] = []
         for _, tracked in self._objects.values():
             rows += [(line, item, tracked.stamp_ns) for line, item in self._on_lines(tracked.objects)]
-        rows.sort(key=lambda row: not row[1].lit)  # what moves over a thing's light is on top of it
+        # cursors and other moving lights are drawn over a thing's light
+        rows.sort(key=lambda row: not row[1].lit)
         ids: dict[str, list[int]] = {}
         for index, (_, item, _) in enumerate(rows):
             ids.setdefault(item.id, []).append(index)

@@ -81,7 +81,7 @@ class AdalightOutput(SerialOutput):
 
 
 def _too_slow(config: AdalightConfig, pixels: int) -> list[str]:
-    """Return a message if wire and board carry fewer frames than wanted for so many pixels."""
+    """Return a message if wire and board cannot carry the configured frame rate for these pixels."""
     wire_s = wire_time_s(adalight_protocol.HEADER_BYTES + 3 * pixels, config.baud)
     frame_s = wire_s + adalight_protocol.draw_time_s(pixels)
     if frame_s * config.wanted_rate_hz <= 1.0:

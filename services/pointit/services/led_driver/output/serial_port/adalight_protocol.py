@@ -18,5 +18,5 @@ def encode_frame(pixels: bytes) -> bytes:
 
 
 def draw_time_s(pixels: int) -> float:
-    """Return the time that the board takes to draw so many `pixels`, s."""
+    """Return the time in which the board draws this number of `pixels`, s."""
     return pixels * PIXEL_TIME_S + LATCH_TIME_S

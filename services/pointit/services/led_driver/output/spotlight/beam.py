@@ -134,7 +134,7 @@ class BeamOwnership:
     """Cursors of the people who may have the beam."""
 
     def __init__(self, user: str = "") -> None:
-        """Reserve the beam for `user`. `""`: for who began to point last."""
+        """Reserve the beam for `user`. `""`: for the user who started pointing last."""
         self._user = user
         self._aims: dict[str, BeamAim] = {}
         """In the order in which the people began to point."""

@@ -139,7 +139,7 @@ class ManualAim:
     """The angles, from home on, within the limits of the head."""
 
     def __init__(self, limits: HeadLimits) -> None:
-        """Begin at home."""
+        """Start at the home position."""
         self._limits = limits
         self.step_rad = FIRST_STEP_RAD
         """Angle of one step."""

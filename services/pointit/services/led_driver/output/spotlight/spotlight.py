@@ -1,4 +1,4 @@
-"""Output to a moving head: its beam follows the cursor of who points."""
+"""Output to a moving head, whose beam follows the cursor of a user."""
 
 import asyncio
 import math

@@ -44,7 +44,7 @@ SERIAL_NUMBER = "00002a25-0000-1000-8000-00805f9b34fb"
 
 @contextlib.contextmanager
 def _left_anyway(what: str) -> Generator[None]:
-    """Log a failure of something that a wrist which is gone cannot do: the link says that it is gone."""
+    """Log a failed command to a wrist. A lost wrist is reported by its link, so this is no warning."""
     try:
         yield
     except Exception as error:  # noqa: BLE001 - of any system's radio
@@ -100,7 +100,7 @@ class BleSource:
                     lasted_s = loop.time() - began_s
             except LinkError as error:
                 problem, pause_s = f"{label} {error}", error.pause_s
-            except Exception as error:  # noqa: BLE001 - of bleak and of what is below it, which differ by system
+            except Exception as error:  # noqa: BLE001 - errors of bleak and its backends, which differ by system
                 problem = f"{label} cannot be used: {describe_error(error)}"
             else:
                 problem = f"{label} is another one"

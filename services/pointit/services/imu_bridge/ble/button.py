@@ -25,7 +25,7 @@ class ButtonGestures:
         return None if self._tapped_s is None else self._tapped_s + DOUBLE_S
 
     def down(self, now_s: float) -> Gesture | None:
-        """Begin a press. Return the press before it, if that was too long ago for a double press."""
+        """Start a press. Return the previous press if it was too long ago for a double press."""
         before = self.wait(now_s)
         if self._down_s is None:
             self._down_s = now_s

@@ -23,7 +23,7 @@ def discover_ble(kind: Kind, adapter: str = "") -> Discover:
         try:
             async with scanning(adapter, on_advertisement):
                 await asyncio.sleep(seconds)
-        except Exception as error:  # of bleak and of what is below it, which differ by system
+        except Exception as error:  # errors of bleak and its backends, which differ by system
             raise ConfigError(describe_error(error)) from error
         return [_found(text, each) for text, each in advertisements.items()]
 

@@ -1,8 +1,9 @@
-"""Bytes of MetaMotion R, RL and S boards: commands, and notifications to what they mean.
+"""Encoding of commands to MetaMotion R, RL and S boards, and decoding of their notifications.
 
     frame = module register data*        read: register | 0x80, which the reply repeats
 
-The fusion has no time and no number on the wire. Without its whole configuration it sends zeros or nothing.
+Readings of the fusion contain no time and no sequence number. Without its complete configuration, the fusion
+sends zeros or nothing.
 """
 
 import struct

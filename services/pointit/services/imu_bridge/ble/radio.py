@@ -70,7 +70,7 @@ class _Scan:
     scanner: "BleakScanner | None" = None
 
     def heard(self, device: "BLEDevice", data: "AdvertisementData") -> None:
-        """Tell all who search."""
+        """Report an advertisement to all searches."""
         advertisement = Advertisement(
             device=device,
             name=data.local_name or device.name or "",
@@ -82,7 +82,7 @@ class _Scan:
             listener(advertisement)
 
     async def stop_unless_used(self) -> None:
-        """Stop it if nobody searches any more."""
+        """Stop the scan if no search is running."""
         if not self.listeners and self.scanner is not None:
             ended, self.scanner = self.scanner, None
             await ended.stop()
@@ -99,7 +99,7 @@ def require_bleak(name: str) -> None:
 
 @contextlib.asynccontextmanager
 async def scanning(adapter: str, on_advertisement: OnAdvertisement) -> AsyncGenerator[None]:
-    """Scan by `adapter` (`""`: the usual one) and pass on what is heard, in the event loop."""
+    """Scan with `adapter` (`""`: the default one) and report advertisements in the event loop."""
     await asyncio.to_thread(_load, adapter)
     from bleak import BleakScanner  # noqa: PLC0415 - an extra
 
@@ -167,7 +167,7 @@ _NO_SERVICE = (
 
 
 def _load(adapter: str) -> None:
-    """Import bleak and what it needs on this system, which takes too long for an event loop."""
+    """Import bleak with its backend, in a thread, since that would block the event loop too long."""
     from bleak.backends import client, scanner  # noqa: PLC0415 - an extra
 
     if adapter not in VIRTUAL_RADIOS:

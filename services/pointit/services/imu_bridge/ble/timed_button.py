@@ -16,7 +16,7 @@ class TimedButton:
         self._timer: asyncio.TimerHandle | None = None
 
     def change(self, *, is_down: bool) -> None:
-        """Take a change of the button."""
+        """Handle a change of the button."""
         now_s = asyncio.get_running_loop().time()
         gesture = self._gestures.down(now_s) if is_down else self._gestures.up(now_s)
         self._tell(gesture)

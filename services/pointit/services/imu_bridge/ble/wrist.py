@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class LinkError(Exception):
-    """The connection cannot be used; the message is a clause for people, whose subject is the wrist."""
+    """The connection cannot be used. The message is a clause without its subject, the wrist."""
 
     def __init__(self, clause: str, pause_s: float = 0.0) -> None:
         """Set the message, and the minimum pause before the next connection, s."""
@@ -137,7 +137,7 @@ class Wrist(ABC):
         """Return the items in a notification. `data` may be anything."""
 
     async def ask(self, connection: Connection) -> Iterable[Item]:  # noqa: ARG002 - not all can
-        """Ask for what is not sent by itself, such as the battery. Called every minute."""
+        """Request values that the wrist does not send by itself, such as the battery. Called every minute."""
         return ()
 
     async def reset(self, connection: Connection) -> None:  # noqa: B027 - not all can

@@ -68,7 +68,7 @@ class WristSearch:
             next_advertisement.set_result(advertisement)
 
     def identify(self, advertisement: Advertisement) -> str:
-        """Return the identity of a wrist in lower case: its address, or what its kind has in its place."""
+        """Return the identity of a wrist in lower case: its address, or the identifier of its kind."""
         return self._kind.identify(advertisement).lower()
 
     def is_named(self, advertisement: Advertisement) -> bool:

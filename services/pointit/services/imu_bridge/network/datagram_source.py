@@ -71,9 +71,9 @@ class Decoder(ABC):
     """Reads the datagrams of one device, from its connection on."""
 
     uncertainty: str = ""
-    """Sentence about what was guessed of its format, with what to set, or `""`."""
+    """Sentence about guesses of its format and the parameters that replace them, or `""`."""
     problem: str = ""
-    """Clause about what could not be read in a datagram beside what could, or `""`. The owner resets it."""
+    """Clause about the unreadable part of a partly readable datagram, or `""`. The owner resets it."""
     unused: str = ""
     """Clause about what arrives while there is no orientation, or `""`."""
 

@@ -56,7 +56,7 @@ class PortSource(ABC):
 
     @abstractmethod
     async def _watch(self) -> None:
-        """Tell what is wrong, until cancelled."""
+        """Report warnings until cancelled."""
 
     @abstractmethod
     def _is_used(self, address: Address) -> bool:
@@ -64,7 +64,7 @@ class PortSource(ABC):
 
     @abstractmethod
     def _take(self, data: bytes, address: Address, now_s: float) -> None:
-        """Pass on what a datagram of an admitted sender says."""
+        """Deliver the readings in a datagram of an admitted sender."""
 
     def _on_datagram(self, data: bytes, address: Address) -> None:
         now_s = asyncio.get_running_loop().time()

@@ -270,7 +270,7 @@ class SlimevrSource(PortSource):
         self._unreadable_s = 0.0
 
     def cue(self, cue: Feedback) -> None:
-        """Let the phone or watch vibrate."""
+        """Make the phone or watch vibrate."""
         used = self._trackers.used
         if used is None or self._trackers.is_lost or not used.handshake.is_owotrack:
             return
@@ -282,7 +282,7 @@ class SlimevrSource(PortSource):
             on_s += duration_ms / 1000
 
     async def _watch(self) -> None:
-        """Keep the connection alive, and tell what is wrong."""
+        """Keep the connection alive and report warnings."""
         while True:
             now_s = asyncio.get_running_loop().time()
             if self._trackers.step(now_s) and self._trackers.used is not None:

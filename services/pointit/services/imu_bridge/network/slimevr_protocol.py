@@ -134,7 +134,7 @@ class SlimevrDatagram:
     """Number that rises with each datagram of a tracker, or 0 if it has none."""
     packets: tuple[Packet, ...]
     unreadable: int = 0
-    """Packets that are too short, or whose numbers make no sense."""
+    """Packets that are too short or have implausible numbers."""
 
 
 def decode(data: bytes) -> SlimevrDatagram | None:

@@ -38,7 +38,7 @@ _ORIENTATIONS = frozenset({"game_rotation_vector", "rotation_vector", "geomagnet
 
 
 class UdpConfig(DatagramConfig):
-    """A device that sends datagrams, whose format is found by reading them."""
+    """A device that sends datagrams. Their format is detected from their content."""
 
     port: int = Field(
         default=46000,
@@ -154,7 +154,7 @@ class UdpDecoder(Decoder):
         return None
 
     def _wearmocap(self, data: bytes, stamp_ns: int) -> Reading:
-        """Return the reading of a datagram, whose time is that of the day."""
+        """Return the reading of a datagram. Its time is the time of day."""
         numbers = _WEARMOCAP.unpack(data)
         world_from_sensor = orientation(numbers[5:9], "wxyz")
         hours, minutes, seconds, nanoseconds = vector(numbers[1:4]) + vector(numbers[4:7])[:1]

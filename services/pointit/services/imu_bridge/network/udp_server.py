@@ -55,7 +55,7 @@ class UdpServer(asyncio.DatagramProtocol):
         """The server's socket, of which the loop itself reads one datagram a turn."""
         self._lost: asyncio.Future[None] | None = None
         self._links: dict[Address, socket.socket] = {}
-        """Sockets at the shared port, each connected to one sender, whose datagrams it alone gets."""
+        """Sockets at the shared port. Each is connected to one sender and gets only its datagrams."""
 
     @property
     def place(self) -> str:
@@ -120,7 +120,7 @@ class UdpServer(asyncio.DatagramProtocol):
         for _ in range(MAX_AT_ONCE):
             try:
                 data, sender = waiting.recvfrom(LONGEST_DATAGRAM)
-            except OSError:  # that was all, or nobody listens there any more
+            except OSError:  # all datagrams are read, or the sender has closed its port
                 break
             self._on_datagram(data, _address(sender))  # another's, if it came before `connect`
         self._on_read()
@@ -144,13 +144,13 @@ class UdpServer(asyncio.DatagramProtocol):
             self._read(self._waiting)
 
     def error_received(self, exc: Exception) -> None:
-        """Ignore that a datagram could not be delivered: who does not answer falls silent."""
+        """Ignore an undelivered datagram. A sender that is gone falls silent, which is reported."""
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Open the port again."""
         if self._lost is not None and not self._lost.done():
             self._lost.set_exception(exc if isinstance(exc, OSError) else OSError("the port was closed"))
-            self._lost.exception()  # retrieved, if nobody waits any more
+            self._lost.exception()  # marks the error as retrieved if no caller waits for it
 
     def _warn(self, error: OSError) -> None:
         reason = error.strerror or str(error)
@@ -189,10 +189,10 @@ class _Problem(NullHealth):
 async def receive_shared(
     port: int, seconds: float, on_datagram: Callable[[bytes, Address], None], *, remedy: str
 ) -> None:
-    """Receive what devices of the network send to `port` for so many seconds, beside others that share it.
+    """Receive datagrams at `port` for `seconds`, together with other programs that share it.
 
     Raises:
-        ConfigError: If it cannot be opened; `remedy` says what to do.
+        ConfigError: If it cannot be opened. `remedy` is the remedy in the message.
     """
     problem = _Problem()
     server = UdpServer("0.0.0.0", port, problem, on_datagram, remedy=remedy, is_shared=True)  # noqa: S104

@@ -82,7 +82,7 @@ class Ximu3Source(DatagramSource):
         self._commands = config.commands
 
     def cue(self, cue: Feedback) -> None:
-        """Let the LED of the device flash for `cue`, if one is connected."""
+        """Flash the LED of the device for `cue`, if one is connected."""
         begin, end = Ximu3Framer().cue(cue)
         if begin and self._read_s is not None:
             self._send(begin)

@@ -1,4 +1,4 @@
-"""Recognition of a device's format and speed by what it sends, and of its restarts. Pure."""
+"""Recognition of a device's format, speed and restarts from its output. Pure."""
 
 import math
 from collections.abc import Callable
@@ -155,7 +155,7 @@ class Detection:
     def __init__(
         self, config: SerialConfig, first: DetectedSensor | None = None, sensors: SensorChoice | None = None
     ) -> None:
-        """Begin with the speed of `first` and the choice `sensors`, if known from an earlier connection."""
+        """Start with the speed of `first` and the choice `sensors`, if known from an earlier connection."""
         self._config = config
         self._sensors = sensor_choice(config) if sensors is None else sensors
         self._formats: tuple[Format, ...] = tuple(FORMATS) if config.format == "auto" else (config.format,)
@@ -273,7 +273,7 @@ class RestartWatch:
         if not may_be_start or before is None or not isinstance(first, Reading):
             return items
         if first.device_time_ns is not None or Reconnected() in items:
-            return items  # the time tells, or the framer has told
+            return items  # decided by the elapsed time, or by the framer
         yaw_rad = _yaw_rad(first)
         has_started = abs(yaw_rad) < NEAR_RAD and abs(vector.wrap(yaw_rad - _yaw_rad(before))) > JUMP_RAD
         return [Reconnected(), *items] if has_started else items

@@ -80,7 +80,7 @@ class TrailingNumber:
 class FifthNumber:
     """Separates the fifth number of the lines of one stream, by the norms of both halves.
 
-    In front it is what `LeadingNumber` tells, behind it what `TrailingNumber` tells.
+    A number in front is judged by `LeadingNumber`, one behind by `TrailingNumber`.
     """
 
     def __init__(self, fifth: Fifth = "auto") -> None:

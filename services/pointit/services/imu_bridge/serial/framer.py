@@ -49,7 +49,7 @@ class SerialFramer(ABC):
         """Return the items in the packets that `data`, arrived at `stamp_ns`, completes."""
 
     def on_silence(self) -> None:
-        """Note that no reading has come for a while: the device may have been restarted."""
+        """Record a pause in the readings, after which the device may have been restarted."""
         self.ran_on = False
 
     def cue(self, cue: Feedback) -> tuple[bytes, bytes]:  # noqa: ARG002 - most devices have no signal

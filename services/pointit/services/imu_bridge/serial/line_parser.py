@@ -205,7 +205,7 @@ class AnglesError(LineError):
 
 @dataclass(frozen=True, slots=True)
 class QuaternionLine:
-    """world_from_sensor, scalar last and with norm 1, and what else the line says."""
+    """world_from_sensor, scalar last and with norm 1, and the other values of the line."""
 
     orientation_xyzw: Quaternion
     device_time_ns: int | None = None

@@ -45,7 +45,7 @@ NOTHING_S = 4.0
 
 @dataclass(frozen=True)
 class PortAnswer:
-    """A port, and what answers on it."""
+    """A serial port, and the device on it."""
 
     path: str
     description: str
@@ -58,9 +58,9 @@ class PortAnswer:
 
 
 async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_s: float) -> list[PortAnswer]:
-    """Listen on those `ports` that nobody else has open, side by side. Return what answers on each.
+    """Listen on all `ports` that no other program has open, concurrently. Return the device on each.
 
-    Nothing is sent, but opening its port restarts some boards.
+    Nothing is sent, but opening the port restarts some boards.
     """
     stopping = threading.Event()
     try:
@@ -72,7 +72,7 @@ async def ask_ports(ports: Iterable[SerialPort], config: SerialConfig, duration_
 
 
 async def discover(duration_s: float) -> Sequence[FoundDevice]:
-    """Return all serial ports, each with what answers on it."""
+    """Return all serial ports with their devices."""
     return [
         FoundDevice(
             address=answer.path,
@@ -248,7 +248,7 @@ class SerialSource:
             asyncio.get_running_loop().call_later(FLASH_S, self._send, end)
 
     def _send(self, command: bytes) -> None:
-        """Have the port's thread send `command` at once, if the device is connected."""
+        """Send `command` at once in the port's thread, if the device is connected."""
         port = self._port
         if port is not None:
             self._urgent.append(command)

@@ -1,4 +1,4 @@
-"""Quaternions in JSON of apps and sketches, each with what names its sensor."""
+"""Quaternions in JSON of apps and sketches, each with the name of its sensor."""
 
 import codecs
 import math

@@ -16,7 +16,7 @@ MIN_SHARED = 3
 MIN_REPEATED = 8
 """Number of readings with the same name among the newest from which it is no count."""
 FORGET_AFTER = 500
-"""Number of readings after which a sensor that is not heard any more is not named any more."""
+"""Number of readings after which a silent sensor is no longer named."""
 _WORD = re.compile(r"[\w.\-]+")
 _COUNTS = (re.compile(r"\d+"), re.compile(r"(?=[a-f]*\d)[\da-f]{2,}|\d|\b[\da-f]{4,}\b", re.IGNORECASE))
 """Parts of names that may be counts: decimal, then hexadecimal."""

@@ -234,7 +234,7 @@ class DeviceWrist:
     def __init__(
         self, label: str, plugin: str, epoch: YawEpoch, *, silence_s: float, has_steady_time: bool
     ) -> None:
-        """Begin without a device.
+        """Create without a device.
 
         Args:
             label: its name in warnings.

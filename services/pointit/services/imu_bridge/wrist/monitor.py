@@ -11,7 +11,7 @@ RATE_S = 5.0
 GAPS_S = 60.0
 """Time over which gaps are counted, s."""
 MIN_GAP_S = 0.1
-"""Shortest pause that is a gap, s: a cursor that stops for so long is seen to stop."""
+"""Minimum pause that counts as a gap, s. Users notice a cursor that stops for this time."""
 GAP_PERIODS = 4.0
 """Shortest pause that is a gap, in sample periods."""
 FROZEN_S = 5.0
@@ -83,7 +83,7 @@ class WristMonitor:
             self._changed_s = now_s
 
     def on_connected(self, now_s: float) -> None:
-        """Note a new connection."""
+        """Record a new connection."""
         self._is_connected = True
         self._lost = ""
         self._connections.append(now_s)
@@ -92,7 +92,7 @@ class WristMonitor:
         self._values, self._changed_s, self._finest = (), math.inf, math.inf
 
     def on_disconnected(self, reason: str) -> None:
-        """Note that the device was lost for `reason`; `""`: it has ended, and nothing is wrong."""
+        """Record the loss of the device for `reason`. `""`: it has ended without an error."""
         self._is_connected = False
         self._lost = reason
         self.signal_dbm = None

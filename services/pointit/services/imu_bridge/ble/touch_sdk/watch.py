@@ -118,7 +118,7 @@ class TouchSdkWatch(Wrist):
     notifications = (messages.OUTPUT,)
 
     def __init__(self, config: TouchSdkConfig, *, is_mounted_right: bool = False) -> None:
-        """Begin without a connection. `is_mounted_right`: the mounting already is that of a right wrist."""
+        """Create without a connection. `is_mounted_right`: the mounting is already that of a right wrist."""
         self._config = config
         self._is_mounted_right = is_mounted_right
         self._is_right = config.hand == "right"

@@ -74,7 +74,7 @@ class Ros2Config(Config):
     )
     unread: bool = Field(
         default=False,
-        description="publish also what no node in the ROS graph subscribes to, at the cost of what is read",
+        description="publish also topics without a subscriber in the ROS graph; this costs reading them",
     )
     ros4hri: bool = Field(
         default=False,

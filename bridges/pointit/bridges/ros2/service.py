@@ -65,17 +65,17 @@ class Ros2(Service[Ros2Config]):
         """Check the file of routes and the router's address.
 
         Raises:
-            ConfigError: If one cannot be used; names it, the value and what to do.
+            ConfigError: If one cannot be used. The message has its name, the value and the remedy.
         """
         check_endpoint(config.backend.endpoint)
         routes(config.routes)
 
     @classmethod
     def validate_link(cls, config: Ros2Config, addresses: Sequence[str]) -> None:
-        """Check that ROS's router is not at PointIt's address, where no node would report the mistake.
+        """Check that ROS's router has not PointIt's address, since no node would report that mistake.
 
         Raises:
-            ConfigError: If it is; names both addresses and what to do.
+            ConfigError: If it has. The message has both addresses and the remedy.
         """
         if config.backend.kind != "dds":
             check_apart(config.backend.endpoint, addresses)

@@ -77,7 +77,7 @@ class Endpoint:
     domain: int
     is_ours: bool = False
     is_bridge: bool = False
-    """True if it belongs to another PointIt, whose messages about its people must not become ours."""
+    """True if it belongs to another PointIt. Messages about its users are then ignored."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +128,7 @@ class Backend(Protocol):
         ...
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
-        """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
+        """Call `handler(cdr)` for messages of other nodes. Our own messages are not returned."""
         ...
 
     def serve(self, service: str, kind: RosType, server: Server) -> Closable:

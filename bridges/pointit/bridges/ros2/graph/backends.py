@@ -51,15 +51,15 @@ async def opened(
     patience_s: float | None = None,
     is_bridge: bool = False,
 ) -> Backend:
-    """Return our node in the ROS graph; may be cancelled at any time.
+    """Return our node in the ROS graph. May be cancelled at any time.
 
     Args:
         config: address, name and kind of the graph.
-        warnings: where incompatibilities with other nodes, and their remedies, are shown.
+        warnings: shows incompatibilities with other nodes, and their remedies.
         now_ns: clock for messages sent.
-        patience_s: how long a client looks for its router, or None for ever, with one log line.
-        is_bridge: mark the node as a PointIt bridge, whose messages other bridges ignore; only `rmw_zenoh`
-            supports that.
+        patience_s: timeout of a client for its router, s. None: no timeout, with one log line.
+        is_bridge: mark the node as a PointIt bridge, so that other bridges ignore its messages. Only
+            `rmw_zenoh` supports that.
 
     Raises:
         ConfigError: If the endpoint is no address, or for `dds`, rclpy is not installed.

@@ -279,7 +279,7 @@ class NodeBackend(abc.ABC, Generic[C]):
     def __init__(
         self, context: C, config: BackendConfig, *, distro: str, needs: str, matching: Matching
     ) -> None:
-        """Begin with an empty graph; `distro`, `needs` and `matching` as for `findings`."""
+        """Create with an empty graph. `distro`, `needs` and `matching` as for `findings`."""
         self.node = config.node
         self._context = context
         self._graph_monitor = GraphMonitor(

@@ -1,7 +1,8 @@
-"""Input of a guest, a person all of whose nodes are ROS nodes: their ray and their cursor subscription.
+"""Input of a guest, a user with ROS nodes only: their ray and their cursor subscription.
 
-A ray (geometry_msgs/PoseStamped) begins at the eyes and goes along x of the pose, in the person's frame {H}.
-A subscription (conveyor_msgs/PUISubscription) says whether the person wants a cursor, and its appearance.
+A ray (geometry_msgs/PoseStamped) starts at the eyes and has the direction of the pose's x axis, in the
+person's frame {H}. A subscription (conveyor_msgs/PUISubscription) switches the person's cursor on or off, and
+sets its appearance.
 """
 
 import math

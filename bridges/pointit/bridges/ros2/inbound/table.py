@@ -63,7 +63,7 @@ def inward() -> tuple[InboundRoute, ...]:
             max_bytes=_TF_BYTES,
             bytes_hz=_TF_BYTES_HZ,
             people=people_in,
-            context="the same from who publishes the person's frame, straight in the world's",
+            context="the same from a publisher of the person's frame as a child of the world's",
         ),
         InboundRoute(
             *("tf_static_in", "/tf_static", "tf2_msgs/msg/TFMessage"),
@@ -96,13 +96,13 @@ def inward() -> tuple[InboundRoute, ...]:
             rate_hz=200.0,
             frame=PERSON,
             of_guests=True,
-            context="the ray of who has ROS nodes only: from the eyes along x",
+            context="ray of a guest, a user with ROS nodes only: from the eyes along x",
         ),
         InboundRoute(
             *("subscription_in", "/PUI_subscription", "conveyor_msgs/msg/PUISubscription"),
             *(_STREAM, (topics.INTERACTION, topics.PROFILE), Subscriptions()),
             of_guests=True,
-            context="who of them wants a cursor, and of what colour",
+            context="cursor of a guest: on or off, and its colour",
         ),
         InboundRoute(
             *("belt_cmd", "/belt_cmd", "conveyor_msgs/msg/BeltCommand"),

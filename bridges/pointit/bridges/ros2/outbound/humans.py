@@ -1,7 +1,7 @@
-"""Output of people as REP-155 (ROS4HRI) defines: who is here, where, how sure that is, and their arm.
+"""Output of people by REP-155 (ROS4HRI): presence, position with its uncertainty, and arm.
 
 A person's ID is their name in ROS. A body's ID differs from it, because hri_person_manager rejects equal
-ones. What an arm and a position do not tell follows the reference model `human_description`, see
+ones. Values that arm and position do not determine are those of the reference model `human_description`, see
 docs/how-to/ros4hri.md.
 """
 

@@ -47,7 +47,7 @@ def _lists() -> tuple[OutboundRoute, ...]:
             name="known_people",
             ros="/humans/persons/known",
             by=humans.KnownPeople(),
-            context="who has been here since the bridge started",
+            context="people seen since the bridge started",
         ),
         replace(
             tracked,
@@ -99,7 +99,7 @@ def _people() -> tuple[OutboundRoute, ...]:
             is_each=True,
             rate_hz=MATCHED_HZ,
             repeat_hz=MATCHED_HZ,
-            context="whose body it is, for hri_person_manager",
+            context="person of each body, for hri_person_manager",
         ),
     )
 

@@ -138,9 +138,9 @@ def _detection(event: SelectionEvent, context: ConversionContext) -> Converted:
 
 
 POINTING_HZ = 50.0
-"""Rate of what follows an arm."""
+"""Maximum rate of topics that follow an arm, Hz."""
 DRAWN_HZ = 20.0
-"""Rate of what is only viewed."""
+"""Maximum rate of topics for viewers, Hz."""
 TF_HZ = 10.0
 """Rate of repeated transforms: listeners forget old ones, and need one not older than their data."""
 LOG_HZ = 2.0
@@ -212,7 +212,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
         OutboundRoute(
             *("thing_on", "/pointit/thing_on", "vision_msgs/msg/Detection3D"),
             *(_STREAM, (topics.SELECTION_EVENTS,), turned_on),
-            context="a thing of the map fired, or was switched on: which, by whom, how sure",
+            context="a thing of the map fired, or was switched on: thing, user and probability",
         ),
         OutboundRoute(
             *("thing_off", "/pointit/thing_off", "vision_msgs/msg/Detection3D"),
@@ -259,7 +259,7 @@ def _standard() -> tuple[OutboundRoute, ...]:
                 Markers(),
             ),
             rate_hz=DRAWN_HZ,
-            context="rays, cursors, people, objects, robots, whose they are: for RViz and Foxglove",
+            context="rays, cursors, people, objects, robots and their owners, for RViz and Foxglove",
         ),
         OutboundRoute(
             *("map_markers", "/pointit/map_markers", "visualization_msgs/msg/MarkerArray"),
@@ -309,7 +309,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             is_each=True,
             on_change=True,
             is_theirs=True,
-            context="who points wants a cursor, for a pui_node of the ROS toolkit",
+            context="request for a cursor of a pointing person, for a pui_node of the ROS toolkit",
         ),
         OutboundRoute(
             *("packages", "/packages", "conveyor_msgs/msg/PackageList"),
@@ -328,7 +328,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             *("pointers", "/pointers", "conveyor_msgs/msg/PointerList"),
             *(_NEWEST, (topics.CURSOR, topics.HOVER, topics.INTERACTION), conveyor.pointers),
             rate_hz=POINTING_HZ,
-            context="who points where on which line, and at what",
+            context="pointing people, with line, position on it and target",
         ),
         OutboundRoute(
             *("led_strips", "/led_strips", "led_strip_msgs/msg/LedStrips"),

@@ -78,7 +78,7 @@ class DdsReader(RosEndpoint[DdsContext]):
         qos: Qos,
         handler: Callable[[bytes], None],
     ) -> None:
-        """Declare; `handler` gets the CDR of what comes, in the loop."""
+        """Declare the subscription. `handler` gets the CDR of each message in the loop."""
         super().__init__(context, topic)
         self._echoes = context.echoes[topic]
         self._queue = MessageQueue(context, topic, handler, qos)
@@ -209,7 +209,7 @@ class RclpyBackend(NodeBackend[DdsContext]):
         return self._declared(kind, topic, lambda built: DdsWriter(self._context, topic, built, qos), infos)
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> Closable:
-        """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
+        """Call `handler(cdr)` for messages of other nodes. Our own messages are not returned."""
         infos = self._joined.node.get_subscriptions_info_by_topic
         return self._declared(
             kind, topic, lambda built: DdsReader(self._context, topic, built, qos, handler), infos

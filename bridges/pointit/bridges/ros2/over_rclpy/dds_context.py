@@ -120,7 +120,7 @@ class LoopbackFilter:
         self._sent: collections.deque[_Sent] = collections.deque(maxlen=REMEMBERED)
 
     def begin(self, cdr: bytes, now_ns: int) -> "_Sent":
-        """Note a message that is about to be sent, at `now_ns` by the operating system's clock."""
+        """Record a message before it is sent, at `now_ns` of the operating system's clock."""
         sent = _Sent(len(cdr), hash(cdr), now_ns)
         self._sent.append(sent)
         return sent

@@ -70,7 +70,7 @@ class GraphReader:
         return graph
 
     def forget(self) -> None:
-        """Make the next `read` ask for everything."""
+        """Let the next `read` query the whole graph."""
         self._traits = None
 
     def _held(self, name: str, namespace: str) -> tuple[Traits, ...]:

@@ -319,7 +319,7 @@ class ZenohBackend(NodeBackend[EndpointContext]):
         return ZenohWriter(self._context, topic, kind, qos)
 
     def subscribe(self, topic: str, kind: RosType, qos: Qos, handler: Callable[[bytes], None]) -> ZenohReader:
-        """Call `handler(cdr)` for what others publish; what we publish ourselves never comes back."""
+        """Call `handler(cdr)` for messages of other nodes. Our own messages are not returned."""
         return ZenohReader(self._context, topic, kind, qos, handler)
 
     def serve(self, service: str, kind: RosType, server: Server) -> ZenohServiceServer:

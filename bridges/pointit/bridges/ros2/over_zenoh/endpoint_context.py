@@ -40,7 +40,7 @@ class EndpointContext(NodeContext):
         return gid in self.gids or gid in self.directory.bridged
 
     def announce(self, kind: EndpointKind, name: str, of: RosType, qos: Qos) -> "Announcement":
-        """Keep a token of a new endpoint in the graph until the result is closed."""
+        """Declare a token of a new endpoint in the graph until the result is closed."""
         return Announcement(self, self.rmw.endpoint_token(kind, name, of, qos))
 
 

@@ -25,11 +25,11 @@ class LivelinessDirectory:
     """The tokens that are alive."""
 
     def __init__(self, read: Callable[[str], Seen], domain: int, on_change: Callable[[], None]) -> None:
-        """Begin without tokens.
+        """Create an empty graph.
 
         Args:
             read: parses a token; raises `ValueError` if it cannot.
-            domain: ours.
+            domain: our ROS_DOMAIN_ID.
             on_change: called when the graph has changed.
         """
         self._read = read

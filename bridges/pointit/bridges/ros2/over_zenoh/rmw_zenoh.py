@@ -21,13 +21,13 @@ class RmwZenoh:
     """Encoder and decoder for one session of ours with one node; numbers its entities."""
 
     def __init__(self, *, session: str, node: str, domain: int, enclave: str = ENCLAVE) -> None:
-        """Begin with the node.
+        """Create the context with the node.
 
         Args:
-            session: Zenoh's id of it.
+            session: Zenoh's id of the session.
             node: our node's full name.
             domain: ROS_DOMAIN_ID.
-            enclave: of our node; `BRIDGE` for one that others of its kind are to know.
+            enclave: enclave of our node. `BRIDGE` for one that other bridges recognise.
 
         Raises:
             ValueError: If `node` is no full ROS name.

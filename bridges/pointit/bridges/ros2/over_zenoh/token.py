@@ -64,7 +64,7 @@ def dds_type(text: str, type_hash: str) -> RosType:
 
 
 DEFAULT_DEPTH = 42
-"""Default of rmw_zenoh, not of ROS, whose nodes use 10 or 1."""
+"""Default depth of rmw_zenoh. ROS nodes use 10 or 1 instead."""
 
 RELIABLE, BEST_EFFORT = 1, 2
 TRANSIENT_LOCAL, VOLATILE = 1, 2

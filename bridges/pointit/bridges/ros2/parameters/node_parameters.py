@@ -141,8 +141,8 @@ class NodeParameters:
         """Return the parameters `names` that have a value, in that order.
 
         Raises:
-            NoAnswerError: If the node does not answer in time, or not what was asked.
-            ConfigError: If it is too much.
+            NoAnswerError: If the node does not answer in time, or if its answer does not fit.
+            ConfigError: If the answer is too large.
         """
         found: dict[str, Value] = {}
         for page in _pages(names):

@@ -38,7 +38,7 @@ class Actuator(Protocol):
     """Carries out commands."""
 
     def on_report(self, report: RobotReport) -> RobotReport:
-        """Take the robot's pose; return it with what else is known."""
+        """Store the robot's pose. Return it with its further known values."""
         ...
 
     def command(self, command: Command) -> None:

@@ -1,8 +1,8 @@
-"""Goals of a ROS action that were sent, and what became of them, whatever order answers come in; pure.
+"""Sent goals of a ROS action and their outcomes, for answers in any order. Pure.
 
-At most one goal is wanted: the newest, until the robot is stopped. Servers answer late, twice, or not at all,
-and a topic with the status of all goals tells what the answers did not. A goal that a server works on though
-nobody wants it is to be cancelled, until the server says that it has ended.
+At most one goal is wanted: the newest, until the robot is stopped. Servers answer late, twice, or not at all.
+The topic with the status of all goals replaces missing answers. A goal that a server executes although it is
+not wanted is cancelled until the server reports its end.
 """
 
 from collections.abc import Iterable
@@ -99,7 +99,10 @@ class GoalBook:
         return "refused"
 
     def on_silence(self, goal: bytes) -> Outcome | None:
-        """Return the news if a server does not answer about `goal`: it is cancelled, as it may go on."""
+        """Return the outcome if a server does not answer for `goal`.
+
+        The goal is cancelled, since it may be running.
+        """
         known = self._goals.get(goal)
         if known is None or known.state not in OPEN:
             return None
@@ -116,9 +119,9 @@ class GoalBook:
         return self._on_active(goal, now_ns)
 
     def on_status(self, statuses: Iterable[tuple[bytes, int]], now_ns: int) -> list[Outcome]:
-        """Return the news of a list of goals with their status; those of other clients do not matter.
+        """Return the outcome from a status list of goals. Goals of other clients are ignored.
 
-        The end of the wanted goal is no news yet: its result tells the reason, see `overdue`.
+        The end of the wanted goal is not an outcome yet: its result contains the reason, see `overdue`.
         """
         news: list[Outcome | None] = []
         for goal, status in statuses:
@@ -145,7 +148,7 @@ class GoalBook:
         return known is not None and now_ns - known.heard_ns < GRACE_NS
 
     def on_end(self, goal: bytes, status: int) -> Outcome | None:
-        """Return the news of the end of `goal`, once, however often it is told."""
+        """Return the outcome of `goal` once, even if its end is reported repeatedly."""
         known = self._goals.get(goal)
         if known is None or known.state == "over":
             return None
@@ -173,7 +176,10 @@ class GoalBook:
         return found
 
     def on_unknown(self, goal: bytes) -> None:
-        """Cancel `goal` no more: the server says that it has none such. It may get it later, and tell so."""
+        """Stop cancelling `goal`, which the server does not know.
+
+        It may receive the goal later, and report it.
+        """
         known = self._goals.get(goal)
         if known is not None and goal != self.wanted and known.state in {"silent", "accepted", "active"}:
             known.state = "unknown"

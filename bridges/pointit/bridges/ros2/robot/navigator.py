@@ -202,7 +202,7 @@ class Navigator:
         self._at_m: Vec3 | None = None
 
     def on_report(self, report: RobotReport) -> RobotReport:
-        """Take the robot's pose."""
+        """Store the robot's pose."""
         self._at_m = report.position_m
         return report
 
@@ -337,7 +337,10 @@ class Navigator:
             self._news(news, self._order)
 
     def _news(self, news: Outcome | None, order: int, reason: str = "") -> None:
-        """Tell the person, and go on along the way. Of a robot that follows, only what goes wrong matters."""
+        """Inform the person, and continue along the way.
+
+        For a robot that follows, only failures are reported.
+        """
         is_bad = news in {"refused", "failed"}
         if news is None or not (is_bad if self._follow is not None else order == self._order):
             return

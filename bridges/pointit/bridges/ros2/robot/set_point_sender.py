@@ -50,7 +50,7 @@ class SetPoints:
     """The set-point of one drone, moved every `step`."""
 
     def __init__(self, spec: RobotSpec, ground_m: float) -> None:
-        """Begin on the ground, whose height is `ground_m`, or wherever the first pose is."""
+        """Start on the ground at height `ground_m`, or at the first pose."""
         self._spec = spec
         self._ground_m = ground_m
         self._at_m: Vec3 | None = None
@@ -70,7 +70,7 @@ class SetPoints:
         return self._at_m is not None and self._at_m[2] > self._ground_m + FLYING_M
 
     def on_pose(self, position_m: Vec3, yaw_rad: float, velocity_mps: Vec3 = (0.0, 0.0, 0.0)) -> None:
-        """Take the drone's pose and velocity."""
+        """Store the drone's pose and velocity."""
         self._velocity_mps = velocity_mps
         if self._now is None:
             self._yaw_rad = yaw_rad
@@ -208,7 +208,7 @@ class SetPointSender:
         self._heard_ns = 0
 
     def on_report(self, report: RobotReport) -> RobotReport:
-        """Take the robot's pose; return it with whether it flies."""
+        """Store the robot's pose. Return it with the state of flying."""
         self._heard_ns = self._now_ns()
         self._points.on_pose(report.position_m, report.yaw_rad, report.velocity_mps)
         return dataclasses.replace(report, is_flying=self._points.is_flying)

@@ -106,7 +106,7 @@ class Person:
 
 @dataclass(slots=True)
 class Guest:
-    """A person all of whose nodes are ROS nodes."""
+    """A user with ROS nodes only."""
 
     is_heard: bool = False
     """A message about them has come since the last check."""
@@ -129,7 +129,10 @@ class ConversionState:
         person: str = "{user}/human_footprint",
         kinds: tuple[str, ...] = KINDS,
     ) -> None:
-        """Begin empty; `world` and `person` are the names of frames, `kinds` those of 0, 1, 2 ..."""
+        """Create an empty state.
+
+        `world` and `person` are names of frames, `kinds` the names of kinds 0, 1, 2 ...
+        """
         self.types = types
         self.names = RosNames()
         self.frames = Frames(self.names, world=world, person=person)

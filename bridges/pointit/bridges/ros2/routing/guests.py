@@ -1,4 +1,4 @@
-"""Guests: people all of whose nodes are ROS nodes, by configuration; present while those are received."""
+"""Guests: users with ROS nodes only, by configuration. They are present while messages of these arrive."""
 
 import logging
 from collections.abc import Iterable

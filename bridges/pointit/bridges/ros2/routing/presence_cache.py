@@ -21,10 +21,10 @@ class PresenceCache:
     """Remembers the states of people, or of services, and their departures."""
 
     def __init__(self, placeholder: str) -> None:
-        """Begin empty; unknown names count as present.
+        """Create an empty cache. Unknown names count as present.
 
         Args:
-            placeholder: of the topics about them; all others pass.
+            placeholder: placeholder of their topics. All other topics pass.
         """
         self._placeholder = placeholder
         self._gone: collections.OrderedDict[str, None] = collections.OrderedDict()
@@ -41,14 +41,14 @@ class PresenceCache:
         return name not in self._gone
 
     def on_join(self, name: str) -> States:
-        """Note a join, and return the states to show if the name had left."""
+        """Record an arrival. Return the states to publish if the name had left."""
         if name not in self._gone:
             return ()
         del self._gone[name]
         return tuple(self._states.get(name, {}).items())
 
     def on_leave(self, name: str) -> None:
-        """Note a departure."""
+        """Record a departure."""
         self._gone[name] = None
         if len(self._gone) > MAX_REMEMBERED:
             self._gone.popitem(last=False)

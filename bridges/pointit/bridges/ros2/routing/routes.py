@@ -135,11 +135,11 @@ def routes(path: Path | None = None, *, ros4hri: bool = False) -> Routes:
     """Return the table with new converters, changed by the file at `path` if there is one.
 
     Args:
-        path: of the file, which may change routes of ROS4HRI even if they are not wanted.
-        ros4hri: whether the table has the routes of ROS4HRI.
+        path: path of the file. It may change routes of ROS4HRI even if `ros4hri` is False.
+        ros4hri: True if the table includes the routes of ROS4HRI.
 
     Raises:
-        ConfigError: If the file cannot be used; one sentence with the route, the value and what to do.
+        ConfigError: If the file cannot be used. The message has the route, the value and the remedy.
     """
     table = Routes((*outward(), *of_ros4hri()), inward(), served(), RoutesFile())
     if path is not None:

@@ -28,7 +28,7 @@ SINGLE: tuple[SourceType, ...] = (
 
 
 class PoseSource(Config):
-    """A topic, or a frame of tf, that tells where something is."""
+    """A topic or a tf frame with the position of an object."""
 
     type: SourceType = Field(
         default="geometry_msgs/PoseStamped",

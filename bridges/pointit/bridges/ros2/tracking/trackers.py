@@ -181,10 +181,10 @@ class FrameLookup(NamedTuple):
 
 
 def stated_velocity(seen: Sighting, own_frame: str, pose: Pose, lookup: FrameLookup) -> Vec3 | str | None:
-    """Return the velocity that a message states, why it cannot be used, or None if it states none.
+    """Return the velocity in a message, the reason why it is unusable, or None if there is none.
 
-    A twist is in the frame that the message names. It is the object's own, whose pose is that of the message,
-    unless it is that of the pose, a frame of the map, or one fixed to the ground by its name.
+    A twist is in the message's child frame. This is the object's own frame, with the pose of the message,
+    unless it is the frame of the pose, a frame of the map, or by its name a frame fixed to the ground.
 
     Args:
         seen: the object.

@@ -159,7 +159,7 @@ def discard(folder: Path, now_ns: int) -> None:
 
 
 def fingerprint(environment: Environment, config: ConveyorSimConfig) -> str:
-    """Return a hash of what determines the packages' motion in map and configuration."""
+    """Return a hash of the values in map and configuration that determine the packages' motion."""
     parts = environment.model_dump(include={"belts", "strips", "links", "bays"}, mode="json")
     settings = config.model_dump(exclude={"rate_hz", "tracking", "resume_within_s"}, mode="json")
     text = json.dumps([parts, settings], sort_keys=True)

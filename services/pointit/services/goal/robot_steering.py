@@ -153,7 +153,7 @@ GAP_NS = 300_000_000
 BACK_NS = NS_PER_S
 """A cursor older than the one before by at most this is late. One older still is of a clock that was set."""
 SILENT_NS = 2 * NS_PER_S
-"""Time without a report from a robot's process after which it is not chosen, and is lost to who has it."""
+"""Time without a report of a robot's process after which its user loses it and no user can choose it, s."""
 TICK_NS = NS_PER_S // 5
 """Time between two checks for missing answers."""
 LAND_BEFORE_S = (0.6, 0.1)

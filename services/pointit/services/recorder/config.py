@@ -6,7 +6,7 @@ from pointit.runtime.config.config import Config
 
 
 class RecorderConfig(Config):
-    """The file, and what it leaves out."""
+    """File of the recording, and filters of its content."""
 
     file: str = Field(
         default="",

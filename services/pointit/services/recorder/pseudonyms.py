@@ -35,7 +35,7 @@ class Pseudonyms:
         self._pattern: re.Pattern[str] | None = None
 
     def learn(self, entry: Entry) -> None:
-        """Note the names that `entry` tells: whose key it is, and who is the user in its body."""
+        """Store the names in `entry`: the user of its key, and the user in its body."""
         _, _, row, name, body = entry
         is_own = row.placeholder == "user" or row is USER_ALIVE
         if is_own or (row is DEPLOYMENT and not name.startswith(RUN)):
@@ -45,7 +45,7 @@ class Pseudonyms:
             self._learn_in(_parsed(body.parameters))
 
     def replace(self, found: Entry) -> Entry:
-        """Return `found` without the names that were learnt so far, and without commands."""
+        """Return `found` without the names already stored, and without commands."""
         time_ns, _, row, name, body = found
         if isinstance(body, Configuration):
             body = body.model_copy(update={"parameters": json.dumps(self._in(_parsed(body.parameters)))})

@@ -39,8 +39,8 @@ class Recorder(Service[RecorderConfig]):
     CONFIG = RecorderConfig
     TIME_MAY_STEP: ClassVar[bool] = True
     IS_COMMAND: ClassVar[bool] = False
-    """If true, it ends when nothing more can be written, and says if no service runs; else, in a run, its
-    health says what cannot be written."""
+    """If True, it ends when writing fails, and reports if no service runs. If False, within a run, its health
+    reports write errors."""
 
     @classmethod
     def validate_config(cls, config: RecorderConfig) -> None:

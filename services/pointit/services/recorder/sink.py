@@ -1,4 +1,4 @@
-"""The thread that decodes and writes what has arrived, so that a slow disk holds up nobody."""
+"""Thread that decodes and writes messages, so that a slow disk does not delay the event loop."""
 
 import contextlib
 import functools
@@ -78,7 +78,7 @@ class FileSeries:
                 self._retained_entries.pop((entry.row.key, entry.name), None)
 
     def flush(self) -> None:
-        """Make what was added so far readable."""
+        """Flush all added entries, so that readers see them."""
         self._writer.flush()
 
     def close(self) -> None:

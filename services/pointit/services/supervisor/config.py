@@ -33,7 +33,7 @@ def measures(
     """Return the lengths for `stature_m`. Those in `given_m` replace the scaled ones.
 
     Raises:
-        ValueError: If they contradict each other. The message says which, and what to do.
+        ValueError: If they contradict each other. The message has the lengths and the remedy.
     """
     if seat_height_m is not None and not seated:
         raise ValueError(

@@ -33,7 +33,7 @@ class LocalizationAttempt:
     run: int = 0
     """Number of the person's last request. 0: none."""
     is_answered: bool = True
-    """True if the localizer has accepted the request. What ends before that is an earlier attempt."""
+    """True if the localizer has accepted the request. An end before that belongs to an earlier attempt."""
     next_step: str = user_messages.WAIT
     ahead: tuple[str, ...] = ()
     target_id: str = ""

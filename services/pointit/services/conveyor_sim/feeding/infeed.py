@@ -41,7 +41,7 @@ class Infeed:
             self.is_reverse[belt] = speed_mps < 0.0
 
     def feed(self, feeders: Sequence[Feeder]) -> bool:
-        """Put on what is due and has room. Return True if there was something."""
+        """Put on all due packages that have room. Return True if there was one."""
         is_fed = False
         for feeder in feeders:
             while not feeder.is_done and feeder.due_s <= ROUNDING_S:

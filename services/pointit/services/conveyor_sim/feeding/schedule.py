@@ -152,7 +152,7 @@ def check_schedule(config: ConveyorSimConfig) -> None:
     """Check the parts of a schedule that do not depend on a map.
 
     Raises:
-        ConfigError: If it cannot be used; names the file, the step and what to do.
+        ConfigError: If it cannot be used. The message has the file, the step and the remedy.
     """
     if config.schedule:
         path = expand_home(config.schedule)

@@ -1,4 +1,4 @@
-"""Periodic looks at the strips, and the beliefs derived from what is seen and felt."""
+"""Periodic observation of the strips, and estimates from seen and felt signals."""
 
 from collections.abc import Iterator
 
@@ -24,7 +24,7 @@ ROBOT_STILL_MPS = 0.15
 
 
 class Perception:
-    """Updates beliefs from what is seen and felt."""
+    """Updates estimates from seen and felt signals."""
 
     def __init__(self, sight: Sight, correction: Correction, period_s: float) -> None:
         self._sight = sight

@@ -1,4 +1,4 @@
-"""Everything that the person has seen and heard so far, delayed by perception."""
+"""All signals that the simulated person has seen and heard, delayed by perception."""
 
 from collections import deque
 from collections.abc import Mapping

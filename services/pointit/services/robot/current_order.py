@@ -21,7 +21,7 @@ MOVED_M = 0.2
 """Distance that a robot which stands may seem to move within `WINDOW_S`, besides 2 sigma, m."""
 
 WINDOW_S = 2.0
-"""Time after which its present place is what it may not leave, s."""
+"""Time after which its present position is the one it may not leave, s."""
 
 STUCK_S = 15.0
 """Time without motion after which a take-off or landing is given up, and a path is reported as held up, s."""
@@ -63,7 +63,7 @@ class CurrentOrder:
         return self._count
 
     def give(self, command: Command, now_ns: int, goal_ns: int = 0) -> None:
-        """Note that the driver receives `command`, for the goal of the stamp `goal_ns`."""
+        """Record that the driver receives `command`, for the goal with the stamp `goal_ns`."""
         before = self._given
         goes_on = isinstance(command, Follow) and before is not None and isinstance(before.command, Follow)
         first = before.first if goes_on and before is not None else command.order
@@ -74,7 +74,10 @@ class CurrentOrder:
         self._given = None
 
     def end(self, status: OrderStatus) -> Command | None:
-        """Note what became of an order. Return the present command if that has ended; earlier ones have."""
+        """Update the status of an order.
+
+        Return the present command if it has ended. Earlier ones have ended.
+        """
         given = self._given
         if given is None:
             return None
@@ -129,7 +132,7 @@ class StandstillMonitor:
         """Place that it may not leave, and since when."""
 
     def forget(self) -> None:
-        """Note that it may move, or that its place is not known."""
+        """Record that the robot may move, or that its position is unknown."""
         self.problem, self._due_ns, self._place = "", None, None
 
     def is_left(self, report: RobotReport, now_ns: int) -> bool:

@@ -178,7 +178,7 @@ def _vec3(values: Array) -> Vec3:
 
 
 AROUND_M = 2.5
-"""Distance from the robot at which a person stands of whom nothing is known."""
+"""Assumed distance from the robot of a person with unknown position, m."""
 
 DIRECTIONS = 8
 """Number of directions in which they may."""
@@ -238,12 +238,12 @@ class FigureFlight:
             self.followers[user] = localization.since_ns
 
     def on_gone(self, user: str) -> None:
-        """Note that the localizer of `user` has ended."""
+        """Record that the localizer of `user` has ended."""
         self.followers.pop(user, None)
         self._poses.pop(user, None)
 
     def forget(self) -> None:
-        """Note that somebody steers the robot now, or that it was stopped: the figure is over."""
+        """End the figure, since a user steers the robot now, or since it was stopped."""
         self._is_begun = False
         self.problem = ""
 

@@ -52,13 +52,13 @@ class RobotOwnership:
         return next((each for each in self._wanting() if not first_ns <= self._claims[each] <= last_ns), "")
 
     def free(self) -> None:
-        """Take it from who steers it, who has to name it again."""
+        """Release the robot from its user, who must choose it again."""
         if self.user in self._claims:
             self._claims[self.user] = 0
         self.user = ""
 
     def free_of_all(self) -> None:
-        """Take it from who steers it; everybody who wants it has to name it again."""
+        """Release the robot from its user. All requesting users must choose it again."""
         self._claims = dict.fromkeys(self._claims, 0)
         self.user = ""
 

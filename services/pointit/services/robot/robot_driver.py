@@ -1,4 +1,4 @@
-"""Drivers of robots: what they are told, what they report, and the installed ones by name."""
+"""Drivers of robots: commands, reports, and the installed drivers by name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -68,12 +68,12 @@ class LinkLost:
 ReportItem = RobotReport | OrderStatus | LinkLost
 
 Report = Callable[[ReportItem], None]
-"""Callback for what the driver has to say, called in the event loop."""
+"""Callback for reports of the driver, called in the event loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """Go to a place that moves: the next command comes soon, up to 50 a second. No status is needed."""
+    """Go to a moving position. Up to 50 such commands arrive per second. They need no status."""
 
     order: int
     position_m: Vec3
@@ -85,7 +85,7 @@ class Follow:
 
 @dataclass(frozen=True, slots=True)
 class FollowPath:
-    """Go along points, in order, and stay at the last one. Done when it is there."""
+    """Go along points in order, and stay at the last one. The command is done on arrival there."""
 
     order: int
     points_m: tuple[Vec3, ...]

@@ -1,4 +1,4 @@
-"""Decides which orders a robot receives: who steers it, where it may go, when it stops. Pure."""
+"""Orders of a robot from its owner, its permitted positions and its stop conditions. Pure."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ from pointit.services.robot.steering.errand import CommandPlanner
 from pointit.services.robot.steering.table import HOLDS, Stage, hold_of, stage_of, verdict_of
 
 CLAIM_AGE_S = 2.0
-"""A person who has named the robot longer ago, or so much ahead, does not get it, s."""
+"""Maximum age of a user's choice of the robot, and maximum lead of its stamp, s."""
 MOVING_MPS = 0.05
 """A slower robot counts as standing, m/s."""
 NEAR_M = 0.1
@@ -56,7 +56,7 @@ class RobotPilot:
         """True until the robot has been heard of, or should have been."""
         self._started_ns: int | None = None
         self._since_ns = 0
-        """Time of the first report after the last loss. What people wanted before counts no more."""
+        """Time of the first report after the last loss. Earlier requests of users are ignored."""
         self._cursors: dict[str, Cursor] = {}
         self._stop: StopReason | None = None
         """Reason to stand still; a stop that freed it counts until somebody takes it."""
@@ -135,7 +135,7 @@ class RobotPilot:
         self._figure.on_pose(user, pose)
 
     def on_localizer_end(self, user: str) -> None:
-        """Note that nothing localizes a person any longer."""
+        """Record that a person has no localizer any more."""
         self._figure.on_gone(user)
 
     def on_localization(self, user: str, localization: Localization) -> None:
@@ -152,12 +152,12 @@ class RobotPilot:
         self._safety.on_cursor(user, cursor)
 
     def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
-        """Take a goal of the person who steers the robot. One that comes twice or late is not followed."""
+        """Accept a goal of the person who steers the robot. Repeated and late goals are ignored."""
         if user == self.user and goal.robot in ("", self._name):
             self._planner.on_goal(user, goal, now_ns)
 
     def on_item(self, item: ReportItem, now_ns: int) -> str:
-        """Take what the driver reports. Return why it cannot be used, or `""`."""
+        """Store a report of the driver. Return the reason if it is unusable, else `""`."""
         match item:
             case RobotReport():
                 if fault := report_fault(item):
@@ -167,7 +167,7 @@ class RobotPilot:
                     return problem
                 if self._lost:
                     self._since_ns = now_ns
-                    self._halts = True  # it may carry out what it was told before
+                    self._halts = True  # it may still execute an earlier order
                 self.report, self._lost = item, ""
                 self._is_expected = False
                 self._order.pass_points(item.position_m, max(NEAR_M, self._config.radius_m))
@@ -240,7 +240,10 @@ class RobotPilot:
         self._halts |= change == "halt"
 
     def _change_owner(self, now_ns: int) -> None:
-        """Take the robot from who lets go of it, and give it to the first who wants it and may have it."""
+        """Release the robot from a user that no longer wants it.
+
+        Assign it to the first user that may have it.
+        """
         is_followed = self._kind == "not_pointing" and self.user in self._figure.followers
         if is_followed or self._owners.is_let_go():
             self._free()
@@ -265,7 +268,7 @@ class RobotPilot:
         self._end_steering()
 
     def _release(self, stop: StopReason) -> None:
-        """Stop it, take it from who steers it, and give it to nobody who does not ask again."""
+        """Stop the robot and release it from its user. Only users that choose it again can get it."""
         self._owners.free_of_all()
         self._end_steering()
         self._stop = stop
@@ -275,7 +278,7 @@ class RobotPilot:
         self._planner.forget()
 
     def _on_status(self, status: OrderStatus) -> None:
-        """Note what became of the present order. Reports about earlier orders are ignored."""
+        """Update the status of the present order. Reports about earlier orders are ignored."""
         command = self._order.end(status)
         if command is None:
             return

@@ -19,7 +19,7 @@ StopKind = Literal[
     "people",
     "robots",
 ]
-"""Kind of a stop; `person`: on request, `report`: nothing is heard of it."""
+"""Kind of a stop. `person`: on request. `report`: the robot sends no reports."""
 
 
 class StopReason(NamedTuple):
@@ -29,7 +29,7 @@ class StopReason(NamedTuple):
     text: str
     """Problem and remedy, in one sentence."""
     is_freeing: bool
-    """True: nobody steers it any longer. False: its person keeps it, and goes on when this is over."""
+    """True: its user loses the robot. False: its user keeps it, and steering continues after the stop."""
 
 
 class PermittedSetPoint(NamedTuple):

@@ -1,4 +1,4 @@
-"""Reads what people want of a robot, where they point and who they are; drives it and says where it is."""
+"""Service that drives a robot from users' goals, poses and pointing, and publishes its state."""
 
 import asyncio
 import math
@@ -46,7 +46,7 @@ DRIVER_ENDED = LinkLost("the driver of the robot has ended; it is started again"
 
 
 class Robot(Service[RobotConfig]):
-    """One robot that people steer by pointing. It says where it is, what it does, for whom, and why not."""
+    """One robot that users steer by pointing. Publishes its position, activity, owner and reason to stop."""
 
     NAME: ClassVar[str] = "robot"
     SCOPE: ClassVar[Scope] = "site"
@@ -54,7 +54,7 @@ class Robot(Service[RobotConfig]):
     SEVERAL: ClassVar[bool] = True
 
     def __init__(self, config: RobotConfig, context: Context) -> None:
-        """Make the driver, which opens nothing yet.
+        """Create the driver, which opens no connection yet.
 
         Raises:
             ConfigError: If the driver is not installed, or its parameters cannot work.

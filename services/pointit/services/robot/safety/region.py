@@ -81,9 +81,9 @@ class Region:
         return scale(direction, 1.0 / length) if length > 0.0 else direction
 
     def toward(self, start_m: Vec3, target_m: Vec3, reach_m: float) -> tuple[Vec3, Obstacle | None]:
-        """Return the place to go to now for `target_m`, at most `reach_m` away, and what keeps it from there.
+        """Return the next position towards `target_m`, at most `reach_m` away, and the obstacle, if any.
 
-        It is on the straight way, before the first obstacle; at an obstacle, along it.
+        It is on the straight line before the first obstacle, or along an obstacle that is already reached.
         """
         goal = self.nearest(target_m)
         blocker = self.blocker(target_m)

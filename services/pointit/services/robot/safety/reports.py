@@ -9,7 +9,7 @@ from pointit.services.robot.robot_driver import RobotReport
 from pointit.services.robot.robot_safety import StopReason
 
 JUMP_M = 0.5
-"""Distance by which a report may deviate from what the speed limit permits, besides 2 sigma."""
+"""Distance by which a report may exceed the speed limit's distance, in addition to 2 sigma, m."""
 SPEED_RATIO = 1.5
 """Speed that a robot may have, as a multiple of its limit: others push it, and its clock is not ours."""
 SETTLED_S = 1.0
@@ -25,7 +25,7 @@ TURN_S = 0.1
 
 
 class Reports:
-    """The newest report that can be used, and what is wrong with those after it."""
+    """Newest usable report, and the problem of later ones."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
         self._config = config
@@ -69,7 +69,7 @@ class Reports:
         return ""
 
     def on_link_lost(self, reason: str) -> None:
-        """Note that there are no reports that can be used until the next one."""
+        """Discard the reports. None is usable until the next one."""
         self._problem = reason
 
     def stop_reason(self, now_ns: int) -> StopReason | None:

@@ -134,7 +134,7 @@ class Safety:
         """Time of the first step after the last state of another robot."""
         self._now_ns = 0
         self._stop: tuple[str, StopReason] | None = None
-        """Last reason to stop, and who steered it then. Its text stays while its kind does."""
+        """Last reason to stop, and the user at that time. Its text is kept while its kind is the same."""
 
     def on_map(self, environment: Environment) -> None:
         """Update fences and level planes."""
@@ -171,7 +171,7 @@ class Safety:
         return self._reports.on_report(report, now_ns)
 
     def on_link_lost(self, reason: str) -> None:
-        """Note that this robot is not connected."""
+        """Record that this robot is not connected."""
         self._reports.on_link_lost(reason)
 
     def take_problem(self, user: str, now_ns: int) -> str:
@@ -243,9 +243,10 @@ class Safety:
         return PermittedSetPoint(ahead_m, limit_mps, problem)
 
     def stop(self, user: str, mode: str, now_ns: int) -> StopReason | None:
-        """Return the reason to stand still now, or None. `user`: who steers, or `""`; `mode`: of `Steering`.
+        """Return the reason to stand still now, or None.
 
-        A landing goes on when its person no longer points: in the air it would wait for another one.
+        `user`: user who steers, or `""`. `mode`: mode of `Steering`. A landing continues when its person no
+        longer points. Otherwise the robot would wait in the air.
         """
         self._now_ns = now_ns
         for name in tuple(self._others):
@@ -290,7 +291,7 @@ class Safety:
         return None if blocker is None else self._stop_for(blocker, region.clearance_m(blocker, place_m))
 
     def _stop_above_person(self, mode: str) -> StopReason | None:
-        """Return the person in whose space a landing has been stopped: it goes on when they are away."""
+        """Return the person in whose space a landing was stopped. It continues when they have left."""
         if mode != "land" or self._stop is None or self._stop[1].kind != "people":
             return None
         region, place_m = self._region(), self._place_m()

@@ -11,10 +11,10 @@ from pointit.services.robot.safety.safety import Safety
 from pointit.services.robot.steering.table import ACTIONS, Stage
 
 ANSWER_S = 3.0
-"""A robot that has not answered an order for so long is said to be silent, s."""
+"""Time without an answer to an order after which a robot is reported as silent, s."""
 
 GOAL_AGE_S = 2.0
-"""A goal pointed at longer ago, or so much ahead, is refused, s."""
+"""Maximum age of a goal, and maximum lead of its stamp, s."""
 
 UNREACHABLE = "the robot cannot go where you point: point at the floor"
 
@@ -48,7 +48,7 @@ class CommandPlanner:
         """Reason not to do what it is asked for."""
 
     def on_goal(self, user: str, goal: Goal, now_ns: int) -> None:
-        """Take a goal of the person who steers the robot. One that comes twice or late is not followed."""
+        """Accept a goal of the person who steers the robot. Repeated and late goals are ignored."""
         if goal.stamp_ns <= self._goal_ns.get(user, 0):
             return
         age_s = (now_ns - goal.stamp_ns) / NS_PER_S
@@ -62,7 +62,7 @@ class CommandPlanner:
             self._goal = goal
 
     def on_failure(self, command: Command, state: str, reason: str) -> None:
-        """Note that the robot has not carried out `command`."""
+        """Record that the robot has not executed `command`."""
         why = f": {reason}" if reason else ""
         self.problem = f"the robot has {state} its order{why}; point there again, or elsewhere"
         if not isinstance(command, FollowPath):
@@ -79,7 +79,7 @@ class CommandPlanner:
         self._refused, self.problem = None, ""
 
     def step(self, stage: Stage, report: RobotReport, cursor: Cursor | None, now_ns: int) -> Command | None:
-        """Return the command by which the robot begins, or goes on with, what its person wants."""
+        """Return the command that starts or continues the request of the robot's user."""
         if (silent_s := self._order.unanswered_s(now_ns)) > ANSWER_S:
             self.problem = f"the robot has not answered its order for {silent_s:.0f} s: look at its driver"
         command = self._next(stage, report, cursor, now_ns)

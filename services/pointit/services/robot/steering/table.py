@@ -13,7 +13,7 @@ Mode = Literal["none", "follow", "goals", "land"]
 """Wish of its person, as in `Steering`."""
 
 Action = Literal["wait", "take off", "follow", "go", "land", "stay", "stop", "let go"]
-"""`go`: to the goal that waits, if one does; `stay`: stop what was ordered; `let go`: nobody has it."""
+"""`go`: drive to the pending goal, if any. `stay`: stop. `let go`: release the robot."""
 
 ACTIONS: Mapping[Stage, Mapping[Mode, Action]] = {
     "landed": {"none": "wait", "follow": "take off", "goals": "take off", "land": "let go"},
@@ -25,7 +25,7 @@ ACTIONS: Mapping[Stage, Mapping[Mode, Action]] = {
 }
 
 Hold = Literal["none", "kept", "passing", "freed"]
-"""Reason to stand: its person keeps it; nobody has it until that passes; or until somebody takes it."""
+"""Reason to stand. Its user keeps it, or it has no user until the reason ends or a user chooses it."""
 
 Verdict = Literal["safe", "hold", "free", "other_master"]
 """Result of the safety checks."""
@@ -71,7 +71,7 @@ def hold_of(stop: StopReason | None, user: str) -> Hold:
 
 
 def verdict_of(stop: StopReason | None) -> Verdict:
-    """Return the result of the safety checks, whose reason is `stop`."""
+    """Return the result of safety checks with the reason `stop`."""
     if stop is None:
         return "safe"
     if stop.kind == "other_master":

@@ -122,7 +122,7 @@ class Agv:
 
     @property
     def is_active(self) -> bool:
-        """Return True while the AGV may move by what it was told."""
+        """Return True while an order permits the AGV to move."""
         return self._orders.is_active
 
     def topic(self, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Orders of one AGV: what is sent for a command, and what the AGV makes of it. Pure; time is an argument."""
+"""Orders of one AGV: the messages for a command, and their execution. Pure, with time as an argument."""
 
 import math
 from collections import deque
@@ -66,7 +66,8 @@ MAX_TRIES = 5
 SAME_TARGET_M = 0.1
 """Change of a target that is not worth an order, m. A cursor trembles by some centimetres."""
 NODES_AHEAD = 4
-"""Maximum number of released nodes ahead of the AGV: so many that updates come before it has to brake."""
+"""Maximum number of released nodes ahead of the AGV. It must suffice for updates to arrive before the AGV
+brakes."""
 
 Outcome = Literal["accepted", "done", "cancelled", "refused", "failed"]
 Tell = Callable[[int, Outcome, str], None]
@@ -96,16 +97,16 @@ class _Sent:
 
 
 class AgvOrders:
-    """Decides what is sent to one AGV.
+    """Selects the orders for one AGV.
 
     An order is handed out in steps: at most four nodes ahead of the AGV are released, and updates append to
-    them. So a new target replaces the way beyond the next nodes without a stop, and an AGV that loses its
-    connection, which by the standard drives on to its last released node, drives `base_m` at most.
-    Nothing is sent before the AGV has told its state, nor while it carries out an order of another master.
+    them. A new target therefore replaces the way beyond the next nodes without a stop. By the standard, an
+    AGV that loses its connection continues to its last released node, here `base_m` at most. No order is sent
+    before the AGV has reported its state, or while it executes an order of another master.
     """
 
     def __init__(self, session: str, base_m: float, interval_s: float, tell: Tell) -> None:
-        """Begin without an order and without a connection.
+        """Create without an order and without a connection.
 
         Args:
             session: makes the ids of orders differ from those of other runs.
@@ -163,7 +164,7 @@ class AgvOrders:
         return "the AGV is paused: press its button, or let its master go on" if self._is_paused else ""
 
     def follow(self, number: int, target: Point, yaw_rad: float | None, speed_mps: float | None) -> None:
-        """Go to `target`, m, which replaces what was ordered before."""
+        """Go to `target`, m. This replaces the previous order."""
         if not self._is_linked or self._is_refused(number):
             return
         self._number, self._is_path = number, False
@@ -176,7 +177,7 @@ class AgvOrders:
     def drive(
         self, number: int, points: Sequence[Point], yaw_rad: float | None, speed_mps: float | None
     ) -> None:
-        """Go along `points`, m, which replace what was ordered before."""
+        """Go along `points`, m. This replaces the previous order."""
         if not self._is_linked or self._is_refused(number):
             return
         self._number, self._is_path, self._is_accepted = number, True, False
@@ -209,7 +210,7 @@ class AgvOrders:
         self._position = position
 
     def on_state(self, state: AgvState) -> None:
-        """Compare a state, newer than those before, with what was ordered."""
+        """Compare a state, newer than the previous ones, with the order."""
         self._state = state
         self._blocked = OTHER_MASTER if has_other_master(state) else blocked_by(state)
         self._is_paused = state.paused and state.is_executing

@@ -28,7 +28,7 @@ TOPICS = (("connection", 1), ("state", 0), ("visualization", 0))
 """Topics of an AGV, with their quality of service by the standard."""
 
 TICK_S = 0.05
-"""Longest wait between two looks at what is to be sent or reported, s."""
+"""Maximum interval between two checks for messages to send or results to report, s."""
 
 RETRY_S = 1.0
 """Wait after an error, s."""

@@ -37,7 +37,7 @@ def node_id(order_id: str, sequence_id: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An order, or its update, whose first node is the last one of what was sent before."""
+    """An order, or an update, whose first node is the last one that was sent before."""
 
     order_id: str
     update_id: int

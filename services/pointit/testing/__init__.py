@@ -1,6 +1,6 @@
-r"""Checks of plug-ins: what each kind promises, such as an IMU source or a robot driver.
+r"""Checks of plug-ins: the promises of each kind, such as an IMU source or a robot driver.
 
-The author of a plug-in says once how its device can be faked, and gets one test for each promise:
+The author of a plug-in describes a fake device once, and gets one test for each promise:
 
     DEVICE = ImuHarness(
         plugin=SOURCE,

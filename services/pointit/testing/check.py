@@ -23,7 +23,7 @@ CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
 
 @dataclass(frozen=True, kw_only=True)
 class Harness(Generic[P]):
-    """A plug-in, and what its checks must know about it."""
+    """A plug-in with the data that its checks need."""
 
     plugin: P
     wrong_parameters: tuple[Mapping[str, object], ...] = ()
@@ -52,10 +52,10 @@ class Check:
         return self.name
 
     def run(self) -> None:
-        """Run it, in an event loop and a thread of its own, so that nothing of it can hang the caller.
+        """Run the check in a separate thread and event loop, so that it cannot block the caller.
 
         Raises:
-            CheckFailedError: If the promise does not hold. Says what happened, and what to do.
+            CheckFailedError: If the promise does not hold. The message has the observation and the remedy.
         """
         try:
             self.function()
@@ -64,7 +64,7 @@ class Check:
 
 
 class CheckFailedError(AssertionError):
-    """A plug-in does not keep a promise; the message says which, what happened, and what to do."""
+    """A plug-in breaks a promise. The message has the promise, the observation and the remedy."""
 
 
 @contextmanager

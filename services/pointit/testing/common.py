@@ -19,7 +19,7 @@ from pointit.testing.own_loop import current_watch
 from pointit.testing.trial import CANCEL_S, DeviceHarness, Trial, absent, go_through, lived
 
 MEMORY_BYTES = 400_000
-"""Growth of memory above which a plug-in is said to keep what it should drop, bytes."""
+"""Maximum growth of memory, bytes. A plug-in that exceeds it stores data that it should discard."""
 BLOCKED_S = 0.25
 """Time for which a plug-in may hold the event loop up at most, s."""
 SETTLED_S = 1.0

@@ -33,7 +33,7 @@ class FakeDevice:
         """Vanish, as if the cable was pulled. Does nothing if it is not there."""
 
     async def send(self, data: bytes) -> None:
-        """Send `data`. What the program does not read within a second is lost, as on a real wire."""
+        """Send `data`. Bytes that the program does not read within a second are lost, as on a real wire."""
 
     def stall(self) -> None:
         """Stop reading, and go on being connected."""
@@ -209,12 +209,12 @@ class UdpDevice(NetworkDevice):
         return taken
 
     def _unused_port(self) -> int:
-        """Return a port that nobody takes before the program does: systems give out none of `PROGRAM_PORTS`.
+        """Return a port that stays free until the program opens it: systems assign none of `PROGRAM_PORTS`.
 
-        The TCP port of that number is held, by which devices of all processes divide them.
+        The TCP port of that number is kept open, which reserves it among the devices of all processes.
 
         Raises:
-            OSError: all are taken.
+            OSError: If all are in use.
         """
         for port in random.SystemRandom().sample(PROGRAM_PORTS, len(PROGRAM_PORTS)):
             with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -229,7 +229,7 @@ class UdpDevice(NetworkDevice):
         self._numbered.close()
 
     async def plug(self) -> None:
-        """Begin to send and receive."""
+        """Start to send and receive."""
         self._reserved.close()
         loop = asyncio.get_running_loop()
         self._transport, _ = await loop.create_datagram_endpoint(

@@ -1,4 +1,4 @@
-"""An event loop in a thread of its own, watched from outside, so that what blocks or hangs it is named."""
+"""An event loop in a separate thread with a watchdog that names the code that blocks it."""
 
 import asyncio
 import contextlib

@@ -73,11 +73,11 @@ class TrialHealth:
         self.warn(topic, "")
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:  # noqa: ARG002 - as the bus
-        """Take a metric."""
+        """Store a metric."""
         self.note_thread("health.set_metric")
 
     def reached(self, latency_s: float) -> None:  # noqa: ARG002 - as the bus
-        """Take a latency."""
+        """Store a latency."""
         self.note_thread("health.reached")
 
 
@@ -95,7 +95,7 @@ class DeviceHarness(Harness[P]):
         raise NotImplementedError
 
     def example(self) -> FakeDevice:
-        """Return a closed device, which tells what others like it can do."""
+        """Return a closed device, which shows the capabilities of its kind."""
         device = self.device()
         device.close()
         return device
@@ -118,7 +118,7 @@ class Trial(ABC):
 
     @abstractmethod
     def make(self, config: Any) -> object:
-        """Make the plug-in. Raises what it raises."""
+        """Create the plug-in. Raises its errors."""
 
     @abstractmethod
     async def start(self) -> None:
@@ -226,7 +226,7 @@ def failure_of(task: asyncio.Task[None]) -> BaseException | None:
 
 
 async def go_through(trial: Trial) -> None:
-    """Let all happen to `trial` that can, whatever comes of it: checks of their own find it out.
+    """Run all events on `trial` and ignore their results. Separate checks test these.
 
     Raises:
         CheckFailedError: If `run` has ended.

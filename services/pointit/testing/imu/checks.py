@@ -191,8 +191,8 @@ async def bounded_memory(harness: ImuHarness) -> None:
 SILENCE_S = 0.4
 VIRTUAL_SILENCE_S = 120.0
 MOST_CPU = 0.06
-"""Share of one core above which a source that gets nothing is said to spin. Waiting takes 0.02; who spins
-gets what a busy machine leaves of a core."""
+"""Maximum CPU share of a source without input, in cores. Waiting takes 0.02. A busy loop takes the share of a
+core that a busy machine leaves."""
 
 
 @IMU_SUITE.check("Catch OSError around connecting, and try again after a pause", sends)

@@ -16,7 +16,7 @@ POSTURE: Quaternion = rotation.from_azimuth_elevation(0.7, -0.3)
 """Orientation that the fake device sends unless told otherwise."""
 OTHER_POSTURE: Quaternion = rotation.from_azimuth_elevation(-1.1, 0.4)
 NEAR_RAD = 0.05
-"""Largest error of what is heard, since formats round, rad."""
+"""Maximum error of a received orientation, since formats round, rad."""
 KEPT = 64
 """Number of readings that a trial remembers; it must not need memory of its own."""
 
@@ -82,7 +82,7 @@ class ImuTrial(Trial):
             await self.until(lambda: self.count > 0, failure)
 
     async def live(self) -> None:
-        """Let the device vanish and come back, if there is one."""
+        """Disconnect and reconnect the device, if there is one."""
         if sends(self.harness):
             await self.replug()
 

@@ -23,7 +23,7 @@ class LedHarness(DeviceHarness[LedOutput]):
     """An LED output with a fake device that stands for the real one."""
 
     decode: Callable[[bytes], Sequence[bytes]]
-    """Returns the complete frames in what the device has received since it was connected, in their order.
+    """Returns the complete frames in the bytes that the device has received since it was connected, in order.
     Each is the pixels of all strips: 3 bytes a pixel, red, green, blue. The checks use only 0 and 255. For an
     output to lamps, each pixel is a lamp: `a_0` to `a_9`, `b_0` to `b_6`."""
 
@@ -53,7 +53,7 @@ class LedTrial(Trial):
             self.output = self.make(self.config)
 
     def make(self, config: Any) -> Output:
-        """Make an output. Raises CheckFailedError if it has neither strips nor lamps."""
+        """Create an output. Raises CheckFailedError if it has neither strips nor lamps."""
         output = self.harness.plugin.make(config, self.surroundings)
         if isinstance(output, Output):
             return output

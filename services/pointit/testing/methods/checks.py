@@ -1,4 +1,4 @@
-"""The checks of selection methods: a method is a pure function of the cursors so far."""
+"""Checks of selection methods: a method is a pure function of all past cursors."""
 
 import math
 import random
@@ -11,7 +11,7 @@ from pointit.testing.common import require_bounded_memory, require_parameters, r
 from pointit.testing.methods.harness import BESIDE, COUNT, RATE_HZ, MethodHarness, Person
 
 PATIENT_DWELLS = 4.0
-"""Stays of so many dwell times must select."""
+"""Number of dwell times after which a stay must select."""
 SLOWEST_S = 2.0
 PASSING_SHARE = 0.15
 """Share of the dwell time that a passing cursor spends on each object."""

@@ -49,10 +49,10 @@ class Person:
     """A person who points at numbered objects about them, `object 0` to `object 23`."""
 
     def __init__(self, harness: MethodHarness, name: str = "anna") -> None:
-        """Make the method.
+        """Create the method.
 
         Raises:
-            CheckFailedError: If it cannot be made.
+            CheckFailedError: If it cannot be created.
         """
         plugin = harness.plugin
         self._by_angle = plugin.by_angle

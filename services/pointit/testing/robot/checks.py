@@ -1,4 +1,4 @@
-"""Checks of what a robot driver reports, and of how it carries out commands."""
+"""Checks of a robot driver's reports and of its execution of commands."""
 
 import asyncio
 import math

@@ -29,10 +29,10 @@ STILL_MPS = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class RobotHarness(DeviceHarness[RobotPlugin]):
-    """A robot driver with a fake robot that stands for the real one, and moves as ordered.
+    """A robot driver with a fake robot that replaces the real one and moves as ordered.
 
-    The fake robot is a `FakeDevice` that stands at the origin when it is made. It may report and move by
-    tasks of its own from `plug` to `unplug`.
+    The fake robot is a `FakeDevice` that is created at the origin. Between `plug` and `unplug`, tasks of it
+    may report and move.
     """
 
     kind: RobotKind = "ground"
@@ -71,7 +71,7 @@ class RobotTrial(Trial):
         return 0.5 if self.harness.kind == "quadrotor" else 0.0
 
     def make(self, config: Any) -> Any:
-        """Make a driver of a robot at the origin."""
+        """Create a driver of a robot at the origin."""
         spec = RobotSpec(
             name="checked",
             kind=self.harness.kind,
@@ -94,7 +94,7 @@ class RobotTrial(Trial):
         await self.until(lambda: len(self.reports) > before, f"{situation}, and nothing was reported")
 
     async def live(self) -> None:
-        """Let the robot move, and stop it; let it vanish and come back, if that can be noticed."""
+        """Move and stop the robot. Disconnect and reconnect it, if the driver can notice that."""
         await self.rise()
         self.tell(FollowPath(self.next(), (self.place(0.5),)))
         await self.exchange()
@@ -112,7 +112,7 @@ class RobotTrial(Trial):
         return self._count
 
     def tell(self, command: Command) -> None:
-        """Give the driver a command.
+        """Send the driver a command.
 
         Raises:
             CheckFailedError: If it raises.
@@ -125,14 +125,14 @@ class RobotTrial(Trial):
         return [status.state for status in self.statuses if status.order == order]
 
     async def rise(self) -> None:
-        """Let a quadrotor take off."""
+        """Start a quadrotor's take-off."""
         if self.harness.kind == "quadrotor":
             order = self.next()
             self.tell(TakeOff(order, self.height_m))
             await self.done(order, "it was told to take off")
 
     async def go(self, place_m: Vec3) -> None:
-        """Go to a place, and wait until the driver says that it is done."""
+        """Go to a position, and wait until the driver reports arrival."""
         order = self.next()
         self.tell(FollowPath(order, (place_m,)))
         await self.done(order, f"it was sent to {place_m}")

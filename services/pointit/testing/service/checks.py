@@ -88,7 +88,7 @@ async def uses_declared_rows(harness: ServiceHarness) -> None:
 
 @SERVICE_SUITE.check("See the test `works` in the harness", lambda harness: harness.works is not None)
 async def works(harness: ServiceHarness) -> None:
-    """Does what its author's own test says."""
+    """Passes its author's own test."""
     async with connected(harness.trial()) as trial:
         if harness.works is not None:
             await harness.works(trial)

@@ -29,7 +29,7 @@ class Count(Message):
 
 
 class Reset(Query):
-    """Begin again from zero."""
+    """Restart from zero."""
 
 
 class ResetReply(Reply):
@@ -63,7 +63,7 @@ class SelectionCounter(Service[ServiceConfig]):
     CONFIG = ServiceConfig
 
     def __init__(self, config: ServiceConfig, context: Context) -> None:
-        """Declare what it writes first, and what it reads last."""
+        """Declare publishers first, and subscriptions last."""
         super().__init__(config, context)
         self._selected = config.first
         self._seq = 0

@@ -1,4 +1,4 @@
-"""Harness of the service, for tests and `pointit plugin check`: what it hears, and what it must do."""
+"""Harness of the service, for tests and `pointit plugin check`: its input and its expected output."""
 
 from pointit.plugins import SelectionEvent, topics
 from pointit.testing import ServiceHarness, ServiceTrial

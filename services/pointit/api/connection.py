@@ -37,14 +37,15 @@ def connect(
     """Join a running site: `async with pointit.connect() as site`.
 
     Args:
-        address: of a `pointit run` or `pointit router`, such as `tcp/192.168.1.5:7447`, or several in turn.
-            By default those of the credentials, else port 7447 of this machine: whose run that is, is logged.
-        site: its name. By default that of the credentials, else `lab`.
-        credentials: the folder of an identity on a secured site. By default `$POINTIT_CREDENTIALS`, if set.
-        patience_s: time limit, s. None: wait until somebody answers.
+        address: addresses of a `pointit run` or `pointit router`, such as `tcp/192.168.1.5:7447`, to try in
+            turn. Default: those of the credentials, else port 7447 of this machine. The log names the
+            command that runs there.
+        site: name of the site. Default: that of the credentials, else `lab`.
+        credentials: folder of an identity on a secured site. Default: `$POINTIT_CREDENTIALS`, if set.
+        patience_s: timeout, s. None: wait without limit.
 
     Raises:
-        ConnectError: If nobody answers at the address, or the router refuses the credentials.
+        ConnectError: If no site answers at the address, or the router refuses the credentials.
         WrongSiteError: If only other sites run there.
         AccessDeniedError: If this identity was revoked.
         ConfigError: If the address or the credentials cannot be used.
@@ -116,7 +117,7 @@ def _credentials(folder: Path) -> Credentials:
 
 
 async def _check_site(bus: ZenohBus) -> None:
-    """Check that the site is there, if nobody is: another one may be, or this identity sees nobody.
+    """Check, if no service is present, that no other site runs there and that this identity may read.
 
     Raises:
         WrongSiteError: If there are other sites.

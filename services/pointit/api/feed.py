@@ -1,4 +1,4 @@
-"""Asynchronous iterators over what arrives, newest wins or every event, as the topic table says."""
+"""Asynchronous iterators over messages: the newest or every event, by the class of the topic."""
 
 import asyncio
 import collections
@@ -56,7 +56,7 @@ class ReceiveBuffer(Generic[U]):
         return self._overflowed + self.source.traffic.lost + self.source.traffic.dropped
 
     def put(self, item: U, name: str) -> None:
-        """Add what came under `name`, in place of what is still there under it unless all of it counts."""
+        """Add a message of `name`. It replaces a pending one of `name`, unless all are queued."""
         self._has_received = True
         self._items[next(self._numbers) if self._keeps_all else name] = (name, item)
         if self._keeps_all and len(self._items) > EVENT_CAPACITY:
@@ -67,7 +67,7 @@ class ReceiveBuffer(Generic[U]):
         self._changed.set()
 
     def close(self, error: Exception | None = None) -> None:
-        """Stop filling it; who takes gets what is there, then `error` or the end."""
+        """Stop adding. Readers get the pending messages, then `error` or the end."""
         if not self._is_closed:
             self._is_closed, self._error = True, error
             self._changed.set()
@@ -75,11 +75,11 @@ class ReceiveBuffer(Generic[U]):
                 self.source.close()
 
     async def take(self) -> tuple[str, U]:
-        """Return the oldest of what is there, or wait for it.
+        """Return the oldest pending message, or wait for one.
 
         Raises:
-            StopAsyncIteration: If nothing more comes.
-            PointItError: If nothing more comes because of that.
+            StopAsyncIteration: If the feed has ended.
+            PointItError: If the feed ended with this error.
         """
         while not self._items:
             if self._is_closed:
@@ -153,9 +153,9 @@ class Feed(AsyncIterator[T], Generic[T]):
         return Feed(self._buffer, lambda pair: (pair[0], pick(pair)), self._speed, self._duration_s)
 
     def during(self, seconds: float) -> "Feed[T]":
-        """Return the same, ended after so many seconds of the site's time from the first step on.
+        """Return this feed with an end `seconds` of the site's time after the first step.
 
-        `during(0)` gives what has come so far.
+        `during(0)` yields only messages that have already arrived.
         """
         return Feed(self._buffer, self._pick, self._speed, seconds)
 
@@ -188,7 +188,7 @@ class PresentNames:
         self.buffers = weakref.WeakSet[ReceiveBuffer[frozenset[str]]]()
 
     def on_change(self, name: str, is_there: bool) -> None:  # noqa: FBT001 - the bus's signature
-        """Keep that `name` has come or gone, and say who is present now."""
+        """Record that `name` has arrived or left, and publish the present names."""
         (self._gone.discard if is_there else self._gone.add)(name)
         names = self.names | {name} if is_there else self.names - {name}
         if names != self.names:

@@ -64,7 +64,7 @@ class Newest(Mapping[str, M], Generic[M]):
         Raises:
             NoMessageError: If none has come within `patience_s`.
             AccessDeniedError: If none has come since this identity may not read it.
-            VersionError: If none of what came can be read.
+            VersionError: If no received message can be decoded.
             BusClosedError: If the site is closed.
         """
         subscription = self._receive(name)

@@ -110,5 +110,5 @@ class LoopThread:
 
 
 def closed_error() -> BusClosedError:
-    """Return the error of who uses what is closed."""
+    """Return the error for the use of a closed object."""
     return BusClosedError("the site is closed; open it again with `pointit.open` or `pointit.connect`")

@@ -1,7 +1,8 @@
-"""The requests of the request table as methods: `site.<first part of the key>.<last part>(...)`.
+"""Requests of the request table as methods: `site.<first part of the key>.<last part>(...)`.
 
-Each class serves `Site`, whose methods return awaitables, and `SyncSite`, whose methods wait: `D` stands for
-what `Done` becomes there, other parameters for other replies. `tests/contract` compares all with the table.
+Each class serves `Site`, whose methods return awaitables, and `SyncSite`, whose methods wait. The type
+parameter `D` is the return type for a `Done` reply, other parameters are those for other replies.
+`tests/contract` compares all methods with the table.
 """
 
 import re

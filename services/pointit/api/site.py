@@ -124,11 +124,11 @@ class Site:
         return self._clock.now_ns()
 
     async def sleep(self, seconds: float) -> None:
-        """Wait until so many seconds of the site's time have passed.
+        """Wait for `seconds` of the site's time.
 
         Raises:
-            BusClosedError: If the site is closed, as soon as it is.
-            PointItError: If a service of `run` has failed, as soon as it has.
+            BusClosedError: If the site is closed meanwhile, at once.
+            PointItError: If a service of `run` fails meanwhile, at once.
         """
         self._check_open()
         with contextlib.suppress(TimeoutError):
@@ -237,7 +237,7 @@ class Site:
         return await self._bus.call(request, query, name, timeout_s=timeout_s)
 
     async def hear(self, user: str, words: Sequence[Word], *, is_final: bool = True) -> None:
-        """Publish what a recogniser heard of `user`; while it may change, not final.
+        """Publish words of `user` from a speech recogniser. `is_final` is False while they may change.
 
         Raises:
             AccessDeniedError: If this identity may not speak for them.
@@ -345,7 +345,7 @@ class Site:
 
         def on_message(message: M, its_name: str) -> None:
             here = reference()
-            if here is None:  # nobody iterates any more
+            if here is None:  # the reader has stopped iterating
                 subscription.close()
             elif fits is None or fits(message):
                 here.put(message, its_name)

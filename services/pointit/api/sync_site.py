@@ -61,7 +61,7 @@ class SyncFeed(Iterator[T], Generic[T]):
         return SyncFeed(self._feed.items(), self._thread)
 
     def during(self, seconds: float) -> "SyncFeed[T]":
-        """Return the same, ended after so many seconds of the site's time; see `Feed.during`."""
+        """Return this feed with an end after `seconds` of the site's time. See `Feed.during`."""
         return SyncFeed(self._feed.during(seconds), self._thread)
 
     def close(self) -> None:

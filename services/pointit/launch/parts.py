@@ -13,4 +13,4 @@ def _robots() -> MakeWatcher:
 
 
 WATCHERS: Sequence[Part[MakeWatcher]] = ((("pointit.launch.robots", "pointit.services.user_sim"), _robots),)
-"""Makers of what observes and scores a run."""
+"""Factories of the observers and scores of a run."""

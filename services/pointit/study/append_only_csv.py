@@ -15,7 +15,7 @@ from pointit.study.columns import COUNTS, NUMBERS
 from pointit.study.table_file import Row, TrialTable, parse_table, table_line
 
 PLAIN = frozenset((*COUNTS, *NUMBERS, "item", "value"))
-"""Columns of numbers, whose minus sign begins no formula."""
+"""Columns of numbers. Their minus sign starts no formula of a spreadsheet."""
 
 
 class AppendOnlyCsv:
@@ -38,7 +38,7 @@ class AppendOnlyCsv:
             path: the first file.
             columns: columns of the study.
             key: columns whose values name a row; all columns if empty.
-            on_note: called with a sentence on what a crash or another program has changed.
+            on_note: called with a sentence on changes by a crash or another program.
 
         Raises: ConfigError: If it cannot be read or written, or another process writes it.
         """
@@ -74,7 +74,7 @@ class AppendOnlyCsv:
         self.rows += texts
 
     def replay(self) -> None:
-        """Begin again without rows. Those that are in the file already are not written a second time."""
+        """Start again without rows. Rows that are already in the file are not written again."""
         self._replayed = frozenset(map(self._key_of, self.rows))
         self.rows = []
 

@@ -1,4 +1,4 @@
-"""The folder of a study: its study, and of each participant trials, answers and what has been done so far."""
+"""Folder of a study: its definition, and the trials, answers and progress of each participant."""
 
 import contextlib
 import datetime as dt
@@ -42,7 +42,7 @@ RECORD = (
 )
 """Keys of `participant.yaml` that the study writes."""
 Note = Callable[[str], object]
-"""Receives a sentence on what was changed, or is left out."""
+"""Receives a sentence on changed or omitted data."""
 
 
 def no_note(_: str) -> None:
@@ -80,7 +80,7 @@ class StudyFolder:
             path: the folder.
             study: the study.
             source: content of its YAML file.
-            on_note: called with a sentence on what crashes and other programs have changed.
+            on_note: called with a sentence on changes by crashes and other programs.
 
         Raises:
             ConfigError: If the folder holds another study, or cannot be written.
@@ -212,7 +212,7 @@ def read_trials(study: Study, folder: Path, on_note: Note = no_note, on_change: 
     Args:
         study: the study.
         folder: folder of the participant.
-        on_note: called with a sentence on what is left out.
+        on_note: called with a sentence on omitted rows.
         on_change: called with a sentence on a file that another program has rewritten.
 
     Raises: ConfigError: If a file cannot be read, a value is damaged, or a row is not of their plan.

@@ -242,7 +242,7 @@ class Progress:
     """The trials that are left. A crash at any time loses at most the attempt that was going on."""
 
     def __init__(self, plan: StudyPlan, rows: Sequence[Row]) -> None:
-        """Go on after the attempts in `rows`."""
+        """Continue after the attempts in `rows`."""
         self._trials = {trial.number: trial for trial in plan.trials}
         self._left = sorted(self._trials.keys() - done_trials(rows))
         self._attempts = Counter(int(row["trial"]) for row in rows)
@@ -264,7 +264,7 @@ class Progress:
         return self._attempts[self._left[0]] + 1
 
     def end(self, *, is_done: bool) -> None:
-        """Note that an attempt at the current trial has ended."""
+        """Record the end of an attempt at the current trial."""
         self._last = self._left[0]
         self._attempts[self._last] += 1
         if is_done:

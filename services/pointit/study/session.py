@@ -51,12 +51,12 @@ def check_simulated(folder: Path, about: Mapping[str, Any], rows: Iterable[Row],
 
 
 class Session:
-    """One participant, who goes on with their plan."""
+    """Session of one participant, who continues their plan."""
 
     def __init__(
         self, study: Study, folder: StudyFolder, participant: str, view: StudyView, options: SiteOptions
     ) -> None:
-        """Read what has been done.
+        """Read the participant's progress.
 
         Raises: ConfigError: If the participant has finished, is unknown or runs elsewhere, or a file is
         damaged.
@@ -81,10 +81,10 @@ class Session:
         self._lsl: LslOutlets | None = None
 
     async def run(self) -> None:
-        """Run all trials that are left.
+        """Run all remaining trials.
 
         Raises: StoppedError: If the experimenter stops it, or the participant does not agree. PointItError:
-        If a service fails, or data cannot be written. What was measured before is kept.
+        If a service fails, or data cannot be written. Earlier measurements are kept.
         """
         async with contextlib.AsyncExitStack() as stack:
             stack.callback(self._table.close)
@@ -170,7 +170,7 @@ class Session:
             await self._view.tell(*(steps or [StudyStep(text="The next block begins.")]), go="begin")
 
     async def _do(self, trial: StudyTrial) -> None:
-        """Make one attempt at `trial`, and write it."""
+        """Run one attempt at `trial`, and write its row."""
         await self._wait(trial, self._study.pause_s)
         if self._progress.current is not trial:
             return  # the experimenter wants the last one again
@@ -234,7 +234,10 @@ class Session:
         return attempt, later
 
     async def _wait(self, trial: StudyTrial, seconds: float, *, is_break: bool = False) -> None:
-        """Wait so long before `trial`, and until the participant points; obey commands meanwhile."""
+        """Wait for a time before `trial`, and until the participant points.
+
+        Commands are handled meanwhile.
+        """
         site = self._here.site
         end_ns = site.now_ns() + round(seconds * 1e9)
         while (left_ns := end_ns - site.now_ns()) > 0 or (self._here.problem and not is_break):
@@ -279,7 +282,7 @@ class Session:
         }
 
     def _note(self, trial: StudyTrial, attempt: Attempt) -> None:
-        """Keep the services' configuration after their start, and a clock that is apart."""
+        """Store the services' configuration after their start, and warnings about clock skew."""
         configurations: list[dict[str, Any]] = self._about.get("configuration", [])
         services = {name: json.loads(text) for name, text in sorted(self._here.configuration.items())}
         if services and (not configurations or configurations[-1]["services"] != services):

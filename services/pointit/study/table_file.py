@@ -1,8 +1,8 @@
-"""Tables of a study, read as the study or any other program has written them.
+"""Reader of a study's tables, also after other programs have rewritten them.
 
 Spreadsheets and statistics programs change encoding, line ends, separators, decimal marks, quotes, and the
-order of rows and columns. What can be understood is read. `Table.changes` lists the differences from what
-`AppendOnlyCsv` writes. Only a table without any may be appended to.
+order of rows and columns. All of these variants are read if they are unambiguous. `Table.changes` lists the
+differences from what `AppendOnlyCsv` writes. Only a table without any may be appended to.
 """
 
 import codecs

@@ -25,11 +25,11 @@ class Watcher(Protocol):
         ...
 
     def on_map(self, environment: Environment) -> None:
-        """Take the map."""
+        """Handle the map."""
         ...
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
-        """Take the presence of a service."""
+        """Handle a change of a service's presence."""
         ...
 
     def summary(self) -> Mapping[str, Any]:
@@ -42,7 +42,7 @@ MakeWatcher: TypeAlias = Callable[[Sequence[Launch]], Watcher]
 
 
 class Beside(ABC):
-    """A service beside the scenario, which stays when that changes, and what a run owes it."""
+    """A service beside the scenario, which keeps running when that changes."""
 
     WHAT: ClassVar[str]
     """Common noun in messages, such as `page`."""
@@ -116,7 +116,7 @@ class Plan:
     beside: Sequence[Beside] = ()
     """Services that stay when the scenario changes, such as a page and a recorder."""
     watchers: Sequence[MakeWatcher] = ()
-    """Makers of what observes each scenario, beside those of optional rooms."""
+    """Factories of further observers of each scenario, beside those of optional packages."""
     scenario: str = ""
     """Name of the running scenario, or `""` for one person's part."""
     scenarios: Sequence[str] = ()

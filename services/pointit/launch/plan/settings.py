@@ -53,7 +53,7 @@ def layers_of(instance: str, below: Mapping[str, Mapping[str, Any]], chosen: Set
 
 
 def check_settings(running: Collection[Launch], chosen: Settings, *others: str) -> None:
-    """Check that every `--set` has an effect on what is `running`, or on `others` that are started.
+    """Check that every `--set` affects a service in `running`, or in `others` that are started.
 
     Raises:
         ConfigError: If one is for a service that is not started.

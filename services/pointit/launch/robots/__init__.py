@@ -1,1 +1,1 @@
-"""Robots in a run: who steers each, where they landed and arrived."""
+"""Robots in a run: their users, landings and arrivals."""

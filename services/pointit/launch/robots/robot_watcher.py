@@ -1,4 +1,4 @@
-"""Robots as a run observes them: their states for the view, event lines on who steers them, their score."""
+"""Observation of robots in a run: their states for the view, event lines about their users, their score."""
 
 import math
 import re
@@ -238,7 +238,7 @@ class RobotWatcher:
         return (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(GOAL, self.score.on_goal))
 
     def on_map(self, environment: Environment) -> None:
-        """Take the fences."""
+        """Store the fences."""
         self.score.on_map(environment)
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
@@ -260,9 +260,9 @@ class RobotMonitor:
         """By name of the robot."""
 
     def take(self, state: RobotState, name: str) -> list[str]:
-        """Store a state, and return an event line for each change of who steers it and of its reason.
+        """Store a state, and return an event line for each change of the robot's user and of its reason.
 
-        A reason with other figures is the same one.
+        Reasons that differ only in figures are the same.
         """
         before = self.states.get(name)
         self.states[name] = state

@@ -158,7 +158,7 @@ class Monitor:
             watcher.on_service(instance, is_present=present)
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if not present:  # none of their services runs any more, so their last state is outdated
+        if not present:  # all their services have ended, so their last state is outdated
             states = (self.cursors, self.hovers, self.interactions, self.poses, self.localizations)
             for newest in (*states, self.refusals, self.cues, self.colors):
                 newest.pop(user, None)

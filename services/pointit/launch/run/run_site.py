@@ -1,4 +1,4 @@
-"""The site of a run: bus, clock, what is there already, the place of who joins, who looks on, requests."""
+"""Site of a run: bus, clock, present services, colours of joining users, observers, requests."""
 
 import asyncio
 import dataclasses
@@ -116,9 +116,10 @@ async def surroundings(bus: Bus) -> Found:
 
 
 async def check_names(bus: Bus, people: Collection[str]) -> None:
-    """Check that no shard of others is called like one of `people`, who could take its place.
+    """Check that no other shard has the name of one of `people`.
 
-    It takes `LISTEN_S`, and `SILENT_S` more if one is: it may be dead, or about to serve such a person.
+    It takes `LISTEN_S`, and `SILENT_S` more if one has: that shard may be dead, or about to serve such a
+    user.
 
     Raises:
         ConfigError: If there is such a shard.

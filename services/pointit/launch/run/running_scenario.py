@@ -2,8 +2,8 @@
 
 Publishes the deployment of a run: scenario, services and the commands that restart them.
 
-A run that ends on purpose publishes that nothing is expected to run any more. The deployment of a run that
-dies is retained, and `doctor` reports what is missing.
+A run that ends on purpose publishes an empty deployment. The deployment of a run that dies is retained, and
+`doctor` reports the missing services.
 """
 
 import asyncio
@@ -124,7 +124,10 @@ class _Companion:
 
 
 class RunningScenario:
-    """The running services, here or as processes. What runs beside them stays when the scenario changes."""
+    """The running services, in this process or in others.
+
+    Background services keep running when the scenario changes.
+    """
 
     def __init__(
         self,
@@ -138,11 +141,11 @@ class RunningScenario:
         on_end: Callable[[], None],
         on_beside: Callable[[Beside], None],
     ) -> None:
-        """Create it; starts nothing yet.
+        """Create it without starting a service.
 
-        `link`: for services in processes of their own. `tell` shows messages to the operator, `news` gets
-        event lines if there is no view. `on_end` is called when services end unexpectedly, `on_beside` when
-        what was started in the background has begun.
+        `link`: connection of services in separate processes. `tell` shows messages to the operator. `news`
+        gets event lines if there is no view. `on_end` is called when services end unexpectedly, `on_beside`
+        when background services have started.
         """
         self.plan = plan
         self.bus = bus
@@ -175,7 +178,7 @@ class RunningScenario:
 
     @property
     def address(self) -> str:
-        """Return the URL of what runs beside the scenario, or `""`."""
+        """Return the URL of a service beside the scenario, such as the page, or `""`."""
         there = (each for each in self._companions if each.has_begun and not each.is_lost)
         return next((each.beside.address for each in there if each.beside.address), "")
 
@@ -226,7 +229,7 @@ class RunningScenario:
             task.cancel()
         if self._opening:
             await asyncio.wait(self._opening)
-        self.monitor.detach()  # what was last said of people who now leave is for the summary
+        self.monitor.detach()  # the summary needs the last state of people who leave now
         if not self.has_ended:  # else it failed and stays in the deployment as missing
             self._deployment_publisher.retract()
         last = sorted(self._companions, key=lambda each: each.beside.WAIT_S)  # a page shows the end
@@ -259,7 +262,7 @@ class RunningScenario:
         await self._service_group.begin()
 
     async def _strike(self) -> None:
-        """Stop the scenario. Return when none of its state is retained any more."""
+        """Stop the scenario. Return when no retained state of it is left."""
         self._deployment_publisher.retract()
         if self._service_group is not None:
             await self._service_group.end()

@@ -110,7 +110,7 @@ class ServiceGroup:
             self._work.result()
 
     async def end(self) -> None:
-        """Stop and clean up everything that was started, also what has ended by itself."""
+        """Stop and clean up all started services, also those that have ended by themselves."""
         if self._children is not None:
             await self._children.__aexit__(None, None, None)
         if self._work is not None:

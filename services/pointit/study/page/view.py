@@ -1,4 +1,4 @@
-"""A study in two pages: what each shows, and what is done with its messages."""
+"""Two pages of a study: their content, and the handling of their messages."""
 
 import asyncio
 from collections import deque

@@ -1,1 +1,1 @@
-"""The site of a session: its scenario, what is shown and heard there, its streams."""
+"""Site of a session: its scenario, display, audio and streams."""

@@ -26,9 +26,9 @@ def check_lsl() -> None:
 
 
 class LslOutlets:
-    """Outlets `PointIt markers`, `ray`, `cursor` and `selection`, whose times are those of capture.
+    """Outlets `PointIt markers`, `ray`, `cursor` and `selection` with capture times.
 
-    LSL announces them in the local network to anybody.
+    LSL announces them to the whole local network.
     """
 
     def __init__(self, study: str, participant: str) -> None:

@@ -53,10 +53,10 @@ class Steer(TaskConfig):
 
 
 class Localize(TaskConfig):
-    """Localize the participant, who stands at a marked place, by a robot that they follow, or by lamps.
+    """Localize the participant, who stands at a marked position, by a robot that they follow, or by lamps.
 
-    The error is from that place to the position that was found. A localization that is refused, or farther
-    off than half the width, is wrong.
+    The error is the distance from the marked position to the estimated one. A refused localization, or an
+    error above half the width, counts as wrong.
     """
 
     kind: Literal["localize"]

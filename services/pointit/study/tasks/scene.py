@@ -47,7 +47,7 @@ class ScenePackage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyScene:
-    """The target of a trial, and what stands beside it."""
+    """Target of a trial, and the distractors beside it."""
 
     target: str
     """Id of the target's object; of packages known only when it is there."""
@@ -61,7 +61,7 @@ class StudyScene:
     lamp: str = ""
     """To be lit."""
     say: str = ""
-    """Said to the participant, whom no light shows the target."""
+    """Spoken instruction for the participant if no light shows the target."""
     robot: str = ""
     """Robot that stands for the cursor."""
     stay_s: float | None = None

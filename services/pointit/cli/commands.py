@@ -48,7 +48,7 @@ SERVICE = """List services, run one, or send a request to one that runs.
 Example: pointit service run selector --help
 """
 
-MAP = """Make, check, draw, fetch and list maps: positions of lamps, LED strips, belts and objects.
+MAP = """Create, check, draw, fetch and list maps: positions of lamps, LED strips, belts and objects.
 
 A map is a YAML file, also that of the ROS toolkit. MAP is the name of a shipped one (conveyor) or the
 path of a file (./site.yaml). `pointit map new` writes one.
@@ -107,7 +107,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
         ours("list", "list scenarios, maps, plug-ins and services", "run.list"),
     ),
     "On a running site": (
-        ours("doctor", "show what runs, what is stale, what is wrong and what to do", "inspect.doctor"),
+        ours("doctor", "show services, outdated reports, problems and remedies", "inspect.doctor"),
         noun(
             "topic",
             "see messages, their rates and their fields",
@@ -117,7 +117,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             ours("hz", "measure rates against the nominal ones", "inspect.hz"),
             ours("schema", "show the fields of a message; write or check the catalogue", "inspect.schema"),
         ),
-        ours("listen", "follow what a person says while they point", "things.listen"),
+        ours("listen", "follow a person's spoken commands", "things.listen"),
         ours("track", "show trackers and objects: rates, latency, positions", "inspect.track"),
         ours("trace", "time a person's samples from capture to light, hop by hop", "inspect.trace"),
         noun(
@@ -140,9 +140,9 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
         ),
         noun(
             "robot",
-            "list robots: where they are, who steers them; stop them",
+            "list robots with positions and users; stop them",
             ROBOT,
-            ours("list", "show where each robot is, and who steers it", "robots.robot:list_robots"),
+            ours("list", "show the position and the user of each robot", "robots.robot:list_robots"),
             ours("stop", "stop one robot, some, or all", "robots.robot:stop"),
         ),
         noun(
@@ -157,7 +157,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "service",
             "list services, run one, send a request to one",
             SERVICE,
-            ours("list", "list the services, and what they read and write", "run.list:list_services"),
+            ours("list", "list the services with their topics", "run.list:list_services"),
             ours("run", "run one service; its --help documents every parameter", "run.service"),
             ours("call", "send a request to a service; without arguments, list requests", "inspect.call"),
         ),
@@ -179,7 +179,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "make, check, draw, fetch and list maps of rooms",
             MAP,
             ours("new", "write the map of a room of your own, with lamps and strips", "maps.new"),
-            ours("check", "show errors of a map, and what to do", "maps.check"),
+            ours("check", "show errors of a map, with remedies", "maps.check"),
             ours("plot", "draw a map from above: svg, png or pdf", "maps.plot"),
             ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.fetch"),
             ours("scan", "map a room by a camera: its strips blink, a phone sees them", "maps.scan"),

@@ -20,7 +20,7 @@ from pointit.runtime.host.text_output import escape_unencodable
 EXAMPLES = (
     ("pointit run", "a person in a room with a conveyor, in your browser; then point yourself"),
     ("pointit topic hz --all", "all messages and their rates, from another terminal"),
-    ("pointit doctor", "problems of a site, and what to do"),
+    ("pointit doctor", "problems of a site, and their remedies"),
 )
 
 

@@ -27,11 +27,11 @@ EXTRA = "mcp"
 )
 @click.option("--view-only", is_flag=True, help="look and stop robots only, whatever the token")
 def command(*, listen: tuple[str, int] | None, view_only: bool, site: str, connect: tuple[str, ...]) -> int:
-    """Let an assistant ask who points at what, light things, and send robots (Model Context Protocol).
+    """Connect an assistant, which can query pointing, light things and send robots (Model Context Protocol).
 
-    An assistant starts it, as its configuration says, and speaks to it by standard input and output. With
-    --listen it serves assistants of this machine by HTTP until Ctrl-C. It waits for the site, says when it is
-    lost, and goes on when it is back. All calls are in `pointit audit --assistants`.
+    The assistant's configuration starts this command, and they communicate by standard input and output. With
+    --listen it serves assistants of this machine by HTTP until Ctrl-C. It waits for the site, reports when
+    the connection is lost, and continues when it is back. All calls are in `pointit audit --assistants`.
 
     Example: pointit mcp --listen 127.0.0.1:8096 --view-only
     """

@@ -35,7 +35,7 @@ def keys(on_button: Callable[[], None]) -> Generator[None]:
 
 @contextlib.contextmanager
 def key_bytes(on_bytes: Callable[[bytes], None]) -> Generator[None]:
-    """Call `on_bytes` with what the terminal sends for pressed keys; restore the terminal on exit.
+    """Call `on_bytes` with the terminal's bytes for pressed keys. Restore the terminal on exit.
 
     Must be entered in the event loop, and only when `has_keyboard`.
     """

@@ -23,7 +23,7 @@ class Added:
     afterword: str = ""
     """Sentence to print below the summary."""
     watchers: Sequence[MakeWatcher] = ()
-    """Makers of what else observes each scenario of the run."""
+    """Factories of further observers of each scenario of the run."""
     moves_wrists: bool = False
     """People may point with it, so that each gets an imu-bridge."""
 

@@ -12,7 +12,7 @@ from pointit.launch.run.monitor import Monitor
 
 @dataclass(frozen=True, kw_only=True)
 class DisplayPart:
-    """Functions of what a run has observed."""
+    """Display functions for the observations of a run."""
 
     rows: Callable[[Monitor, int], RenderableType | None]
     """Returns its table at a terminal's width, or None if it has nothing to show."""

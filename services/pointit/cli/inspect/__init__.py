@@ -1,1 +1,1 @@
-"""Commands that show what a site does and what is wrong: doctor, echo, hz, topics, schema, call, audit."""
+"""Commands that show a site's activity and problems: doctor, echo, hz, topics, schema, call, audit."""

@@ -195,7 +195,7 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
 def command(
     *, timeout_s: float, only: str, folder: Path | None, as_json: bool, site: str, connect: tuple[str, ...]
 ) -> int:
-    """Show what runs on a site, what is stale, what is wrong and what to do.
+    """Show services of a site, outdated reports, problems and remedies.
 
     Listens for one to six seconds, and longer while services start. The exit code is 0 if all is well, 1 if
     something is wrong (notes about past problems do not count), 130 if Ctrl-C ended it before it had a

@@ -90,8 +90,8 @@ class PathJoiner:
 
         Args:
             wall_ns: converts a capture time (of the site's clock) to wall time, both Unix ns.
-            began_s: start of listening, s (monotonic). Samples that are first heard within `SETTLE_S` are
-                left out: their first messages may have been missed.
+            began_s: start of listening, s (monotonic). Samples that first arrive within `SETTLE_S` are
+                omitted: their first messages may have been missed.
         """
         self._wall_ns = wall_ns
         self._ready_s = began_s + SETTLE_S
@@ -380,7 +380,7 @@ class Tracer:
         )
 
     def _writer(self, hops: SamplePath, hop: str) -> tuple[str, str]:
-        """Return instance and host of who published `hops` at `hop`, `""` where unknown."""
+        """Return instance and host of the publisher of `hops` at `hop`, `""` where unknown."""
         topic = TOPICS["frame" if hop == LIGHT else hop]
         here = [
             health

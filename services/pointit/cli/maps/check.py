@@ -45,7 +45,7 @@ def _points(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]
 def command(
     *, name_or_path: str, person_m: Point | None, poses_m: Sequence[Point], strict: bool, as_json: bool
 ) -> None:
-    """Show errors and warnings of MAP, a shipped one or the path of a file, and what to do.
+    """Show errors and warnings of MAP, a shipped one or the path of a file, with remedies.
 
     Errors make something impossible: belts that do not meet, positions off a belt, bays on belts that
     continue, loops without an exit, lamps that determine no position. Warnings are probably mistakes: strips

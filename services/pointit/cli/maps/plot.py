@@ -31,7 +31,7 @@ SUFFIXES = (".svg", ".png", ".pdf")
     "--told-apart",
     "shades",
     is_flag=True,
-    help="colour the floor by the share of things that people who stand there tell apart by pointing alone",
+    help="colour the floor by the share of things that pointing from there distinguishes",
 )
 def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades: bool) -> None:
     """Draw MAP, a shipped one or the path of a file, from above and to scale.

@@ -216,7 +216,7 @@ def command(
     floor_m: float | None,
     **at: Unpack[site_link.AtSite],
 ) -> int:
-    """Find positions by pointing: USER points at NAMES one after the other, from two or three places.
+    """Find positions by pointing: USER points at NAMES one after the other, from two or three positions.
 
     USER stands at a place with a known pose (`pointit person pose`), points at each thing with a straight arm
     and presses their button, or Space here; then from a second place that is at least 60 degrees aside as
@@ -399,7 +399,7 @@ class PointingSession:
                 return pose
 
     async def hold(self, words: str) -> list[PointingRay]:
-        """Ask the person to point at what `words` say, and return the rays before their press, {H}.
+        """Ask the person to point at the target in `words`, and return the rays before their press, {H}.
 
         Raises:
             NoMessageError: If there are none.
@@ -413,7 +413,7 @@ class PointingSession:
         return list(self._rays)
 
     def press(self) -> None:
-        """Take the rays of this moment."""
+        """Record the rays of this moment."""
         self._pressed.set()
 
     def _on_ray(self, ray: PointingRay, _user: str) -> None:

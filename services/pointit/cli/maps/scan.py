@@ -55,7 +55,7 @@ def scan_live(
     simulated: bool,
     run_options: Sequence[str] = (),
 ) -> int:
-    """Run a site with these strips until Ctrl-C, and print where the page is.
+    """Run a site with these strips until Ctrl-C, and print the link of the page.
 
     Args:
         context: of the command.
@@ -115,7 +115,7 @@ def scan_live(
 
 
 def first_map(counts: Mapping[str, int], lengths_m: Mapping[str, float], lamps: Sequence[str]) -> str:
-    """Return a map of lamps and strips side by side, whose places are wrong, as YAML."""
+    """Return a map of lamps and strips side by side, with placeholder positions, as YAML."""
     rows = ["lamps:"] if lamps else []
     for row, name in enumerate(dict.fromkeys(lamps), 1):
         rows.append(f"  {json.dumps(name)}: {{position: [0, {-ROW_M * row:.1f}, 1]}}")
@@ -246,10 +246,10 @@ def command(
     leads from view to view, and writes the map. No picture leaves the phone. With --from, the map is
     computed from views in a file. Arguments after `--` are options of `pointit run`.
 
-    Three photographs suffice for what all show, a step apart, and four to six for a room. Each should
-    show three strips of an earlier one. Strips are found to about 1 cm, with the standard deviation of each
-    stated. What is doubtful is left out, with the reason and from where to take one more photograph: with
-    --from, the exit code is 1 then.
+    Three photographs, a step apart, suffice for strips that all of them show, and four to six for a room.
+    Each should show three strips of an earlier one. Strips are found to about 1 cm, with the standard
+    deviation of each stated. Doubtful strips are omitted, with the reason and the position for one more
+    photograph: with --from, the exit code is 1 then.
 
     Example: pointit map scan -o room.yaml --strip shelf=90 --leds ddp:192.168.1.40
     """

@@ -42,7 +42,7 @@ class TestStep:
     """Pictures that show one property of a strip."""
 
     text: str
-    """Description of what is lit, for the person who looks."""
+    """Description of the lit pixels, for the operator."""
     pictures: tuple[bytes, ...]
     """Pixels of the strip, 3 bytes each."""
     period_s: float
@@ -94,12 +94,12 @@ def command(
     """Light the pixels of each strip of SCENARIO's map one after the other, to test the connection.
 
     Steps for each strip: its first pixel green and its last one red, with their positions in the map. A white
-    pixel that runs from the first to the last. The first pixels red, green and blue. Enter goes on to the
-    next step at once.
+    pixel that runs from the first to the last. The first pixels red, green and blue. Enter starts the next
+    step at once.
 
     If the ends are mirrored, set `reversed` in the segment, or `direction: -1` in the map. If colours are
-    wrong, set another `order`. If another strip lights, correct `segments`. If nothing lights, a warning
-    tells why.
+    wrong, set another `order`. If another strip lights, correct `segments`. If nothing lights, a warning has
+    the reason.
 
     It opens the outputs itself. End a running site first: a serial port has one user, and a controller in
     the network would show both. Ctrl-C ends it. The strips are dark afterwards.

@@ -17,7 +17,7 @@ from pointit.schemas.topics import SERVICE_ALIVE
 log = logging.getLogger(__name__)
 
 SNAPS = Path("/snap")
-"""Folder of snap packages, whose browsers cannot read hidden folders in the home folder."""
+"""Folder of snap packages. Their browsers cannot read hidden folders in the home folder."""
 
 
 def has_desktop(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:

@@ -92,7 +92,7 @@ class RunPage(Beside):
 
     @contextlib.contextmanager
     def joined(self, bus: Bus) -> Generator[None]:
-        """Keep its link in a file, and open the browser as soon as it is present."""
+        """Store the page's link in a file, and open the browser as soon as the page is present."""
         link: Link | None = getattr(bus, "link", None)  # that of Zenoh has one
         if link is not None and not self.page.scan_url:  # a scan drives its lights alone
             self._site_address = self._site_address or link.addresses[0]

@@ -37,7 +37,7 @@ def timeout_option(default_s: float = 30.0) -> click.Option:
 @click.argument("lamp", default="")
 @json_option
 def command(user: str, lamp: str, *, timeout_s: float, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
-    """Have the person USER point at LAMP, without a cursor, and correct their pose by it.
+    """Correct the pose of USER, who points at LAMP without a cursor.
 
     The lamp lights up; USER points at it with a straight arm until it goes dark. LAMP may also be a robot
     that stands or hovers. Without LAMP the localizer chooses the most informative one. Prints the error of

@@ -381,7 +381,7 @@ class _Wrist:
     async def _next(self) -> ImuSample:
         self._fresh.clear()
         await self._fresh.wait()
-        assert self._sample is not None  # noqa: S101 - it is what was waited for
+        assert self._sample is not None  # noqa: S101 - the wait above ends with it
         return self._sample
 
     def _on_sample(self, sample: ImuSample, _user: str) -> None:

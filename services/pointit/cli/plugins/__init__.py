@@ -1,1 +1,1 @@
-"""Commands for authors of plug-ins: a package to begin with, and checks of what is installed."""
+"""Commands for authors of plug-ins: a package to start with, and checks of installed plug-ins."""

@@ -37,7 +37,7 @@ def command(*, seconds: float, as_json: bool) -> None:
     """Find wrists, outputs, robots and motion capture within reach: serial ports, Bluetooth, the network.
 
     All installed plug-ins that can search do so at the same time. Each device is shown with the option of
-    `pointit run`, or the command, that uses it. A search that cannot run is named below, with what to do.
+    `pointit run`, or the command, that uses it. A search that cannot run is listed below with its remedy.
 
     Example: pointit devices --seconds 10
     """

@@ -43,7 +43,7 @@ def command(*, kind: str, name: str, folder: Path | None) -> None:
     """Write a package with a plug-in NAME of a KIND that works, its fake device, and tests that pass.
 
     A device of the example is reached by TCP. Change how it is connected and what it sends; the tests show
-    what does not hold any more.
+    broken promises.
 
     Example: pointit plugin new imu-source my-wrist
     """

@@ -1,4 +1,4 @@
-"""`pointit replay`: a recording through the services of this version, and what they do differently."""
+"""`pointit replay`: a recording through the services of this version, and the differences in their output."""
 
 import asyncio
 import contextlib
@@ -96,7 +96,7 @@ def command(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    """Run the services of FILE, a recording, again on what the devices of its site wrote.
+    """Run the services of FILE, a recording, again on the recorded data of its devices.
 
     They have their recorded parameters, map and states, and the recording's time. Without --live no site is
     joined, and without --output recorded no light is lit. The same file gives the same result, byte for byte.

@@ -40,7 +40,7 @@ RECORDER_PART = RunPart(
 
 
 def recorder_options(function: Any) -> Any:
-    """Add the options that say what is left out of a recording."""
+    """Add the options that exclude data from a recording."""
     for option in (
         click.option(
             "--pseudonyms", is_flag=True, help="in the recording, call people person-1, person-2 and so on"

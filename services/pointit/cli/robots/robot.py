@@ -93,7 +93,7 @@ def _row(name: str, found: Found) -> Row:
 @click.command("list", params=site_options())
 @json_option
 def list_robots(*, as_json: bool, **at: Unpack[AtSite]) -> int:
-    """List the robots of a site: where each is, who steers it, and why it does not move.
+    """List the robots of a site with position, user, and the reason if one does not move.
 
     The exit code is 1 if there is none.
 

@@ -1,4 +1,4 @@
-"""Robots in the terminal view: who steers each, what it does, where it is sent, and why it stands."""
+"""Robots in the terminal view: user, activity, goal, and reason to stand."""
 
 from collections.abc import Mapping
 from typing import Any

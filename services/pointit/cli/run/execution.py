@@ -72,7 +72,7 @@ async def _run(plan: Plan, console: Console | None) -> int:
         try:
             await run.live(await clock_of(plan, bus))
             failed = False
-        except asyncio.CancelledError:  # on request: the summary covers the time so far
+        except asyncio.CancelledError:  # a requested end: the summary covers the elapsed time
             failed = False
             raise
         finally:

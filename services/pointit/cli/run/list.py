@@ -133,7 +133,7 @@ def _listing(section: str, noun: str, text: str) -> click.Command:
 
 list_maps = _listing("maps", "map", "List the shipped maps with their contents.")
 list_plugins = _listing(
-    "plugins", "plugin", "List the plug-ins of all installed packages, how to use them, and what is wrong."
+    "plugins", "plugin", "List the plug-ins of all installed packages, with their usage and problems."
 )
 list_services = _listing(
     "services",

@@ -45,7 +45,7 @@ PERSON_PANELS = {heading: PANELS[heading] for heading in ("People", "Devices", "
 LOCALIZE = "--localize"
 
 OPTIONAL = {LOCALIZE: (LAMPS, LOCALIZATIONS)}
-"""Option whose value may be left out, its value then, and what a value looks like."""
+"""Option whose value is optional, its value without one, and the pattern of a value."""
 
 
 def _localization(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str | None:

@@ -26,7 +26,7 @@ ABOUT = {row.name: f"({row.scope}) {row.about}" for row in PROCESSES}
 
 
 class ServiceCommandGroup(LazyGroup):
-    """The services, whose help has their names only: `pointit service list` describes them."""
+    """Group of the services. Its help has their names only: `pointit service list` describes them."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the names of the services."""
@@ -46,7 +46,7 @@ command = ServiceCommandGroup(
     subcommand_metavar="NAME [OPTIONS]...",
     help="""Run one service by itself.
 
-`pointit service list` says what each does, and its scope: those of a person (user) need --user. `pointit
+`pointit service list` describes each one and its scope: those of a person (user) need --user. `pointit
 service run NAME --help` documents every parameter with its unit and default.
 
 Example: pointit service run pointing --user anna

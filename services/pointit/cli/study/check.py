@@ -17,9 +17,9 @@ from pointit.study.site.scenario import check_ready
 def command(*, path: Path, as_json: bool) -> int:
     """Find missing trials, wrong clocks, broken balance and mixed-up participants in FOLDER.
 
-    Of the FILE of a study, check what would stop it later: values of services in all cells, pictures, the
-    function that ends a trial, and blocks with too few trials for a throughput. The exit code is 1 if
-    something is wrong. What is only not done yet is a note.
+    Check the FILE of a study for errors that would stop it later: values of services in all cells, pictures,
+    the function that ends a trial, and blocks with too few trials for a throughput. The exit code is 1 if
+    something is wrong. Trials that are not done yet are only a note.
 
     Example: pointit study check three_methods-data
     """

@@ -1,4 +1,4 @@
-"""`pointit listen USER`: follow what a person says while they point."""
+"""`pointit listen USER`: follow a person's spoken commands."""
 
 import asyncio
 import contextlib
@@ -58,10 +58,10 @@ def command(
     speak: bool,
     **at: Unpack[AtSite],
 ) -> int:
-    """Follow what USER says while they point: take that, put that there, turn this on, stop.
+    """Follow spoken commands of USER, who points: take that, put that there, turn this on, stop.
 
     Words come from --text or --audio, and from any program on the topic users/USER/speech; without either
-    only from there. Prints what was understood. What is not clear is asked back: candidates blink in turn.
+    only from there. Prints the understood commands. Unclear ones are asked back: candidates blink in turn.
     The person needs the service listener, which `pointit run --with listener` starts.
 
     Example: echo "turn that on" | pointit listen anna --text -
@@ -160,7 +160,7 @@ async def _recognise(
     clock: Clock,
     synthesizer: "SpeechSynthesizer | None",
 ) -> AsyncIterator[Speech]:
-    """Yield what is recognised, without what the microphone may have heard of the synthesizer."""
+    """Yield recognised words, without the synthesizer's own words from the microphone."""
     from pointit.speech.audio import MICROPHONE, Stream, WavFile  # noqa: PLC0415 - as above
     from pointit.speech.recogniser import make  # noqa: PLC0415 - as above
 

@@ -65,7 +65,7 @@ class Announcements:
 
     @property
     def found(self) -> str:
-        """Return the filter of what was announced for this site before."""
+        """Return the topic filter of earlier announcements for this site."""
         return f"{PREFIX}/+/{self._node}/+/config"
 
     @property
@@ -124,7 +124,7 @@ class Announcements:
         return [Publication(topic=each, payload="", retain=True) for each in topics if each not in known]
 
     def switched_on(self, things: Sequence[Thing], retained: Mapping[str, object]) -> set[str]:
-        """Return the switches among `things` that were on by what the broker retains, payloads by topic."""
+        """Return the switches among `things` that are on in the broker's retained payloads, by topic."""
         switches = (thing.id for thing in things if thing.mode == "switch")
         return {each for each in switches if is_on(retained.get(self._topic(each)))}
 
@@ -177,9 +177,9 @@ USER = "mqtt"
 RETRY_S = 2.0
 """Pause before the next connection, s."""
 OLD_FOUND_S = 0.5
-"""Time in which a broker sends the next of what it retains of earlier announcements, s."""
+"""Timeout for the next retained announcement of the broker, s."""
 RESTORE_PAUSES_S = (0.0, 0.5, 1.0, 2.0, 4.0)
-"""Pauses before each try to switch on what was on before a restart, s."""
+"""Delays before each attempt to restore switches after a restart, s."""
 LOG_PERIOD_S = 600.0
 """Minimum time between two log lines with the same cause, s."""
 MAX_CAUSES = 100
@@ -230,7 +230,10 @@ class MqttThings:
         self._dropped = 0
 
     def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
-        """Subscribe on `bus`, and connect. Return the subscriptions, and what ends the connection."""
+        """Subscribe on `bus`, and connect.
+
+        Return the subscriptions, and a function that ends the connection.
+        """
         del on_event
         self._bus, self._announcements = bus, Announcements(bus.site)
         ending = contextlib.ExitStack()
@@ -263,7 +266,7 @@ class MqttThings:
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         thing = self._things.get(event.object_id)
         publication = self._announcements.event(thing, event) if thing is not None else None
-        # what was told before a restart of the selector has been published
+        # events from before a restart of the selector have been published
         if publication is None or event.reason.endswith(TOLD_AGAIN):
             return
         # what was pointed at while there was no broker would happen long after
@@ -274,7 +277,7 @@ class MqttThings:
         self._publications.put_nowait(publication)
 
     async def _restore(self) -> None:
-        """Switch on what the broker has retained as on, unless somebody had switched it off."""
+        """Switch on the things that the broker retains as on, unless a user has switched them off."""
         for known in (self._has_retained, self._has_map, self._has_selection):
             await known.wait()
         forgotten = self._announcements.switched_on([*self._things.values()], self._retained)

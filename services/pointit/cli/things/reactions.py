@@ -56,7 +56,7 @@ class Reaction:
         """Return the reaction in `THING=PROGRAM ARGUMENTS...` or `THING=URL`. `room`: the map, if known.
 
         Raises:
-            ConfigError: If it is none, the map lacks the thing, or what it names cannot be used.
+            ConfigError: If it is invalid, the map lacks the thing, or the program or URL cannot be used.
         """
         thing, _, line = (part.strip() for part in text.partition("="))
         if not thing or not line:
@@ -117,7 +117,7 @@ class Reactions:
         self._failures: deque[str] = deque(maxlen=MAX_FAILURES)
 
     def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
-        """Subscribe on `bus`. Return the subscription, and what ends all reactions."""
+        """Subscribe on `bus`. Return the subscription, and a function that ends all reactions."""
         del on_event
         ending = contextlib.ExitStack()
         ending.callback(self._end)

@@ -92,10 +92,10 @@ def _light(thing: Thing) -> str:
 
 @click.command("try", params=site_options())
 @click.argument("thing")
-@click.option("--user", default="operator", help="name of who does it, in events")
+@click.option("--user", default="operator", help="user name in events")
 @click.option("--on/--off", default=None, help="state of a switch  [default: the other one]")
 def try_thing(*, thing: str, user: str, on: bool | None, **at: Unpack[AtSite]) -> int:
-    """Fire THING, as if somebody had pointed at it: its light, and all that reacts to it.
+    """Fire THING as if a person had pointed at it: its light, and all its reactions.
 
     A switch goes on or off. On a secured site only operators may do this.
 

@@ -25,7 +25,7 @@ from pointit.study.simulated import simulate
     "--pilot",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     metavar="FOLDER",
-    help="data of a study from which participants are drawn, instead of simulated ones",
+    help="draw participants from the data of a study instead",
 )
 @click.option("--factor", required=True, metavar="NAME", help="factor whose effect is sought")
 @click.option(
@@ -60,8 +60,8 @@ def command(
     Simulated participants run the study FILE, as many as it names. Participants are drawn of them, or of
     --pilot, with replacement; their differences are centred and the effect is added. Each drawn study is
     tested at 5 %: by a paired two-sided t-test of the participants' medians, or by Welch's test if the factor
-    is between participants (then numbers are of each group). Intervals are of the number of runs. They do not
-    show how well the pilot represents all people.
+    is between participants (then numbers are of each group). Intervals are of the number of runs. They ignore
+    how representative the pilot is.
 
     Example: pointit study power my_study.yaml --factor method --levels dwell press --effect -10%
     """

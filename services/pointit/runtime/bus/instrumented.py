@@ -90,8 +90,7 @@ def instrument_handler(
         began_s, stamp_ns = time_s(), message.stamp_ns
         if order is not None:
             newest = newest_by_name.get(name)
-            # most messages need no call
-            if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:
+            if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:  # no call
                 newest.stamp_ns, newest.came_s = stamp_ns, began_s
             elif not order.accepts(name, stamp_ns, began_s):
                 return

@@ -51,7 +51,7 @@ DEVICES = {
             scan/solver_process.py scan/lights.py""",
         "ros2": """
             graph/backends.py graph/node_backend.py graph/backend_warnings.py
-            routing/inbox.py routing/guests.py routing/outbox.py
+            routing/inbox.py routing/ros_users.py routing/outbox.py
             parameters/map_of_node.py parameters/node_parameters.py
             robot/driver.py robot/navigator.py routing/site.py over_rclpy/backend.py
             over_rclpy/dds_context.py over_rclpy/services.py over_zenoh/backend.py

@@ -112,7 +112,7 @@ async def test_the_graph_has_every_route_with_its_type_hash_and_quality(place: S
     for row in ROWS:
         package, kind, short = row.type.split("/")
         dds = f"{package}::{kind}::dds_::{short}_"
-        user = "anna" if isinstance(row, InboundRoute) and row.of_guests else "user1"
+        user = "anna" if isinstance(row, InboundRoute) and row.of_ros_users else "user1"
         name = name_of(row, user).replace("/", "%")
         expected.add((CODES[type(row)], name, dds, hash_of(TYPES, row.type), QOS[row.qos]))
 

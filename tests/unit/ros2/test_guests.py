@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from pointit.bridges.ros2.config import Ros2Config
-from pointit.bridges.ros2.inbound.guest import interaction
-from pointit.bridges.ros2.routing import guests
+from pointit.bridges.ros2.inbound.rays import interaction
+from pointit.bridges.ros2.routing import ros_users
 from pointit.bridges.ros2.service import Ros2
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError
@@ -71,8 +71,8 @@ class Site:
 
 @pytest.fixture
 async def site(backend: FakeBackend, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Site]:
-    monkeypatch.setattr(guests, "LOOK_S", 0.01)
-    monkeypatch.setattr(guests, "SILENT_S", 0.3)
+    monkeypatch.setattr(ros_users, "LOOK_S", 0.01)
+    monkeypatch.setattr(ros_users, "SILENT_S", 0.3)
     async with memory_bench() as made:
         made.start(Ros2, Ros2Config(people=("anna",)))
         await until(lambda: bool(backend.watchers))
@@ -109,7 +109,7 @@ async def test_who_is_silent_has_left_and_may_return(site: Site) -> None:
 
 
 async def test_who_wants_a_cursor_stays_with_their_ray(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guests, "SILENT_S", 0.02)  # so that it has passed many times below
+    monkeypatch.setattr(ros_users, "SILENT_S", 0.02)  # so that it has passed many times below
     seen = graph(("publisher", RAYS))
     site.backend.watchers[0](seen)
     site.wishes()
@@ -136,7 +136,7 @@ async def test_a_fault_on_her_way_in_is_tried_again(site: Site, monkeypatch: pyt
             raise RuntimeError(faults[0])
         return interaction(*arguments)
 
-    monkeypatch.setattr(guests, "interaction", failing_once)
+    monkeypatch.setattr(ros_users, "interaction", failing_once)
     await site.here()
     await until(lambda: site.states == ["idle"])
     assert faults

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.inbound.checks import LATE_NS
 from pointit.bridges.ros2.outbound.person import pointing_ray
-from pointit.bridges.ros2.routing.conversion_state import ConversionState, Guest
+from pointit.bridges.ros2.routing.conversion_state import ConversionState, RosUser
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
@@ -31,7 +31,7 @@ ANGLES = st.floats(-1.5, 1.5)
 def with_guests(*names: str, is_here: bool = True) -> ConversionState:
     scene = furnished()
     for name in names:
-        scene.guests[name] = Guest(is_here=is_here)
+        scene.ros_users[name] = RosUser(is_here=is_here)
     return scene
 
 
@@ -71,7 +71,7 @@ def test_a_ray_begins_at_the_eyes_and_goes_along_x() -> None:
     assert (one.what.stamp_ns, one.what.origin_m, one.what.raw_direction) == (NOW_NS, EYES, None)
     assert one.what.direction == pytest.approx((math.cos(1.0), math.sin(1.0), 0.0))
     assert [said(taken(row, value, scene)).seq for _ in range(2)] == [2, 3]
-    assert scene.guests["user1"].is_heard
+    assert scene.ros_users["user1"].has_new_input
 
 
 @given(azimuth_rad=ANGLES, elevation_rad=ANGLES, roll_rad=ANGLES, factor=st.sampled_from([1.0, -1.0, 1.0004]))
@@ -105,7 +105,7 @@ def test_what_is_no_ray_is_told_and_makes_nobody_present(value: Any, told: str) 
     sentence = warned(foreign(into("pointing_ray_in"), value, scene))
     assert told in sentence
     assert "the ray of user1" in sentence
-    assert not scene.guests["user1"].is_heard
+    assert not scene.ros_users["user1"].has_new_input
 
 
 def test_a_ray_of_another_clock_counts_from_now_and_is_told() -> None:
@@ -119,8 +119,8 @@ def test_a_ray_of_another_clock_counts_from_now_and_is_told() -> None:
 def test_the_first_rays_only_tell_that_somebody_is_here_and_those_of_no_guest_nothing() -> None:
     row, scene = into("pointing_ray_in"), with_guests("user1", is_here=False)
     assert taken(row, place(frame=HERS), scene) == []
-    assert scene.guests["user1"].is_heard
-    scene.guests["user1"].is_here = True
+    assert scene.ros_users["user1"].has_new_input
+    scene.ros_users["user1"].is_here = True
     assert isinstance(said(taken(row, place(frame=HERS), scene)), PointingRay)
     assert taken(row, place(frame=HERS), with_guests("user2")) == []
     assert taken(row, place(frame="nonsense")) == []
@@ -133,11 +133,11 @@ def test_who_subscribes_points_with_a_cursor_of_their_own_look_until_they_unsubs
     assert look.what.cursor_color == (255, 128, 0)
     assert (look.what.cursor_colormap, look.what.cursor_width_m) == ("viridis", 0.25)
     assert (points.what.state, points.what.seq) == ("pointing", 1)
-    assert scene.guests["user1"] == Guest(is_here=True, is_heard=True, is_subscribed=True, steps=1)
-    assert scene.guests["user2"] == Guest(is_here=True)
+    assert scene.ros_users["user1"] == RosUser(is_here=True, has_new_input=True, is_subscribed=True, steps=1)
+    assert scene.ros_users["user2"] == RosUser(is_here=True)
     ended = said(taken(row, wish(subscribe=False), scene))
     assert (ended.state, ended.seq) == ("idle", 2)
-    assert not scene.guests["user1"].is_subscribed
+    assert not scene.ros_users["user1"].is_subscribed
     look, points = (output([each]) for each in taken(row, wish("anna_2", rgb=(-1.0, 7.0, 1.0)), scene))
     assert points.name == "anna-2", "known by their name in ROS"
     assert look.what.cursor_color == (0, 255, 255), "the nearest"
@@ -184,9 +184,9 @@ def test_who_is_not_named_in_people_is_a_stranger_and_who_has_services_of_ours_i
 def test_a_static_frame_of_a_guest_is_their_pose_as_they_have_no_localizer() -> None:
     row, scene = into("tf_static_in"), with_guests("user1")
     assert taken(row, tf(frame_of(HERS)), scene) == []
-    assert row.meets is not None
+    assert row.on_presence is not None
     scene.person("user1")
-    early = row.meets(ConversionContext(scene, "user1", NOW_NS, "world"))
+    early = row.on_presence(ConversionContext(scene, "user1", NOW_NS, "world"))
     for pose in (output([*early]), output(taken(row, tf(frame_of(HERS)), scene))):
         assert (pose.at, pose.name) == (POSE, "user1")
         assert (pose.what.position_m, pose.what.method) == ((1.0, 2.0, 0.0), "external")

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pointit.schemas as models
-from pointit.bridges.ros2.routing.conversion_state import ConversionState, Guest
+from pointit.bridges.ros2.routing.conversion_state import ConversionState, RosUser
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
@@ -176,7 +176,7 @@ def test_whatever_comes_is_taken_or_warned_of(name: str, data: st.DataObject) ->
     row, scene = into(name), furnished()
     scene.person("user1")
     if data.draw(st.booleans()):
-        scene.guests["user1"] = Guest(is_here=True)
+        scene.ros_users["user1"] = RosUser(is_here=True)
     for _ in range(2):
         value = data.draw(any_value(row.type, LIKELY))
         now_ns = data.draw(st.sampled_from([0, NOW_NS, NOW_NS + 10**9]))

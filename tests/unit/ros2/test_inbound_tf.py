@@ -45,11 +45,11 @@ def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they
     row, scene = into("tf_static_in"), furnished()
     frames = tf(frame_of("anna/human_footprint"), frame_of("ben/human_footprint", "map"))
     assert taken(row, frames, scene) == []
-    assert row.meets is not None
-    one = output([*row.meets(ConversionContext(scene, "anna", NOW_NS))])
+    assert row.on_presence is not None
+    one = output([*row.on_presence(ConversionContext(scene, "anna", NOW_NS))])
     assert (one.at, one.name, one.what.position_m) == (SET_POSE, "anna", (1.0, 2.0, 0.0))
-    assert row.meets(ConversionContext(scene, "ben", NOW_NS)) == (), "in another frame"
+    assert row.on_presence(ConversionContext(scene, "ben", NOW_NS)) == (), "in another frame"
     for count in range(MAX_TRANSFORMS):
         taken(row, tf(frame_of(f"box_{count}")), scene)
-    kept = row.meets(ConversionContext(scene, "anna", NOW_NS))
+    kept = row.on_presence(ConversionContext(scene, "anna", NOW_NS))
     assert kept == (), "as many are kept as one message may have"

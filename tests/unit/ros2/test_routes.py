@@ -57,8 +57,8 @@ def test_what_is_latched_and_what_gives_way(table: Routes) -> None:
     assert {row.name for row in table.outward if row.is_each} >= {"tf", "diagnostics", "rosout"}
     both = {row.ros for row in table.outward} & {row.ros for row in table.inward}
     gives_way = {row.ros for row in table.outward if row.yields}
-    theirs = {row.ros for row in table.outward if row.is_theirs}
-    for_guests = {row.ros for row in table.inward if row.of_guests}
+    theirs = {row.ros for row in table.outward if row.has_user_publisher}
+    for_guests = {row.ros for row in table.inward if row.of_ros_users}
     # frames are published beside those of others, each its own; what is taken of guests is not said of them
     assert both - {"/tf", "/tf_static"} <= gives_way | (theirs & for_guests)
     assert for_guests <= theirs
@@ -186,7 +186,7 @@ def test_numbers_are_stable_apart_and_lead_back(names: list[str]) -> None:
     )
 )
 def test_whatever_is_bound_both_directions_agree(steps: list[tuple[str, int, int]]) -> None:
-    uids = Uids(most=9, kept=6)
+    uids = Uids(max_number=9, max_names=6)
     names: set[str] = set()
     for what, number, who in steps:
         name = f"p{who}"
@@ -219,11 +219,11 @@ def test_a_number_that_was_asked_for_goes_to_who_comes_next() -> None:
 
 
 def test_names_used_longest_ago_are_forgotten_and_all_numbers_are_given_before_any_comes_again() -> None:
-    uids = Uids(kept=3)
+    uids = Uids(max_names=3)
     for name in ("a1", "b2", "c3", "a1", "d4"):
         uids.number(name)
     assert [uids.name(number) for number in (1, 2, 3, 4)] == ["a1", None, "c3", "d4"]
-    uids = Uids(most=9)
+    uids = Uids(max_number=9)
     assert {uids.number(f"p{chr(97 + n)}") for n in range(10)} == set(range(10))
     assert uids.number("one more") in range(10)
 

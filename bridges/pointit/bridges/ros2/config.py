@@ -15,8 +15,8 @@ from pointit.schemas.topics import check_name
 NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 """A node's full name."""
 
-MAX_GUESTS = 100
-"""Maximum number of guests; each has a ray, and a check four times a second."""
+MAX_ROS_USERS = 100
+"""Maximum number of ROS-only users; each has a ray, and a check four times a second."""
 
 MAX_TRACKERS = 100
 """Maximum number of trackers, as the site has room for."""
@@ -82,7 +82,7 @@ class Ros2Config(Config):
     )
     people: tuple[str, ...] = Field(
         default=(),
-        max_length=MAX_GUESTS,
+        max_length=MAX_ROS_USERS,
         description="people without `pointit person add`, as [anna, ben], all of whose nodes are ROS nodes: "
         "their pointing_ray, tf and PUI_subscription are read",
     )

@@ -21,11 +21,11 @@ def nodes(endpoints: Iterable[Endpoint], of_one: str = "", of_many: str = "") ->
     return f"node{'' if is_one else 's'} {found} {of_one if is_one else of_many}".rstrip()
 
 
-def listed(names: Iterable[str], most: int = MAX_SHOWN) -> str:
-    """Return the first `most` of `names`, and the number of further ones."""
+def listed(names: Iterable[str], max_count: int = MAX_SHOWN) -> str:
+    """Return the first `max_count` of `names`, and the number of further ones."""
     found = list(names)
-    more = len(found) - most
-    return ", ".join(found[:most]) + (f" and {more} more" if more > 0 else "")
+    more = len(found) - max_count
+    return ", ".join(found[:max_count]) + (f" and {more} more" if more > 0 else "")
 
 
 def short(name: str) -> str:
@@ -38,9 +38,9 @@ def short_hash(text: str) -> str:
     return text if len(text) <= MAX_HASH else f"{text[:MAX_HASH]}…"
 
 
-def shown(text: str, most: int) -> str:
-    """Return at most `most` printable characters of a foreign text."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text[:most])
+def shown(text: str, max_count: int) -> str:
+    """Return at most `max_count` printable characters of a foreign text."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:max_count])
 
 
 def holds_text(cdr: bytes, text: str) -> bool:

@@ -12,11 +12,11 @@ from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.graph.addresses import check_apart
 from pointit.bridges.ros2.graph.backend import Backend, Graph
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
-from pointit.bridges.ros2.routing.conversion_state import HEARD, ConversionState
-from pointit.bridges.ros2.routing.guests import Guests
+from pointit.bridges.ros2.routing.conversion_state import INPUT_TOPICS, ConversionState
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.presence_cache import PresenceCache
+from pointit.bridges.ros2.routing.ros_users import RosUsers
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.site import Site
@@ -100,28 +100,30 @@ class Ros2(Service[Ros2Config]):
             stack.callback(outbox.close)
             inbox = Inbox(self._table.inward, self._table.served, site)
             stack.callback(inbox.close)
-            guests = Guests(self.config.people, self._table.inward, site, inbox, outbox)
-            stack.callback(guests.close)
-            backend.watch(functools.partial(self._look, outbox, inbox, guests))
-            for topic in dict.fromkeys((*outbox.topics, *HEARD)):
-                hearing = self.bus.subscribe(topic, functools.partial(self._hear, outbox, topic))
-                stack.callback(hearing.close)  # before leaving the graph, which takes a while
-            meeting = self.bus.watch(USER_ALIVE, functools.partial(self._meet, outbox, inbox))
-            stack.callback(meeting.close)
-            minding = self.bus.watch(SERVICE_ALIVE, functools.partial(self._mind, outbox, guests))
-            stack.callback(minding.close)
+            ros_users = RosUsers(self.config.people, self._table.inward, site, inbox, outbox)
+            stack.callback(ros_users.close)
+            backend.watch(functools.partial(self._look, outbox, inbox, ros_users))
+            for topic in dict.fromkeys((*outbox.topics, *INPUT_TOPICS)):
+                subscription = self.bus.subscribe(topic, functools.partial(self._on_message, outbox, topic))
+                stack.callback(subscription.close)  # before leaving the graph, which takes a while
+            user_watch = self.bus.watch(USER_ALIVE, functools.partial(self._on_user_presence, outbox, inbox))
+            stack.callback(user_watch.close)
+            service_watch = self.bus.watch(
+                SERVICE_ALIVE, functools.partial(self._on_service_presence, outbox, ros_users)
+            )
+            stack.callback(service_watch.close)
             self.bus.call_later(NOTED_S, functools.partial(_note, backend))
             await asyncio.Event().wait()
 
-    def _look(self, outbox: Outbox, inbox: Inbox, guests: Guests, graph: Graph) -> None:
+    def _look(self, outbox: Outbox, inbox: Inbox, ros_users: RosUsers, graph: Graph) -> None:
         here = graph.within(self.config.backend.domain_id)
         others = {each.node for each in here.endpoints if not each.is_ours}
         self.bus.set_metric("ROS nodes", len(others))
         outbox.look(here)
         inbox.on_graph(here)
-        guests.on_graph(here)
+        ros_users.on_graph(here)
 
-    def _hear(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
+    def _on_message(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
         if all(each.admits(topic, message, name) for each in (self._people, self._services)):
             self._show(outbox, topic, message, name)
 
@@ -129,7 +131,7 @@ class Ros2(Service[Ros2Config]):
         self._state.take(name, message, self.clock.now_ns())
         outbox.take(topic, message, name)
 
-    def _meet(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's
+    def _on_user_presence(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001
         if present:
             self._state.person(user).is_here = True  # their frame is known from now on
             outbox.join(user)
@@ -142,8 +144,8 @@ class Ros2(Service[Ros2Config]):
             inbox.leave(user)
             self._state.forget(user)
 
-    def _mind(self, outbox: Outbox, guests: Guests, instance: str, present: bool) -> None:  # noqa: FBT001 - as above
-        guests.on_presence(instance, present)
+    def _on_service_presence(self, outbox: Outbox, ros_users: RosUsers, instance: str, present: bool) -> None:  # noqa: FBT001
+        ros_users.on_presence(instance, present)
         if present:
             self._services.on_join(instance)  # its next report is complete
         else:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.robot.set_point_sender import LEASH_M, SetPoint, SetPoints
+from pointit.bridges.ros2.robot.set_point_sender import MAX_LEAD_M, SetPoint, SetPoints
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.plugins import Command, Follow, FollowPath, Land, Stop, TakeOff
@@ -125,7 +125,7 @@ def test_the_set_point_waits_for_a_drone_that_is_stuck_and_while_no_pose_comes()
     drone.fly(5.0, is_stuck=True)
     stuck = drone.sent[-1]
     assert stuck is not None
-    assert far_m(stuck.position_m, at_m) <= LEASH_M + 0.5 + 1e-9
+    assert far_m(stuck.position_m, at_m) <= MAX_LEAD_M + 0.5 + 1e-9
     drone.fly(2.0, is_stuck=True, is_fresh=False)
     assert drone.sent[-1] == stuck
 

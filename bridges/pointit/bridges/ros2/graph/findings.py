@@ -52,7 +52,7 @@ def findings(
     """
     ours = sorted((each for each in graph.endpoints if each.is_ours), key=_order)
     others = [each for each in graph.endpoints if not each.is_ours and each.domain == domain]
-    elsewhere = [
+    other_domains = [
         each
         for each in graph.endpoints
         if not each.is_ours and not each.is_bridge and each.domain != domain  # for another PointIt
@@ -64,16 +64,16 @@ def findings(
         if _end(each) in wanted:
             offered[_end(each)].append(each)
     counterparts = {mine: sorted(offered.get(_wanted(mine), ()), key=_order) for mine in ours}
-    for mine, theirs in counterparts.items():
-        found += _types(mine, theirs, matching)
-        found += _qualities(mine, [each for each in theirs if _meets(mine, each, matching)])
-    found += _domains(counterparts, elsewhere, domain, is_lonely=not others)
+    for mine, remote in counterparts.items():
+        found += _types(mine, remote, matching)
+        found += _qualities(mine, [each for each in remote if _can_match(mine, each, matching)])
+    found += _domains(counterparts, other_domains, domain, is_alone=not others)
     where = f"in domain {domain}{needs and f': {needs}'}"
     found += _unseen(graph)
     if others:
-        found += _lonely(counterparts, matching, graph)
+        found += _unmatched(counterparts, matching, graph)
     elif not graph.unseen:
-        found += [_nobody(where)]
+        found += [_no_nodes(where)]
     return tuple({each.about: each for each in reversed(found)}.values())[::-1]
 
 
@@ -111,13 +111,13 @@ def _generations(others: Iterable[Endpoint], distro: str) -> list[Finding]:
 
 def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching) -> list[Finding]:
     found: list[Finding] = []
-    strangers = [each for each in counterparts if each.type.name != mine.type.name]
-    if strangers:
+    mismatched = [each for each in counterparts if each.type.name != mine.type.name]
+    if mismatched:
         found.append(
             Finding(
                 about=f"type of {mine.name}",
-                sentence=f"ROS {nodes(strangers, 'uses', 'use')} {mine.name} as "
-                f"{short(strangers[0].type.name)}, we as {mine.type.name}: nothing arrives; rename one of "
+                sentence=f"ROS {nodes(mismatched, 'uses', 'use')} {mine.name} as "
+                f"{short(mismatched[0].type.name)}, we as {mine.type.name}: nothing arrives; rename one of "
                 "the two",
             )
         )
@@ -147,19 +147,22 @@ def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding
     """Return findings about QoS that does not match ours under the rules of DDS, even where it does here."""
     for why, clashes in (
         ("wants it reliable from who sends it best effort", _is_too_lossy),
-        ("wants what was sent before (transient local) from who keeps nothing (volatile)", _is_too_forgetful),
+        (
+            "wants what was sent before (transient local) from who keeps nothing (volatile)",
+            _has_incompatible_durability,
+        ),
     ):
-        clashing: list[Endpoint] = []
+        conflicting: list[Endpoint] = []
         for other in counterparts:
             writer, reader = (mine, other) if mine.kind == "publisher" else (other, mine)
             if writer.qos and reader.qos and mine.kind in ("publisher", "subscriber"):
-                clashing += [other] if clashes(writer.qos, reader.qos) else []
-        if clashing:
+                conflicting += [other] if clashes(writer.qos, reader.qos) else []
+        if conflicting:
             side = "the subscriber, which is ours," if mine.kind == "subscriber" else "the subscriber"
             return [
                 Finding(
                     about=f"QoS of {mine.name}",
-                    sentence=f"QoS of ROS {nodes(clashing)} on {mine.name} does not match ours: {side} "
+                    sentence=f"QoS of ROS {nodes(conflicting)} on {mine.name} does not match ours: {side} "
                     f"{why}; by the rules of DDS nothing would arrive, change one of the two",
                 )
             ]
@@ -170,25 +173,25 @@ def _is_too_lossy(writer: Qos, reader: Qos) -> bool:
     return reader.reliable and not writer.reliable
 
 
-def _is_too_forgetful(writer: Qos, reader: Qos) -> bool:
+def _has_incompatible_durability(writer: Qos, reader: Qos) -> bool:
     return reader.latched and not writer.latched
 
 
 def _domains(
-    counterparts: Counterparts, elsewhere: Iterable[Endpoint], domain: int, *, is_lonely: bool
+    counterparts: Counterparts, other_domains: Iterable[Endpoint], domain: int, *, is_alone: bool
 ) -> list[Finding]:
-    found = list(elsewhere)
-    if not is_lonely:  # another robot's domain is normal, unless it has endpoints for us
-        missing = {_wanted(mine) for mine, theirs in counterparts.items() if not theirs}
+    found = list(other_domains)
+    if not is_alone:  # another robot's domain is normal, unless it has endpoints for us
+        missing = {_wanted(mine) for mine, remote in counterparts.items() if not remote}
         found = [each for each in found if _end(each) in missing]
     if not found:
         return []
-    theirs = sorted({each.domain for each in found})
+    remote = sorted({each.domain for each in found})
     return [
         Finding(
             about="domain",
-            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {listed(map(str, theirs))}, we are in "
-            f"{domain}: nothing arrives; set domain_id to {theirs[0]}, or start them with "
+            sentence=f"ROS {nodes(found, 'is', 'are')} in domain {listed(map(str, remote))}, we are in "
+            f"{domain}: nothing arrives; set domain_id to {remote[0]}, or start them with "
             f"ROS_DOMAIN_ID={domain}",
         )
     ]
@@ -211,11 +214,11 @@ def _unseen(graph: Graph) -> list[Finding]:
     ]
 
 
-def _nobody(where: str) -> Finding:
+def _no_nodes(where: str) -> Finding:
     return Finding(about="nobody", is_note=True, sentence=f"no other ROS node is seen {where}")
 
 
-def _lonely(counterparts: Counterparts, matching: Matching, graph: Graph) -> list[Finding]:
+def _unmatched(counterparts: Counterparts, matching: Matching, graph: Graph) -> list[Finding]:
     found: list[Finding] = []
     kinds: tuple[tuple[EndpointKind, str], ...] = (
         ("publisher", "subscribes to"),
@@ -224,10 +227,10 @@ def _lonely(counterparts: Counterparts, matching: Matching, graph: Graph) -> lis
     for kind, what in kinds:
         names = [
             mine.name
-            for mine, theirs in counterparts.items()
+            for mine, remote in counterparts.items()
             if mine.kind == kind
             and (COUNTERPART[kind], mine.name) not in graph.unseen
-            and not any(_meets(mine, each, matching) for each in theirs)
+            and not any(_can_match(mine, each, matching) for each in remote)
         ]
         if names:
             sentence = f"no node in ROS {what} {listed(dict.fromkeys(names))}"
@@ -244,7 +247,7 @@ def _wanted(mine: Endpoint) -> End:
     return mine.name, COUNTERPART[mine.kind]
 
 
-def _meets(mine: Endpoint, other: Endpoint, matching: Matching) -> bool:
+def _can_match(mine: Endpoint, other: Endpoint, matching: Matching) -> bool:
     """Return True if messages pass between the two endpoints."""
     return mine.type.name == other.type.name if matching == "type" else _is_same(mine, other)
 

@@ -66,8 +66,8 @@ class Wrist:
 
     def _rival(self, frame: str, context: ConversionContext) -> str:
         """Return a sentence if a sensor in another frame moves the arm now, else `""`."""
-        used, heard_ns = self._frames.get(context.name, (frame, 0))
-        if frame != used and context.stamp_ns - heard_ns < REPLACED_NS:
+        used, received_ns = self._frames.get(context.name, (frame, 0))
+        if frame != used and context.stamp_ns - received_ns < REPLACED_NS:
             return (
                 f"{_arm(context)} has several sensors: that of frame {checks.named(used)} is used, not "
                 f"that of {checks.named(frame)}; let only one of them publish to this person's topics"
@@ -127,7 +127,7 @@ class Poses:
                 self._static[frame_name(each.child_frame_id)] = each
         return tuple(self._static_poses(value, context))
 
-    def meet(self, context: ConversionContext) -> Taken:
+    def on_presence(self, context: ConversionContext) -> Taken:
         """Return the pose of a person who has just joined, if published before: it is not repeated."""
         each = self._static.get(frame_name(context.state.frames.person(context.name)))
         return () if each is None else self._stands(each, context.name, context)
@@ -142,9 +142,9 @@ class Poses:
                 yield _other_frame(each, user, context)
 
     def _stands(self, each: Any, user: str, context: ConversionContext) -> Taken:
-        """Return the pose by a transform of /tf_static, or a warning. A guest has no localizer to query."""
+        """Return the pose by a transform of /tf_static, or a warning. A ROS-only user has no localizer."""
         moved, now = each.transform, context.state.types.make("builtin_interfaces/msg/Time")
-        if user in context.state.guests:
+        if user in context.state.ros_users:
             context.state.person(user).tf_until_ns = FOR_EVER_NS
             return self._pose(moved.translation, moved.rotation, now, context._replace(name=user))
         found = _placed(moved.translation, moved.rotation, user)

@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.graph.backend import SENSOR, Qos
 from pointit.bridges.ros2.inbound import conveyor
-from pointit.bridges.ros2.inbound.guest import Rays, Subscriptions
 from pointit.bridges.ros2.inbound.person import Button, Poses, Wrist, people_in
+from pointit.bridges.ros2.inbound.rays import Rays, Subscriptions
 from pointit.bridges.ros2.routing.frames import PERSON
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
@@ -68,7 +68,7 @@ def inward() -> tuple[InboundRoute, ...]:
         InboundRoute(
             *("tf_static_in", "/tf_static", "tf2_msgs/msg/TFMessage"),
             *(Qos(depth=100, latched=True), (topics.SET_POSE, topics.POSE), poses.tf_static),
-            meets=poses.meet,
+            on_presence=poses.on_presence,
             max_bytes=_TF_BYTES,
             context="where a person stands, told once",
         ),
@@ -95,14 +95,14 @@ def inward() -> tuple[InboundRoute, ...]:
             *(SENSOR, (topics.RAY,), Rays()),
             rate_hz=200.0,
             frame=PERSON,
-            of_guests=True,
-            context="ray of a guest, a user with ROS nodes only: from the eyes along x",
+            of_ros_users=True,
+            context="ray of a user with ROS nodes only: from the eyes along x",
         ),
         InboundRoute(
             *("subscription_in", "/PUI_subscription", "conveyor_msgs/msg/PUISubscription"),
             *(_STREAM, (topics.INTERACTION, topics.PROFILE), Subscriptions()),
-            of_guests=True,
-            context="cursor of a guest: on or off, and its colour",
+            of_ros_users=True,
+            context="cursor of a ROS-only user: on or off, and its colour",
         ),
         InboundRoute(
             *("belt_cmd", "/belt_cmd", "conveyor_msgs/msg/BeltCommand"),

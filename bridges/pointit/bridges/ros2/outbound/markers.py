@@ -167,9 +167,9 @@ def _object(
     yield markers.shape(shape, "objects", number, size_m=size_m, rgb=rgb, at_m=at_m, turned=turned)
     if owner is not None:
         around_m = vector.add(size_m, (GROWN_M, GROWN_M, GROWN_M))
-        whose = state.people[owner].profile.cursor_color if owner in state.people else OTHER_COLOR
+        owner_rgb = state.people[owner].profile.cursor_color if owner in state.people else OTHER_COLOR
         yield markers.shape(
-            shape, "selected", number, size_m=around_m, rgb=whose, at_m=at_m, turned=turned, alpha=0.35
+            shape, "selected", number, size_m=around_m, rgb=owner_rgb, at_m=at_m, turned=turned, alpha=0.35
         )
 
 

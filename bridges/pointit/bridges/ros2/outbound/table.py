@@ -276,7 +276,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             *(_MANY, (topics.RAY,), person.pointing_ray),
             rate_hz=POINTING_HZ,
             frame=PERSON,
-            is_theirs=True,
+            has_user_publisher=True,
             context="a person's ray: from the eyes along x",
         ),
         OutboundRoute(
@@ -285,7 +285,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             rate_hz=POINTING_HZ,
             yields=True,
             frame=PERSON,
-            is_theirs=True,
+            has_user_publisher=True,
             context="how a person's arm is turned",
         ),
         OutboundRoute(
@@ -293,14 +293,14 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             *(LATCHED, (topics.BUTTON,), person.button),
             yields=True,
             apart_s=person.BUTTON_DOWN_S,
-            is_theirs=True,
+            has_user_publisher=True,
             context="a person's button: true, then false",
         ),
         OutboundRoute(
             *("state_transition", "/{user}/state_transition", "conveyor_msgs/msg/State"),
             *(LATCHED, (topics.INTERACTION,), person.state),
             on_change=True,
-            is_theirs=True,
+            has_user_publisher=True,
             context="where a person is in the interaction",
         ),
         OutboundRoute(
@@ -308,7 +308,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
             *(_STREAM, (topics.INTERACTION,), person.subscription),
             is_each=True,
             on_change=True,
-            is_theirs=True,
+            has_user_publisher=True,
             context="request for a cursor of a pointing person, for a pui_node of the ROS toolkit",
         ),
         OutboundRoute(

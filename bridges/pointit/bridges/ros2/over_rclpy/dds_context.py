@@ -132,10 +132,10 @@ class LoopbackFilter:
         """
         for sent in self._sent.copy():  # the loop appends meanwhile
             if source_ns:
-                is_meant = sent.began_ns - COARSE_NS <= source_ns < sent.ended_ns
+                is_match = sent.began_ns - COARSE_NS <= source_ns < sent.ended_ns
             else:
-                is_meant = not sent.is_back
-            if is_meant and sent.is_in(cdr):
+                is_match = not sent.is_back
+            if is_match and sent.is_in(cdr):
                 sent.is_back = True
                 return True
         return False

@@ -32,7 +32,7 @@ class GraphReader:
         self._name = name
         self._domain = domain
         self._traits: object = None
-        self._told: tuple[Graph, int] | None = None
+        self._last_read: tuple[Graph, int] | None = None
         self._unread = 0
         """Reads since the last complete one."""
         self.namesakes = 0
@@ -64,9 +64,9 @@ class GraphReader:
             endpoints.update(self._services("server", node, services))
             endpoints.update(self._services("client", node, clients))
         graph = Graph(nodes=frozenset(counts), endpoints=frozenset(endpoints))
-        if self._told == (graph, self.namesakes):
+        if self._last_read == (graph, self.namesakes):
             return None
-        self._told = graph, self.namesakes
+        self._last_read = graph, self.namesakes
         return graph
 
     def forget(self) -> None:

@@ -77,7 +77,7 @@ class ZenohReader(RosEndpoint[EndpointContext]):
     ) -> None:
         """Declare; `handler` gets the CDR of messages."""
         super().__init__(context, topic)
-        self.has_heard = False
+        self.has_received = False
         """Messages have come since this was last set to False."""
         self._kind = kind
         self._handler = handler
@@ -123,7 +123,7 @@ class ZenohReader(RosEndpoint[EndpointContext]):
             return
         if sample.attachment is not None and self._is_known(sample.attachment, sample.payload):
             return
-        self.has_heard = True
+        self.has_received = True
         if not self._has_arrived:
             self._has_arrived = True
             self._end_misrouted()
@@ -345,8 +345,8 @@ class ZenohBackend(NodeBackend[EndpointContext]):
         for end in self._context.ends:
             if isinstance(end, ZenohWriter) and end.is_read:
                 ends.add(("subscriber", end.name))
-            elif isinstance(end, ZenohReader) and end.has_heard:
-                end.has_heard = False
+            elif isinstance(end, ZenohReader) and end.has_received:
+                end.has_received = False
                 ends.add(("publisher", end.name))
         self._directory.exchange(ends)
         self._look_timer.start(UNSEEN_S)

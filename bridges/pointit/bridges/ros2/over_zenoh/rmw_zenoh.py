@@ -58,8 +58,8 @@ class RmwZenoh:
                 f"set domain_id to theirs, or start their node with ROS_DOMAIN_ID={self._domain}"
             )
         if dds_name != kind.dds_name:
-            theirs = shown(dds_name, 80)
-            return f"{nothing}: they are {theirs}, not {kind.dds_name}; rename one of the two topics"
+            remote_name = shown(dds_name, 80)
+            return f"{nothing}: they are {remote_name}, not {kind.dds_name}; rename one of the two topics"
         return (
             f"{nothing}: their {kind.name} has the hash {shown(type_hash, 20)}, ours {kind.hash[:20]}; "
             "rebuild its package there, or set distro to theirs"

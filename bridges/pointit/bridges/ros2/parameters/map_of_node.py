@@ -166,7 +166,7 @@ def _flat(value: Any) -> Value:
 
 APPEARS_S = 2.0
 """Time (s) within which a present node is seen through a router. Discovery is slow on DDS."""
-PATIENCE_S = 2.0
+CONNECT_TIMEOUT_S = 2.0
 """Time (s) to look for a ROS router."""
 MAX_PATH = 1000
 """Maximum characters of a path to look for here, and of a foreign word in a message."""
@@ -178,7 +178,7 @@ end."""
 Say = Callable[[str], None]
 """Prints a message for the user."""
 
-Telling = Callable[[str], contextlib.AbstractContextManager[None]]
+ProgressNotice = Callable[[str], contextlib.AbstractContextManager[None]]
 """Wraps a wait that the message describes, to print it if the wait gets long."""
 
 
@@ -213,7 +213,7 @@ async def fetched(
     request: FetchRequest,
     *,
     say: Say = log.info,
-    telling: Telling = lambda _: contextlib.nullcontext(),
+    notice: ProgressNotice = lambda _: contextlib.nullcontext(),
 ) -> dict[str, Any]:
     """Return the map as in its file, unchecked.
 
@@ -221,7 +221,7 @@ async def fetched(
         config: how to join the ROS graph.
         request: which map of which node.
         say: prints which file was read instead of the node.
-        telling: wraps each wait, with a description.
+        notice: wraps each wait, with a description.
 
     Raises:
         ConfigError: If nothing there is a map, or it cannot be read.
@@ -232,8 +232,8 @@ async def fetched(
     types = Types(config.distro)
     types.prepare(LIST, GET)
     try:
-        with telling(f"looking for a ROS router at {config.endpoint} …"):
-            backend = await opened(config, _IgnoredWarnings(), patience_s=PATIENCE_S)
+        with notice(f"looking for a ROS router at {config.endpoint} …"):
+            backend = await opened(config, _IgnoredWarnings(), patience_s=CONNECT_TIMEOUT_S)
     except ConnectError as error:
         raise ConnectError(f"{error}; --backend.endpoint says where it is") from error
     try:
@@ -247,7 +247,7 @@ async def fetched(
             max_bytes=config.max_message_bytes,
             needs=NEEDS if config.kind == "rmw_zenoh" else "",
         )
-        with telling(f"asking {request.node} for its parameters …"):
+        with notice(f"asking {request.node} for its parameters …"):
             return await _taken(parameters, request, say)
     finally:
         await backend.close()

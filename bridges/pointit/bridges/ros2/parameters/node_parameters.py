@@ -192,17 +192,17 @@ class NodeParameters:
 
     def _absence(self, graph: Graph) -> str:
         """Return a message why there is no node to query, with its remedy."""
-        elsewhere = {each.domain for each in graph.endpoints if each.node == self._node} - {self._domain}
+        other_domains = {each.domain for each in graph.endpoints if each.node == self._node} - {self._domain}
         names = _nodes(graph, self._domain) - {self._backend.node}
         if self._node in names:
             return (
                 f"node {self._node} serves no parameters; start it with its parameter services, or give its "
                 "map as a file"
             )
-        if elsewhere:
-            theirs = min(elsewhere)
+        if other_domains:
+            domain = min(other_domains)
             return (
-                f"node {self._node} is in domain {theirs}, not in {self._domain}; set domain_id to {theirs}"
+                f"node {self._node} is in domain {domain}, not in {self._domain}; set domain_id to {domain}"
             )
         others = sorted({each.domain for each in graph.endpoints} - {self._domain})
         if not names and others:

@@ -12,7 +12,7 @@ from typing import Literal
 
 from pointit.schemas import NS_PER_S
 
-KEPT = 32
+MAX_GOALS = 32
 """Maximum number of goals remembered."""
 GRACE_NS = 2 * NS_PER_S
 """Time in which a server that has accepted a goal ends the one before by itself."""
@@ -58,7 +58,7 @@ class _Goal:
     """Time of acceptance."""
     cancelled_ns: int = 0
     """Time of the last request to cancel it."""
-    heard_ns: int = 0
+    received_ns: int = 0
     """Time of its last feedback."""
     end: int = GoalStatus.UNKNOWN
     """Status with which it has ended by the status topic; the result may tell why."""
@@ -77,7 +77,7 @@ class GoalBook:
         """Want `goal`, which is sent now, instead of the one before."""
         self._goals[goal] = _Goal()
         self.wanted = goal
-        for old in list(self._goals)[:-KEPT]:
+        for old in list(self._goals)[:-MAX_GOALS]:
             del self._goals[old]
 
     def drop(self) -> None:
@@ -115,7 +115,7 @@ class GoalBook:
     def on_feedback(self, goal: bytes, now_ns: int) -> Outcome | None:
         """Return the news of feedback about `goal`: the server works on it."""
         if goal in self._goals:
-            self._goals[goal].heard_ns = now_ns
+            self._goals[goal].received_ns = now_ns
         return self._on_active(goal, now_ns)
 
     def on_status(self, statuses: Iterable[tuple[bytes, int]], now_ns: int) -> list[Outcome]:
@@ -123,17 +123,17 @@ class GoalBook:
 
         The end of the wanted goal is not an outcome yet: its result contains the reason, see `overdue`.
         """
-        news: list[Outcome | None] = []
+        outcomes: list[Outcome | None] = []
         for goal, status in statuses:
             known = self._goals.get(goal)
             if status in ACTIVE:
-                news.append(self._on_active(goal, now_ns))
+                outcomes.append(self._on_active(goal, now_ns))
             elif known is not None and status in TERMINAL:
                 if goal != self.wanted:
                     known.state = "over"
                 elif known.end == GoalStatus.UNKNOWN:
                     known.end, known.end_ns = status, now_ns
-        return [each for each in news if each is not None]
+        return [each for each in outcomes if each is not None]
 
     def overdue(self, now_ns: int) -> Outcome | None:
         """Return the news of the wanted goal's end by the status topic if its result has not come since."""
@@ -142,10 +142,10 @@ class GoalBook:
             return None
         return self.on_end(self.wanted or b"", known.end)
 
-    def is_heard(self, goal: bytes, now_ns: int) -> bool:
+    def is_reported(self, goal: bytes, now_ns: int) -> bool:
         """Return True if there was feedback about `goal` just now."""
         known = self._goals.get(goal)
-        return known is not None and now_ns - known.heard_ns < GRACE_NS
+        return known is not None and now_ns - known.received_ns < GRACE_NS
 
     def on_end(self, goal: bytes, status: int) -> Outcome | None:
         """Return the outcome of `goal` once, even if its end is reported repeatedly."""

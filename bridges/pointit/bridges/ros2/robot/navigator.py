@@ -227,7 +227,9 @@ class Navigator:
     def tick(self) -> None:
         """Send the place to follow if it is time, and cancel what nobody wants."""
         now_ns = self._now_ns()
-        self._news(self._book.overdue(now_ns), self._order, f"{self._config.action} gave up: see Nav2's log")
+        self._on_outcome(
+            self._book.overdue(now_ns), self._order, f"{self._config.action} gave up: see Nav2's log"
+        )
         follow = self._follow
         if follow is not None and now_ns - self._sent_ns >= AGAIN_NS:
             last_m = self._last_m
@@ -266,7 +268,7 @@ class Navigator:
         self._sent_ns = self._now_ns()
         goal = uuid.uuid4().bytes
         self._book.begin(goal)
-        self._start(self._pursue(goal, self._order, self._goal(position_m, yaw_rad)))
+        self._start(self._send_goal(goal, self._order, self._goal(position_m, yaw_rad)))
 
     def _goal(self, position_m: Vec3, yaw_rad: float | None) -> Any:
         if yaw_rad is None:
@@ -280,7 +282,7 @@ class Navigator:
         )
         return types.make(f"{NAVIGATE_TO_POSE}_Goal", pose=pose, behavior_tree=self._config.behavior_tree)
 
-    async def _pursue(self, goal: bytes, order: int, value: Any) -> None:
+    async def _send_goal(self, goal: bytes, order: int, value: Any) -> None:
         if self._clearing is not None:  # which would cancel it, too
             await asyncio.wait({self._clearing})
             if goal != self._book.wanted:
@@ -289,10 +291,10 @@ class Navigator:
         try:
             is_accepted = await self._client.send(goal, value)
         except TimeoutError as error:
-            self._news(self._book.on_silence(goal), order, f"{error}; check that Nav2 runs")
+            self._on_outcome(self._book.on_silence(goal), order, f"{error}; check that Nav2 runs")
             return
-        news = self._book.on_response(goal, accepted=is_accepted, now_ns=self._now_ns())
-        self._news(news, order, f"{self._config.action} refused the goal: see Nav2's log")
+        outcome = self._book.on_response(goal, accepted=is_accepted, now_ns=self._now_ns())
+        self._on_outcome(outcome, order, f"{self._config.action} refused the goal: see Nav2's log")
         self.tick()  # it may be unwanted by now
         if is_accepted:
             await self._ended(goal, order)
@@ -302,11 +304,11 @@ class Navigator:
             try:
                 status, result = await self._client.result(goal, RESULT_S)
             except TimeoutError as error:
-                if self._book.is_heard(goal, self._now_ns()):
+                if self._book.is_reported(goal, self._now_ns()):
                     continue
-                self._news(self._book.on_silence(goal), order, f"{error}; check that Nav2 runs")
+                self._on_outcome(self._book.on_silence(goal), order, f"{error}; check that Nav2 runs")
                 return
-            self._news(self._book.on_end(goal, status), order, _why(result, status))
+            self._on_outcome(self._book.on_end(goal, status), order, _why(result, status))
             return
 
     async def _cancel(self, goal: bytes) -> None:
@@ -330,27 +332,27 @@ class Navigator:
     def _on_feedback(self, goal: bytes, feedback: Any) -> None:
         if goal == self._book.wanted and math.isfinite(feedback.distance_remaining):
             self._on_distance(float(feedback.distance_remaining))
-        self._news(self._book.on_feedback(goal, self._now_ns()), self._order)
+        self._on_outcome(self._book.on_feedback(goal, self._now_ns()), self._order)
 
     def _on_status(self, statuses: list[tuple[bytes, int]]) -> None:
-        for news in self._book.on_status(statuses, self._now_ns()):
-            self._news(news, self._order)
+        for outcome in self._book.on_status(statuses, self._now_ns()):
+            self._on_outcome(outcome, self._order)
 
-    def _news(self, news: Outcome | None, order: int, reason: str = "") -> None:
+    def _on_outcome(self, outcome: Outcome | None, order: int, reason: str = "") -> None:
         """Inform the person, and continue along the way.
 
         For a robot that follows, only failures are reported.
         """
-        is_bad = news in {"refused", "failed"}
-        if news is None or not (is_bad if self._follow is not None else order == self._order):
+        is_bad = outcome in {"refused", "failed"}
+        if outcome is None or not (is_bad if self._follow is not None else order == self._order):
             return
-        if news == "done" and self._way:
+        if outcome == "done" and self._way:
             self._next()
             return
-        self._say(news, reason if is_bad else "")
+        self._say(outcome, reason if is_bad else "")
 
-    def _say(self, news: Outcome, reason: str) -> None:
-        self._tell(OrderStatus(order=self._order, state=news, reason=reason))
+    def _say(self, outcome: Outcome, reason: str) -> None:
+        self._tell(OrderStatus(order=self._order, state=outcome, reason=reason))
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)
@@ -361,5 +363,5 @@ class Navigator:
 
 def _why(result: Any, status: int) -> str:
     message, code = getattr(result, "error_msg", ""), int(getattr(result, "error_code", 0))
-    said = message or (f"error {code}" if code else f"status {status}")
-    return f"Nav2 gave up: {said[:200]}"
+    text = message or (f"error {code}" if code else f"status {status}")
+    return f"Nav2 gave up: {text[:200]}"

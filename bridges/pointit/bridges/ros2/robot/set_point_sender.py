@@ -34,9 +34,9 @@ DESCENT_MPS = 0.3
 """Speed of landing and of taking off."""
 UNDER_M = 0.2
 """The last set-point of a landing is this far below the floor, so that the drone stands."""
-LEASH_M = 0.5
+MAX_LEAD_M = 0.5
 """The set-point is at most this far ahead of the drone, besides what it flies in half a second."""
-LEASH_S = 0.5
+MAX_LEAD_S = 0.5
 
 
 class SetPoint(NamedTuple):
@@ -150,7 +150,7 @@ class SetPoints:
         moved_m = vector.add(now_m, vector.scale(left, step_m / left_m))
         ahead_m = vector.norm(vector.subtract(moved_m, at_m))
         before_m = vector.norm(vector.subtract(now_m, at_m))
-        if ahead_m <= LEASH_M + limit_mps * LEASH_S or ahead_m < before_m:
+        if ahead_m <= MAX_LEAD_M + limit_mps * MAX_LEAD_S or ahead_m < before_m:
             return moved_m
         self._speed_mps = 0.0
         return now_m
@@ -205,27 +205,27 @@ class SetPointSender:
         self._writer = backend.advertise(config.setpoint_topic, types.kind(POSE), Qos(depth=10))
         self._order = 0
         self._ticked_ns = now_ns()
-        self._heard_ns = 0
+        self._received_ns = 0
 
     def on_report(self, report: RobotReport) -> RobotReport:
         """Store the robot's pose. Return it with the state of flying."""
-        self._heard_ns = self._now_ns()
+        self._received_ns = self._now_ns()
         self._points.on_pose(report.position_m, report.yaw_rad, report.velocity_mps)
         return dataclasses.replace(report, is_flying=self._points.is_flying)
 
     def command(self, command: Command) -> None:
         """Carry out `command`."""
         self._order = command.order
-        news = self._points.command(command)
-        if news is not None:
-            self._tell(OrderStatus(command.order, *news))
+        outcome = self._points.command(command)
+        if outcome is not None:
+            self._tell(OrderStatus(command.order, *outcome))
 
     def tick(self) -> None:
         """Send the set-point of now."""
         now_ns = self._now_ns()
         passed_s = min(max(now_ns - self._ticked_ns, 0) / NS_PER_S, LONGEST_S)
         self._ticked_ns = now_ns
-        is_fresh = now_ns - self._heard_ns <= self._config.pose.stale_s * NS_PER_S
+        is_fresh = now_ns - self._received_ns <= self._config.pose.stale_s * NS_PER_S
         point, done = self._points.step(passed_s, is_fresh=is_fresh)
         if point is not None:
             types = self._types

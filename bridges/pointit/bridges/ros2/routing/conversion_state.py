@@ -35,7 +35,7 @@ from pointit.schemas.topics import Topic
 KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
 """Kinds by the ROS toolkit's numbers: 0 and 1 as in its feeders, the others arbitrary."""
 
-NOBODY = UserProfile(stamp_ns=0)
+DEFAULT_PROFILE = UserProfile(stamp_ns=0)
 """Profile of a person who has not published one."""
 
 POINTS_NS = NS_PER_S // 2
@@ -52,7 +52,7 @@ MAX_TRACKERS = 256
 MAX_ROBOTS = 100
 """Maximum number of robots; further ones are ignored."""
 
-HEARD: tuple[Topic[Any], ...] = (
+INPUT_TOPICS: tuple[Topic[Any], ...] = (
     *(topics.CURSOR, topics.HOVER, topics.POSE, topics.PROFILE, topics.INTERACTION, topics.OBJECTS),
     *(topics.SELECTION, topics.MAP, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.STEERING),
 )
@@ -65,7 +65,7 @@ PersonSays = Cursor | Hover | UserPose | UserProfile | Interaction | ImuSample |
 class Person:
     """Last messages of one person."""
 
-    profile: UserProfile = NOBODY
+    profile: UserProfile = DEFAULT_PROFILE
     pose: UserPose | None = None
     cursor: Cursor | None = None
     cursor_ns: int = 0
@@ -105,10 +105,10 @@ class Person:
 
 
 @dataclass(slots=True)
-class Guest:
+class RosUser:
     """A user with ROS nodes only."""
 
-    is_heard: bool = False
+    has_new_input: bool = False
     """A message about them has come since the last check."""
     is_subscribed: bool = False
     """They want a cursor."""
@@ -144,8 +144,8 @@ class ConversionState:
         self.now_ns = 0
         """The site's time."""
         self.people: dict[str, Person] = {}
-        self.guests: dict[str, Guest] = {}
-        """All guests, present or not, without those who have PointIt services."""
+        self.ros_users: dict[str, RosUser] = {}
+        """All ROS-only users, present or not, without those who have PointIt services."""
         self.selection: Selection | None = None
         self.room: Environment | None = None
         self.lines: dict[tuple[SurfaceKind, str], Polyline] = {}
@@ -170,7 +170,7 @@ class ConversionState:
             case Selection():
                 self.selection = message
             case Environment():
-                self._furnish(message)
+                self._set_room(message)
             case _:
                 pass
 
@@ -196,8 +196,8 @@ class ConversionState:
 
     def tracked(self) -> Iterator[TrackedObject]:
         """Yield the objects of all trackers that are not silent, once their numbers are settled."""
-        for heard_ns, message in self._tracked.values():
-            if self.now_ns - heard_ns <= TRACKED_NS:
+        for received_ns, message in self._tracked.values():
+            if self.now_ns - received_ns <= TRACKED_NS:
                 for item in message.objects:
                     if self.uids.is_settled(item.id):
                         yield item
@@ -207,8 +207,8 @@ class ConversionState:
         """Return the robots whose processes are not silent, by name."""
         return {
             name: state
-            for name, (heard_ns, state) in self._robots.items()
-            if self.now_ns - heard_ns <= TRACKED_NS
+            for name, (received_ns, state) in self._robots.items()
+            if self.now_ns - received_ns <= TRACKED_NS
         }
 
     def plan(self, robot: str) -> RobotPlan | None:
@@ -222,7 +222,7 @@ class ConversionState:
             return ()
         return tuple(lane.id for lane in self.room.belts or self.room.strips)
 
-    def _furnish(self, room: Environment) -> None:
+    def _set_room(self, room: Environment) -> None:
         self.room = room
         self.lines = {}
         places: list[tuple[SurfaceKind, str, tuple[Vec3, ...]]] = [

@@ -136,7 +136,7 @@ class Inbox:
             self._declare(user)
             context = ConversionContext(self._site.state, user, self._site.clock.now_ns())
             for route in self._routes:
-                if route.meets is not None and (taken := route.meets(context)):
+                if route.on_presence is not None and (taken := route.on_presence(context)):
                     self._take(taken, _subject(route, self._site.state, ""))
 
     def leave(self, user: str) -> None:
@@ -192,7 +192,7 @@ class Inbox:
 
     def _declare(self, name: str) -> None:
         for route in self._routes:
-            if bool(name) == ("{" in route.ros) and not (name and route.of_guests):
+            if bool(name) == ("{" in route.ros) and not (name and route.of_ros_users):
                 for at in route.into:
                     if not isinstance(at, Request) and at.placeholder == ("user" if name else ""):
                         self._publisher(at, name)

@@ -89,7 +89,7 @@ class _Line:
             self._rate_limiter.sent(self._loop.time())
             self._send(message, name)
             return
-        self._waiting[self._whose(name)] = message, name
+        self._waiting[self._key_of(name)] = message, name
         self._due_timer.start(wait_s)
 
     def forget(self, name: str) -> None:
@@ -109,7 +109,7 @@ class _Line:
 
     def _send(self, message: Message, name: str) -> None:
         if self.route.repeat_hz is not None:
-            self._last[self._whose(name)] = message, name, self._loop.time()
+            self._last[self._key_of(name)] = message, name, self._loop.time()
             self._repeat_later()
         self._write(message, name)
 
@@ -128,10 +128,10 @@ class _Line:
             self._is_refused = False
             self._site.bus.clear(self.ros)
         if self.route.on_change:
-            whose = self._whose(name)
-            if cdrs == self._sent.get(whose):
+            key = self._key_of(name)
+            if cdrs == self._sent.get(key):
                 return
-            self._sent[whose] = cdrs
+            self._sent[key] = cdrs
         self._later = [timer for timer in self._later if timer.when() > self._loop.time()]
         for count, cdr in enumerate(cdrs):
             if count and self.route.apart_s:
@@ -140,7 +140,7 @@ class _Line:
             else:
                 self._put(cdr)
 
-    def _whose(self, name: str) -> str:
+    def _key_of(self, name: str) -> str:
         return name if self.route.is_each else ""
 
     @property
@@ -167,7 +167,7 @@ class _Line:
 
     def _repeat(self) -> None:
         oldest_s = self._loop.time() - self.route.repeat_for_s
-        self._last = {whose: last for whose, last in self._last.items() if last[2] > oldest_s}
+        self._last = {key: last for key, last in self._last.items() if last[2] > oldest_s}
         for message, name, _ in self._last.values():
             self._write(message, name, again_ns=self._site.clock.now_ns())
         self._repeat_later()
@@ -200,19 +200,19 @@ class Outbox:
     def take(self, topic: Topic[Message], message: Message, name: str) -> None:
         """Send `message`, which the scene has got, by all its routes."""
         for route in self._routes.get(topic, ()):
-            if route.is_theirs and name in self._site.state.guests:
+            if route.has_user_publisher and name in self._site.state.ros_users:
                 continue
             line = self._line(route, name if "{" in route.ros else "")
             if line is not None:
                 line.take(message, name)
 
     def join(self, user: str) -> None:
-        """Add the routes about `user`, without those that a guest's own nodes publish."""
-        is_guest = user in self._site.state.guests
+        """Add the routes about `user`, without those that a ROS-only user's own nodes publish."""
+        is_ros_user = user in self._site.state.ros_users
         for route in {route.name: route for routes in self._routes.values() for route in routes}.values():
             if "{user}" not in route.ros:
                 continue
-            if not (is_guest and route.is_theirs):
+            if not (is_ros_user and route.has_user_publisher):
                 self._line(route, user)
             elif line := self._lines.pop((route.name, user), None):
                 line.close()

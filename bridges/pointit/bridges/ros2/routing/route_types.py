@@ -98,8 +98,8 @@ class OutboundRoute(_Route):
     """Identical values of a name are not sent again."""
     is_ros4hri: bool = False
     """Only with the parameter `ros4hri`."""
-    is_theirs: bool = False
-    """Published by a guest's own nodes, and then not by us."""
+    has_user_publisher: bool = False
+    """Published by a ROS-only user's own nodes, and then not by us."""
     begins: Callable[[], None] | None = None
     """Called when the first subscriber appears."""
     forgets: Callable[[str], None] | None = None
@@ -136,12 +136,12 @@ class InboundRoute(_Route):
     """People whom a message is about, from its bytes. The newest per person waits, others are not read."""
     max_bytes: int = MAX_BYTES
     """Longer messages are dropped unread."""
-    meets: Callable[[ConversionContext], Taken] | None = None
+    on_presence: Callable[[ConversionContext], Taken] | None = None
     """Returns persistent values published before a person joined."""
     forgets: Callable[[str], None] | None = None
     """Called with people who leave."""
-    of_guests: bool = False
-    """For guests only, present or not: it makes them present."""
+    of_ros_users: bool = False
+    """For ROS-only users only, present or not: it makes them present."""
 
     def convert(self, value: Any, name: str, state: ConversionState, *, now_ns: int, wall_ns: int) -> Taken:
         """Return messages, queries and warnings; never raises."""

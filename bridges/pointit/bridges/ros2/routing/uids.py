@@ -5,7 +5,7 @@ import re
 MAX_NUMBER = 2**31 - 1
 """Fits `uint32` as well as the `int32` of a marker's id."""
 
-KEPT = 100_000
+MAX_NAMES = 100_000
 """Maximum number of remembered names, evicted by last use; a conveyor needs days for this many."""
 
 _DIGITS = re.compile(r"([0-9]{1,10})\Z")
@@ -14,14 +14,14 @@ _DIGITS = re.compile(r"([0-9]{1,10})\Z")
 class Uids:
     """Numbers for names while they are in use: the digits a name ends with, if free."""
 
-    def __init__(self, most: int = MAX_NUMBER, kept: int = KEPT) -> None:
-        """Use numbers from 0 to `most`, for at most `kept` names at a time."""
-        self._most = most
-        self._kept = min(kept, most + 1)
+    def __init__(self, max_number: int = MAX_NUMBER, max_names: int = MAX_NAMES) -> None:
+        """Use numbers from 0 to `max_number`, for at most `max_names` names at a time."""
+        self._max_number = max_number
+        self._max_names = min(max_names, max_number + 1)
         self._numbers: dict[str, int] = {}
         """Ordered by last use."""
         self._names: dict[int, str] = {}
-        self._next = most // 2 + 1
+        self._next = max_number // 2 + 1
         self._awaited: set[int] = set()
 
     def number(self, name: str) -> int:
@@ -43,8 +43,8 @@ class Uids:
         Raises:
             ValueError: If no name can have such a number.
         """
-        if not 0 <= number <= self._most:
-            raise ValueError(f"{number} is beyond 0 to {self._most}")
+        if not 0 <= number <= self._max_number:
+            raise ValueError(f"{number} is beyond 0 to {self._max_number}")
         for old in (self._names.get(number), name):
             if old is not None and old in self._numbers:
                 del self._names[self._numbers.pop(old)]
@@ -52,7 +52,7 @@ class Uids:
 
     def claim(self, number: int, name: str) -> None:
         """Bind `number`, if a name can have such a one, to `name`, unless it has it."""
-        if number <= self._most and self._names.get(number) != name:
+        if number <= self._max_number and self._names.get(number) != name:
             self.bind(number, name)
 
     def reserve(self, number: int) -> None:
@@ -68,16 +68,16 @@ class Uids:
         return not self._awaited or name in self._numbers
 
     def _new(self, name: str) -> int:
-        if len(self._numbers) >= self._kept:
+        if len(self._numbers) >= self._max_names:
             oldest = next(iter(self._numbers))
             del self._names[self._numbers.pop(oldest)]
         digits = _DIGITS.search(name)
         if digits is not None:
             number = int(digits.group(1))
-            if number <= self._most and number not in self._names:
+            if number <= self._max_number and number not in self._names:
                 return number
         while self._next in self._names:
-            self._next = self._next + 1 if self._next < self._most else 0
+            self._next = self._next + 1 if self._next < self._max_number else 0
         return self._next
 
 

@@ -1,4 +1,4 @@
-"""Input of a guest, a user with ROS nodes only: their ray and their cursor subscription.
+"""Input of a user with ROS nodes only: their ray and their cursor subscription.
 
 A ray (geometry_msgs/PoseStamped) starts at the eyes and has the direction of the pose's x axis, in the
 person's frame {H}. A subscription (conveyor_msgs/PUISubscription) switches the person's cursor on or off, and
@@ -42,8 +42,8 @@ class Rays:
 
         A ray published before the subscription is known would give them a cursor.
         """
-        guest = context.state.guests.get(context.name)
-        if guest is None:
+        ros_user = context.state.ros_users.get(context.name)
+        if ros_user is None:
             return ()
         what = f"the ray of {context.name}"
         frame = frame_name(value.header.frame_id)
@@ -59,8 +59,8 @@ class Rays:
         turned = checks.quaternion(value.pose.orientation, what)
         if isinstance(turned, str):
             return (ConversionWarning(turned),)
-        guest.is_heard = True
-        if not guest.is_here:
+        ros_user.has_new_input = True
+        if not ros_user.is_here:
             return ()
         stamp_ns, problem = checks.stamp(value.header.stamp, context, what)
         count = self._counts[context.name] = self._counts.get(context.name, 0) + 1
@@ -80,16 +80,16 @@ class Subscriptions:
     def __call__(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a conveyor_msgs/PUISubscription; repetitions are dropped."""
         state, name = context.state, value.user_name
-        user = next((each for each in state.guests if state.names.of(each) == name), None)
+        user = next((each for each in state.ros_users if state.names.of(each) == name), None)
         if user is None:
             is_ours = any(state.names.of(each) == name for each in state.people)
-            return () if is_ours or not value.subscribe else (_stranger(name),)
-        guest = state.guests[user]
-        was, guest.is_subscribed = guest.is_subscribed, bool(value.subscribe)
-        if not guest.is_subscribed:
+            return () if is_ours or not value.subscribe else (_unknown_user(name),)
+        ros_user = state.ros_users[user]
+        was, ros_user.is_subscribed = ros_user.is_subscribed, bool(value.subscribe)
+        if not ros_user.is_subscribed:
             why = "they want no cursor any more"
             return (interaction(state, user, context.stamp_ns, why),) if was else ()
-        guest.is_heard = True
+        ros_user.has_new_input = True
         look = _look(value, user)
         taken: list[BusOutput | ConversionWarning] = []
         if isinstance(look, str):
@@ -114,19 +114,19 @@ class Subscriptions:
 
 
 def interaction(state: ConversionState, user: str, stamp_ns: int, reason: str) -> BusOutput:
-    """Return the state of the interaction of the guest `user`, as far as known."""
-    guest = state.guests[user]
-    guest.steps += 1
+    """Return the state of the interaction of the ROS-only user `user`, as far as known."""
+    ros_user = state.ros_users[user]
+    ros_user.steps += 1
     message = Interaction(
         stamp_ns=stamp_ns,
-        seq=guest.steps,
-        state="pointing" if guest.is_subscribed else "idle",
+        seq=ros_user.steps,
+        state="pointing" if ros_user.is_subscribed else "idle",
         reason=f"in ROS: {reason}",
     )
     return BusOutput(INTERACTION, user, message)
 
 
-def _stranger(name: str) -> ConversionWarning:
+def _unknown_user(name: str) -> ConversionWarning:
     return ConversionWarning(
         f"{checks.named(name)} wants a cursor, but is unknown here: list people with ROS nodes only in the "
         "bridge's parameter `people`"

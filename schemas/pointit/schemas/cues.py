@@ -11,7 +11,7 @@ from pointit.schemas.base import Rgb
 Cue = Literal["started", "stopped", "target", "localized", "refused", "selected", "deselected"]
 Chime = Literal["", "up", "down", "single", "double", "buzz", "tick", "tock"]
 
-MOST_FLASHES = 3
+MAX_FLASHES = 3
 """In a second: more can cause seizures (WCAG 2.2, 2.3.1)."""
 
 

@@ -110,7 +110,7 @@ class ReceiveBuffer(Generic[U]):
 def unreadable(stats: SubscriptionStats) -> str:
     """Return a message on a reader that gets only what it cannot read."""
     return (
-        f"{stats.invalid} messages came and none could be read ({stats.complaint}); "
+        f"{stats.invalid} messages came and none could be read ({stats.last_error}); "
         "install the same version of PointIt here and on the site"
     )
 

@@ -49,7 +49,7 @@ class RunRecorder(Beside):
         """Return its launch."""
         return self._launch
 
-    def afterword(self) -> str:
+    def closing_note(self) -> str:
         """Return a sentence on its file."""
         return recorded(self._launch)
 

@@ -16,7 +16,7 @@ P = TypeVar("P", bound=Plugin)
 H = TypeVar("H", bound="Harness[Any]")
 AT_ONCE = 16
 """Checks that run at the same time: most of them wait."""
-PATIENCES = 6.0
+TIMEOUT_FACTORS = 6.0
 """A check that has not come to an end within this many times the harness's patience hangs."""
 CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
 
@@ -143,7 +143,7 @@ class Suite(Generic[H]):
 
 
 def _run(function: CheckFunction[H], harness: H) -> None:
-    limit_s = PATIENCES * harness.patience_s
+    limit_s = TIMEOUT_FACTORS * harness.patience_s
     raised: list[BaseException] = []
 
     def on_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

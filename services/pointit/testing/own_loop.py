@@ -35,7 +35,7 @@ class LoopWatch:
     def __init__(self) -> None:
         self._beat_s = 0.0
         self._excused_s = 0.0
-        self._woken_s = 0.0
+        self._last_wakeup_s = 0.0
         self._thread = 0
         self._handle: asyncio.Handle | None = None
 
@@ -58,13 +58,13 @@ class LoopWatch:
     def look(self) -> None:
         """Measure. Called from another thread, every `LOOK_S`."""
         now_s = time.monotonic()
-        if self._woken_s:
-            self._excused_s += max(0.0, now_s - self._woken_s - LOOK_S)
-        self._woken_s = now_s
+        if self._last_wakeup_s:
+            self._excused_s += max(0.0, now_s - self._last_wakeup_s - LOOK_S)
+        self._last_wakeup_s = now_s
         beat_s = self._beat_s
-        stood_s = now_s - beat_s - self._excused_s - BEAT_S
-        if beat_s and stood_s > self.longest_s:
-            self.longest_s, self.where = stood_s, place(self._thread)
+        blocked_s = now_s - beat_s - self._excused_s - BEAT_S
+        if beat_s and blocked_s > self.longest_s:
+            self.longest_s, self.where = blocked_s, place(self._thread)
 
 
 current_watch: ContextVar[LoopWatch] = ContextVar("current_watch")

@@ -45,19 +45,19 @@ class TrialHealth:
     def __init__(self) -> None:
         self.warnings: dict[str, str] = {}
         """Present warnings by topic."""
-        self._elsewhere = ""
+        self._foreign_folder = ""
         self._thread = threading.get_ident()
 
     def note_thread(self, function: str) -> None:
         """Remember `function`, which the plug-in has called, if this is not the event loop's thread."""
         if threading.get_ident() != self._thread:
-            self._elsewhere = self._elsewhere or function
+            self._foreign_folder = self._foreign_folder or function
 
     def require_in_loop(self) -> None:
         """Raise CheckFailedError if the plug-in has called something from another thread."""
-        if self._elsewhere:
+        if self._foreign_folder:
             raise CheckFailedError(
-                f"`{self._elsewhere}` was called from another thread than the event loop's"
+                f"`{self._foreign_folder}` was called from another thread than the event loop's"
             )
 
     def warn(self, topic: str, sentence: str) -> None:

@@ -272,12 +272,12 @@ def test_a_run_without_the_extra_says_so_at_its_start_and_at_its_end(
         assert invoke(monkeypatch, "run", *arguments, has_extra=False) is None
     without, unasked = plans
     assert without.notes[0] == f"{remedy}; --no-web runs without it and without this note"
-    assert without.afterword == f"There was no page: {remedy}."
-    assert (unasked.afterword, [note for note in unasked.notes if "page" in note]) == ("", [])
+    assert without.closing_note == f"There was no page: {remedy}."
+    assert (unasked.closing_note, [note for note in unasked.notes if "page" in note]) == ("", [])
 
 
 def test_the_afterword_stands_below_the_summary(capsys: pytest.CaptureFixture[str]) -> None:
-    plan = Plan(name="mine", launches=(), link=Link(), afterword="There was no page.")
+    plan = Plan(name="mine", launches=(), link=Link(), closing_note="There was no page.")
     write_summary(plan, monitor_of(), 1.0)
     assert capsys.readouterr().out.splitlines()[-1] == "There was no page."
     write_summary(replace(plan, as_json=True), monitor_of(), 1.0)

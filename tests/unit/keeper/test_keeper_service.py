@@ -57,7 +57,7 @@ class Room:
         self._keepers_bus = MemoryBus(self.exchange)
         launch = Launch(service=Keeper, config=config)
         self._keeper = asyncio.create_task(run_service(launch, self._keepers_bus, self.clock))
-        await until(lambda: bool(self.exchange.keepings))
+        await until(lambda: bool(self.exchange.retained_servers))
 
     async def end(self) -> None:
         if self._keeper is not None and self._keepers_bus is not None:

@@ -27,7 +27,7 @@ from pointit.schemas import (
 from pointit.services.registry import process
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.service import Supervisor
-from pointit.services.user_sim.decision.belief import Belief
+from pointit.services.user_sim.decision.perceived_state import Belief
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.supervisor.played import Gesture, S, pose, press
 

@@ -110,4 +110,4 @@ def test_a_turn_aside_is_taken_out_by_the_pixel_alone(off_deg: float) -> None:
 def test_a_cue_of_pointing_past_does_not_end_pointing() -> None:
     life, _ = lost(-20.0)
     assert life.past
-    assert life.person._perception.belief.state == "pointing"
+    assert life.person._perception.perceived.state == "pointing"

@@ -4,10 +4,10 @@ import pytest
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.belief import Belief, State
+from pointit.services.user_sim.decision.perceived_state import PerceivedState, State
 from pointit.services.user_sim.decision.press import ButtonModel
-from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs, Status
 from pointit.services.user_sim.sight.observed_appearance import ObservedAppearance
+from pointit.services.user_sim.sight.perceived_objects import PerceivedObjects, Status
 from tests.unit.user_sim.life import PRECISE, Cue, Life
 
 WAIT = "Wait for the target to point at; press the button to cancel."
@@ -17,14 +17,14 @@ WAITING: Heard = ("started", WAIT, "")
 AT_LED: Heard = ("target", "Point at led_1.", "led_1")
 
 
-def after(*heard: Heard) -> Belief:
-    belief = Belief()
+def after(*heard: Heard) -> PerceivedState:
+    perceived = PerceivedState()
     for number, (cue, text, target) in enumerate(heard):
-        belief.on_cue(
+        perceived.on_cue(
             Feedback(stamp_ns=0, cue=cue, text=text, target_id=target, waits="wait" in text.lower()),
             number * NS_PER_S,
         )
-    return belief
+    return perceived
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def after(*heard: Heard) -> Belief:
     ],
 )
 def test_cues_tell_where_one_is(heard: tuple[Heard, ...], state: State, target: str) -> None:
-    belief = after(*heard)
-    assert (belief.state, belief.target) == (state, target)
+    perceived = after(*heard)
+    assert (perceived.state, perceived.target) == (state, target)
 
 
 def test_who_queues_knows_it_until_it_is_their_turn() -> None:
@@ -79,25 +79,25 @@ def test_a_press_that_stopped_what_went_on_unknown_is_made_good() -> None:
 
 
 def pressed(
-    press: ButtonModel, belief: Belief, from_s: float, to_s: float, *, sees: bool | None
+    press: ButtonModel, perceived: PerceivedState, from_s: float, to_s: float, *, sees: bool | None
 ) -> list[ButtonEvent]:
     events = [
-        press.step(round(step / 10 * NS_PER_S), belief, known_ns=0, sees=sees)
+        press.step(round(step / 10 * NS_PER_S), perceived, known_ns=0, sees=sees)
         for step in range(round(from_s * 10), round(to_s * 10))
     ]
     return [event for event in events if event is not None]
 
 
 def test_no_cursor_for_long_makes_the_person_press_and_think_anew() -> None:
-    belief = after(STARTED)
+    perceived = after(STARTED)
     press = ButtonModel(UserSimConfig())
-    assert pressed(press, belief, 0.0, 20.0, sees=True) == []
-    assert pressed(press, belief, 20.0, 26.0, sees=False) == []
-    assert pressed(press, belief, 26.0, 60.0, sees=None) == []  # resting meanwhile
-    assert pressed(press, belief, 60.0, 65.7, sees=False) == []
-    (event,) = pressed(press, belief, 65.7, 67.0, sees=False)
+    assert pressed(press, perceived, 0.0, 20.0, sees=True) == []
+    assert pressed(press, perceived, 20.0, 26.0, sees=False) == []
+    assert pressed(press, perceived, 26.0, 60.0, sees=None) == []  # resting meanwhile
+    assert pressed(press, perceived, 60.0, 65.7, sees=False) == []
+    (event,) = pressed(press, perceived, 65.7, 67.0, sees=False)
     assert event.gesture == "press"
-    assert belief.state == "idle"
+    assert perceived.state == "idle"
     never = ButtonModel(UserSimConfig(lost_press_s=0.0))
     assert pressed(never, after(STARTED), 0.0, 100.0, sees=False) == []
 
@@ -109,7 +109,9 @@ FULL_FOREIGN = ObservedAppearance(marked=True, full=True, hidden=False, own=Fals
 HELD = ObservedAppearance(marked=True, full=False, hidden=False, own=False, foreign=True)
 
 
-def seen(things: ObjectBeliefs, looks: ObservedAppearance, duration_s: float, since_s: float = 1.0) -> Status:
+def seen(
+    things: PerceivedObjects, looks: ObservedAppearance, duration_s: float, since_s: float = 1.0
+) -> Status:
     for step in range(round(duration_s * 10) + 1):
         things.see("a", looks, round((since_s + step / 10) * S))
     return things.status("a")
@@ -119,13 +121,13 @@ def seen(things: ObjectBeliefs, looks: ObservedAppearance, duration_s: float, si
     ("looks", "status"), [(FULL_OWN, "mine"), (FULL_FOREIGN, "theirs"), (HELD, "taken")], ids=str
 )
 def test_what_is_seen_long_enough_is_believed(looks: ObservedAppearance, status: Status) -> None:
-    things = ObjectBeliefs()
+    things = PerceivedObjects()
     assert seen(things, looks, 1.0) == status
     assert seen(things, PLAIN, 0.2, since_s=3.0) == "free"
 
 
 def test_what_a_cursor_covers_needs_longer_as_the_gauge_fills_the_ends_first() -> None:
-    things = ObjectBeliefs()
+    things = PerceivedObjects()
     covered = FULL_OWN._replace(hidden=True)
     assert seen(things, covered, 0.4) == "free"
     assert seen(things, PLAIN, 0.1, since_s=2.0) == "free"
@@ -135,13 +137,13 @@ def test_what_a_cursor_covers_needs_longer_as_the_gauge_fills_the_ends_first() -
 
 @pytest.mark.parametrize("status", ["mine", "theirs"])
 def test_a_selected_thing_under_two_cursors_is_whose_it_was(status: Status) -> None:
-    things = ObjectBeliefs()
+    things = PerceivedObjects()
     things.believe("a", status, S)
     assert seen(things, FULL_FOREIGN._replace(own=True), 3.0, since_s=2.0) == status
 
 
 def test_what_cannot_be_made_out_changes_nothing_and_memory_is_bounded() -> None:
-    things = ObjectBeliefs()
+    things = PerceivedObjects()
     things.believe("a", "mine", S)
     things.see("a", None, 5 * S)
     assert things.status("a") == "mine"

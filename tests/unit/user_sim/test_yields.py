@@ -11,7 +11,7 @@ from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, SelectedObject, Selection, UserProfile, WristSample
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.belief import Belief
+from pointit.services.user_sim.decision.perceived_state import PerceivedState
 from pointit.services.user_sim.decision.press import ButtonModel
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import memory_bench, until
@@ -103,8 +103,8 @@ def test_what_the_other_has_selected_in_their_name_is_theirs_and_not_taken_back(
 @pytest.mark.parametrize("gesture", ["double", "press"])
 def test_time_that_was_somebody_elses_makes_nobody_press(gesture: Literal["double", "press"]) -> None:
     """Neither for a cursor that is off (2 s) nor for one that is not to be seen (4 s)."""
-    press, belief = ButtonModel(UserSimConfig(anchor_when_off_deg=5.0, lost_press_s=4.0)), Belief()
-    belief.state = "pointing"
+    press, perceived = ButtonModel(UserSimConfig(anchor_when_off_deg=5.0, lost_press_s=4.0)), PerceivedState()
+    perceived.state = "pointing"
     now_s = 0.0
 
     def pressed(duration_s: float) -> list[str]:
@@ -113,12 +113,12 @@ def test_time_that_was_somebody_elses_makes_nobody_press(gesture: Literal["doubl
         while now_s < end_s - 1e-9:
             now_s += 0.1
             off_rad, sees = (0.2, True) if gesture == "double" else (0.0, False)
-            event = press.step(round(now_s * 1e9), belief, known_ns=0, off_rad=off_rad, sees=sees)
+            event = press.step(round(now_s * 1e9), perceived, known_ns=0, off_rad=off_rad, sees=sees)
             gestures += [] if event is None else [event.gesture]
         return gestures
 
     limit_s = 2.0 if gesture == "double" else 4.0
-    press.step(0, belief, known_ns=0, sees=True)
+    press.step(0, perceived, known_ns=0, sees=True)
     assert pressed(limit_s - 0.5) == []
     for _ in range(50):
         now_s += 0.1

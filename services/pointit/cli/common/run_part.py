@@ -20,7 +20,7 @@ class Added:
     """Parameters of services, as in `--set`, which wins over them."""
     notes: Sequence[str] = ()
     """Sentences to print at the start."""
-    afterword: str = ""
+    closing_note: str = ""
     """Sentence to print below the summary."""
     watchers: Sequence[MakeWatcher] = ()
     """Factories of further observers of each scenario of the run."""

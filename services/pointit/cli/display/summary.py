@@ -109,8 +109,8 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float, parts: Sequen
     else:
         for line in summary_lines(summary, parts):
             say(line)
-        if plan.afterword:
-            click.echo(plan.afterword)
+        if plan.closing_note:
+            click.echo(plan.closing_note)
     if plan.summary is not None:
         with replaced_file(plan.summary) as part:
             part.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")

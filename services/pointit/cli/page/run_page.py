@@ -154,7 +154,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
                 raise page_unavailable_error(option)
         return Added(
             notes=[f"{REMEDY}; --no-web runs without it and without this note"],
-            afterword=f"There was no page: {REMEDY}.",
+            closing_note=f"There was no page: {REMEDY}.",
         )
     page_options: dict[str, Any] = {"port": port} if port is not None else {}
     if (announce := options.get("announce")) in SPEAKING:

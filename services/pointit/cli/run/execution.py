@@ -81,7 +81,7 @@ async def _run(plan: Plan, console: Console | None) -> int:
                 write_summary(run.stage.plan, run.stage.monitor, run.lasted_s * plan.speed, parts)
     finally:
         await bus.close()
-        for sentence in filter(None, (each.afterword() for each in plan.beside)):
+        for sentence in filter(None, (each.closing_note() for each in plan.beside)):
             _say(sentence)
     return 0 if run.stage is None else _verdict(run.stage)
 

@@ -154,7 +154,7 @@ def run(
             *_ros2_notes(options),
             *assumed_places(launches, choices),
         ),
-        afterword=" ".join(each.afterword for each in added if each.afterword),
+        closing_note=" ".join(each.closing_note for each in added if each.closing_note),
         may_move=not options["listen"] and not options["connect"],
         scored=not site_only,
         view=not options["no_view"],

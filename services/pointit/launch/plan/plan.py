@@ -80,7 +80,7 @@ class Beside(ABC):
         """Return the URL that the view shows, or `""`."""
         return ""
 
-    def afterword(self) -> str:
+    def closing_note(self) -> str:
         """Return the sentence to print after it has ended, or `""`."""
         return ""
 
@@ -109,7 +109,7 @@ class Plan:
     """The only person whose activity is reported and drawn, or `""` for all."""
     notes: Sequence[str] = ()
     """Messages to print at the start."""
-    afterword: str = ""
+    closing_note: str = ""
     """Message to print below the summary."""
     summary: Path | None = None
     as_json: bool = False

@@ -156,7 +156,7 @@ class RunningScenario:
         self.saw_cursor = False
         """A scenario before this one had a cursor."""
         self._tell = tell
-        self._news = news
+        self._on_event_line = news
         self._on_end = on_end
         self._on_beside = on_beside
         self._deployment_publisher = DeploymentPublisher(bus)
@@ -245,7 +245,7 @@ class RunningScenario:
             RunScore(plan.target_kinds),
             self.clock,
             person=plan.person,
-            tell=self._news,
+            tell=self._on_event_line,
             watchers=[watcher(plan.launches) for watcher in (*present(WATCHERS), *plan.watchers)],
         )
         self.monitor.attach(self.bus)

@@ -89,9 +89,9 @@ class SubscriptionStats:
     """Events of a remote writer that never arrived."""
     invalid: int = 0
     """Payloads that were no valid message of their key."""
-    complaint: str = ""
+    last_error: str = ""
     """Error message about the last of them."""
-    culprit: str = ""
+    last_error_name: str = ""
     """Placeholder's value in its key, if known."""
     errors: int = 0
     """Number of handler calls that raised."""

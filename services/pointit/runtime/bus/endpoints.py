@@ -83,8 +83,8 @@ class MailboxSubscription(Declaration):
             for key, state in bus.exchange.states.get(topic.key, {}).items():
                 if name in (ANY, key):
                     mailbox.put(key, state)
-            for keeping in bus.exchange.keepings:
-                keeping.deliver(topic, name, mailbox)
+            for retained_server in bus.exchange.retained_servers:
+                retained_server.deliver(topic, name, mailbox)
 
     @property
     def traffic(self) -> SubscriptionStats:
@@ -102,8 +102,8 @@ class RetainedStateServer(Declaration):
     def __init__(self, bus: Participant, topics: Sequence[AnyTopic], recall: Recall) -> None:
         self.recall = recall
         self._keys = frozenset(topic.key for topic in topics)
-        self._keepings = bus.exchange.keepings
-        self._keepings.append(self)
+        self._retained_servers = bus.exchange.retained_servers
+        self._retained_servers.append(self)
         super().__init__(self._undeclare, bus.declarations)
         for topic in topics:
             for wanted, mailbox in bus.exchange.readers_of(topic):
@@ -117,7 +117,7 @@ class RetainedStateServer(Declaration):
                     mailbox.offer_retained(name, message)
 
     def _undeclare(self) -> None:
-        self._keepings.remove(self)
+        self._retained_servers.remove(self)
 
 
 class PresenceWatcher(Declaration):
@@ -156,8 +156,8 @@ class RequestHandler(Declaration, Generic[Q, R]):
         self.wanted = name if request.placeholder else ANY
         self._server = server
         self._answers: set[asyncio.Task[R]] = set()
-        self._desks = bus.exchange.desks.setdefault(request.key, [])
-        self._desks.append(self)
+        self._request_servers = bus.exchange.request_servers.setdefault(request.key, [])
+        self._request_servers.append(self)
         super().__init__(self._undeclare, bus.declarations)
 
     def handle(self, query: Q, name: str) -> asyncio.Task[R]:
@@ -169,7 +169,7 @@ class RequestHandler(Declaration, Generic[Q, R]):
         return task
 
     def _undeclare(self) -> None:
-        self._desks.remove(self)
+        self._request_servers.remove(self)
         for answer in self._answers:
             answer.cancel()
 

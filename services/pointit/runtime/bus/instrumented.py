@@ -13,7 +13,7 @@ from pointit.runtime.bus.contract import (
     SubscriptionStats,
 )
 from pointit.runtime.bus.metrics import FULL, DurationWindow, ReaderCounts, TopicMeter, steady_time
-from pointit.runtime.bus.timeliness import STRAY_NS, STREAMS
+from pointit.runtime.bus.timeliness import MAX_LEAD_NS, STREAMS
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import NS_PER_S, Message, Query, Reply, ServedRequest
@@ -90,7 +90,7 @@ def instrument_handler(
         began_s, stamp_ns = time_s(), message.stamp_ns
         if order is not None:
             newest = newest_by_name.get(name)
-            if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= STRAY_NS:  # no call
+            if newest is not None and 0 <= stamp_ns - newest.stamp_ns <= MAX_LEAD_NS:  # no call
                 newest.stamp_ns, newest.came_s = stamp_ns, began_s
             elif not order.accepts(name, stamp_ns, began_s):
                 return
@@ -129,9 +129,9 @@ class MeteredSubscription(Declaration):
         """Return the live counters."""
         return self._counts.traffic
 
-    def heard(self, within_s: float) -> set[str]:
+    def active_names(self, within_s: float) -> set[str]:
         """Return the names of a stream (one of `STREAMS`) with a message in the last `within_s` seconds."""
-        return self._counts.order.heard(steady_time()() - within_s)
+        return self._counts.order.active_names(steady_time()() - within_s)
 
     def close(self) -> None:
         """Undeclare."""

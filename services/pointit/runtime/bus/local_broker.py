@@ -33,7 +33,7 @@ class RequestServer(Protocol[Q_contra, R_co]):
         ...
 
 
-class KeptStates(Protocol):
+class RetainedStates(Protocol):
     """Delivers the last states of writers that are gone."""
 
     def deliver(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
@@ -102,12 +102,12 @@ class LocalBroker:
         """By topic key."""
         self.states: dict[str, dict[str, Message]] = {}
         """Last values of present writers, by topic key and name."""
-        self.desks: dict[str, list[RequestServer[Any, Any]]] = {}
+        self.request_servers: dict[str, list[RequestServer[Any, Any]]] = {}
         """Servers by request key."""
         self.present: dict[str, dict[str, int]] = {}
         """Number of announcements by presence key and name."""
         self.watchers: dict[str, list[PresenceWatcher]] = {}
-        self.keepings: list[KeptStates] = []
+        self.retained_servers: list[RetainedStates] = []
         """Servers of retained states of writers that are gone."""
 
     def readers_of(self, topic: AnyTopic) -> TopicReaders:
@@ -116,9 +116,9 @@ class LocalBroker:
 
     def handler_for(self, request: Request[Q, R], name: str) -> RequestServer[Q, R] | None:
         """Return the server of `request` for `name` in this process, or None."""
-        for desk in self.desks.get(request.key, ()):
-            if desk.wanted in (ANY, name):
-                return desk
+        for server in self.request_servers.get(request.key, ()):
+            if server.wanted in (ANY, name):
+                return server
         return None
 
 

@@ -63,20 +63,20 @@ class Mailbox:
         """Number of items from other threads in these two since the last drain."""
         self._overflowed = 0
         """Number of overflows at the last report."""
-        self._takes_kept = kept and topic.delivery is Delivery.STATE
-        self._looks = self._takes_kept or not self._keeps_newest
+        self._accepts_retained = kept and topic.delivery is Delivery.STATE
+        self._looks = self._accepts_retained or not self._keeps_newest
         """True if items of this process are also filtered before they are handled."""
         self._live: set[str] = set()
         """Names for which a state of a living writer was handled."""
         self._recalled: dict[str, Message] = {}
         """Handled retained states by name, until a living writer puts a value."""
-        self._kept: dict[str, Message] = {}
+        self._retained: dict[str, Message] = {}
         """Retained states by name that are not handled yet."""
 
     @property
     def accepts_retained(self) -> bool:
         """Return True if `offer_retained` has an effect now."""
-        return self._takes_kept and not self._closed
+        return self._accepts_retained and not self._closed
 
     def put(self, name: str, message: Message) -> None:
         """Add `message` of this process. Never blocks, never raises. Meant for the loop's thread."""
@@ -122,14 +122,14 @@ class Mailbox:
         """
         if not self.accepts_retained or name in self._live:
             return
-        known = self._kept.get(name) or self._recalled.get(name)
+        known = self._retained.get(name) or self._recalled.get(name)
         if known is not None and (message.stamp_ns, message.seq) <= (known.stamp_ns, known.seq):
             return
         with self._lock:
             self.traffic.received += 1
-        if not self._kept:
+        if not self._retained:
             self._dispatcher.schedule(self)
-        self._kept[name] = message
+        self._retained[name] = message
 
     def drain(self) -> None:
         """Handle all queued items. Called in the loop."""
@@ -145,8 +145,8 @@ class Mailbox:
                 self._handler(message, name)
             except Exception as error:  # noqa: BLE001 - an error of one handler must not stop the others
                 self._count_error(error)
-        if self._kept:
-            self._drain_kept()
+        if self._retained:
+            self._drain_retained()
 
     def _fetch(self) -> Collection[tuple[str, Any]]:
         """Return all queued items: first those of the loop's thread, then those of other threads."""
@@ -177,7 +177,7 @@ class Mailbox:
         messages: list[tuple[str, Message]] = []
         for name, item in batch:
             message = item if isinstance(item, Message) else self._open(item, name)
-            if message is not None and not (self._takes_kept and self._is_known(name, message)):
+            if message is not None and not (self._accepts_retained and self._is_known(name, message)):
                 messages.append((name, message))
         return messages
 
@@ -186,8 +186,8 @@ class Mailbox:
         self._live.add(name)
         return bool(self._recalled) and self._recalled.pop(name, None) == message
 
-    def _drain_kept(self) -> None:
-        kept, self._kept = self._kept, {}
+    def _drain_retained(self) -> None:
+        kept, self._retained = self._retained, {}
         for name, message in kept.items():
             if self._closed:
                 return
@@ -208,7 +208,7 @@ class Mailbox:
         """Count an invalid item, for `name` if known, and log the reason. Any thread."""
         with self._lock:
             self.traffic.invalid += 1
-            self.traffic.complaint, self.traffic.culprit = str(reason), name
+            self.traffic.last_error, self.traffic.last_error_name = str(reason), name
         if self._may_log("invalid"):
             log.warning("%s: dropped, %s (%d so far)", self.topic.key, reason, self.traffic.invalid)
 
@@ -226,7 +226,7 @@ class Mailbox:
         self._thread = 0  # makes `put` call `offer`, which accepts no item
         self._handler = _ignore  # items of a drain that is still running
         self._fetch()
-        for rest in (self._live, self._recalled, self._kept):
+        for rest in (self._live, self._recalled, self._retained):
             rest.clear()
 
     def _open(self, item: Any, name: str) -> Message | None:
@@ -254,13 +254,13 @@ class TapMailbox(Mailbox):
         if not self._closed:
             with self._lock:
                 self.traffic.received += 1
-            if self._takes_kept:
+            if self._accepts_retained:
                 self._live.add(name)
             self._handler(item, name)
 
     def drain(self) -> None:
         """Deliver a retained state."""
-        self._drain_kept()
+        self._drain_retained()
 
 
 def _ignore(_message: Any, _name: str) -> None:

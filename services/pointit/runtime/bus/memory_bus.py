@@ -37,7 +37,7 @@ from pointit.schemas.topics import ANY, Presence, Request, Topic
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
-CLOSE_PATIENCE_S = 1.0
+CLOSE_TIMEOUT_S = 1.0
 """Timeout for cancelled servers when the bus closes, s."""
 
 log = logging.getLogger(__name__)
@@ -95,10 +95,10 @@ class MemoryBus(Participant):
         """Return the reply of the server of `request` in this process."""
         self._check_open()
         key = request.at(name)
-        desk = self.exchange.handler_for(request, name)
-        if desk is None:
+        server = self.exchange.handler_for(request, name)
+        if server is None:
             raise no_answer(request, key)
-        return await self._wait_for(desk.handle(query, name), request, key, timeout_s)
+        return await self._wait_for(server.handle(query, name), request, key, timeout_s)
 
     def announce(self, presence: Presence, name: str) -> Closable:
         """Be present under `name` until closed."""
@@ -151,7 +151,7 @@ class MemoryBus(Participant):
         for task in tasks:
             task.cancel()
         if tasks:
-            _, left = await asyncio.wait(tasks, timeout=CLOSE_PATIENCE_S)
+            _, left = await asyncio.wait(tasks, timeout=CLOSE_TIMEOUT_S)
             for task in left:
                 log.error("%s goes on although the bus is closed", task.get_name())
 

@@ -80,7 +80,7 @@ class DurationWindow:
         return taken
 
 
-class _Complaint:
+class _DropCounter:
     """Counts dropped messages and limits the time of the warning about them."""
 
     def __init__(self) -> None:
@@ -125,9 +125,9 @@ class TopicMeter:
         """Its time by the service's clock if no other clock was read since the last report, else 0."""
         self._closed = ReaderCounts()
         self._readers = {self._closed}
-        self._old = _Complaint()
-        self._late = _Complaint()
-        self._invalid = _Complaint()
+        self._old = _DropCounter()
+        self._late = _DropCounter()
+        self._invalid = _DropCounter()
 
     def add(self, reader: ReaderCounts) -> None:
         """Include the counters of `reader`."""
@@ -161,11 +161,11 @@ class TopicMeter:
             )
         invalid = self.total("invalid")
         if self._invalid.holds(invalid, now_s):
-            bad = next((each.traffic for each in self._readers if each.traffic.culprit), None)
+            bad = next((each.traffic for each in self._readers if each.traffic.last_error_name), None)
             if bad is not None:
                 yield (
                     f"{invalid} messages on {self.topic.key} were invalid and were dropped, the last of "
-                    f"{bad.culprit} ({bad.complaint}): look at what writes them there"
+                    f"{bad.last_error_name} ({bad.last_error}): look at what writes them there"
                 )
         late = sum(reader.lateness.refused for reader in self._readers)
         if self._late.holds(late, now_s):

@@ -279,8 +279,8 @@ class ServiceBus:
         self._seq += 1
         self._latency.per_s = NS_PER_S * self._clock.speed
         trouble = (self.problem,) if self.problem else ()
-        complaints = (each for meter in self._meters.values() for each in meter.warnings(now_s))
-        warnings = tuple(map(hide_secrets, (*trouble, *complaints, *self._warnings.values())))
+        drop_warnings = (each for meter in self._meters.values() for each in meter.warnings(now_s))
+        warnings = tuple(map(hide_secrets, (*trouble, *drop_warnings, *self._warnings.values())))
         return Health(
             stamp_ns=time.time_ns(),
             seq=self._seq,

@@ -32,7 +32,7 @@ later messages look late."""
 
 OLD_NS = NS_PER_S // 2
 """Age relative to the newest message, ns, above which a message is out of order. Below, it is only late."""
-STRAY_NS = 2 * NS_PER_S
+MAX_LEAD_NS = 2 * NS_PER_S
 """Maximum lead over the newest message with which a message becomes the newest, ns. Beyond it, the writer's
 clock may have jumped."""
 SILENT_S = 1.0
@@ -52,7 +52,7 @@ FOLLOWS = 0.05
 """Rate at which the reference delay grows, s/s, to follow clocks that drift and are slewed."""
 GAP_S = 0.1
 """Maximum silence that contributes to that growth, s."""
-FOLLOWS_MOST_S = FOLLOWS * GAP_S
+MAX_FOLLOWED_SILENCE_S = FOLLOWS * GAP_S
 STALL_S = 0.5
 """After a silence this long (s), the measurement of a constant delay starts again."""
 
@@ -64,12 +64,12 @@ REFUSED_S = 1.0
 """Clock skew from which samples are refused as too old or from the future, s."""
 WINDOW_S = 20.0
 """Time for which the fastest report counts, s. A corrected clock is recognised after that time."""
-LEAST_AHEAD = 2
+MIN_AHEAD = 2
 """Number of reports needed to call a clock ahead."""
-LEAST_BEHIND = 8
+MIN_BEHIND = 8
 """Number of reports needed to call a clock behind, unless they are steady."""
-LEAST_STEADY = 3
-LEAST_REFUSED = 2
+MIN_STEADY = 3
+MIN_REFUSED = 2
 """Numbers of steady reports needed to call a clock behind. The second applies from a skew of `REFUSED_S`."""
 STEADY = 0.25
 """Reports are steady if half of them differ from the fastest by less than this share of its delay. Delays
@@ -90,8 +90,8 @@ class _Pace:
     """Arrival of the first of the late messages in a row, s. None if the last message was in time."""
     in_time_s: float = 0.0
     """Arrival of the last message in time, s (monotonic), while later ones are late."""
-    least_s: float = 0.0
-    most_s: float = 0.0
+    min_s: float = 0.0
+    max_s: float = 0.0
     """Largest lateness since then, s."""
 
 
@@ -116,7 +116,7 @@ class LateMessageFilter:
             return True
         silent_s, pace.came_s = now_s - pace.came_s, now_s
         # without `min`: its call would cost as much as the rest of this function
-        usual_s = pace.quickest_s + (FOLLOWS * silent_s if silent_s < GAP_S else FOLLOWS_MOST_S)
+        usual_s = pace.quickest_s + (FOLLOWS * silent_s if silent_s < GAP_S else MAX_FOLLOWED_SILENCE_S)
         if age_s <= usual_s + LATE_S and silent_s <= FORGOTTEN_S:
             pace.quickest_s = usual_s
             if age_s < usual_s:
@@ -134,11 +134,11 @@ class LateMessageFilter:
 
     @staticmethod
     def _is_steady(pace: _Pace, age_s: float, now_s: float, silent_s: float) -> bool:
-        least_s, most_s = min(pace.least_s, age_s), max(pace.most_s, age_s)
-        if pace.late_since_s is None or silent_s > STALL_S or most_s - least_s > SPREAD_S:
-            pace.late_since_s, pace.least_s, pace.most_s = now_s, age_s, age_s
+        min_s, max_s = min(pace.min_s, age_s), max(pace.max_s, age_s)
+        if pace.late_since_s is None or silent_s > STALL_S or max_s - min_s > SPREAD_S:
+            pace.late_since_s, pace.min_s, pace.max_s = now_s, age_s, age_s
             return False
-        pace.least_s, pace.most_s = least_s, most_s
+        pace.min_s, pace.max_s = min_s, max_s
         return now_s - pace.late_since_s >= STEADY_S
 
 
@@ -158,7 +158,7 @@ class OutOfOrderFilter:
         self.refused = 0
         """Number of out-of-order messages dropped."""
         self.newest: dict[str, NewestMessage] = {}
-        """By name. `accepts` is not needed for a message that is ahead by up to `STRAY_NS`."""
+        """By name. `accepts` is not needed for a message that is ahead by up to `MAX_LEAD_NS`."""
 
     def accepts(self, name: str, stamp_ns: int, now_s: float) -> bool:
         """Return True if a message of `name` is in order. `now_s` is its arrival (monotonic)."""
@@ -167,7 +167,7 @@ class OutOfOrderFilter:
             self.newest[name] = NewestMessage(stamp_ns, now_s)
             return True
         ahead_ns = stamp_ns - newest.stamp_ns
-        if not 0 <= ahead_ns <= STRAY_NS and now_s - newest.came_s <= SILENT_S:
+        if not 0 <= ahead_ns <= MAX_LEAD_NS and now_s - newest.came_s <= SILENT_S:
             if ahead_ns < -OLD_NS:
                 self.refused += 1
                 return False
@@ -175,7 +175,7 @@ class OutOfOrderFilter:
         newest.stamp_ns, newest.came_s = stamp_ns, now_s
         return True
 
-    def heard(self, since_s: float) -> set[str]:
+    def active_names(self, since_s: float) -> set[str]:
         """Return the names whose newest message came after `since_s` (monotonic)."""
         return {name for name, newest in self.newest.items() if newest.came_s > since_s}
 
@@ -239,7 +239,7 @@ class ClockSkewMonitor:
                 continue
             values = sorted(value for _, value in late)
             behind_s = values[0] - max(0.0, own)
-            if values[0] <= -APART_S and len(values) >= LEAST_AHEAD:
+            if values[0] <= -APART_S and len(values) >= MIN_AHEAD:
                 yield ClockSkew(host=host, ahead_s=-values[0])
             elif behind_s >= APART_S and _is_sure(values):
                 yield ClockSkew(host=host, ahead_s=-behind_s)
@@ -247,8 +247,8 @@ class ClockSkewMonitor:
 
 def _is_sure(values: list[float]) -> bool:
     """Return True if delays alone cannot explain the sorted `values`, s."""
-    if len(values) >= LEAST_BEHIND:
+    if len(values) >= MIN_BEHIND:
         return True
-    if len(values) < (LEAST_REFUSED if values[0] >= REFUSED_S else LEAST_STEADY):
+    if len(values) < (MIN_REFUSED if values[0] >= REFUSED_S else MIN_STEADY):
         return False
     return values[len(values) // 2] - values[0] <= STEADY * values[0]

@@ -144,7 +144,7 @@ class PeopleShare:
             self._bus.set_metric(figure, len(people) if self._remote_users else None)
 
     def _received_users(self) -> set[str]:
-        return {user for split in self._splits for user in split.heard(FORGET_S)}
+        return {user for split in self._splits for user in split.active_names(FORGET_S)}
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if present and _is_person(user):
@@ -206,11 +206,11 @@ class _Split:
         for name in self._declared.keys() - wanted:
             self._declared.pop(name).close()
 
-    def heard(self, within_s: float) -> Iterator[str]:
+    def active_names(self, within_s: float) -> Iterator[str]:
         """Yield the users with a message in the last `within_s` seconds."""
         for declared in self._declared.values():
             if isinstance(declared, MeteredSubscription):
-                yield from declared.heard(within_s)
+                yield from declared.active_names(within_s)
 
 
 class _States(Generic[M]):

@@ -58,7 +58,7 @@ class _Gap:
     held: dict[int, zenoh.Sample] = field(default_factory=dict[int, zenoh.Sample])
     given_up: int = 0
     """Number of lost samples that are not queried, since no writer caches so many."""
-    heard_from: int = 0
+    first_counted: int = 0
     """Sequence number before which missing samples may be older than the reader. They do not count as
     lost."""
 
@@ -120,7 +120,7 @@ class EventRecovery:
                     self._begin(writer, gap)
                 first = max(last + 1, number - EVENT_CAPACITY)
                 if is_first:
-                    gap.heard_from = number
+                    gap.first_counted = number
                 else:
                     gap.given_up += first - last - 1
                 gap.wanted.update(range(first, number))
@@ -158,7 +158,7 @@ class EventRecovery:
                 gap.held |= {number: each for number, each in found.items() if number in missing}
                 has_sent_all = beyond in found and beyond > max(gap.wanted)
                 if asked == MAX_OF_FIRST:
-                    gap.wanted = {number for number in gap.wanted if number > gap.heard_from}
+                    gap.wanted = {number for number in gap.wanted if number > gap.first_counted}
                 if has_sent_all or gap.wanted <= gap.held.keys():
                     break
         with self._lock:
@@ -169,7 +169,7 @@ class EventRecovery:
         del self._gaps[writer]
         for number in sorted(gap.held):
             self._hand_on(gap.held[number])
-        lost = gap.given_up + sum(number > gap.heard_from for number in gap.wanted - gap.held.keys())
+        lost = gap.given_up + sum(number > gap.first_counted for number in gap.wanted - gap.held.keys())
         if lost:
             self._lose(lost)
 
@@ -188,15 +188,15 @@ class NameAllowlist:
     """
 
     def __init__(self) -> None:
-        self._kept: dict[str, frozenset[str]] = {}
+        self._retained: dict[str, frozenset[str]] = {}
 
     def keep(self, placeholder: str, names: Iterable[str]) -> None:
         """Reserve `names`, in place of those reserved for `placeholder` before."""
-        self._kept[placeholder] = frozenset(names)
+        self._retained[placeholder] = frozenset(names)
 
     def holds(self, placeholder: str, name: str) -> bool:
         """Return True if a place is reserved for `name`. Any thread."""
-        return name in self._kept.get(placeholder, ())
+        return name in self._retained.get(placeholder, ())
 
 
 def max_names_for(placeholder: str) -> int:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
-from pointit.schemas.cues import MOST_FLASHES, SIGNS, Cue
+from pointit.schemas.cues import MAX_FLASHES, SIGNS, Cue
 from pointit.services.supervisor import user_messages
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.readiness import InteractionResume, Readiness
@@ -110,7 +110,7 @@ class InteractionPublisher:
         self._shown: tuple[State, str, str, tuple[str, ...], bool] | None = None
         self._seq = 0
         self._cues = 0
-        self._flashes_ns = deque[int](maxlen=MOST_FLASHES)
+        self._flashes_ns = deque[int](maxlen=MAX_FLASHES)
         """Times of the last cues with a colour, ns."""
 
     def show(
@@ -152,7 +152,7 @@ class InteractionPublisher:
 
     def _may_flash(self, now_ns: int) -> bool:
         flashes_ns = self._flashes_ns
-        if len(flashes_ns) == MOST_FLASHES and 0 <= now_ns - flashes_ns[0] < NS_PER_S:
+        if len(flashes_ns) == MAX_FLASHES and 0 <= now_ns - flashes_ns[0] < NS_PER_S:
             return False
         flashes_ns.append(now_ns)
         return True

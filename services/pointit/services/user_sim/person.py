@@ -108,7 +108,7 @@ class SimulatedPerson:
             return self._band.sample(now_ns, orientation), self._button.decided(now_ns, self._goal.gesture)
         press = self._button.step(
             now_ns,
-            self._perception.belief,
+            self._perception.perceived,
             known_ns=self._sight.profile_ns,
             off_rad=correction.off_rad if closed and not self.goal.robot else 0.0,  # a robot is slow
             sees=self._perception.cursor is not None
@@ -121,10 +121,10 @@ class SimulatedPerson:
         return self._sight.frame_ns is not None and self.goal.on_line and not self.goal.robot
 
     def _wants(self, now_ns: int) -> PersonGoal:
-        belief = self._perception.belief
-        if belief.state == "asked" and self._config.points_when_asked:
-            return asked_goal(now_ns, self._sight, belief)
-        return self._behaviour.goal(now_ns, self._sight) if belief.state == "pointing" else REST
+        perceived = self._perception.perceived
+        if perceived.state == "asked" and self._config.points_when_asked:
+            return asked_goal(now_ns, self._sight, perceived)
+        return self._behaviour.goal(now_ns, self._sight) if perceived.state == "pointing" else REST
 
     def _turn_when_decided(self, now_ns: int, goal: PersonGoal) -> None:
         """Update the same goal. Turn to another one only after the reaction time."""

@@ -190,7 +190,7 @@ async def bounded_memory(harness: ImuHarness) -> None:
 
 SILENCE_S = 0.4
 VIRTUAL_SILENCE_S = 120.0
-MOST_CPU = 0.06
+MAX_CPU = 0.06
 """Maximum CPU share of a source without input, in cores. Waiting takes 0.02. A busy loop takes the share of a
 core that a busy machine leaves."""
 
@@ -263,7 +263,7 @@ async def silence(harness: ImuHarness) -> None:
             shares.append((time.process_time() - cpu_s) / (time.monotonic() - began_s))
             trial.require_running()
         used = statistics.median(shares)  # a garbage collection is no polling
-        if used > MOST_CPU:
+        if used > MAX_CPU:
             raise CheckFailedError(f"while nothing arrived it used {used:.0%} of a processor core")
         await trial.exchange("a silence ended")
 

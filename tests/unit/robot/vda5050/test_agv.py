@@ -220,10 +220,10 @@ def test_what_was_ordered_before_a_lost_link_is_cancelled_afterwards(bench: AgvB
 
 
 def test_the_end_of_the_driver_stops_an_agv_that_moves(bench: AgvBench) -> None:
-    assert bench.agv.farewell() == []
+    assert bench.agv.closing_messages() == []
     bench.tell(FollowPath, (FAR,))
     bench.run(0.5)
-    for publication in bench.agv.farewell():
+    for publication in bench.agv.closing_messages():
         bench.deliver(publication)
     assert bench.virtual.base == []
 

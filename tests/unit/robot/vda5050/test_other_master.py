@@ -31,7 +31,7 @@ def test_an_order_of_another_master_that_runs_at_the_start_is_left_alone_and_rep
     bench.run(5.0)
     bench.tell(Stop)
     bench.run(1.0)
-    for publication in bench.agv.farewell():
+    for publication in bench.agv.closing_messages():
         bench.deliver(publication)
     assert bench.outcomes(stop) == [("done", "")]
     assert bench.reports[-1].has_other_master

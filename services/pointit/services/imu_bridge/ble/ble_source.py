@@ -66,7 +66,7 @@ class BleSource:
         self._was_open = False
         self._is_paused = False
         """True while it is silent for a reason that a person must remove."""
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._useless = 0
         """Notifications without a reading since the last one with."""
         self._is_warned = False
@@ -141,7 +141,7 @@ class BleSource:
                 runs_on = await self._wrist.resume(connection)
                 if not runs_on:
                     await self._wrist.configure(connection)
-            self._heard_s = asyncio.get_running_loop().time()
+            self._received_s = asyncio.get_running_loop().time()
             self._open(keeps_yaw=runs_on)
             if advertisement.rssi_dbm is not None:
                 self._deliver(Signal(advertisement.rssi_dbm))
@@ -194,7 +194,7 @@ class BleSource:
                 async with asyncio.timeout(SILENCE_S / 2):
                     await self._lost.wait()
                     raise self._failure
-            silent_s = loop.time() - max(self._heard_s, configured_s)
+            silent_s = loop.time() - max(self._received_s, configured_s)
             if silent_s < SILENCE_S:
                 continue
             if (obstacle := self._wrist.obstacle) is not None:
@@ -203,7 +203,7 @@ class BleSource:
                 self._warn(f"{self._wrist.kind.label} {obstacle.clause}")
                 self._is_paused = True
                 continue
-            if configured_s > self._heard_s:
+            if configured_s > self._received_s:
                 await self._wrist.reset(connection)
                 raise LinkError(f"is connected but is still {self._silence}, and was reset")
             self._warn(f"{self._wrist.kind.label} is connected but {self._silence}; it is configured again")
@@ -221,7 +221,7 @@ class BleSource:
         was_ready = self._wrist.is_ready
         items = [*self._wrist.received(characteristic, bytes(data), self._clock.now_ns())]
         if self._wrist.is_ready and not was_ready:
-            self._heard_s = asyncio.get_running_loop().time()
+            self._received_s = asyncio.get_running_loop().time()
         self._useless += self._is_open
         for item in items:
             if isinstance(item, LinkError):
@@ -237,7 +237,7 @@ class BleSource:
         if isinstance(item, Reading | RawReading):
             if self._is_paused:  # its orientation may not have followed meanwhile
                 self._open(keeps_yaw=False)
-            self._heard_s = asyncio.get_running_loop().time()
+            self._received_s = asyncio.get_running_loop().time()
             self._useless = 0
             if self._is_warned:
                 self._warn("")

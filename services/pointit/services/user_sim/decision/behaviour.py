@@ -11,12 +11,12 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
+from pointit.services.user_sim.decision.perceived_state import PerceivedState
 from pointit.services.user_sim.decision.robot_user import GroundRobotUser, QuadrotorUser
 from pointit.services.user_sim.decision.selecting import Selecting
-from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
+from pointit.services.user_sim.sight.perceived_objects import PerceivedObjects
 from pointit.services.user_sim.sight.pixels import Kind
 from pointit.services.user_sim.sight.sight import Sight
 
@@ -161,7 +161,7 @@ class Sending:
 
 
 def make_behaviour(
-    config: UserSimConfig, things: ObjectBeliefs, times: DecisionTimes, rng: np.random.Generator
+    config: UserSimConfig, things: PerceivedObjects, times: DecisionTimes, rng: np.random.Generator
 ) -> Behaviour:
     """Return the behaviour of `config.behaviour`."""
     match config.behaviour:
@@ -183,10 +183,10 @@ def make_behaviour(
             return Selecting(config, things, times)
 
 
-def asked_goal(now_ns: int, sight: Sight, belief: Belief) -> PersonGoal:
+def asked_goal(now_ns: int, sight: Sight, perceived: PerceivedState) -> PersonGoal:
     """Return the requested goal: the named lamp or thing, else the lit lamp."""
-    requested = belief.target
-    if belief.is_queuing:
+    requested = perceived.target
+    if perceived.is_queuing:
         return REST
     lamp = requested if requested in sight.lamps_m else sight.lit_lamp() if not requested else ""
     if lamp:

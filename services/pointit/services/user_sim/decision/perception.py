@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Feedback
-from pointit.services.user_sim.decision.belief import Belief
 from pointit.services.user_sim.decision.correction import Correction
 from pointit.services.user_sim.decision.goal import IN_AIR_M, PersonGoal
+from pointit.services.user_sim.decision.perceived_state import PerceivedState
 from pointit.services.user_sim.sight.eyes import SeenCursor, Span
-from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs, Status
+from pointit.services.user_sim.sight.perceived_objects import PerceivedObjects, Status
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 ROUND = 4
@@ -33,8 +33,8 @@ class Perception:
         self._next_ns = 0
         self._looks = 0
         self._frame_ns: int | None = None
-        self.belief = Belief()
-        self.things = ObjectBeliefs()
+        self.perceived = PerceivedState()
+        self.things = PerceivedObjects()
         self.cursor: SeenCursor | None = None
         """Own cursor at the last look."""
         self._answering_id = ""
@@ -44,19 +44,19 @@ class Perception:
     def update(self, now_ns: int, goal: PersonGoal) -> None:
         """Process cues, and look at the strips if it is time."""
         for cue in self._sight.cues:
-            self.belief.on_cue(cue, now_ns)
+            self.perceived.on_cue(cue, now_ns)
             if cue.turn_rad is not None and goal.closed_loop:
                 named = self._sight.find(cue.target_id, now_ns)
                 named_m = None if named is None else named.thing.position_m
                 self._correction.turn(cue.turn_rad, cue.stamp_ns, now_ns, goal, named_m)
-            if cue.cue in ("selected", "deselected", "refused") and self.belief.state == "pointing":
+            if cue.cue in ("selected", "deselected", "refused") and self.perceived.state == "pointing":
                 self._on_selection_cue(cue, now_ns, goal)
         if now_ns < self._next_ns <= now_ns + self._period_ns:
             return
         self._next_ns = now_ns + self._period_ns
-        if self.belief.state == "pointing" and goal.robot:
+        if self.perceived.state == "pointing" and goal.robot:
             self._watch(now_ns, goal)
-        elif self.belief.state == "pointing":
+        elif self.perceived.state == "pointing":
             if (not goal.on_line and not goal.lit) or self.things.status(goal.object_id) == "mine":
                 self._correction.wait(now_ns)  # no light would show that a search succeeds, or it has
             self._look(now_ns, goal)

@@ -8,7 +8,7 @@ from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
-from pointit.services.user_sim.sight.object_beliefs import ObjectBeliefs
+from pointit.services.user_sim.sight.perceived_objects import PerceivedObjects
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
 
 DWELL_S = 0.8
@@ -27,7 +27,7 @@ class Selecting:
     have, are left alone.
     """
 
-    def __init__(self, config: UserSimConfig, things: ObjectBeliefs, times: DecisionTimes) -> None:
+    def __init__(self, config: UserSimConfig, things: PerceivedObjects, times: DecisionTimes) -> None:
         self._kinds = frozenset(config.target_kinds)
         self._things = things
         self._pace = times

@@ -219,7 +219,7 @@ class Agv:
             publications.append(self._state_request())
         return publications
 
-    def farewell(self) -> list[MqttPublication]:
+    def closing_messages(self) -> list[MqttPublication]:
         """Return the messages at the end of the driver: an AGV that may move gets an order to stop."""
         if not self._orders.is_active:
             return []

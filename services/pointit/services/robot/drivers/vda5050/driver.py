@@ -163,7 +163,7 @@ class Vda5050Driver:
 
         # without a connection, the AGV ends at its last released node
         with contextlib.suppress(MqttError, OSError):
-            for topic, payload in self._agv.farewell():
+            for topic, payload in self._agv.closing_messages():
                 await client.publish(topic, payload, qos=1, timeout=END_S)
 
 

@@ -1,4 +1,4 @@
-"""The person's belief about the interaction, from cues: pointing, idle, or asked to point."""
+"""State of the interaction as the person perceives it, from cues: pointing, idle, or asked to point."""
 
 from typing import Literal
 
@@ -7,7 +7,7 @@ from pointit.schemas import Feedback
 State = Literal["idle", "asked", "pointing"]
 
 
-class Belief:
+class PerceivedState:
     """State derived from cues. Cues before the start of the person are unknown.
 
     `idle`: nothing happens until they press their button. `asked`: they are to point at `target`, or to wait

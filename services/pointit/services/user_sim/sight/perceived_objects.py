@@ -1,4 +1,4 @@
-"""The person's belief about each thing: free, theirs, another person's, or being selected."""
+"""State of each thing as the person perceives it: free, theirs, another person's, or being selected."""
 
 from typing import Literal
 
@@ -18,7 +18,7 @@ MAX_THINGS = 10_000
 """Limit of the number of things."""
 
 
-class ObjectBeliefs:
+class PerceivedObjects:
     """Beliefs by id. Cues count at once, what is seen when it is certain."""
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.study.data import read_table
+from pointit.study.study_folder import read_table
 from tests.architecture.sources import ROOT
 
 STUDY = ROOT / "examples" / "selection_study.yaml"

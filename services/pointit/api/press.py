@@ -7,7 +7,7 @@ from typing import Literal
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import ButtonEvent, Feedback, Interaction
 from pointit.schemas.system import instance_of, split_instance

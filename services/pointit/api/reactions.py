@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Collection
 from typing import TypeVar
 
 from pointit.api.feed import Feed
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import Environment, SelectionEvent

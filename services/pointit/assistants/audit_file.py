@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pointit.assistants.data import MAX_SENTENCE, plain
+from pointit.assistants.results import MAX_SENTENCE, plain
 from pointit.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import site_folder
 

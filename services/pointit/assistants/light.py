@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pointit.api.requests import HEX
 from pointit.api.site import Site
-from pointit.assistants.data import AnswerByLight, Item
+from pointit.assistants.results import AnswerByLight, Item
 from pointit.assistants.room_items import check_present
 from pointit.errors import PointItError, SchemaError
 from pointit.schemas import NS_PER_S, ButtonEvent

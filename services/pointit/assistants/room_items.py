@@ -5,9 +5,9 @@ from collections.abc import Iterable
 
 from pointit.api.feed import Feed
 from pointit.api.site import Site
-from pointit.assistants.data import MAX_ITEMS, Item, Items, People, Person, plain
+from pointit.assistants.results import MAX_ITEMS, Item, Items, People, Person, plain
 from pointit.errors import PointItError
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.schemas import Environment
 from pointit.schemas.base import Vec3
 

@@ -7,7 +7,7 @@ from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from mcp.types import ToolAnnotations
 from pydantic import BaseModel, ValidationError
 
-from pointit.assistants.data import MAX_SENTENCE, Items, People, plain, refusal
+from pointit.assistants.results import MAX_SENTENCE, Items, People, plain, refusal
 from pointit.assistants.room_items import items, people
 from pointit.assistants.tools import Tools
 from pointit.errors import PointItError, SchemaError

@@ -16,7 +16,8 @@ from pydantic import Field
 from pointit.api.feed import Feed
 from pointit.api.site import Site
 from pointit.assistants.audit_file import AuditFile
-from pointit.assistants.data import (
+from pointit.assistants.light import ASKING, COLORS, Lights, color_of
+from pointit.assistants.results import (
     MAX_SENTENCE,
     ActionResult,
     AnswerByLight,
@@ -28,7 +29,6 @@ from pointit.assistants.data import (
     plain,
     refusal,
 )
-from pointit.assistants.light import ASKING, COLORS, Lights, color_of
 from pointit.assistants.room_items import check_present, current, find, items, people, present
 from pointit.assistants.site_door import SiteConnection
 from pointit.errors import AccessDeniedError, NoAnswerError, PointItError, SchemaError

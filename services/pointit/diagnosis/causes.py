@@ -9,9 +9,9 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from pointit.diagnosis.missing_services import CHAIN, GONE, is_router, listed
 from pointit.diagnosis.observation import Code, Finding, Observation
 from pointit.diagnosis.outage import find_lost_router, find_mass_outage
-from pointit.diagnosis.presence import CHAIN, GONE, is_router, listed
 from pointit.diagnosis.processes import gone_processes, starved_machines, stopped_services
 from pointit.diagnosis.symptoms import latency_s
 from pointit.diagnosis.writers import row_of

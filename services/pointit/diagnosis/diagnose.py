@@ -4,13 +4,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from pointit.diagnosis.causes import SEVERITIES, explain
+from pointit.diagnosis.missing_services import find_empty_site, find_missing, find_people_without_cursor
 from pointit.diagnosis.observation import Finding, Observation, Severity
-from pointit.diagnosis.presence import find_empty_site, find_missing, find_people_without_cursor
 from pointit.diagnosis.symptoms import find_in_reports
 from pointit.diagnosis.writers import is_bridge, present_writers, row_of
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
-from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import Health, KeyHealth
 from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.text import one_line

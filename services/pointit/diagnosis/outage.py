@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from pointit.diagnosis.missing_services import GONE
 from pointit.diagnosis.observation import Finding, Observation
-from pointit.diagnosis.presence import GONE
 from pointit.diagnosis.stopped_processes import CONTINUE, StoppedProcess
 from pointit.runtime.link.outage import AGAIN, Outage, find_outage
 

@@ -3,8 +3,8 @@
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
+from pointit.diagnosis.missing_services import GONE, listed
 from pointit.diagnosis.observation import Code, Finding, Observation
-from pointit.diagnosis.presence import GONE, listed
 from pointit.diagnosis.stopped_processes import CONTINUE, StoppedProcess
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.runtime.service.service import HEALTH_PERIOD_S

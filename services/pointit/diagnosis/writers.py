@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable
 
 from pointit.runtime.bus.contract import AnyTopic
-from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas.system import split_instance
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ACCOUNTS, ANY

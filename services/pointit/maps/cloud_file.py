@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.maps.point_files.cloud_text import MAX_HEADER_LINES, text_layout
-from pointit.maps.point_files.ply_body import ascii_vertex_lines, binary_vertices
 from pointit.maps.point_files.ply_header import read_ply_header
+from pointit.maps.point_files.ply_vertices import ascii_vertex_lines, binary_vertices
 from pointit.maps.point_files.stated_units import StatedUnit, unit_factors, units_in_comments
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError

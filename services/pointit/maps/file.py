@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 from pointit.maps.environment import environment
 from pointit.maps.lanes import broken_references
 from pointit.maps.model import ENTRIES, CloudEntry, MapFile
-from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.config.validation_message import (
     field_names,
     format_value,

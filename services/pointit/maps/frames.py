@@ -6,7 +6,7 @@ from typing import Any
 from pointit.geometry import vector
 from pointit.geometry.rotation import rotate
 from pointit.geometry.vector import Vec3
-from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, TrackedObject
 from pointit.schemas.environment import Frame

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.maps.model import HOME_BUTTONS, LinePart, MapFile, ThingEntry
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.schemas import Thing
 from pointit.schemas.environment import BESIDE_BELT_M
 

@@ -10,8 +10,8 @@ from itertools import combinations, compress
 
 import numpy as np
 
-from pointit.scan.alignment import COARSE, candidate_poses, upright
 from pointit.scan.bundle import Array, BundleProblem, BundleState
+from pointit.scan.candidate_poses import COARSE, candidate_poses, upright
 from pointit.scan.lines import ImageLine
 from pointit.scan.sightings import SightingArrays
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from pointit.runtime.errors import ConfigError
-from pointit.scan.alignment import levelled, upright
 from pointit.scan.bundle import GRAVITY_SIGMA, Array, vec3
+from pointit.scan.candidate_poses import levelled, upright
 from pointit.scan.lines import MIN_VIEWS, ImageLine, corners, fit_lines
 from pointit.scan.poses import PITCH_SIGMA, FirstPoses, Piece
 from pointit.scan.refinement import Refined, refined

@@ -9,7 +9,7 @@ from itertools import product
 from pointit.errors import AccessDeniedError, ConfigError, NoAnswerError, RequestError
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.schemas import (
     NS_PER_S,
     ButtonEvent,

@@ -8,7 +8,7 @@ from typing import TypeAlias
 from pointit.errors import RefusedError
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import Referent, SendRobot, SetThing, StopRobot
 from pointit.schemas.person import ReferentKind
 from pointit.schemas.topics import SEND_ROBOT, SET_THING, STOP_ROBOT

@@ -8,7 +8,12 @@ from typing import Any, Literal, NamedTuple
 
 from pointit.errors import ConfigError
 from pointit.study.columns import counts, done_trials
-from pointit.study.data import (
+from pointit.study.model import SHIPPED, Study
+from pointit.study.order import imbalance
+from pointit.study.plan import check_sequences, plan_of, row_errors
+from pointit.study.session import CLOCK_APART_S
+from pointit.study.site.scenario import check_services
+from pointit.study.study_folder import (
     TRIALS,
     check_begun,
     check_record,
@@ -17,11 +22,6 @@ from pointit.study.data import (
     read_any_trials,
     study_in,
 )
-from pointit.study.model import SHIPPED, Study
-from pointit.study.order import imbalance
-from pointit.study.plan import check_sequences, plan_of, row_errors
-from pointit.study.session import CLOCK_APART_S
-from pointit.study.site.scenario import check_services
 from pointit.study.table_file import Row
 
 

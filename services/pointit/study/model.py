@@ -18,7 +18,7 @@ from pydantic import (
 from pointit.errors import ConfigError
 from pointit.runtime.address_config import described_error
 from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
 from pointit.schemas import KeyNameError

@@ -16,7 +16,6 @@ from pointit.errors import ConfigError, PointItError
 from pointit.geometry.vector import Vec3
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.columns import REPEATED, utc
-from pointit.study.data import StudyFolder, check_record
 from pointit.study.measure import Attempt, load_end_rule
 from pointit.study.model import Study
 from pointit.study.plan import Progress, condition_of, plan_of
@@ -25,6 +24,7 @@ from pointit.study.site.lsl import LslOutlets
 from pointit.study.site.scenario import scenario_file, scenes_of
 from pointit.study.site.study_site import SiteOptions, StudySite
 from pointit.study.step import StudyStep
+from pointit.study.study_folder import StudyFolder, check_record
 from pointit.study.table_file import Row
 from pointit.study.tasks.scene import StudyScene, StudyTrial
 from pointit.study.view import BREAK, StudyCommand, StudyStatus, StudyView

@@ -16,11 +16,11 @@ from pointit.study_report.comparisons import names as names
 from pointit.study_report.comparisons import outcomes as outcomes
 from pointit.study_report.comparisons import participant_medians as participant_medians
 from pointit.study_report.mixed import mixed_model as mixed_model
-from pointit.study_report.model import Trials as Trials
 from pointit.study_report.reading import trials as trials
 from pointit.study_report.reading import write_all_trials as write_all_trials
 from pointit.study_report.scores import questionnaires as questionnaires
 from pointit.study_report.sequences import omissions as omissions
 from pointit.study_report.sequences import throughput as throughput
 from pointit.study_report.table import Table as Table
-from pointit.study_report.tapping import fitts as fitts
+from pointit.study_report.tapping_movements import fitts as fitts
+from pointit.study_report.trial_row import Trials as Trials

@@ -11,8 +11,8 @@ from scipy import stats
 
 from pointit.errors import ConfigError
 from pointit.study.columns import ADDED, OUTCOMES
-from pointit.study_report.model import MEASURES, TrialRow, Trials
 from pointit.study_report.table import LEVEL, Table, summary
+from pointit.study_report.trial_row import MEASURES, TrialRow, Trials
 
 BINS = 10
 """Most groups of trials in which learning is shown."""

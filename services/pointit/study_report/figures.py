@@ -15,10 +15,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pointit.study.columns import OUTCOMES
-from pointit.study_report import comparisons, tapping
-from pointit.study_report.model import MEASURES, Trials
+from pointit.study_report import comparisons, tapping_movements
 from pointit.study_report.table import Table
-from pointit.study_report.tapping import Index
+from pointit.study_report.tapping_movements import Index
+from pointit.study_report.trial_row import MEASURES, Trials
 
 INK = "#7a7a7b"
 """Readable on white and on black; `svg` replaces it by the colour of the page's text."""
@@ -100,9 +100,9 @@ def learning(trials: Trials, measure: str = "selection_s") -> Figure:
 
 def fitts(trials: Trials, index: Index = "m") -> Figure:
     """Return the regressions of the table `fitts` as a figure; dots are means over participants."""
-    points = tapping.fitts_points(trials, index)
+    points = tapping_movements.fitts_points(trials, index)
     figure, axes = _axes(6)
-    for place, row in enumerate(tapping.fitts(trials, index)):
+    for place, row in enumerate(tapping_movements.fitts(trials, index)):
         group = tuple((factor, row[factor]) for factor in trials.factors if factor in row)
         bits = points[group].bits
         whole = points[group].times.mean(axis=0)

@@ -9,8 +9,8 @@ from scipy import optimize, stats
 
 from pointit.errors import ConfigError
 from pointit.study_report.comparisons import values_of
-from pointit.study_report.model import Trials
 from pointit.study_report.table import LEVEL, Table
+from pointit.study_report.trial_row import Trials
 
 Floats = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ import yaml
 from pointit.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
 from pointit.study.columns import ADDED
-from pointit.study_report import comparisons, figures, mixed, scores, sequences, tapping
-from pointit.study_report.model import MEASURES, Trials
+from pointit.study_report import comparisons, figures, mixed, scores, sequences, tapping_movements
 from pointit.study_report.sequences import omission_notes
 from pointit.study_report.table import RESAMPLES, Table
+from pointit.study_report.trial_row import MEASURES, Trials
 
 _FILE = resources.files("pointit.study_report") / "sections.yaml"
 ABOUT: Mapping[str, str] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
@@ -65,7 +65,7 @@ def sections(trials: Trials) -> Iterator[Section]:
         if trials.has(f"target_width_{unit}"):
             steps = [ReportStep(sequences.throughput, (unit,)), ReportStep(sequences.omissions, (unit,))]
             for index in ("m",) if unit == "m" else ("deg", "kopper"):
-                steps += [ReportStep(figures.fitts, (index,)), ReportStep(tapping.fitts, (index,))]
+                steps += [ReportStep(figures.fitts, (index,)), ReportStep(tapping_movements.fitts, (index,))]
             yield Section(title, ABOUT[unit], tuple(steps))
     if trials.answers:
         yield Section("Questionnaires", ABOUT["questionnaires"], (ReportStep(scores.questionnaires),))

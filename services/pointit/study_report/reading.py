@@ -11,9 +11,9 @@ from pointit.errors import ConfigError
 from pointit.runtime.host.atomic_file import replaced_file
 from pointit.study.append_only_csv import spreadsheet_row
 from pointit.study.columns import COUNTS, NUMBERS, columns_of, counts
-from pointit.study.data import TRIALS, check_record, read_about, read_answers, read_trials, study_in
+from pointit.study.study_folder import TRIALS, check_record, read_about, read_answers, read_trials, study_in
 from pointit.study.table_file import Row
-from pointit.study_report.model import TrialRow, Trials
+from pointit.study_report.trial_row import TrialRow, Trials
 
 
 def trials(folder: str | Path) -> Trials:

@@ -8,8 +8,8 @@ import numpy as np
 from pointit.errors import ConfigError
 from pointit.study.questionnaires import NASA_TLX, SUS
 from pointit.study.table_file import NUMBER
-from pointit.study_report.model import Trials
 from pointit.study_report.table import Table, summary
+from pointit.study_report.trial_row import Trials
 
 
 def system_usability(values: Sequence[float]) -> float:

@@ -8,9 +8,8 @@ import numpy as np
 
 from pointit.errors import ConfigError
 from pointit.study.plan import MIN_SEQUENCE_TRIALS
-from pointit.study_report.model import Trials
 from pointit.study_report.table import Table, summary
-from pointit.study_report.tapping import (
+from pointit.study_report.tapping_movements import (
     Effective,
     Group,
     Movement,
@@ -20,6 +19,7 @@ from pointit.study_report.tapping import (
     length_in,
     movements,
 )
+from pointit.study_report.trial_row import Trials
 
 
 class TapSequence(NamedTuple):

@@ -141,7 +141,9 @@ async def going(plan: Plan) -> AsyncGenerator[Going]:
     run = _Run(plan, bus, None)
     task = asyncio.create_task(run.live(WallClock()))
     try:
-        await until(lambda: task.done() or bool(bus.exchange.request_servers.get(RUN_SCENARIO.key)), PATIENCE_S, "run")
+        await until(
+            lambda: task.done() or bool(bus.exchange.request_servers.get(RUN_SCENARIO.key)), PATIENCE_S, "run"
+        )
         yield Going(run, bus, task)
     finally:
         task.cancel()

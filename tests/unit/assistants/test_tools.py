@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from pointit.api.site import Site
-from pointit.assistants.data import MAX_NAME
 from pointit.assistants.light import TURN_S
+from pointit.assistants.results import MAX_NAME
 from pointit.assistants.tools import ns_of
 from pointit.errors import PointItError, SchemaError
 from pointit.runtime.bus.memory_bus import MemoryBus

@@ -15,7 +15,7 @@ from pointit.schemas import WristSample
 from pointit.schemas.base import NORM_TOLERANCE
 from pointit.services.imu_bridge.ble import metamotion_protocol, xsens_dot_protocol
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.network.contents import orientation
+from pointit.services.imu_bridge.network.datagram_values import orientation
 from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.reading import Item, Reading, fault

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from pointit.maps import exchange
-from pointit.maps.edit.document import edited
+from pointit.maps.edit.edited_map import edited
 from pointit.maps.edit.edits import Edit
 from pointit.maps.edit.yaml_writer import dump_yaml
 from pointit.maps.file import load_map, parse_map_file

@@ -11,7 +11,7 @@ from matplotlib.collections import QuadMesh
 from pointit.cli.main import command
 from pointit.maps.checks.things import separability
 from pointit.maps.file import load_map, parse_map_file
-from pointit.maps.picture.picture import map_figure
+from pointit.maps.picture.draw_map import map_figure
 from pointit.maps.things import things_of
 from pointit.runtime.errors import ConfigError
 

@@ -8,8 +8,8 @@ from pointit.schemas import NS_PER_S, Goal, Steering
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import Command, RobotReport
 from pointit.services.robot.robot_pilot import RobotPilot
-from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
 from pointit.services.robot.safety.safety import Safety
+from pointit.services.robot.stop_reason import PermittedSetPoint, StopReason
 from tests.unit.robot.flight import ROBOT, ROOM, cursor_at, goal_at
 
 

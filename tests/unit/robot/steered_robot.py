@@ -11,8 +11,8 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.driver_frame import report_fault
 from pointit.services.robot.drivers.sim.sim_driver import SimConfig, SimulatedRobot, make_simulated_robot
 from pointit.services.robot.robot_driver import Command, Follow, RobotReport, RobotSpec, Stop, TakeOff
-from pointit.services.robot.robot_safety import StopReason
 from pointit.services.robot.safety.safety import Safety
+from pointit.services.robot.stop_reason import StopReason
 
 START_NS = 1_000_000 * NS_PER_S
 STEP_NS = NS_PER_S // 100

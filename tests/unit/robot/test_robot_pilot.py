@@ -22,7 +22,7 @@ from pointit.services.robot.robot_driver import (
     Stop,
     TakeOff,
 )
-from pointit.services.robot.robot_safety import StopReason
+from pointit.services.robot.stop_reason import StopReason
 from tests.unit.robot.flight import ROBOT
 from tests.unit.robot.permits import Desk
 

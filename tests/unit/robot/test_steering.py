@@ -7,7 +7,6 @@ import pytest
 
 from pointit.schemas import Steering
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, OrderStatus, Stop, TakeOff
-from pointit.services.robot.robot_safety import StopReason
 from pointit.services.robot.steering.table import (
     ACTIONS,
     HOLDS,
@@ -19,6 +18,7 @@ from pointit.services.robot.steering.table import (
     Verdict,
     hold_of,
 )
+from pointit.services.robot.stop_reason import StopReason
 from tests.unit.robot.flight import ROBOT
 from tests.unit.robot.permits import Desk
 from tests.unit.robot.test_robot_pilot import desk_of

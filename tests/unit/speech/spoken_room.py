@@ -3,7 +3,7 @@
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
-from pointit.cli.things.spoken import own_verbs
+from pointit.cli.things.own_verbs import own_verbs
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.things.spoken import own_verbs
+from pointit.cli.things.own_verbs import own_verbs
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import NS_PER_S, Speech, Understood, Word
 from pointit.speech.grammar import Command

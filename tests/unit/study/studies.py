@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.simulated import simulate
+from pointit.study.study_folder import StudyFolder
 
 SMALL = """
 name: small

@@ -10,8 +10,8 @@ import pytest
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.check import check_folder
-from pointit.study.data import StudyFolder, read_table
 from pointit.study.model import Study, read_study
+from pointit.study.study_folder import StudyFolder, read_table
 
 COLUMNS = ("trial", "reason")
 DAMAGED = ("trial", "attempt", "selection_s")

@@ -13,10 +13,10 @@ import pointit
 from pointit.cli.study.check import command as check
 from pointit.runtime.errors import ConfigError
 from pointit.study.check import check_folder
-from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.order import imbalance, square
 from pointit.study.plan import check_sequences, plan_of
+from pointit.study.study_folder import StudyFolder
 
 BASE = {"name": "s", "task": {"kind": "reach"}}
 

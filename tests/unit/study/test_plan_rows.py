@@ -10,12 +10,12 @@ from pointit import study_report
 from pointit.errors import PointItError
 from pointit.runtime.errors import ConfigError
 from pointit.study.check import check_folder
-from pointit.study.data import StudyFolder
 from pointit.study.model import Study
 from pointit.study.plan import plan_of
 from pointit.study.session import Session
 from pointit.study.simulated import SimulatedView
 from pointit.study.site.study_site import SiteOptions
+from pointit.study.study_folder import StudyFolder
 from tests.unit.study.studies import small
 
 RATIOS = """

@@ -12,11 +12,11 @@ from pointit.cli.study.check import command as check
 from pointit.cli.study.report import command as report
 from pointit.cli.study.run import command as run
 from pointit.runtime.errors import ConfigError
-from pointit.study.data import read_table
 from pointit.study.model import read_study
 from pointit.study.simulated import simulate
 from pointit.study.site.scenario import check_ready
 from pointit.study.step import Picture
+from pointit.study.study_folder import read_table
 from tests.unit.study.studies import SMALL, small
 
 PNG = b"\x89PNG\r\n\x1a\nand so on"

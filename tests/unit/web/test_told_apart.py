@@ -13,7 +13,7 @@ from pointit.bridges.web.model.told_apart import Floor, ToldApart
 from pointit.maps.checks.things import TESTED
 from pointit.maps.checks.things import separability as share_of
 from pointit.maps.file import load_map
-from pointit.maps.picture.picture import map_figure
+from pointit.maps.picture.draw_map import map_figure
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Environment
 

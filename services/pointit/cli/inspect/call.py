@@ -14,8 +14,8 @@ from pointit.cli.common.site_link import AtSite, default_address_note, join_site
 from pointit.cli.inspect.topic_names import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.config import Layers, validate
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
-from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.schemas import Query, Reply, summarize_validation_error

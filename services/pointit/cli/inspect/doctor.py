@@ -27,9 +27,9 @@ from pointit.cli.common.output import (
 from pointit.cli.site.identities_table import expiring, section, visible_rows
 from pointit.diagnosis.causes import may_pass
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
+from pointit.diagnosis.missing_services import is_anything_starting
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
 from pointit.diagnosis.outage import unreachable
-from pointit.diagnosis.presence import is_anything_starting
 from pointit.diagnosis.stopped_processes import stopped_processes
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.host.extras import CHECKOUT

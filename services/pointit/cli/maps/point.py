@@ -19,7 +19,7 @@ from pointit.cli.common.output import INTERRUPTED, print_file, say
 from pointit.cli.common.panels import PanelCommand
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3, norm, rotate_z, subtract
-from pointit.maps.edit.document import edited
+from pointit.maps.edit.edited_map import edited
 from pointit.maps.edit.edits import SetValue
 from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import parse_map_file, to_message

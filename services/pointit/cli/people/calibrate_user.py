@@ -29,7 +29,7 @@ from pointit.cli.people.stored_calibration import erase_local, query_site, read_
 from pointit.diagnosis.writers import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.shutdown import run_until_shutdown

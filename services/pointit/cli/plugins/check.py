@@ -15,8 +15,8 @@ from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, Servic
 from pointit.runtime.config.installed import OURS
 from pointit.testing import SUITES, Harness, checks, run_checks
 from pointit.testing.check import CheckFailedError
-from pointit.testing.common import require_parameters
 from pointit.testing.methods import MethodHarness
+from pointit.testing.requirements import require_parameters
 from pointit.testing.service import ServiceHarness
 
 FAKE_DEVICES = "pointit.fake_devices"

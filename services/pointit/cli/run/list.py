@@ -8,7 +8,7 @@ import click
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.cli.parts import PLUGIN_GROUPS
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import present
 from pointit.services.registry import PROCESSES, add_installed

@@ -14,9 +14,9 @@ from pointit.commands import (
     progress,
     show,
 )
-from pointit.study.data import StudyFolder
 from pointit.study.model import read_study
 from pointit.study.simulated import simulate
+from pointit.study.study_folder import StudyFolder
 
 
 @click.command("power")

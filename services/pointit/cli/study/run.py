@@ -19,7 +19,6 @@ from pointit.commands import (
     say,
 )
 from pointit.launch.plan.extras import has_extra
-from pointit.study.data import StudyFolder
 from pointit.study.model import Study, read_study
 from pointit.study.page.view import PageView
 from pointit.study.plan import plan_of
@@ -30,6 +29,7 @@ from pointit.study.site.lsl import check_lsl
 from pointit.study.site.scenario import check_ready
 from pointit.study.site.study_site import SiteOptions
 from pointit.study.step import StudyStep
+from pointit.study.study_folder import StudyFolder
 from pointit.study.view import StudyCommand, StudyStatus
 
 KEYS = {"r": StudyCommand("repeat"), "p": StudyCommand("pause"), "q": StudyCommand("stop")}

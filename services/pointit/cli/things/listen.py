@@ -83,7 +83,7 @@ async def _listen(
     speak: bool,
     **at: Unpack[AtSite],
 ) -> int:
-    from pointit.cli.things.spoken import own_verbs  # noqa: PLC0415 - only if the room is there
+    from pointit.cli.things.own_verbs import own_verbs  # noqa: PLC0415 - only if the room is there
     from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
     from pointit.speech.speech_synthesizer import SpeechSynthesizer  # noqa: PLC0415 - as above
 

@@ -10,7 +10,7 @@ from pydantic import Field, PrivateAttr
 from pointit.maps.file import read_map_file
 from pointit.maps.model import MapFile
 from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.similar_names import did_you_mean
+from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError

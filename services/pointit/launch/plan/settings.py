@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from pointit.runtime.config.config import Layers, environment_prefix
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.plugins import PluginConfig
-from pointit.runtime.config.similar_names import nearest
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.schemas.text import SECRET_NAME, describe_mistake
 
 MAX_SHOWN = 60

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import (
     NS_PER_S,

@@ -22,10 +22,10 @@ from pointit.services.robot.robot_driver import (
     Stop,
     TakeOff,
 )
-from pointit.services.robot.robot_safety import StopReason
 from pointit.services.robot.safety.safety import Safety
-from pointit.services.robot.steering.errand import CommandPlanner
+from pointit.services.robot.steering.command_planner import CommandPlanner
 from pointit.services.robot.steering.table import HOLDS, Stage, hold_of, stage_of, verdict_of
+from pointit.services.robot.stop_reason import StopReason
 
 CLAIM_AGE_S = 2.0
 """Maximum age of a user's choice of the robot, and maximum lead of its stamp, s."""

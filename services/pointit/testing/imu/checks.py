@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import cast
 
 from pointit.plugins import Quaternion
-from pointit.testing import common
+from pointit.testing import requirements
 from pointit.testing.check import CheckFailedError, Suite
 from pointit.testing.devices import UdpDevice
 from pointit.testing.imu.harness import OTHER_POSTURE, POSTURE, ImuHarness, encoded, sends
@@ -22,11 +22,11 @@ IMU_SUITE = Suite[ImuHarness]()
 @IMU_SUITE.check("Operators see them in `pointit list plugins` and in the help of imu-bridge")
 async def parameters(harness: ImuHarness) -> None:
     """Has a summary of one line and a description for each parameter."""
-    common.require_parameters(harness.plugin)
+    requirements.require_parameters(harness.plugin)
 
 
 IMU_SUITE.add(
-    common.config_errors,
+    requirements.config_errors,
     "Raise pointit.plugins.ConfigError from `check` or `make`, with one sentence: what, where, what to do",
 )
 
@@ -183,9 +183,9 @@ async def bounded_memory(harness: ImuHarness) -> None:
             await trial.hear("after many readings, the newest was not delivered", OTHER_POSTURE)
             await asyncio.sleep(SETTLE_S)  # the loop forgets cancelled timers later
 
-        await common.require_bounded_memory(flood, f"{FLOOD_BYTES} bytes without a reading")
+        await requirements.require_bounded_memory(flood, f"{FLOOD_BYTES} bytes without a reading")
         await trial.hear("after many bytes without a reading, none was delivered")
-        await common.require_bounded_memory(many, f"{2 * BURST} readings")
+        await requirements.require_bounded_memory(many, f"{2 * BURST} readings")
 
 
 SILENCE_S = 0.4
@@ -243,7 +243,7 @@ async def tells_reconnection(harness: ImuHarness) -> None:
             )
 
 
-IMU_SUITE.add(common.warns, common.WARN, sends)
+IMU_SUITE.add(requirements.warns, requirements.WARN, sends)
 
 
 @IMU_SUITE.check(
@@ -257,7 +257,7 @@ async def silence(harness: ImuHarness) -> None:
             trial.require_running()
             return
         shares: list[float] = []
-        for _ in range(common.TRIES):
+        for _ in range(requirements.TRIES):
             began_s, cpu_s = time.monotonic(), time.process_time()
             await asyncio.sleep(SILENCE_S)
             shares.append((time.process_time() - cpu_s) / (time.monotonic() - began_s))
@@ -269,13 +269,13 @@ async def silence(harness: ImuHarness) -> None:
 
 
 IMU_SUITE.add(
-    common.cancels,
+    requirements.cancels,
     "Await only what can be cancelled, do not catch CancelledError, and join no thread for longer",
 )
 IMU_SUITE.add(
-    common.does_not_block,
+    requirements.does_not_block,
     "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio's streams, or "
     "`asyncio.to_thread` and a thread of its own",
     alone=True,
 )
-IMU_SUITE.add(common.leaves_nothing, common.CLOSE, alone=True)
+IMU_SUITE.add(requirements.leaves_nothing, requirements.CLOSE, alone=True)

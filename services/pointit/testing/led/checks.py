@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 from pointit.plugins import OutputConfig
 from pointit.schemas import StripFrame
-from pointit.testing import common
+from pointit.testing import requirements
 from pointit.testing.check import CheckFailedError, Suite, called
 from pointit.testing.led.harness import DARK, STRIPS, LedHarness, LedTrial, notices_loss
 from pointit.testing.trial import absent, connected
@@ -29,13 +29,13 @@ async def parameters(harness: LedHarness) -> None:
     """Has a summary of one line, a description for each parameter, and those of every output."""
     if not issubclass(harness.plugin.config, OutputConfig):
         raise CheckFailedError(f"{harness.plugin.config.__name__} is no OutputConfig")
-    common.require_parameters(harness.plugin)
+    requirements.require_parameters(harness.plugin)
 
 
 @LED_SUITE.check("Raise pointit.plugins.ConfigError from `make`, with one sentence; connect in `run`")
 async def config_errors(harness: LedHarness) -> None:
     """Refuses parameters that cannot work, with ConfigError and nothing else, and opens nothing yet."""
-    await common.config_errors(harness)  # made while the device is away
+    await requirements.config_errors(harness)  # made while the device is away
 
 
 @LED_SUITE.check("`decode` of the harness and the output must agree on the order of strips and colours")
@@ -152,7 +152,7 @@ async def reconnects(harness: LedHarness) -> None:
             await trial.replug()
 
 
-LED_SUITE.add(common.warns, common.WARN, notices_loss)
+LED_SUITE.add(requirements.warns, requirements.WARN, notices_loss)
 
 
 @LED_SUITE.check(
@@ -170,9 +170,9 @@ async def cancels(harness: LedHarness) -> None:
                 await asyncio.sleep(0.01)
             yield trial
 
-    await common.cancels(harness)
+    await requirements.cancels(harness)
     if harness.example().can_stall:
-        await common.require_quick_end(stuck, "while the device read nothing")
+        await requirements.require_quick_end(stuck, "while the device read nothing")
 
 
 @LED_SUITE.check("Send a dark frame in `finally` of `run`, and wait until it has left")
@@ -196,12 +196,12 @@ async def bounded_memory(harness: LedHarness) -> None:
                 if number % 100 == 0:
                     await asyncio.sleep(0)
 
-        await common.require_bounded_memory(many, f"{MANY} frames without a device")
+        await requirements.require_bounded_memory(many, f"{MANY} frames without a device")
 
 
 LED_SUITE.add(
-    common.does_not_block,
+    requirements.does_not_block,
     "Call nothing that waits, such as `time.sleep` or a blocking write: use asyncio's streams, or a thread",
     alone=True,
 )
-LED_SUITE.add(common.leaves_nothing, common.CLOSE, alone=True)
+LED_SUITE.add(requirements.leaves_nothing, requirements.CLOSE, alone=True)

@@ -7,8 +7,8 @@ import time
 
 from pointit.plugins import NS_PER_S, Surroundings
 from pointit.testing.check import CheckFailedError, Suite
-from pointit.testing.common import require_bounded_memory, require_parameters, require_refusals
 from pointit.testing.methods.harness import BESIDE, COUNT, RATE_HZ, MethodHarness, Person
+from pointit.testing.requirements import require_bounded_memory, require_parameters, require_refusals
 
 PATIENT_DWELLS = 4.0
 """Number of dwell times after which a stay must select."""

@@ -4,7 +4,7 @@ import asyncio
 import math
 
 from pointit.plugins import NS_PER_S, Follow, FollowPath, Land, Stop, TakeOff
-from pointit.testing import common
+from pointit.testing import requirements
 from pointit.testing.check import CheckFailedError, Suite
 from pointit.testing.devices import FakeDevice
 from pointit.testing.robot.harness import STILL_MPS, RobotHarness
@@ -21,13 +21,13 @@ SLOWEST_HZ = 5.0
 @ROBOT_SUITE.check("Operators see the summary and the parameters in `pointit list plugins` and in helps")
 async def parameters(harness: RobotHarness) -> None:
     """Has a summary of one line, and a description for each parameter."""
-    common.require_parameters(harness.plugin)
+    requirements.require_parameters(harness.plugin)
 
 
 @ROBOT_SUITE.check("Raise pointit.plugins.ConfigError from `make`, with one sentence; connect in `run`")
 async def config_errors(harness: RobotHarness) -> None:
     """Refuses parameters that cannot work, with ConfigError and nothing else, and opens nothing yet."""
-    await common.config_errors(harness)
+    await requirements.config_errors(harness)
 
 
 @ROBOT_SUITE.check("Report from the robot's own messages, or poll it, at 10 Hz, with the surroundings' clock")
@@ -203,7 +203,7 @@ async def stops_at_end(harness: RobotHarness) -> None:
 )
 async def cancels(harness: RobotHarness) -> None:
     """Ends within 1 s of being cancelled."""
-    await common.cancels(harness)
+    await requirements.cancels(harness)
 
 
 @ROBOT_SUITE.check("Keep the newest command alone; a queue grows while the robot is away", alone=True)
@@ -220,8 +220,8 @@ async def command_returns_at_once(harness: RobotHarness) -> None:
 
 
 ROBOT_SUITE.add(
-    common.does_not_block,
+    requirements.does_not_block,
     "Call nothing that waits, such as `time.sleep` or a blocking write: use asyncio's streams, or a thread",
     alone=True,
 )
-ROBOT_SUITE.add(common.leaves_nothing, common.CLOSE, alone=True)
+ROBOT_SUITE.add(requirements.leaves_nothing, requirements.CLOSE, alone=True)

@@ -4,7 +4,7 @@ import asyncio
 
 from pointit.plugins import ConfigError
 from pointit.schemas.topics import ACCOUNTS, CLOCK
-from pointit.testing import common
+from pointit.testing import requirements
 from pointit.testing.check import CheckFailedError
 from pointit.testing.service.harness import SERVICE_SUITE, ServiceHarness
 from pointit.testing.trial import absent, connected
@@ -21,7 +21,7 @@ SYSTEM = {CLOCK.key, *(topic.key for topic in ACCOUNTS)}
 )
 async def parameters(harness: ServiceHarness) -> None:
     """Has a summary of one line, a description for each parameter, and rows that it may use."""
-    common.require_parameters(harness.plugin)
+    requirements.require_parameters(harness.plugin)
     try:
         harness.plugin.check(harness.plugin.make.NAME)
     except ConfigError as error:
@@ -29,7 +29,7 @@ async def parameters(harness: ServiceHarness) -> None:
 
 
 SERVICE_SUITE.add(
-    common.config_errors,
+    requirements.config_errors,
     "Raise pointit.plugins.ConfigError from `validate_config`, with one sentence: what, where, what to do",
 )
 
@@ -95,12 +95,12 @@ async def works(harness: ServiceHarness) -> None:
 
 
 SERVICE_SUITE.add(
-    common.cancels,
+    requirements.cancels,
     "Await only what can be cancelled, do not catch CancelledError, and join no thread for longer",
 )
 SERVICE_SUITE.add(
-    common.does_not_block,
+    requirements.does_not_block,
     "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio, or `asyncio.to_thread`",
     alone=True,
 )
-SERVICE_SUITE.add(common.leaves_nothing, common.CLOSE, alone=True)
+SERVICE_SUITE.add(requirements.leaves_nothing, requirements.CLOSE, alone=True)

@@ -15,7 +15,7 @@ from pythonosc.osc_message_builder import build_msg
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.contents import DatagramError, orientation
+from pointit.services.imu_bridge.network.datagram_values import DatagramError, orientation
 from pointit.services.imu_bridge.network.osc import MAX_MESSAGES, OscConfig, OscDecoder, OscMessage, parse
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading, fault
 

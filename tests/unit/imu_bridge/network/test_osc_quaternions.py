@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 from pythonosc.osc_message_builder import OscMessageBuilder
 
-from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.datagram_values import DatagramError
 from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
 from pointit.services.imu_bridge.reading import Reading
 from pointit.services.imu_bridge.serial.fifth_number import MAX_OPEN, MAX_RISES

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.datagram_values import DatagramError
 from pointit.services.imu_bridge.network.udp import LONGEST_DATAGRAM, UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.network.udp_server import Address, UdpServer
 from pointit.services.imu_bridge.reading import Item, Press, RawReading, Reading

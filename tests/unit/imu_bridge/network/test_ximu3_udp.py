@@ -7,7 +7,7 @@ import pytest
 
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import ximu3
-from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.datagram_values import DatagramError
 from pointit.services.imu_bridge.network.ximu3 import XIMU3, Ximu3Decoder, announced
 from pointit.services.imu_bridge.reading import Battery, Reading
 from pointit.testing.devices import UdpDevice

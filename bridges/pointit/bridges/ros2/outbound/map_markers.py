@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pointit.bridges.ros2.outbound.drawing import MarkerBuilder
+from pointit.bridges.ros2.outbound.marker_builder import MarkerBuilder
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted
 from pointit.geometry import rotation, vector

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, Qos
-from pointit.bridges.ros2.outbound import conveyor, person, values
+from pointit.bridges.ros2.outbound import conveyor_packages, person, values
 from pointit.bridges.ros2.outbound.map_markers import map_markers
 from pointit.bridges.ros2.outbound.markers import Markers
 from pointit.bridges.ros2.outbound.person import transforms
@@ -313,20 +313,20 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("packages", "/packages", "conveyor_msgs/msg/PackageList"),
-            *(_NEWEST, (topics.OBJECTS,), conveyor.packages),
+            *(_NEWEST, (topics.OBJECTS,), conveyor_packages.packages),
             rate_hz=POINTING_HZ,
             yields=True,
             context="what moves on belts and strips",
         ),
         OutboundRoute(
             *("selected_packages", "/selected_packages", "conveyor_msgs/msg/PackageUIDList"),
-            *(LATCHED, (topics.SELECTION,), conveyor.selected),
+            *(LATCHED, (topics.SELECTION,), conveyor_packages.selected),
             on_change=True,
             context="what is selected",
         ),
         OutboundRoute(
             *("pointers", "/pointers", "conveyor_msgs/msg/PointerList"),
-            *(_NEWEST, (topics.CURSOR, topics.HOVER, topics.INTERACTION), conveyor.pointers),
+            *(_NEWEST, (topics.CURSOR, topics.HOVER, topics.INTERACTION), conveyor_packages.pointers),
             rate_hz=POINTING_HZ,
             context="pointing people, with line, position on it and target",
         ),
@@ -343,7 +343,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("step_number", "/step_number", "std_msgs/msg/Int32"),
-            *(LATCHED, (topics.CONVEYOR_STATE,), conveyor.step_number),
+            *(LATCHED, (topics.CONVEYOR_STATE,), conveyor_packages.step_number),
             on_change=True,
             context="step of the feeding schedule",
         ),

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pointit.bridges.web.model.shown_path import shown_path, with_shown_path
-from pointit.maps.edit.document import edited
+from pointit.maps.edit.edited_map import edited
 from pointit.maps.edit.edits import Edit
 from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import FOLDER, PACKAGE, SUFFIX, map_path, parse_map_file

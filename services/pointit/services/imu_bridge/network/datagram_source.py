@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.clock import Clock
 from pointit.runtime.service.surroundings import HealthSink
-from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.datagram_values import DatagramError
 from pointit.services.imu_bridge.network.port_source import PortSource
 from pointit.services.imu_bridge.network.sender_choice import MAX_OTHERS, RESTARTED_S, SenderChoice
 from pointit.services.imu_bridge.network.udp_server import Address

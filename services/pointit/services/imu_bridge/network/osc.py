@@ -11,8 +11,8 @@ from typing import Final, Literal, NamedTuple
 from pydantic import Field, field_validator
 
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.contents import DatagramError, orientation, vector
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
+from pointit.services.imu_bridge.network.datagram_values import DatagramError, orientation, vector
 from pointit.services.imu_bridge.network.osc_quaternions import QuaternionPosition
 from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.sources import ImuSource

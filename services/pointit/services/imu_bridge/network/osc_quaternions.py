@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from typing import NamedTuple
 
-from pointit.services.imu_bridge.network.contents import DatagramError
+from pointit.services.imu_bridge.network.datagram_values import DatagramError
 from pointit.services.imu_bridge.serial.fifth_number import (
     MAX_OPEN,
     ROUNDING_TOLERANCE,

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.contents import DatagramError, orientation, vector
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
+from pointit.services.imu_bridge.network.datagram_values import DatagramError, orientation, vector
 from pointit.services.imu_bridge.reading import Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.serial.fifth_number import Fifth
 from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser

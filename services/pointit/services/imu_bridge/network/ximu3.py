@@ -11,8 +11,8 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.service.surroundings import HealthSink
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.network.contents import DatagramError
 from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
+from pointit.services.imu_bridge.network.datagram_values import DatagramError
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, receive_shared
 from pointit.services.imu_bridge.reading import Item
 from pointit.services.imu_bridge.serial.framer import FLASH_S

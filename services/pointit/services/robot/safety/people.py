@@ -7,8 +7,8 @@ from pointit.geometry.plane import is_level
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
 from pointit.schemas.text import round_beyond
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.robot_safety import StopReason
 from pointit.services.robot.safety.obstacles import CylinderObstacle
+from pointit.services.robot.stop_reason import StopReason
 
 LEVEL_WORKSPACE = "workspace/horizontal"
 EXTERNAL_S = 2.0

@@ -6,7 +6,7 @@ from pointit.geometry.vector import Vec3, norm, scale, subtract, wrap
 from pointit.schemas import NS_PER_S
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
-from pointit.services.robot.robot_safety import StopReason
+from pointit.services.robot.stop_reason import StopReason
 
 JUMP_M = 0.5
 """Distance by which a report may exceed the speed limit's distance, in addition to 2 sigma, m."""

@@ -10,11 +10,11 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, RobotSta
 from pointit.schemas.text import round_beyond
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.robot_driver import RobotReport
-from pointit.services.robot.robot_safety import PermittedSetPoint, StopReason
 from pointit.services.robot.safety.obstacles import CylinderObstacle, KeepIn, KeepOut, Obstacle, ObstacleKind
 from pointit.services.robot.safety.people import FORGOTTEN_S, PeopleNearRobot
 from pointit.services.robot.safety.region import MARGIN_M, Region
 from pointit.services.robot.safety.reports import MOVING_MPS, TURN_S, Reports
+from pointit.services.robot.stop_reason import PermittedSetPoint, StopReason
 
 NEAR_M = 1.0
 """Distance beyond a person's own space in which `max_approach_mps` is the limit."""

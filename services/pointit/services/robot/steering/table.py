@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Literal
 
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, TakeOff
-from pointit.services.robot.robot_safety import StopReason
+from pointit.services.robot.stop_reason import StopReason
 
 Stage = Literal["landed", "taking_off", "landing", "following", "on_path", "resting"]
 """Activity. `landed`: a quadrotor on the ground; `resting`: it has no order, or one to stop."""

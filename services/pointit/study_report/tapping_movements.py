@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pointit.errors import ConfigError
-from pointit.study_report.model import SELECTED, TARGET, TrialRow, Trials
 from pointit.study_report.table import Table, percentile_interval, resample_indices
+from pointit.study_report.trial_row import SELECTED, TARGET, TrialRow, Trials
 
 Unit = Literal["m", "deg"]
 Index = Literal["m", "deg", "kopper"]

@@ -13,7 +13,7 @@ from pointit.schemas.topics import MAP
 LAP_S = 20.0
 PERIOD_S = 0.04
 LATENCY_S = 0.02
-"""From the camera's picture to the train's place; the train was there so long ago."""
+"""Delay from the camera's picture to the train's position, s: the age of that position."""
 
 
 def train(strip: Strip, now_s: float) -> TrackedObject:

@@ -112,7 +112,7 @@ def table(result: dict[str, Any]) -> Table:
 
 @contextmanager
 def _checked_out(commit: str) -> Generator[Path]:
-    """Have `commit` in a git worktree of its own for a while."""
+    """Create a git worktree of `commit`, and remove it at the end."""
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         git = ("git", "-C", str(ROOT), "worktree")

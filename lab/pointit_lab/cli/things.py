@@ -47,7 +47,7 @@ ASSUMED = (
     "--people", type=click.IntRange(0, 1000), default=20, metavar="N", help="people who point elsewhere"
 )
 @click.option(
-    "--minutes", type=click.FloatRange(0.1, 600), default=10.0, metavar="T", help="for so long each"
+    "--minutes", type=click.FloatRange(0.1, 600), default=10.0, metavar="T", help="duration of each"
 )
 @click.option(
     "--seed",

@@ -73,7 +73,7 @@ class VirtualAgv:
         self._errors: list[dict[str, Any]] = []
 
     def receive(self, topic: str, payload: str | bytes) -> None:
-        """Take a message of its master."""
+        """Handle a message of its master."""
         published = json.loads(payload)
         if topic.endswith("/instantActions"):
             for action in published["instantActions" if self._version[0] == "1" else "actions"]:

@@ -43,7 +43,7 @@ class BleDevice(FakeDevice):
             link.notify(wrist.stream, data)
 
     def close(self) -> None:
-        """Take the adapter away."""
+        """Remove the adapter."""
         VIRTUAL_RADIOS.pop(self.adapter, None)
 
     def _radio(self) -> Radio:

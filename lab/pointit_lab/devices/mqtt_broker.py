@@ -24,7 +24,7 @@ class MqttBrokerDevice(TcpDevice):
     """A broker that accepts the program, acknowledges what it sends, and sends nothing by itself."""
 
     def take(self, published: Published) -> None:
-        """Take a message of the program."""
+        """Handle a message of the program."""
 
     async def publish(self, topic: str, payload: bytes) -> None:
         """Send a message to the program, whatever it has subscribed to."""

@@ -106,7 +106,7 @@ def _now() -> Any:
 
 @click.command()
 def command() -> int:
-    """Take part in a load test; started by `pointit load`."""
+    """Process of a load test. `pointit load` starts it."""
     setup_logging("warning")
     return run_until_shutdown(_work())
 

@@ -102,8 +102,8 @@ class ConnectionLimits:
                 closed_connections += newest
                 messages[name] = (
                     f"{name} has {len(own)} connections, at most {self._max_connections} are let in "
-                    f"(--most-connections), the newest are cut: what opens so many? If its certificate is in "
-                    f"other hands: `pointit site renew {_short(name)}`"
+                    f"(--most-connections), the newest are cut: find the program that opens them. If "
+                    f"its certificate is in other hands: `pointit site renew {_short(name)}`"
                     if all(each.can_be_cut for each in newest)
                     else f"{name} has {len(own)} connections, more than {self._max_connections} "
                     f"(--most-connections), and {_stays(name)}"

@@ -44,7 +44,7 @@ the page's server; the ROS 2 bridge; a viewer; a viewer who may send requests; u
 
 ROLES: tuple[Role, ...] = get_args(Role)
 INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
-"""Topics for who operates the site."""
+"""Topics for operators of the site."""
 PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
 """Topics that viewers and other people never get: a person's movements and words."""
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)

@@ -190,7 +190,7 @@ class PuiRequests(_Requests[D], Generic[D, R, S]):
         object_id: str = "",
         point_m: Vector | None = None,
     ) -> D:
-        """Let the cursor of `user` move on a surface about them, through `anchor`; `none`: on the map."""
+        """Move the cursor of `user` to a surface around them, through `anchor`. `none`: to the map."""
         return self._do(
             topics.SET_WORKSPACE, user, kind=kind, anchor=anchor, object_id=object_id, point_m=point_m
         )
@@ -231,7 +231,8 @@ class ListenerRequests(_Requests[D], Generic[D, R]):
         Args:
             user: who spoke. Their service `listener` keeps their last ten seconds.
             at_ns: middle of the word, Unix ns of the site's time. None: now.
-            within_s: rays count up to so long before and after, s. Those that are there: ask a moment later.
+            within_s: maximum time between the word and a ray that counts, s. Later rays are missing if they
+                have not arrived yet.
             word: that was spoken, `""` for any.
             others_ns: middles of the other deictic words of the sentence.
         """

@@ -33,7 +33,7 @@ class Exchange(SchemaModel, Generic[Q, R]):
 
 
 class PresenceChange(SchemaModel):
-    """Whether the owner of a presence is there from now on."""
+    """True if the owner of a presence is present from now on."""
 
     present: bool
 

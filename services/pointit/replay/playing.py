@@ -170,7 +170,7 @@ class Skipped:
         """By instance and key."""
 
     def add(self, instance: str, health: Health) -> None:
-        """Take a report, whose numbers count from the start of the service."""
+        """Add a report. Its numbers count from the start of the service."""
         for key in health.keys:
             if key.direction == "in":
                 self._counts[instance, key.key] = key.dropped + key.lost
@@ -227,11 +227,11 @@ class ReplayListener(Protocol):
     """Takes what a replay yields."""
 
     def recorded(self, entry: Entry) -> None:
-        """Take an entry of the recording that the replay recomputes."""
+        """Add an entry of the recording that the replay recomputes."""
         ...
 
     def replayed(self, entry: Entry, *, is_recomputed: bool) -> None:
-        """Take an entry of the result: computed now, or repeated from the recording."""
+        """Add an entry of the result: computed now, or repeated from the recording."""
         ...
 
 

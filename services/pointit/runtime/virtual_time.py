@@ -48,7 +48,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return self.virtual.passed_s
 
     def pause(self, is_paused: bool) -> None:  # noqa: FBT001 - a state, said by its only argument
-        """Let no time pass: what is due now is done, and the rest waits until another thread calls."""
+        """Run all due work without advancing the time. Later work waits until another thread calls."""
         self.virtual.is_paused = is_paused
 
     def run_in_executor(
@@ -59,12 +59,12 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         done: asyncio.Future[T] = self.create_future()
         try:
             done.set_result(func(*args))
-        except Exception as error:  # noqa: BLE001 - for who awaits it
+        except Exception as error:  # noqa: BLE001 - raised where it is awaited
             done.set_exception(error)
         return done
 
     def set_default_executor(self, executor: Any) -> None:
-        """Take none, for it is never used, and the loop could not wait for its threads at the end."""
+        """Ignore it: no executor is used, and the loop could not wait for its threads at the end."""
 
 
 def is_virtual() -> bool:

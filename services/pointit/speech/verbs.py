@@ -64,7 +64,7 @@ class Verb:
 
 
 def _lacking(context: VerbContext, command: Command, question: str, remedy: str) -> str:
-    """Return the message that a command lacks its object, with the name that is none of the room."""
+    """Return the message that a command lacks its object, with the name that the room does not have."""
     if not command.unknown_name:
         return f"{question} {remedy}"
     names = sorted(set(context.room.names.values()))

@@ -68,8 +68,8 @@ def require_refusals(harness: Harness[Any], make: Callable[[Any], object]) -> No
             raise CheckFailedError(f"the parameters {dict(values)!r} were accepted")
 
 
-async def require_bounded_memory(act: Callable[[], Awaitable[None]], what: str) -> None:
-    """Raise CheckFailedError if Python holds more memory after `act`, in words `what`, than before."""
+async def require_bounded_memory(act: Callable[[], Awaitable[None]], action: str) -> None:
+    """Raise CheckFailedError if Python holds more memory after `act`, in words `action`, than before."""
     gc.collect()
     with _traced_memory():
         before, _ = tracemalloc.get_traced_memory()
@@ -77,7 +77,7 @@ async def require_bounded_memory(act: Callable[[], Awaitable[None]], what: str) 
         gc.collect()
         after, _ = tracemalloc.get_traced_memory()
     if after - before > MEMORY_BYTES:
-        raise CheckFailedError(f"after {what} it held {(after - before) / 1e6:.1f} MB more")
+        raise CheckFailedError(f"after {action} it held {(after - before) / 1e6:.1f} MB more")
 
 
 _tracing_lock = threading.Lock()

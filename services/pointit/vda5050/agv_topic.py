@@ -33,7 +33,7 @@ class AgvTopic(NamedTuple):
 
 
 def agv_of_topic(topic: str) -> AgvTopic | None:
-    """Return the AGV of a topic, or None if it is none of an AGV."""
+    """Return the AGV of a topic, or None if it belongs to no AGV."""
     prefix, *last = topic.rsplit("/", 3)
     if len(last) < 3 or prefix.count("/") >= MAX_PREFIX_LEVELS:
         return None

@@ -25,8 +25,8 @@ from tests.unit.diagnosis.fault_sites import (
 
 AT = ("tcp/127.0.0.1:7447",)
 LATE = (
-    "40 messages on {key} came later than others before them, the last by 0.5 s, and were left out: look at "
-    "the link to who writes them, which is slow or loses much"
+    "40 messages on {key} came later than others before them, the last by 0.5 s, and were left out: "
+    "check the link to their writer, which is slow or loses much"
 )
 OLD = (
     "9 messages on {key} were older than those before them and were left out: is a recording played on this "

@@ -59,7 +59,7 @@ class Fleet:
         return f"{problems[0]}{more}" if problems else ""
 
     def on_message(self, topic: str, payload: object, now_ns: int) -> bool:
-        """Use a message of the broker, as far as it can be read. Return False if it is none of an AGV."""
+        """Use a message of the broker, as far as it can be read. Return False if it is not from an AGV."""
         source = agv_of_topic(topic)
         if source is None:
             return False

@@ -135,7 +135,7 @@ class Foxglove(Service[FoxgloveConfig]):
         mirrored = self._mirrored.get(key)
         if mirrored is None:
             if len(self._mirrored) >= MAX_CHANNELS:
-                self.bus.warn("keys", f"only {MAX_CHANNELS} keys are shown; end what writes so many")
+                self.bus.warn("keys", f"only {MAX_CHANNELS} keys are shown; end their writers")
                 return
             json_channel = self._plains[topic.key]
             channel = self._server.channel(channel_name(key), json_channel.schema)

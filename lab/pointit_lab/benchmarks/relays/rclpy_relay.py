@@ -2,7 +2,7 @@
 
 As a program it runs in the environment `.venv-rclpy`, which the tests of `tests/interop` make, and imports
 nothing of ours. `rclpy_relay.py relay` publishes again what it subscribes to until its input closes;
-`rclpy_relay.py drive RATE SECONDS` publishes so many orientations a second, and prints as JSON how many it
+`rclpy_relay.py drive RATE SECONDS` publishes RATE orientations a second, and prints as JSON how many it
 sent and how many came back.
 """
 

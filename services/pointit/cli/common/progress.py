@@ -30,7 +30,7 @@ LINE_EVERY_S = 10.0
 class ProgressCallback(Protocol):
     """Receives the current step, and the number of finished pieces if they can be counted."""
 
-    def __call__(self, what: str, done: int | None = None, /) -> None:
+    def __call__(self, activity: str, done: int | None = None, /) -> None:
         """Report progress."""
 
 
@@ -49,8 +49,8 @@ def progress(total: int | None = None) -> Generator[ProgressCallback]:
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("reading", total=total)
 
-        def tell(what: str, done: int | None = None, /) -> None:
-            progress.update(task, description=what, completed=done)
+        def tell(activity: str, done: int | None = None, /) -> None:
+            progress.update(task, description=activity, completed=done)
 
         yield tell
 
@@ -66,14 +66,14 @@ class LineProgress:
         self._monotonic_s = monotonic_s
         self._began_s = self._wrote_s = monotonic_s()
 
-    def __call__(self, what: str, done: int | None = None, /) -> None:
+    def __call__(self, activity: str, done: int | None = None, /) -> None:
         """Report progress."""
         now_s = self._monotonic_s()
         if now_s - self._wrote_s < LINE_EVERY_S:
             return
         self._wrote_s = now_s
         count = "" if done is None or self._total is None else f": {done} of {self._total}"
-        self._write(f"{what}{count}, for {now_s - self._began_s:.0f} s")
+        self._write(f"{activity}{count}, for {now_s - self._began_s:.0f} s")
 
 
 def _interrupt(_number: int, _frame: object) -> None:

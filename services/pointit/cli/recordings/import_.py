@@ -41,7 +41,7 @@ def command(
     capture), one of points on the floor (t, px, py with robot and head), in seconds and metres or with units
     in the names, as t_ms and robot_x [mm]; or a ROS 2 bag of the ROS toolkit:
     its folder, or an .mcap or .db3 file. `pointit replay` computes rays from a file of an arm, and the
-    position of who follows a robot. Nothing else that is imported can be replayed.
+    position of a user who follows a robot. Other imports cannot be replayed.
 
     Example: pointit import rosbag2_2026_11_21 --map lab.yaml --to session.mcap
     """

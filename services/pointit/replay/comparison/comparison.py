@@ -103,7 +103,7 @@ class _Waiting:
         return len(self._samples)
 
     def add(self, sample: Sample) -> None:
-        """Take `sample`, which is not older than the others."""
+        """Add `sample`, which is not older than the others."""
         number = next(self._numbers)
         self._samples[number] = sample
         self._by_stamp.setdefault(sample.stamp_ns, collections.deque()).append(number)
@@ -177,7 +177,10 @@ class Comparison:
         self._looked_ns = 0
 
     def add(self, side: Side, sample: Sample) -> None:
-        """Take a message of one side. Those of each side come in order of time, both sides side by side."""
+        """Add a message of one side.
+
+        Each side's messages arrive in order of time, in parallel with the other's.
+        """
         topic = self._topics.get(sample.key)
         if topic is None:
             row = topic_of(sample.key)

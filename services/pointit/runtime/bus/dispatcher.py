@@ -41,13 +41,13 @@ class Dispatcher:
         """Return True if the dispatcher is closed."""
         return self._closed
 
-    def should_log(self, key: str, what: str) -> bool:
-        """Return True if a log line on `what` about the topic `key` is due. Any thread."""
+    def should_log(self, key: str, problem: str) -> bool:
+        """Return True if a log line on `problem` about the topic `key` is due. Any thread."""
         now_s = time.monotonic()
         with self._log_lock:
-            if now_s - self._logged_s.get((key, what), -math.inf) < LOG_PERIOD_S:
+            if now_s - self._logged_s.get((key, problem), -math.inf) < LOG_PERIOD_S:
                 return False
-            self._logged_s[key, what] = now_s
+            self._logged_s[key, problem] = now_s
             return True
 
     def schedule(self, mailbox: Drainable) -> None:

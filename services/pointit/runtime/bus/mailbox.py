@@ -264,4 +264,4 @@ class TapMailbox(Mailbox):
 
 
 def _ignore(_message: Any, _name: str) -> None:
-    """Take nothing."""
+    """Ignore the item."""

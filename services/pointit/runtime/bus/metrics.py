@@ -44,7 +44,7 @@ class DurationWindow:
         """Sum of the older durations."""
 
     def add(self, duration: float) -> None:
-        """Take one."""
+        """Add a duration."""
         self.values.append(duration)
         if len(self.values) >= FULL:
             self.fold()
@@ -172,6 +172,6 @@ class TopicMeter:
             by_s = max(reader.lateness.by_s for reader in self._readers)
             yield (
                 f"{late} messages on {self.topic.key} came later than others before them, the last by "
-                f"{by_s:.1f} s, and were left out: look at the link to who writes them, which is slow or "
+                f"{by_s:.1f} s, and were left out: check the link to their writer, which is slow or "
                 "loses much"
             )

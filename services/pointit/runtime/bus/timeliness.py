@@ -197,7 +197,7 @@ class ClockSkew:
         """Return a description of the difference, as seen from the machine `here`."""
         by = f"{abs(self.ahead_s) * 1e3:.0f} ms" if abs(self.ahead_s) < 1 else f"{abs(self.ahead_s):.1f} s"
         way = "ahead of" if self.ahead_s > 0 else "behind"
-        unless = "" if self.ahead_s > 0 else ", unless its link alone takes so long"
+        unless = "" if self.ahead_s > 0 else ", unless its link alone has this delay"
         what = (
             "samples that cross the two are refused as too old or of the future"
             if self.exceeds_limit

@@ -30,8 +30,8 @@ def is_there(room: str) -> bool:
         return False
 
 
-def import_room(module: str, what: str) -> ModuleType:
-    """Return `module`, imported for `what`.
+def import_room(module: str, part: str) -> ModuleType:
+    """Return `module`, imported for `part`.
 
     Raises:
         ConfigError: If it or its parent package is not part of this build.
@@ -41,7 +41,7 @@ def import_room(module: str, what: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if not f"{module}.".startswith(f"{error.name}."):
             raise
-        raise ConfigError(f"{what} is not part of this build of PointIt: there is no {error.name}") from error
+        raise ConfigError(f"{part} is not part of this build of PointIt: there is no {error.name}") from error
 
 
 CHECKOUT = Path(__file__).parents[4]

@@ -42,14 +42,14 @@ _paho_log = logging.getLogger("pointit.paho")
 _paho_log.setLevel(logging.CRITICAL)  # its errors are raised, too, and it would log them at every try
 
 
-def require_client(what: str) -> None:
-    """Check that the extra is installed, without which `what`, a plural, has no connection.
+def require_client(users: str) -> None:
+    """Check that the extra is installed, without which `users`, a plural, has no connection.
 
     Raises:
         ConfigError: If it is not.
     """
     if importlib.util.find_spec("aiomqtt") is None:
-        raise ConfigError(f"{what} need an extra: run {remedy('mqtt')}")
+        raise ConfigError(f"{users} need an extra: run {remedy('mqtt')}")
 
 
 def client_options(config: BrokerConfig) -> dict[str, Any]:

@@ -102,9 +102,9 @@ class PluginGuard:
                 f"{self.label} cannot be started ({describe(error)}); update or uninstall it"
             ) from error
 
-    def call(self, what: str, function: Callable[[], T]) -> T | None:
-        """Return the result of `function`, or None if it raises. The report names the call `what`."""
-        topic = f"{self.label}: {what}"
+    def call(self, call_name: str, function: Callable[[], T]) -> T | None:
+        """Return the result of `function`, or None if it raises. The report names the call `call_name`."""
+        topic = f"{self.label}: {call_name}"
         try:
             result = function()
         except Exception as error:  # code of others, which may raise anything

@@ -235,7 +235,7 @@ def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
     if person and person != credentials.link.name:
         remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"
     else:
-        remedy = "use credentials of who does that, or those of the site's supervisor"
+        remedy = "use credentials of that role, or those of the site's supervisor"
     return f"{credentials.description} may not {WORDS[verb]} {named}: {remedy}"
 
 

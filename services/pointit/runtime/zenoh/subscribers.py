@@ -57,7 +57,7 @@ class _Gap:
     wanted: set[int] = field(default_factory=set[int])
     held: dict[int, zenoh.Sample] = field(default_factory=dict[int, zenoh.Sample])
     given_up: int = 0
-    """Number of lost samples that are not queried, since no writer caches so many."""
+    """Number of lost samples that are not queried, since they exceed any writer's cache."""
     first_counted: int = 0
     """Sequence number before which missing samples may be older than the reader. They do not count as
     lost."""

@@ -357,7 +357,7 @@ class RobotSteering:
         return [self._cues.make("refused", choice.problem, now_ns)]
 
     def _change(self, now_ns: int) -> list[Output]:
-        """Take another robot instead of one without a path, if the person clearly points at one."""
+        """Choose another robot instead of one without a path, if the person clearly points at one."""
         choice = self._choice.press(now_ns)
         self._choice.reset()
         if choice.robot and choice.robot != self.robot:

@@ -111,7 +111,7 @@ class Keeper(Service[KeeperConfig]):
                     "room",
                     f"{self._retained.refused} states found no room among {len(self._retained)} of "
                     f"{self._retained.size / 1e6:.1f} MB and will not outlive their writers; raise "
-                    "max_values or max_mb, or find out which service writes so many",
+                    "max_values or max_mb, or find the service that writes them",
                 )
             if self._retained.changes != self._written:
                 self._changed.set()

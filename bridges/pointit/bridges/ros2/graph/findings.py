@@ -146,9 +146,9 @@ def _types(mine: Endpoint, counterparts: Iterable[Endpoint], matching: Matching)
 def _qualities(mine: Endpoint, counterparts: Iterable[Endpoint]) -> list[Finding]:
     """Return findings about QoS that does not match ours under the rules of DDS, even where it does here."""
     for why, clashes in (
-        ("wants it reliable from who sends it best effort", _is_too_lossy),
+        ("wants it reliable from a best-effort writer", _is_too_lossy),
         (
-            "wants what was sent before (transient local) from who keeps nothing (volatile)",
+            "wants earlier messages (transient local) from a writer that stores none (volatile)",
             _has_incompatible_durability,
         ),
     ):

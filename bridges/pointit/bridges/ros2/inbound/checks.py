@@ -21,44 +21,46 @@ MAX_NAME = 60
 """Maximum characters of a foreign name in a message."""
 
 
-def quaternion(value: Any, what: str) -> Quaternion | str:
+def quaternion(value: Any, label: str) -> Quaternion | str:
     """Return a geometry_msgs/Quaternion with norm 1, or the rejection."""
     q = (float(value.x), float(value.y), float(value.z), float(value.w))
     norm = math.hypot(*q)
     if not abs(norm - 1.0) <= NORM_TOLERANCE:  # false for NaN as well
-        return f"{what} is not a rotation: the norm of its quaternion is {norm:.4g}; send one with norm 1"
+        return f"{label} is not a rotation: the norm of its quaternion is {norm:.4g}; send one with norm 1"
     return rotation.normalized(q)
 
 
-def place(value: Any, what: str) -> Vec3 | str:
+def place(value: Any, label: str) -> Vec3 | str:
     """Return a geometry_msgs/Point or Vector3 in metres, or the rejection."""
     x, y, z = float(value.x), float(value.y), float(value.z)
     if not all(abs(each) <= FARTHEST for each in (x, y, z)):
-        return f"{what} is not a position: ({x:g}, {y:g}, {z:g}) m; send metres"
+        return f"{label} is not a position: ({x:g}, {y:g}, {z:g}) m; send metres"
     return (x, y, z)
 
 
-def velocity(value: Any, what: str) -> Vec3 | str:
+def velocity(value: Any, label: str) -> Vec3 | str:
     """Return a geometry_msgs/Vector3 in m/s, or why it cannot be used."""
     x, y, z = float(value.x), float(value.y), float(value.z)
     if not all(abs(each) <= FARTHEST for each in (x, y, z)):
-        return f"{what} is no velocity: ({x:g}, {y:g}, {z:g}) m/s; send m/s, or a covariance of -1 if unknown"
+        return (
+            f"{label} is no velocity: ({x:g}, {y:g}, {z:g}) m/s; send m/s, or a covariance of -1 if unknown"
+        )
     return (x, y, z)
 
 
-def heading(turned: Quaternion, what: str) -> float | str:
+def heading(turned: Quaternion, label: str) -> float | str:
     """Return the azimuth of the x axis, rad, or the rejection."""
     ahead = rotation.rotate(turned, (1.0, 0.0, 0.0))
     elevation = vector.elevation(ahead)
     if abs(elevation) > STEEPEST_RAD:
         return (
-            f"{what} has no heading: its x axis points {math.degrees(elevation):.0f}° up; send the frame at "
+            f"{label} has no heading: its x axis points {math.degrees(elevation):.0f}° up; send the frame at "
             "the person's feet, x forward, z up"
         )
     return vector.azimuth(ahead)
 
 
-def stamp(value: Any, context: ConversionContext, what: str) -> tuple[int, str]:
+def stamp(value: Any, context: ConversionContext, label: str) -> tuple[int, str]:
     """Return the time of capture, Unix ns, and a warning, or `""`. A bad stamp is replaced by now."""
     stamp_ns = int(value.sec) * NS_PER_S + int(value.nanosec)
     if stamp_ns == 0:
@@ -68,7 +70,7 @@ def stamp(value: Any, context: ConversionContext, what: str) -> tuple[int, str]:
         return max(stamp_ns, 0), ""
     side = "ahead of" if apart_ns > 0 else "behind"
     return context.stamp_ns, (
-        f"{what} is stamped {abs(apart_ns) / NS_PER_S:.1f} s {side} the site's clock, and counts as of its "
+        f"{label} is stamped {abs(apart_ns) / NS_PER_S:.1f} s {side} the site's clock, and counts as of its "
         "arrival: synchronize the clocks, or let both follow /clock"
     )
 

@@ -70,7 +70,7 @@ class GraphReader:
         return graph
 
     def forget(self) -> None:
-        """Let the next `read` query the whole graph."""
+        """Reset the cache, so that the next `read` queries the whole graph."""
         self._traits = None
 
     def _held(self, name: str, namespace: str) -> tuple[Traits, ...]:

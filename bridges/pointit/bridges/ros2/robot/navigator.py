@@ -320,7 +320,7 @@ class Navigator:
             self._book.on_unknown(goal)
 
     async def _clear(self) -> None:
-        """Cancel all goals of the server: one of an earlier run, which has crashed, is none of the book's."""
+        """Cancel all goals of the server: one of an earlier run, which has crashed, is not in the book."""
         self._is_clear = True  # unless another stop comes meanwhile
         try:
             await self._client.cancel(EVERY_GOAL)

@@ -251,7 +251,7 @@ class Outbox:
         if line is None:
             if len(self._lines) >= MAX_LINES:
                 self._site.bus.warn(
-                    "names", f"only {MAX_LINES} names are shown to ROS; end what writes so many keys"
+                    "names", f"only {MAX_LINES} names are shown to ROS; end the writers of the others"
                 )
                 return None
             ros = route.ros_name(self._site.state, name)

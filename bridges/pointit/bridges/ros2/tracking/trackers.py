@@ -205,7 +205,7 @@ def stated_velocity(seen: Sighting, own_frame: str, pose: Pose, lookup: FrameLoo
     return rotation.rotate(pose.orientation, seen.velocity_mps) if seen.has_heading else None
 
 
-def captured(stamp: Any, now_ns: int, what: str, stale_s: float) -> int | str:
+def captured(stamp: Any, now_ns: int, quantity: str, stale_s: float) -> int | str:
     """Return the time of a header's stamp, Unix ns, that of arrival for stamp 0, or the rejection."""
     stamp_ns = int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
     if stamp_ns == 0:
@@ -216,7 +216,7 @@ def captured(stamp: Any, now_ns: int, what: str, stale_s: float) -> int | str:
     side = "old" if age_ns > 0 else "ahead of the site's clock"
     limit_s = stale_s if age_ns > 0 else MAX_AHEAD_NS / NS_PER_S
     return (
-        f"{what} is {round_beyond(abs(age_ns) / NS_PER_S, limit_s)} s {side}, limit {limit_s:g} s: "
+        f"{quantity} is {round_beyond(abs(age_ns) / NS_PER_S, limit_s)} s {side}, limit {limit_s:g} s: "
         "synchronize the clocks, or let "
         "both follow /clock"
     )

@@ -29,7 +29,7 @@ MEMORY = 0.98
 RATIO = 0.5
 """Ratio of errors below which the other convention is used."""
 EARLY = 32
-"""Index from which a packet is none of the first ones after a start."""
+"""Index from which a packet is not one of the first ones after a start."""
 _VALUES = struct.Struct("<6h")
 
 

@@ -56,7 +56,10 @@ class LoopWatch:
         self._handle = asyncio.get_running_loop().call_later(BEAT_S, self._beat)
 
     def look(self) -> None:
-        """Measure. Called from another thread, every `LOOK_S`."""
+        """Update the longest time for which the loop was blocked.
+
+        Called from another thread, every `LOOK_S`.
+        """
         now_s = time.monotonic()
         if self._last_wakeup_s:
             self._excused_s += max(0.0, now_s - self._last_wakeup_s - LOOK_S)

@@ -64,9 +64,10 @@ async def _map(bus: Bus) -> Environment:
 
 
 def rows(room: Environment, events: Sequence[SelectionEvent] | None) -> tuple[Row, ...]:
-    """Return a row for each thing. `events`: those of which are counted, or None if unknown.
+    """Return a row for each thing.
 
-    Earlier ones than the map are of another map, or of another run, that may have things of the same names.
+    The events of a thing since the map's stamp are counted. Earlier ones belong to another map or run, which
+    may have things with the same names. `events`: all selection events, or None if unknown.
     """
     fired = Counter(
         event.thing

@@ -178,10 +178,9 @@ async def keep_connected(
 ) -> None:
     """Call `serve` again, `retry_s` after its connection was lost, until cancelled.
 
-    `on_lost` gets the reason and the remedy. Each `serve` is a task of its own: before Python 3.13, a task
-    whose TaskGroup has failed goes on as cancelled, in 3.11.2, that of Debian 12, to its next
-    `asyncio.timeout`;
-    and the group loses a cancellation that comes while it fails.
+    `on_lost` gets the reason and the remedy. Each `serve` is a separate task, since TaskGroup has two faults
+    before Python 3.13: a task whose group has failed still counts as cancelled (in 3.11.2 of Debian 12 until
+    its next `asyncio.timeout`), and the group loses a cancellation that arrives while it fails.
     """
     import aiomqtt  # noqa: PLC0415 - an extra
 

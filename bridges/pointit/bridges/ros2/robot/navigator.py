@@ -74,10 +74,10 @@ class ActionClient:
         )
 
     async def send(self, goal: bytes, value: Any) -> bool:
-        """Return True if the server accepts the goal `value` (a value of the type `…_Goal`).
+        """Send the goal `value` (of the type `…_Goal`). Return True if the server accepts it.
 
         Raises:
-            TimeoutError: If none is there, or it does not answer.
+            TimeoutError: If there is no server, or it does not answer.
         """
         answer = await self._call("send_goal", f"{self._kind}_SendGoal", ANSWER_S, goal, goal=value)
         return bool(answer.accepted)

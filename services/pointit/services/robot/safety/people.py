@@ -113,7 +113,7 @@ class PeopleNearRobot:
         return None
 
     def presence_stop_reason(self, user: str) -> StopReason | None:
-        """Return the reason not to do what `user` has ordered already, or None."""
+        """Return the reason to stop `user`'s present order, if their services have ended, or None."""
         if user not in self._gone_ns:
             return None
         text = f"{user}'s services have ended: {self._robot} waits until somebody takes it"

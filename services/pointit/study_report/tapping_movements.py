@@ -139,7 +139,7 @@ def effective(distance: Floats, error: Floats, before: Floats, seconds: Floats) 
 
 
 def groups_of_participants(trials: Trials, groups: Iterable[Group]) -> dict[str, list[Group]]:
-    """Return the groups that each participant should have: those with their levels of between-subject factors."""
+    """Return the groups that each participant should have: by its between-subject levels."""
     between = [factor for factor in trials.factors if not trials.is_within(factor)]
     own = {
         row.participant: {name: row.levels[trials.index(name)] for name in between} for row in trials.counted

@@ -124,10 +124,7 @@ class _Companion:
 
 
 class RunningScenario:
-    """The running services, in this process or in others.
-
-    Background services keep running when the scenario changes.
-    """
+    """Running services, in this process or others. Background services outlive a change of scenario."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Declarations of a participant in a broker: writers, readers, retained states, watchers, servers."""
+"""Endpoints that a participant of a broker declares: writers, readers, retained states, watchers, servers."""
 
 import asyncio
 import logging

@@ -33,7 +33,7 @@ class RequestServer(Protocol[Q_contra, R_co]):
         ...
 
 
-class RetainedStates(Protocol):
+class RetainedStateProvider(Protocol):
     """Delivers the last states of writers that are gone."""
 
     def deliver(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
@@ -69,10 +69,7 @@ class TopicReaders:
         return iter(self._entries)
 
     def matching(self, name: str) -> list[Mailbox]:
-        """Return the mailboxes that receive messages of `name`.
-
-        Publishers keep this list, which is updated.
-        """
+        """Return the list of mailboxes for messages of `name`. It is updated, so publishers keep it."""
         mailboxes = self._by_name.get(name)
         if mailboxes is None:
             mailboxes = _Mailboxes(mailbox for wanted, mailbox in self._entries if wanted in (ANY, name))
@@ -107,7 +104,7 @@ class LocalBroker:
         self.present: dict[str, dict[str, int]] = {}
         """Number of announcements by presence key and name."""
         self.watchers: dict[str, list[PresenceWatcher]] = {}
-        self.retained_servers: list[RetainedStates] = []
+        self.retained_servers: list[RetainedStateProvider] = []
         """Servers of retained states of writers that are gone."""
 
     def readers_of(self, topic: AnyTopic) -> TopicReaders:

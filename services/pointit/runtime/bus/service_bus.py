@@ -88,10 +88,7 @@ class ServiceBus:
         return {key for key, direction in self._meters if direction == "out"}
 
     def publisher(self, topic: Topic[M], name: str = "", *, timed: bool = True) -> Publisher[M]:
-        """Declare a writer of `topic.at(name)`.
-
-        If not `timed`, calls of `reached` measure its output's age.
-        """
+        """Declare a writer of `topic.at(name)`. If not `timed`, `reached` measures the age of its output."""
         inner = self._bus.publisher(topic, name)
         self._publishers.append(inner)
         latency = self._latency if timed else None

@@ -128,10 +128,7 @@ def service_command(service: type[AnyService], plugin: str = "") -> click.Comman
 def unavailable_command(
     name: str, scope: Scope, about: str, config: type[Config], error: ConfigError
 ) -> click.Command:
-    """Return the command of a service that is not installed.
-
-    It has a help text and raises `error` when run.
-    """
+    """Return the command of a service that is not installed: a help text, and `error` when run."""
 
     def callback(**_options: Any) -> NoReturn:
         raise error

@@ -120,10 +120,7 @@ class LinkWatch:
     """Tracks whether a client has its router. Logs a loss and a return once each."""
 
     def __init__(self, session: zenoh.Session, link: Link, on_back: Callable[[], None]) -> None:
-        """Watch the connections of `session`, which is connected now.
-
-        Call `on_back` after each reconnection.
-        """
+        """Watch the connected `session`. Call `on_back` after each reconnection."""
         self._link = link
         self._on_back = on_back
         self._why = ""

@@ -41,10 +41,7 @@ class LivelinessSubscriber:
         handler: Callable[[Mapping[str, bool]], None],
         dispatcher: Dispatcher,
     ) -> None:
-        """Watch `pattern`.
-
-        `dispatcher` calls `handler` with each token and True if it came, False if it went.
-        """
+        """Watch `pattern`. `handler` gets tokens with True if they came, False if they went."""
         self._session = session
         self._handler = handler
         self._dispatcher = dispatcher

@@ -121,10 +121,7 @@ class OverflowCounter:
 
 
 class BoundedWorkQueue(Generic[T]):
-    """A queue that is filled on any thread.
-
-    The loop in which it was created handles the items one after another.
-    """
+    """A queue that any thread fills. The loop in which it was created handles the items in order."""
 
     def __init__(self, key: str, work: Callable[[T], Iterable[object]], turned_away: OverflowCounter) -> None:
         """Create an empty queue. `work` returns an iterator over an item's steps, which run in the loop."""

@@ -121,10 +121,7 @@ async def open_cancellable(config: zenoh.Config, *, runtime: str = RUNTIME) -> z
 
 
 async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_TIMEOUT_S) -> None:
-    """Close `session` in a thread, since closing waits for running callbacks.
-
-    Return after `patience_s` at most.
-    """
+    """Close `session` in a thread, since closing waits for callbacks. Waits `patience_s` at most."""
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(patience_s):
             await in_daemon_thread(session.close, "zenoh-close")

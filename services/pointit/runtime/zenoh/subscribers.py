@@ -184,7 +184,7 @@ SILENT_S = 60.0
 class NameAllowlist:
     """Names that every reader of a bus accepts, such as the map's lamps.
 
-    Names made up by unknown peers cannot displace them.
+    Unknown peers cannot displace them.
     """
 
     def __init__(self) -> None:

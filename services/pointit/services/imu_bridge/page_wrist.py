@@ -58,10 +58,7 @@ class PageWrist:
         return "arm" if self._newest is None else self._newest.device
 
     def is_active(self, now_ns: int, speed: float = 1.0) -> bool:
-        """Return True if a page has moved the wrist within the timeout.
-
-        `speed`: clock speed over wall time.
-        """
+        """Return True if a page moved the wrist within the timeout. `speed`: clock over wall time."""
         received_ns = self._received_ns
         return received_ns is not None and abs(now_ns - received_ns) <= WRIST_PATIENCE_S * NS_PER_S * speed
 

@@ -74,10 +74,7 @@ class CurrentOrder:
         self._given = None
 
     def end(self, status: OrderStatus) -> Command | None:
-        """Update the status of an order.
-
-        Return the present command if it has ended. Earlier ones have ended.
-        """
+        """Update an order's status. Return the present command if it has ended. Earlier ones have."""
         given = self._given
         if given is None:
             return None

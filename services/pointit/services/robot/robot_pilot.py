@@ -240,10 +240,7 @@ class RobotPilot:
         self._halts |= change == "halt"
 
     def _change_owner(self, now_ns: int) -> None:
-        """Release the robot from a user that no longer wants it.
-
-        Assign it to the first user that may have it.
-        """
+        """Release the robot if its user does not want it. Assign it to the first user that may have it."""
         is_followed = self._kind == "not_pointing" and self.user in self._figure.followers
         if is_followed or self._owners.is_let_go():
             self._free()

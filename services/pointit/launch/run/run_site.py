@@ -118,8 +118,7 @@ async def surroundings(bus: Bus) -> Found:
 async def check_names(bus: Bus, people: Collection[str]) -> None:
     """Check that no other shard has the name of one of `people`.
 
-    It takes `LISTEN_S`, and `SILENT_S` more if one has: that shard may be dead, or about to serve such a
-    user.
+    It takes `LISTEN_S`, and `SILENT_S` more if one has: it may be dead, or about to serve the user.
 
     Raises:
         ConfigError: If there is such a shard.

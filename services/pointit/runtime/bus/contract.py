@@ -27,8 +27,7 @@ Handler = Callable[[M, str], None]
 Server = Callable[[Q, str], Awaitable[R]]
 """Takes a query and the value of the placeholder. Raises `RefusedError` with a sentence to refuse.
 
-Each answer is a separate task. It ends with the declaration that `serve` returned, not when the caller gives
-up.
+Each answer is a separate task. It ends with the declaration of `serve`, not when the caller gives up.
 """
 
 

@@ -82,8 +82,7 @@ class Dispatcher:
                 left -= 1
                 ready.popleft().drain()
         finally:
-            # A thread that added a buffer after the last check and before this line saw `is_awake`: check
-            # again.
+            # A thread that added a buffer since the last check saw `is_awake`: check again.
             self.is_awake = False
             if ready and not self._closed:
                 self.wake()

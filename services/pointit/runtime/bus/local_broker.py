@@ -145,7 +145,6 @@ class Participant:
 
     def _forget(self, task: asyncio.Task[Any]) -> None:
         self._tasks.discard(task)
-        # marks the error as retrieved, since the caller may be gone
-        error = None if task.cancelled() else task.exception()
+        error = None if task.cancelled() else task.exception()  # retrieved: the caller may be gone
         if error is not None and not isinstance(error, PointItError):  # waiting callers get the error
             log.error("%s failed", task.get_name(), exc_info=error)

@@ -36,8 +36,7 @@ class DurationWindow:
         """Create an empty histogram. `per_s` is the number of units per second of the added durations."""
         self.per_s = per_s
         self.values: list[float] = []
-        """The newest durations. A caller that appends directly, to save a call of `add`, must call `fold` if
-        they are `FULL`."""
+        """Newest durations. Callers that append without `add`, to save its call, `fold` them if `FULL`."""
         self._counts = [0] * (len(DURATION_BOUNDS_S) + 1)
         """Number of older durations in each bucket."""
         self._sum_s = 0.0

@@ -11,8 +11,7 @@ from pointit.schemas.topics import CLOCK
 TICK_PERIOD_S = 1.0
 """Period of published simulated time, in wall-clock seconds."""
 MAX_AHEAD_S = 2.0
-"""Maximum lead of a follower that is slowed down, in wall-clock seconds. A larger lead comes from another
-run."""
+"""Maximum lead of a slowed-down follower, wall-clock s. A larger one comes from another run."""
 SILENT_NS = 10 * NS_PER_S
 """Time without a tick of a regular source after which simulated time ends, in wall-clock seconds."""
 

@@ -25,16 +25,14 @@ STREAMS: frozenset[Topic[Any]] = frozenset((IMU, RAY, CURSOR, HOVER, OBJECTS))
 # Future
 
 MAX_AHEAD_NS = NS_PER_S
-"""Maximum lead of a stamp over this clock, ns. A larger one comes from another clock, and would make all
-later messages look late."""
+"""Maximum lead of a stamp over this clock, ns. A larger one would make all later messages look late."""
 
 # Order
 
 OLD_NS = NS_PER_S // 2
 """Age relative to the newest message, ns, above which a message is out of order. Below, it is only late."""
 MAX_LEAD_NS = 2 * NS_PER_S
-"""Maximum lead over the newest message with which a message becomes the newest, ns. Beyond it, the writer's
-clock may have jumped."""
+"""Maximum lead of a new newest message over the last, ns. Beyond it, the clock may have jumped."""
 SILENT_S = 1.0
 """If no message has followed the newest for this long (s), the clock was set or the writer changed."""
 

@@ -82,8 +82,7 @@ class Layers:
         """Return the configuration.
 
         Raises:
-            ConfigError: If a value is invalid. The message contains the source, the field, the value and the
-                error.
+            ConfigError: If a value is invalid. Names the source, the field and the value.
         """
         try:
             return validate(kind, self.values)

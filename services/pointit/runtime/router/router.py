@@ -6,8 +6,7 @@
 Zenoh reads access rules, passwords and certificates only when a session opens, so a router whose files have
 changed is reopened. Its clients are back after 0.1 s, and repeat their declarations automatically.
 
-The module also closes sockets of clients, counts their unsent bytes, and releases the ports of closed
-listeners.
+The module also closes sockets of clients, counts their unsent bytes, and releases ports of listeners.
 
 A closed QUIC listener of Zenoh keeps its UDP port until its last connection ends. Connections of clients that
 returned during the closing were never accepted, and end after 30 s.

@@ -41,8 +41,7 @@ SETS = "set_"
 CLOCK_TIMEOUT_S = 0.3
 """Timeout for the site's simulated time before a service starts, s. It usually takes ms."""
 CLOCK_REQUEST_TIMEOUT_S = 2.0
-"""The same timeout if the command line requires simulated time, s. Many processes may start slowly at
-once."""
+"""The same if the command line requires simulated time, s. Many processes may start at once."""
 
 
 def main(service: type[AnyService]) -> NoReturn:

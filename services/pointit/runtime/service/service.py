@@ -293,8 +293,7 @@ async def _report(
     guard: PluginGuard | None,
 ) -> bool:
     """Publish health until the bus is closed, or until a restart is due: then return True."""
-    # the bus was closed by its owner: the service ends without an error
-    with contextlib.suppress(BusClosedError):
+    with contextlib.suppress(BusClosedError):  # closed by its owner: no error
         while not clock.needs_restart():
             view.warn("twice", takeover.duplicate_instance_warning())
             view.warn("plug-in", "" if guard is None else guard.problem)

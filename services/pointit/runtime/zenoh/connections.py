@@ -67,13 +67,11 @@ class Connections:
     ) -> None:
         """Call `on_change` in the loop for each present connection of `session`, and after each change.
 
-        `endpoints`: addresses to which it connects, or at which it listens. `one`: a new connection replaces
-        the previous one.
+        `endpoints`: addresses to connect to or to listen at. `one`: new connections replace old ones.
         """
         self.routers: dict[str, bool] = {}
         """True for a router, False for another session, by the id of each connected session."""
-        # connects minus disconnects by id: Zenoh's threads report them in any order
-        self._ups: Counter[str] = Counter()
+        self._ups: Counter[str] = Counter()  # connects minus disconnects: they are reported in any order
         self._one = one
         self._on_change = on_change
         self._ports = ports_of(endpoints)

@@ -19,8 +19,7 @@ from pointit.schemas import SchemaError
 from pointit.schemas.topics import ANY, Presence
 
 MAX_TOKEN_CHARACTERS = 5000
-"""Maximum characters of a token. A longer token is cut. It still counts as present, though no key has such a
-form."""
+"""Maximum characters of a token. Longer ones are cut. They count as present, but no key has that form."""
 
 
 class LivelinessSubscriber:

@@ -30,8 +30,7 @@ WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """Delays before the messages of a round are written again, s."""
 MIN_COMPLETE_ROUNDS = 3
 """Complete rounds in which a message must be missing to count as denied. A round is complete when its last
-message, which all may write, has arrived. A busy machine delays whole rounds, since sessions deliver in
-order."""
+message, which all may write, has arrived. Sessions deliver in order."""
 RETRY_S = (2.0, 5.0, 15.0, 60.0)
 """Delays before denied rights are tested again, s. The last one repeats. A restarted router answers late
 while all its clients reconnect, and rules may change."""

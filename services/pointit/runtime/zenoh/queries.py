@@ -25,8 +25,7 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 MAX_WAITING = 512
-"""Maximum length of a queue: twice the number of calls that one server answers at a time. Further items are
-rejected."""
+"""Maximum length of a queue, twice the calls that a server answers at a time. Others are rejected."""
 SLICE_S = 0.001
 """Maximum time for which one queue is handled in a turn of the loop, s. Other tasks run between turns."""
 SHOWN_S = 5.0

@@ -38,11 +38,9 @@ MAX_OF_FIRST = 3
 """Number of queries for events before a writer's first event. Not every writer caches its events."""
 TIMEOUT_S = 2.0
 MAX_GAPS = 32
-"""Maximum number of writers that are queried at a time. Lost events of others are not queried, which bounds
-memory."""
+"""Maximum number of writers queried at a time. Others are not queried, which bounds memory."""
 MAX_WRITERS = 1000
-"""Maximum number of writers whose last sequence number is stored. The oldest is evicted first, which bounds
-memory."""
+"""Maximum number of stored sequence numbers of writers. The oldest is evicted, which bounds memory."""
 
 Writer = tuple[str, int]
 """Session id, and number of the writer in the session."""
@@ -59,8 +57,7 @@ class _Gap:
     given_up: int = 0
     """Number of lost samples that are not queried, since they exceed any writer's cache."""
     first_counted: int = 0
-    """Sequence number before which missing samples may be older than the reader. They do not count as
-    lost."""
+    """Sequence number before which missing samples, perhaps older than the reader, are not lost."""
 
 
 class EventRecovery:
@@ -148,8 +145,7 @@ class EventRecovery:
                 missing = gap.wanted - gap.held.keys()
             if not missing:  # they arrived late without a query
                 break
-            # One sample more than the missing ones: its answer comes last and shows that the answer is
-            # complete.
+            # One sample more than the missing ones: it comes last and shows that the answer is complete.
             first, beyond = min(missing), max(missing) + 1
             selector = f"{gap.about}?_sn={first}..{beyond}"
             samples = await query_samples(self._session, selector, timeout_s=TIMEOUT_S, under_any_key=True)
@@ -182,10 +178,7 @@ SILENT_S = 60.0
 
 
 class NameAllowlist:
-    """Names that every reader of a bus accepts, such as the map's lamps.
-
-    Unknown peers cannot displace them.
-    """
+    """Names that every reader of a bus accepts in spite of unknown peers, such as the map's lamps."""
 
     def __init__(self) -> None:
         self._retained: dict[str, frozenset[str]] = {}

@@ -91,8 +91,7 @@ class DatagramSender:
     def send(self, payload: bytes, age_s: float | None = None) -> None:
         """Send `payload`.
 
-        It replaces an unsent one. `age_s`: age of the captured data that it shows, s, or None if it shows
-        none.
+        It replaces an unsent one. `age_s`: age of the captured data in it, s, or None.
         """
         self._payload = payload
         self._shown_s, self._age_s = asyncio.get_running_loop().time(), age_s

@@ -252,8 +252,7 @@ class StripContent:
         rows: list[tuple[int, TrackedObject, int]] = []
         for _, tracked in self._objects.values():
             rows += [(line, item, tracked.stamp_ns) for line, item in self._on_lines(tracked.objects)]
-        # cursors and other moving lights are drawn over a thing's light
-        rows.sort(key=lambda row: not row[1].lit)
+        rows.sort(key=lambda row: not row[1].lit)  # moving lights are drawn over a thing's light
         ids: dict[str, list[int]] = {}
         for index, (_, item, _) in enumerate(rows):
             ids.setdefault(item.id, []).append(index)

@@ -66,8 +66,7 @@ MAX_TRIES = 5
 SAME_TARGET_M = 0.1
 """Change of a target that is not worth an order, m. A cursor trembles by some centimetres."""
 NODES_AHEAD = 4
-"""Maximum number of released nodes ahead of the AGV. It must suffice for updates to arrive before the AGV
-brakes."""
+"""Maximum number of released nodes ahead of the AGV. Updates must arrive before the AGV brakes."""
 
 Outcome = Literal["accepted", "done", "cancelled", "refused", "failed"]
 Tell = Callable[[int, Outcome, str], None]

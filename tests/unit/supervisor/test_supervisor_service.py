@@ -27,7 +27,7 @@ from pointit.schemas import (
 from pointit.services.registry import process
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.service import Supervisor
-from pointit.services.user_sim.decision.perceived_state import Belief
+from pointit.services.user_sim.decision.perceived_state import PerceivedState
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.supervisor.played import Gesture, S, pose, press
 
@@ -295,6 +295,6 @@ async def test_a_text_for_the_person_is_a_cue_that_changes_nothing(anna: Person)
     await until(lambda: len(anna.cues) == 1)
     (cue,) = anna.cues
     assert (cue.text, cue.chime, cue.target_id) == ("tea is ready", "single", "")
-    belief = Belief()
+    belief = PerceivedState()
     belief.on_cue(cue, 1)
     assert (said.message, belief.state, anna.states) == ("anna is told", "idle", ["idle"])

@@ -16,7 +16,7 @@ from pointit.bridges.home_assistant.connection import (
 )
 from pointit.bridges.home_assistant.entity_commands import EntityCommands
 from pointit.bridges.home_assistant.home_action import HomeAction
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError, RefusedError, RequestError
 from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service

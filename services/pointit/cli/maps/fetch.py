@@ -131,7 +131,7 @@ def command(
     found: list[Mapping[str, Any]] = []
 
     async def fetch() -> int:
-        found.append(await fetched(config, request, say=_say, telling=notify_if_slow))
+        found.append(await fetched(config, request, say=_say, notice=notify_if_slow))
         return 0
 
     bridge = logging.getLogger("pointit.bridges.ros2")

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected
 from pointit.cli.common.output import OutputSection, print_file, say, show
-from pointit.maps.edit.document import edited
+from pointit.maps.edit.edited_map import edited
 from pointit.maps.edit.edits import Add
 from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import parse_map_file
 from pointit.maps.light_files.named_strips import free_name
 from pointit.maps.model import MAX_LABEL
 from pointit.runtime.config.config import Layers, environment_prefix
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.atomic_file import read_limited, replaced_file
 

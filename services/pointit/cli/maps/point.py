@@ -24,7 +24,7 @@ from pointit.maps.edit.edits import SetValue
 from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import parse_map_file, to_message
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.config.similar_names import nearest
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError, NoMessageError, RefusedError
 from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown

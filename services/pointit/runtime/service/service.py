@@ -18,13 +18,7 @@ from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
-from pointit.runtime.service.plugin_guard import (
-    MAX_WAIT_S,
-    PluginGuard,
-    describe,
-    first_leaf,
-    watch_for_stalls,
-)
+from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_leaf, watch_for_stalls
 from pointit.runtime.service.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of
@@ -37,6 +31,8 @@ C = TypeVar("C", bound=Config)
 Scope = Literal["site", "user"]
 
 HEALTH_PERIOD_S = 1.0
+START_S = 30.0
+"""Time in which a plug-in that is alone in its process ends it if it is refused, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,12 +184,12 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     Whatever it raises ends it and is raised here, in a group. A service is present from when it is ready
     until all its tasks have ended. It is restarted if `clock` was set back too far to be slewed. A service of
     another package is also restarted, with back-off, whenever it ends or raises. If it is alone in its
-    process, a `PointItError` in its first `MAX_WAIT_S` ends it: its user is still looking.
+    process, a `PointItError` in its first `START_S` ends it: its user is still looking.
     """
     if launch.user:
         check_user(launch.user)
     guard = PluginGuard(launch.plugin, NullHealth()) if launch.plugin else None
-    started_s = asyncio.get_running_loop().time() + MAX_WAIT_S if launch.is_alone else 0.0
+    started_s = asyncio.get_running_loop().time() + START_S if launch.is_alone else 0.0
     while True:
         steady = SteadyClock(clock, may_step=launch.service.TIME_MAY_STEP)
         error: Exception | None = None

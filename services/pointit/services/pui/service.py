@@ -29,19 +29,7 @@ from pointit.schemas import (
     UseMap,
     UseMapReply,
     UserPose,
-)
-from pointit.schemas.topics import (
-    CURSOR,
-    FEEDBACK,
-    INTERACTION,
-    MAP,
-    OBJECTS,
-    POSE,
-    RAY,
-    SET_TOLERANCE,
-    SET_WORKSPACE,
-    USE_MAP,
-    USER_ALIVE,
+    topics,
 )
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
@@ -84,8 +72,8 @@ class Pui(Service[PuiConfig]):
         )
         self._duplicate_finder = DuplicateFinder()
         self._persons: dict[str, PersonCursor] = {}
-        self._cursors = functools.cache(functools.partial(self.bus.publisher, CURSOR))
-        self._cues = functools.cache(functools.partial(self.bus.publisher, FEEDBACK))
+        self._cursors = functools.cache(functools.partial(self.bus.publisher, topics.CURSOR))
+        self._cues = functools.cache(functools.partial(self.bus.publisher, topics.FEEDBACK))
         empty_environment = Environment(stamp_ns=0, name="")
         self._room = _Room(Surfaces(empty_environment, may_be_empty=True), None, Tracked(empty_environment))
         self._has_map = bool(config.map_to_read)
@@ -100,21 +88,21 @@ class Pui(Service[PuiConfig]):
             except ValueError as error:
                 raise ConfigError(f"pui: {error}") from error
             if not config.people:
-                self._maps = self.bus.publisher(MAP)
+                self._maps = self.bus.publisher(topics.MAP)
                 self._maps.put(environment)
                 self._environment = environment
         else:
-            self.bus.subscribe(MAP, self._on_map)
-        self._share.serve(SET_WORKSPACE, self._on_workspace)
+            self.bus.subscribe(topics.MAP, self._on_map)
+        self._share.serve(topics.SET_WORKSPACE, self._on_workspace)
         if not config.people:
-            self.bus.serve(SET_TOLERANCE, self._on_tolerance)
-            self.bus.serve(USE_MAP, self._on_use_map)
+            self.bus.serve(topics.SET_TOLERANCE, self._on_tolerance)
+            self.bus.serve(topics.USE_MAP, self._on_use_map)
         self.bus.set_metric("default tolerance", config.tolerance_deg, "°")
-        self.bus.subscribe(OBJECTS, self._on_objects)
-        self._share.subscribe(POSE, self._on_pose)
-        self._share.subscribe(INTERACTION, self._on_interaction)
-        self._share.subscribe(RAY, self._on_ray, drops_late=bool)  # all: a message is true
-        self.bus.watch(USER_ALIVE, self._on_presence)
+        self.bus.subscribe(topics.OBJECTS, self._on_objects)
+        self._share.subscribe(topics.POSE, self._on_pose)
+        self._share.subscribe(topics.INTERACTION, self._on_interaction)
+        self._share.subscribe(topics.RAY, self._on_ray, drops_late=bool)  # all: a message is true
+        self.bus.watch(topics.USER_ALIVE, self._on_presence)
 
     @classmethod
     def validate_config(cls, config: PuiConfig) -> None:
@@ -140,7 +128,7 @@ class Pui(Service[PuiConfig]):
         room, things = self._environment, listing(self._environment, 0)
         while True:
             while object_publisher is not None or self._environment.fixed_things:
-                object_publisher = object_publisher or self.bus.publisher(OBJECTS, TRACKER)
+                object_publisher = object_publisher or self.bus.publisher(topics.OBJECTS, TRACKER)
                 if room is not self._environment:
                     room, things = self._environment, listing(self._environment, 0)
                 object_publisher.put(things.model_copy(update={"stamp_ns": self.clock.now_ns()}))

@@ -766,6 +766,10 @@ export interface Thing {
    * time on it that selects it, s; the method's if empty
    */
   dwell_s: number | null;
+  /**
+   * entity there, or JSON: entity, action, data
+   */
+  home_assistant: string;
   id: string;
   /**
    * the tracked object of this id, wherever that is

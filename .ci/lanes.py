@@ -106,7 +106,11 @@ ROOMS = {
             *("tests/e2e/web/test_speech.py", "tests/unit/cli", "tests/unit/cli_run"),
         ),
     ),
-    "motion capture": Room((f"{BRIDGES}mocap",), ("tests/unit/mocap",), ("tests/unit/cli",)),
+    "motion capture": Room(
+        (f"{BRIDGES}mocap",), ("tests/unit/mocap", "tests/devices/test_mocap.py"), ("tests/unit/cli",)
+    ),
+        (f"{BRIDGES}mocap",), ("tests/unit/mocap", "tests/devices/test_mocap.py"), ("tests/unit/cli",)
+    ),
     "robots": Room(
         (
             *(f"{PRODUCT}services/{name}" for name in ("goal", "robot", "robot_replay")),

@@ -52,8 +52,14 @@ def with_a_server(kind: type[Config], _folder: Path) -> Config:
     return kind.model_validate({"server": "127.0.0.1", "port": 1, "bodies": bodies})
 
 
+def at_a_home(kind: type[Config], folder: Path) -> Config:
+    (folder / "token").write_text("token", encoding="utf-8")
+    return kind.model_validate({"url": "http://127.0.0.1:1", "token_file": str(folder / "token")})
+
+
 CONFIGURATIONS: dict[str, Callable[[type[Config], Path], Config]] = {
     "agv-tracker": without_a_broker,
+    "home-assistant": at_a_home,
     "mocap": with_a_server,
     "recorder": to_a_file_of_its_own,
     "robot-replay": with_a_recording,

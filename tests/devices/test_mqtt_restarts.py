@@ -19,7 +19,7 @@ from pointit.schemas import (
     SetThing,
 )
 from pointit.schemas.topics import READ_HISTORY, SELECTION, SELECTION_EVENTS, SET_THING
-from pointit.services.selector.outputs import TOLD_AGAIN
+from pointit.services.selector.outputs import REPEATED_REASON
 from tests.support.bench import Bench, memory_bench, until
 from tests.support.mqtt import broker, overheard
 from tests.support.mqtt_things import ROOM, Heard, found, point, published, room, state_topic, thing, told
@@ -183,7 +183,7 @@ async def test_an_event_that_a_restarted_selector_tells_again_is_published_once(
             await until(lambda: any(payload == b"online" for _, payload in heard), what="a connection")
             fields = {"stamp_ns": 1, "event": "selected", "object_id": "screws", "user": "anna"}
             bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
-            bench.put(SELECTION_EVENTS, SelectionEvent.model_validate({**fields, "reason": TOLD_AGAIN}))
+            bench.put(SELECTION_EVENTS, SelectionEvent.model_validate({**fields, "reason": REPEATED_REASON}))
             point(bench, "seat")
             await until(lambda: watcher.summary()["mqtt"]["events"] == 2, what="the events")
         assert len(told(heard, state_topic(bench).replace("radio", "screws"))) == 1

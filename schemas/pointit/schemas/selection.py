@@ -48,6 +48,10 @@ class Selection(Message):
     ] = None
 
 
+REPEATED_REASON = "told again after a restart of the selector"
+"""Reason of an event that subscribers may have received before: same object, event, stamp and number."""
+
+
 class SelectionEvent(Message):
     """Something happened to an object: a person (de)selected it, or it left."""
 

@@ -14,7 +14,7 @@ from pointit.cli.inspect.audit import command as audit_command
 from pointit.runtime.host.state_file import state_directory
 from pointit.runtime.host.store import read_rows
 from pointit.schemas import ConveyorState, Departure, topics
-from pointit.services.selector.outputs import TOLD_AGAIN
+from pointit.services.selector.outputs import REPEATED_REASON
 from pointit.services.selector.service import Selector
 from pointit.services.selector.store.journal import Journal
 from pointit.services.selector.store.journal_table import FILE
@@ -55,7 +55,7 @@ async def test_selections_survive_a_kill_and_counting_goes_on(kill: Callable[[st
         assert site.selections[0].objects == before
         # of the last event it was not written yet that it was told; who reads can tell that it is the same
         assert [event.model_copy(update={"reason": ""}) for event in again] == events[-len(again) :]
-        assert {event.reason for event in again} == {TOLD_AGAIN}
+        assert {event.reason for event in again} == {REPEATED_REASON}
         await site.stay("carl", 1.0, "a", "b")
         assert [(event.event, event.user, event.seq) for event in again[-1:]] == [("refused", "carl", 3)]
         assert site.selections[-1].objects == before

@@ -22,8 +22,8 @@ from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Environment, Hover, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
+from pointit.schemas.selection import REPEATED_REASON
 from pointit.schemas.topics import HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
-from pointit.services.selector.outputs import TOLD_AGAIN
 
 USER = "home-assistant"
 """Name by which it switches things."""
@@ -177,7 +177,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         thing, action = self._things.get(event.object_id, (None, None))
-        is_old = event.user == USER or event.reason.endswith(TOLD_AGAIN)
+        is_old = event.user == USER or event.reason.endswith(REPEATED_REASON)
         if thing is None or action is None or is_old or not event.is_reaction(thing.mode):
             return
         # what is pointed at without a connection would happen long after

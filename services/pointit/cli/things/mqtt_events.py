@@ -26,8 +26,8 @@ from pointit.runtime.mqtt.broker_config import FORM, BrokerConfig
 from pointit.runtime.mqtt.payload_words import is_on, is_online
 from pointit.schemas import Environment, ReadHistory, SelectedObject, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
+from pointit.schemas.selection import REPEATED_REASON
 from pointit.schemas.topics import READ_HISTORY, SELECTION, SELECTION_EVENTS, SET_THING
-from pointit.services.selector.outputs import TOLD_AGAIN
 
 log = logging.getLogger(__name__)
 
@@ -267,7 +267,7 @@ class MqttThings:
         thing = self._things.get(event.object_id)
         publication = self._announcements.event(thing, event) if thing is not None else None
         # events from before a restart of the selector have been published
-        if publication is None or event.reason.endswith(TOLD_AGAIN):
+        if publication is None or event.reason.endswith(REPEATED_REASON):
             return
         # what was pointed at while there was no broker would happen long after
         if not self._is_connected or self._publications.full():

@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple
 
 from pointit.schemas import Announced, Claim, Feedback, Hover, Selection, SelectionEvent
 from pointit.schemas.base import Count, Fraction, Ns
+from pointit.schemas.selection import REPEATED_REASON
 
 Event = Literal["selected", "deselected", "refused", "left"]
 
@@ -19,9 +20,6 @@ Action = Literal["", "select", "deselect", "refuse"]
 
 CHANGES: tuple[Action, ...] = ("select", "deselect")
 """Effects that change an object."""
-
-TOLD_AGAIN = "told again after a restart of the selector"
-"""Reason of an event that subscribers may have received before: same object, event, stamp and number."""
 
 
 class Output(NamedTuple):
@@ -77,7 +75,7 @@ def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent
         object_id=record.object_id,
         kind=record.kind,
         user=record.owner if record.event == "selected" else record.user,
-        reason="; ".join(part for part in (record.reason, TOLD_AGAIN if again else "") if part),
+        reason="; ".join(part for part in (record.reason, REPEATED_REASON if again else "") if part),
         cause=record.cause,
         confidence=record.confidence,
     )

@@ -24,8 +24,6 @@ from pointit.schemas.topics import HEALTH, IMU, MAP, OBJECTS, POSE
 from tests.support.bench import background, until
 from tests.unit.mocap.natnet_encoder import Body, Server, serving
 
-pytestmark = pytest.mark.wall_time
-
 YAW_RAD = 0.7
 NAMES = {1: "cup", 2: "cap", 3: "cuff"}
 BODIES = {"cup": {"kind": "red"}, "cap": {"person": "anna"}, "cuff": {"person": "anna", "part": "forearm"}}

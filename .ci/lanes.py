@@ -109,8 +109,6 @@ ROOMS = {
     "motion capture": Room(
         (f"{BRIDGES}mocap",), ("tests/unit/mocap", "tests/devices/test_mocap.py"), ("tests/unit/cli",)
     ),
-        (f"{BRIDGES}mocap",), ("tests/unit/mocap", "tests/devices/test_mocap.py"), ("tests/unit/cli",)
-    ),
     "robots": Room(
         (
             *(f"{PRODUCT}services/{name}" for name in ("goal", "robot", "robot_replay")),

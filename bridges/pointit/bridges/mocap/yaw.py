@@ -10,10 +10,10 @@ import bisect
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
@@ -144,7 +144,7 @@ class ForearmYaw:
             self._moved_ns = middle_ns if moved else self._moved_ns
             if middle_ns - self._moved_ns > HOLD_NS:
                 return
-        turn = _rotation_vectors(_product(last[None], _inverse(first[None])))[0]
+        turn = (Rotation.from_quat(last) * Rotation.from_quat(first).inv()).as_rotvec()
         self._pairs.append(_Pair(middle_ns, arm, body, turn / ((end_ns - begin_ns) / NS_PER_S)))
 
 
@@ -157,10 +157,11 @@ def _replaces(new: ForearmYawEstimate, old: ForearmYawEstimate) -> bool:
 
 def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
     """Return the yaw of the latest pair, by least squares over all, or None if it does not show."""
-    arms, bodies = np.array([each.arm for each in pairs]), np.array([each.body for each in pairs])
+    arms = Rotation.from_quat([each.arm for each in pairs])
+    bodies = Rotation.from_quat([each.body for each in pairs])
     rates = np.array([each.rate_radps for each in pairs])
     yaw_rad, delay_s = _first_yaw(arms, bodies), 0.0
-    mount = _mean(_product(_inverse(_product(_about_z(yaw_rad), arms)), bodies))
+    mount = ((Rotation.from_rotvec((0.0, 0.0, yaw_rad)) * arms).inv() * bodies).mean()
     count = len(pairs)
     weights = np.ones(count)
     ages_s = np.array([each.stamp_ns - pairs[-1].stamp_ns for each in pairs]) / NS_PER_S
@@ -169,11 +170,10 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
     matrix, residuals = np.zeros((count, 3, 6)), np.empty((count, 3))
     prior = np.diag([0.0, 0.0, 0.0, 0.0, (NOISE_RAD / DELAY_SIGMA_S) ** 2, (NOISE_RAD / DRIFT_RADPS) ** 2])
     for _ in range(ITERATIONS):
-        turned = _product(_about_z(yaw_rad), arms)
-        residuals = _rotation_vectors(_product(bodies, _inverse(_product(turned, mount[None]))))
-        residuals = residuals - delay_s * rates
+        turned = Rotation.from_rotvec((0.0, 0.0, yaw_rad)) * arms
+        residuals = (bodies * (turned * mount).inv()).as_rotvec() - delay_s * rates
         residuals[:, 2] -= drift_radps * ages_s
-        matrix[:, 2, 0], matrix[:, :, 1:4], matrix[:, :, 4] = 1.0, _matrices(turned), rates
+        matrix[:, 2, 0], matrix[:, :, 1:4], matrix[:, :, 4] = 1.0, turned.as_matrix(), rates
         matrix[:, 2, 5] = ages_s
         lengths = np.linalg.norm(residuals, axis=1)
         limit = 3.0 * max(NOISE_RAD, float(np.median(lengths)))
@@ -188,7 +188,7 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
         step = inverse @ (weighted.T @ residuals.ravel() - beyond_prior)
         yaw_rad, delay_s = yaw_rad + float(step[0]), delay_s + float(step[4])
         drift_radps += float(step[5])
-        mount = _product(_from_rotation_vector(step[1:4])[None], mount[None])[0]
+        mount = Rotation.from_rotvec(step[1:4]) * mount
     variance = _yaw_variance(pairs, matrix * weights[:, None, None], residuals, inverse)
     if variance is None:
         return None
@@ -218,63 +218,12 @@ def _yaw_variance(pairs: list[_Pair], matrix: Array, residuals: Array, inverse: 
     return WANDER_RAD**2 + max(noise / shown, spread * (known / shown) ** 2)
 
 
-def _first_yaw(arms: Array, bodies: Array) -> float:
+def _first_yaw(arms: Rotation, bodies: Rotation) -> float:
     """Return the yaw by which the axes of turns agree. How the body sits on the arm does not matter."""
     chosen = np.linspace(0, len(arms) - 1, min(len(arms), 40)).astype(int)
     first, second = np.triu_indices(len(chosen), 1)
     first, second = chosen[first], chosen[second]
-    a = _rotation_vectors(_product(arms[second], _inverse(arms[first])))
-    b = _rotation_vectors(_product(bodies[second], _inverse(bodies[first])))
+    a = (arms[second] * arms[first].inv()).as_rotvec()
+    b = (bodies[second] * bodies[first].inv()).as_rotvec()
     across = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
     return math.atan2(across, float((a[:, :2] * b[:, :2]).sum()))
-
-
-def _product(a: Array, b: Array) -> Array:
-    ax, ay, az, aw = np.moveaxis(a, -1, 0)
-    bx, by, bz, bw = np.moveaxis(b, -1, 0)
-    parts: Any = (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-    return np.stack(parts, axis=-1)
-
-
-def _inverse(q: Array) -> Array:
-    return q * (-1.0, -1.0, -1.0, 1.0)
-
-
-def _about_z(yaw_rad: float) -> Array:
-    return np.array([[0.0, 0.0, math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)]])
-
-
-def _mean(q: Array) -> Array:
-    _, vectors = np.linalg.eigh(q.T @ q)
-    mean: Array = vectors[:, -1]
-    return mean
-
-
-def _rotation_vectors(q: Array) -> Array:
-    q = np.where(q[:, 3:] < 0.0, -q, q)
-    lengths = np.linalg.norm(q[:, :3], axis=1)
-    factors = np.where(lengths > 1e-9, 2.0 * np.arctan2(lengths, q[:, 3]) / np.maximum(lengths, 1e-12), 2.0)
-    vectors: Array = q[:, :3] * factors[:, None]
-    return vectors
-
-
-def _from_rotation_vector(vector: Array) -> Array:
-    angle = float(np.linalg.norm(vector))
-    scale = 0.5 if angle < 1e-9 else math.sin(angle / 2) / angle
-    return np.array([*(vector * scale), math.cos(angle / 2)])
-
-
-def _matrices(q: Array) -> Array:
-    """Return the rotation matrices (n x 3 x 3)."""
-    x, y, z, w = q.T
-    rows: Any = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.moveaxis(np.array(rows), -1, 0)

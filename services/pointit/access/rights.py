@@ -47,6 +47,9 @@ INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
 """Topics for operators of the site."""
 PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
 """Topics that viewers and other people never get: a person's movements and words."""
+WITH_OWN_IDENTITY = (RECORDER, "mocap", HOME_ASSISTANT.name)
+"""Shared services that may do more than the others, such as read movements, write poses or switch things. On a
+secured site each of them needs an identity of its own: `pointit site service add NAME`."""
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)
@@ -195,17 +198,18 @@ def _presences(rows: Iterable[Process]) -> list[str]:
 
 def _services() -> Rights:
     shared = shared_services()
+    common = [row for row in shared if row.name not in WITH_OWN_IDENTITY]
     return Rights(
         writes=_sorted(
             [
-                *_anywhere(row.writes for row in shared),
+                *_anywhere(row.writes for row in common),
                 *_anywhere([(CLOCK, DEPLOYMENT)]),
                 *_health_publishers(shared),
             ]
         ),
-        reads=_anywhere([*(row.reads for row in shared if row.name != RECORDER), viewer_topics()]),
+        reads=_anywhere([*(row.reads for row in common), viewer_topics()]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
-        asks=_anywhere([FOR_ALL, _asked(shared)]),
+        asks=_anywhere([FOR_ALL, _asked(common)]),
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
             [

@@ -74,7 +74,8 @@ def may_write(me: str, topic: object, name: str) -> bool:
             or topic in (topics.SPEECH, topics.UNDERSTOOD)
         )
     if role == "services":
-        shared_writers = any(row.scope == "site" and row.name not in ("web", "ros2") for row in writers)
+        others = ("web", "ros2", "mocap", "home-assistant")  # have identities of their own
+        shared_writers = any(row.scope == "site" and row.name not in others for row in writers)
         return shared_writers or topic in (topics.CLOCK, topics.DEPLOYMENT)
     return role == "web" and topic in (topics.WRIST, topics.BUTTON, topics.STEP, topics.SPEECH)
 

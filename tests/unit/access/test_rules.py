@@ -159,6 +159,20 @@ def test_the_bridge_to_ros_stands_for_people_and_no_other_bridge_does(name: str)
     assert not {row.at(topics.ANY) for row in of_people_and_operators} & set(rights_of("ros2", "ros2").asks)
 
 
+def test_services_that_read_movements_or_switch_things_have_an_identity_of_their_own() -> None:
+    shared, capture, home = (
+        rights_of("services", "services"),
+        rights_of("service", "mocap"),
+        rights_of("service", "home-assistant"),
+    )
+    for right, key in (("reads", topics.IMU.key), ("writes", topics.POSE.key)):
+        pattern = key.replace("{user}", "*")
+        assert pattern in getattr(capture, right)
+        assert pattern not in getattr(shared, right)
+    switch = topics.SET_THING.key.replace("{user}", "*")
+    assert (switch in home.asks, switch in shared.asks, switch in capture.asks) == (True, False, False)
+
+
 def test_a_supervisor_may_do_everything_on_the_site_and_nothing_in_the_admin_space() -> None:
     rules = rules_of("lab", "supervisor", rights_of("supervisor", "supervisor"))
     for message in MESSAGES:

@@ -48,8 +48,8 @@ INTERNAL: tuple[Topic[Any], ...] = (CONFIGURATION, SERVED)
 PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
 """Topics that viewers and other people never get: a person's movements and words."""
 WITH_OWN_IDENTITY = (RECORDER, "mocap", HOME_ASSISTANT.name)
-"""Shared services that may do more than the others, such as read movements, write poses or switch things. On a
-secured site each of them needs an identity of its own: `pointit site service add NAME`."""
+"""Shared services that may do more than the others, such as read movements, write poses or switch things. On
+a secured site each of them needs an identity of its own: `pointit site service add NAME`."""
 RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
 """Requests open to all roles: they change nothing, and repeat what all may read."""
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)

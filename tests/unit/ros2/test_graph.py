@@ -96,7 +96,7 @@ RELIABLE = Qos()
         (LATCHED, RELIABLE, ""),
         (LATCHED, SENSOR, ""),
         (SENSOR, RELIABLE, "wants it reliable"),
-        (RELIABLE, LATCHED, "wants what was sent before"),
+        (RELIABLE, LATCHED, "wants earlier messages"),
         (SENSOR, LATCHED, "wants it reliable"),
         (None, LATCHED, ""),
     ],

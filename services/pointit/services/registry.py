@@ -139,22 +139,6 @@ GOAL = Process(
     writes=(topics.GOAL, topics.STEERING, topics.FEEDBACK),
     serves=(topics.SEND_ROBOT,),
 )  # fmt: skip
-SELECTOR = Process(
-    name="selector", scope="site", several=True, shard_serves=(),
-    about="cursors that rest on objects to selections",
-    reads=(
-        topics.CURSOR, topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS, topics.MAP,
-        topics.BUTTON, topics.STEP, topics.CLAIM, topics.SELECTION,
-    ),
-    writes=(
-        topics.HOVER, topics.ANNOUNCED, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK,
-        topics.CLAIM,
-    ),
-    serves=(
-        topics.CLEAR_SELECTION, topics.UNDO_SELECTION, topics.RELEASE_OBJECT, topics.SET_THING,
-        topics.SET_METHOD, topics.READ_HISTORY,
-    ),
-)  # fmt: skip
 LED_DRIVER = Process(
     name="led-driver", scope="site",
     about="cursors, objects and selections to the light of strips and lamps; who may use which lamp",

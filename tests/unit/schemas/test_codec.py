@@ -239,7 +239,7 @@ def test_numbers_that_nothing_can_be_calculated_with_do_not_travel(
 
 SENTENCES = {"next_step", "message", "reason", "refusal", "text", "warnings"}
 """Texts for people, that are no ids."""
-DOCUMENTS = {"command", "parameters", "path", "query", "reply"}
+DOCUMENTS = {"command", "home_assistant", "parameters", "path", "query", "reply"}
 """JSON, commands to show, and paths of files: only who runs the site writes them."""
 
 

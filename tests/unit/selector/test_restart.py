@@ -14,7 +14,7 @@ from pointit.cli.inspect.audit import command as audit_command
 from pointit.runtime.host.state_file import state_directory
 from pointit.runtime.host.store import read_rows
 from pointit.schemas import ConveyorState, Departure, topics
-from pointit.services.selector.outputs import REPEATED_REASON
+from pointit.schemas.selection import REPEATED_REASON
 from pointit.services.selector.service import Selector
 from pointit.services.selector.store.journal import Journal
 from pointit.services.selector.store.journal_table import FILE

@@ -79,7 +79,7 @@ def test_names_steps_and_presses_are_counted_until_the_end_where_names_are_spoke
 
 
 def test_selection_by_staying_is_not_confirmed() -> None:
-    one = attempt(names=Counter())
+    one = attempt(names=Counter[str]())
     one.on_selection(selected("t"), 2 * S)
     measures = one.columns()
     assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [0, 0, 0]

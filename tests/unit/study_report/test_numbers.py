@@ -214,7 +214,7 @@ def test_names_are_means_per_trial_over_participants(tmp_path: Path) -> None:
     for name, path in ((4, "P01"), (2, "P02")):
         file = tmp_path / path / "trials.csv"
         with file.open(encoding="utf-8") as lines:
-            rows = list(csv.DictReader(lines))
+            rows: list[dict[str, object]] = [dict(row) for row in csv.DictReader(lines)]
         for at, row in enumerate(rows):
             counts = {"announced": name, "stepped": int(at < 5), "confirmed": 1}
             row.update({column: "" if at == 9 else str(count) for column, count in counts.items()})

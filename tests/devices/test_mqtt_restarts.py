@@ -18,8 +18,8 @@ from pointit.schemas import (
     SelectionEvent,
     SetThing,
 )
-from pointit.schemas.topics import READ_HISTORY, SELECTION, SELECTION_EVENTS, SET_THING
 from pointit.schemas.selection import REPEATED_REASON
+from pointit.schemas.topics import READ_HISTORY, SELECTION, SELECTION_EVENTS, SET_THING
 from tests.support.bench import Bench, memory_bench, until
 from tests.support.mqtt import broker, overheard
 from tests.support.mqtt_things import ROOM, Heard, found, point, published, room, state_topic, thing, told

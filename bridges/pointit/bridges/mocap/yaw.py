@@ -218,12 +218,12 @@ def _yaw_variance(pairs: list[_Pair], matrix: Array, residuals: Array, inverse: 
     return WANDER_RAD**2 + max(noise / shown, spread * (known / shown) ** 2)
 
 
-def _first_yaw(arms: Rotation, bodies: Rotation) -> float:
+def _first_yaw(arm_rotations: Rotation, body_rotations: Rotation) -> float:
     """Return the yaw by which the axes of turns agree. How the body sits on the arm does not matter."""
-    chosen = np.linspace(0, len(arms) - 1, min(len(arms), 40)).astype(int)
+    chosen = np.linspace(0, len(arm_rotations) - 1, min(len(arm_rotations), 40)).astype(int)
     first, second = np.triu_indices(len(chosen), 1)
     first, second = chosen[first], chosen[second]
-    a = (arms[second] * arms[first].inv()).as_rotvec()
-    b = (bodies[second] * bodies[first].inv()).as_rotvec()
+    a = (arm_rotations[second] * arm_rotations[first].inv()).as_rotvec()
+    b = (body_rotations[second] * body_rotations[first].inv()).as_rotvec()
     across = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
     return math.atan2(across, float((a[:, :2] * b[:, :2]).sum()))

@@ -10,6 +10,7 @@ import click
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import print_file
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.maps.check import notify_if_slow, print_findings
 from pointit.cli.maps.home_assistant import SOURCE, import_entities
 from pointit.maps import exchange
@@ -44,11 +45,20 @@ CELL = click.option(
 )
 
 
-@click.command("import")
+@click.command(
+    "import", cls=PanelCommand, usual=("kind", "url", "token_file", "entities", "areas", "into", "output")
+)
 @click.argument("source", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--as", "kind", type=click.Choice(FORMATS), help="format of FILE, which needs it")
-@click.option("--url", default="", help="address of Home Assistant, such as http://homeassistant.local:8123")
-@click.option("--token-file", default="", metavar="FILE", help="file with a token of Home Assistant")
+@click.option(
+    "--url",
+    default="",
+    show_default=False,
+    help="address of Home Assistant, such as http://homeassistant.local:8123",
+)
+@click.option(
+    "--token-file", default="", show_default=False, metavar="FILE", help="file with a token of Home Assistant"
+)
 @click.option(
     "--entity", "entities", multiple=True, help="entity of Home Assistant, `light.*` for all lights"
 )

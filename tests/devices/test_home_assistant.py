@@ -198,6 +198,60 @@ async def test_hovered_lamp_returns_also_after_the_end_and_a_restart_of_home_ass
             await until(lambda: brightness(memory_home) == 100, what="the lamp after the end")
 
 
+async def test_lamp_that_reports_late_returns_exactly_after_a_flickering_hover(
+    home: tuple[MemoryHome, int], tmp_path: Path
+) -> None:
+    memory_home, port = home
+    memory_home.report_delay_s = 0.3
+    async with memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("desk", LAMP))
+        start(bench, config_of(tmp_path, port))
+        await until(lambda: "desk" in site.selected, what="the state of the lamp")
+        for _ in range(4):
+            before = len(memory_home.calls)
+            async with site.hovering("desk"):
+                await until(lambda before=before: len(memory_home.calls) > before, what="a call")  # type: ignore[misc]
+            await until(lambda before=before: len(memory_home.calls) > before + 1, what="its end")  # type: ignore[misc]
+        await until(lambda: brightness(memory_home) == 100, what="the lamp to return")
+    assert {data["brightness"] for _service, _entity, data in memory_home.calls} == {100, 120}
+
+
+async def test_wrong_types_from_home_assistant_are_left_out_and_nothing_ends(
+    home: tuple[MemoryHome, int], tmp_path: Path
+) -> None:
+    memory_home, port = home
+    memory_home.junk = [7, None, [], {"entity_id": [1], "state": "on"}, {"entity_id": LAMP, "state": {}}]
+    async with memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("desk", LAMP), thing("fan", "switch.fan"))
+        launch = start(bench, config_of(tmp_path, port))
+        await until(lambda: "desk" in site.selected, what="the state of the lamp")
+        states: list[object] = [
+            *(7, "on", {"entity_id": LAMP, "state": ["on"]}),
+            {"entity_id": LAMP, "state": "on", "attributes": 1},
+        ]
+        for state in states:
+            memory_home.fire("state_changed", {"entity_id": LAMP, "new_state": state})
+        memory_home.fire("state_changed", {"entity_id": [LAMP], "new_state": None})
+        memory_home.set("switch.fan", "on")
+        await until(lambda: "fan" in site.selected, what="the state of the fan")
+        assert not launch.done()
+
+
+async def test_entity_that_is_not_there_tells_nobody_what_else_is_at_home(
+    home: tuple[MemoryHome, int], tmp_path: Path
+) -> None:
+    memory_home, port = home
+    memory_home.set("device_tracker.anna", "home")
+    async with memory_bench(WallClock()) as bench:
+        HomeSite(bench, thing("lock", "lock.qx"))
+        warnings: list[str] = []
+        bench.bus.subscribe(HEALTH, lambda health, _: warnings.extend(health.warnings), "home-assistant")
+        start(bench, config_of(tmp_path, port))
+        await until(lambda: any("lock.qx" in each for each in warnings), what="a warning")
+    assert "not in Home Assistant: lock.qx of thing lock; correct `home_assistant`" in " ".join(warnings)
+    assert "device_tracker" not in " ".join(warnings)
+
+
 async def test_lamp_that_is_switched_off_while_hovered_keeps_its_brightness(
     home: tuple[MemoryHome, int], tmp_path: Path
 ) -> None:

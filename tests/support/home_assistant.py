@@ -107,6 +107,10 @@ class MemoryHome:
         """Calls of services: `light.turn_on`, entity, data."""
         self.logins: list[str] = []
         self.latency_s = 0.0
+        self.report_delay_s = 0.0
+        """Time from the answer of a call to the new state, as lamps with a transition take."""
+        self.junk: list[Any] = []
+        """Entries of the list of states that are none."""
         self.refusal = ""
         self.registries: dict[str, list[Message]] = {}
         self.token = TOKEN
@@ -156,7 +160,7 @@ class MemoryHome:
         number = command["id"]
         result: Any = None
         if command["type"] == "get_states":
-            result = list(self.states.values())
+            result = [*self.junk, *self.states.values()]
         elif command["type"] == "subscribe_events":
             self._subscriptions.append((websocket, number, command["event_type"]))
         elif command["type"] == "call_service":
@@ -167,7 +171,12 @@ class MemoryHome:
                 error = {"code": "home_assistant_error", "message": self.refusal}
                 await _send(websocket, {"id": number, "type": "result", "success": False, "error": error})
                 return
-            self._act(command["service"], entity, data)
+            if self.report_delay_s:
+                asyncio.get_running_loop().call_later(
+                    self.report_delay_s, self._act, command["service"], entity, data
+                )
+            else:
+                self._act(command["service"], entity, data)
             result = {"context": {"id": "01", "parent_id": None, "user_id": "u"}, "response": None}
         else:
             result = self.registries.get(command["type"], [])

@@ -168,3 +168,14 @@ def test_nothing_is_paired_over_a_gap_of_the_cameras() -> None:
     assert arm.estimate().yaw_rad == before.yaw_rad
     arm.move(course, 3.0)
     assert arm.error_rad() < math.radians(1.0)
+
+
+def test_a_clock_of_the_wrist_that_is_set_back_begins_anew() -> None:
+    estimator = ForearmYaw()
+    body = (0.0, 0.0, 0.0, 1.0)
+    estimator.add_arm(START_NS + 3600 * NS_PER_S, body, 1)
+    arm = Arm(5)
+    arm.estimator = estimator
+    arm.epoch = 1
+    arm.move(waving(arm.dice), 5.0)
+    assert estimator.estimate(arm.now_ns) is not None

@@ -10,7 +10,7 @@ import json
 import logging
 import ssl
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, cast
+from typing import TYPE_CHECKING, Any, NoReturn, TypeGuard, cast
 from urllib.parse import urlsplit
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
@@ -72,6 +72,11 @@ class HomeAssistantConnection:
         """
         return await self._request(self._next_id(), command, fields)
 
+    async def states(self) -> dict[str, Mapping[str, Any]]:
+        """Return the states of all entities, by entity. Raises as `request`."""
+        states = await self.request("get_states")
+        return {each["entity_id"]: each for each in states if is_state(each)} if is_list(states) else {}
+
     async def subscribe(self, event: str, handler: Callable[[Mapping[str, Any]], None]) -> None:
         """Call `handler` with the data of all events of a type. Raises as `request`."""
         number = self._next_id()
@@ -125,7 +130,9 @@ class HomeAssistantConnection:
 
     def _on_message(self, message: Mapping[str, Any]) -> None:
         number, kind = message.get("id"), message.get("type")
-        reply, handler = self._replies.get(cast("int", number)), self._handlers.get(cast("int", number))
+        if not isinstance(number, int):
+            return
+        reply, handler = self._replies.get(number), self._handlers.get(number)
         if kind == "event" and handler is not None:
             event = message.get("event")
             data = cast("Mapping[str, Any]", event).get("data") if isinstance(event, dict) else None
@@ -138,6 +145,20 @@ class HomeAssistantConnection:
                 error = message.get("error")
                 text = cast("Mapping[str, Any]", error).get("message") if isinstance(error, dict) else error
                 reply.set_exception(RefusedError(one_line(str(text), MAX_REASON)))
+
+
+def is_list(value: object) -> TypeGuard[list[object]]:
+    """Return True for a list."""
+    return isinstance(value, list)
+
+
+def is_state(state: object) -> TypeGuard[Mapping[str, Any]]:
+    """Return True for the state of an entity: its name, a text, and attributes if there are some."""
+    if not isinstance(state, dict):
+        return False
+    fields = cast("Mapping[str, object]", state)
+    texts = (fields.get("entity_id"), fields.get("state"))
+    return all(isinstance(each, str) for each in texts) and isinstance(fields.get("attributes", {}), dict)
 
 
 def _messages(text: str | bytes) -> Sequence[Mapping[str, Any]]:
@@ -228,11 +249,13 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
         problem = describe_certificate_error(refusal, f"Home Assistant at {parts.netloc}", AUTHORITY_HINT)
     elif isinstance(error, InvalidStatus):
         status, location = error.response.status_code, error.response.headers.get("Location", "")
+        with contextlib.suppress(ValueError):  # some text that is no address
+            location = "://".join(urlsplit(location)[:2])
         problem = _is_none(config, f"it answers {status}")
         if status in REDIRECT and location.startswith(("https://", "http://")):
             problem = (
                 f"the server at {config.url} refers to another address: write "
-                f"{'://'.join(urlsplit(location)[:2])} as `url`"
+                f"{one_line(location, MAX_REASON)} as `url`"
             )
         elif status == FORBIDDEN:
             problem = (

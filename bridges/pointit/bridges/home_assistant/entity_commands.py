@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import logging
+import math
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Mapping
 from typing import Any
@@ -19,6 +20,10 @@ log = logging.getLogger(__name__)
 
 END_TIMEOUT_S = 1.0
 """Maximum time to restore lamps at the end, s."""
+RESTORE_TIMEOUT_S = 3.0
+"""Time for the state of a lamp to show the brightness that it was given, s. Then it is given again."""
+MAX_COMMAND_DELAY_S = 1.0
+"""Time beyond the maximum latency for which a hover may delay the commands to its lamp, s."""
 MAX_SLOW_CALLS = 2
 """Number of slow calls in a row after which a lamp shows no hover."""
 
@@ -52,6 +57,8 @@ class EntityCommands:
         """Entities that were switched during this hover, which show it no more."""
         self._slow_calls: Counter[str] = Counter()
         """Number of slow calls in a row by lamp."""
+        self._restored_s: dict[str, float] = {}
+        """Time at which a lamp was given its brightness of before the hover, until its state shows it."""
         self._workers: dict[str, asyncio.Task[None]] = {}
         self._feedback: HoverFeedback | None = None
         with self._reported():
@@ -74,6 +81,8 @@ class EntityCommands:
         for worker in workers:
             worker.cancel()
         await asyncio.gather(*workers, return_exceptions=True)
+        self._workers.clear()  # one that was cancelled before its first step is still there
+        self._restored_s.clear()
         self._pending.clear()
         if not is_lost:
             with contextlib.suppress(TimeoutError):
@@ -111,7 +120,7 @@ class EntityCommands:
         except NoHomeAssistantError:  # the connection is opened again
             return
         finally:  # at once: what is woken now needs another task
-            del self._workers[entity]
+            self._workers.pop(entity, None)
 
     async def _send_next(self, connection: HomeAssistantConnection, entity: str) -> bool:
         """Send the next call to an entity. Return False if there is none."""
@@ -138,6 +147,7 @@ class EntityCommands:
 
     async def _show_hover(self, connection: HomeAssistantConnection, entity: str) -> bool:
         """Show the hover on a lamp. Return False if it shows it already, or cannot."""
+        self._restored_s.pop(entity, None)
         call = None
         if self._feedback is not None:
             with self._reported():
@@ -146,9 +156,11 @@ class EntityCommands:
             return False
         loop = asyncio.get_running_loop()
         begin_s = loop.time()
+        limit_s = self._config.max_hover_latency_s
         with contextlib.suppress(RefusedError, TimeoutError):
-            await connection.call(call)
-        latency_s, limit_s = loop.time() - begin_s, self._config.max_hover_latency_s
+            async with asyncio.timeout(limit_s + MAX_COMMAND_DELAY_S):
+                await connection.call(call)
+        latency_s = loop.time() - begin_s
         self._slow_calls[entity] = self._slow_calls[entity] + 1 if latency_s > limit_s else 0
         if self._slow_calls[entity] == MAX_SLOW_CALLS:
             log.warning(
@@ -158,19 +170,26 @@ class EntityCommands:
         return True
 
     async def _restore(self, connection: HomeAssistantConnection, entity: str) -> bool:
-        """Give a lamp its brightness of before the hover. Return False if it has it, or is off now."""
+        """Give a lamp its brightness of before the hover. Return False if it has it, or is off now.
+
+        What is stored is erased once its state shows that brightness: many lamps answer before they report
+        it, and another hover meanwhile would take the brightness of this one for that of before.
+        """
+        now_s = asyncio.get_running_loop().time()
         call = None
         if self._feedback is not None:
             with self._reported():
-                call = self._feedback.end(entity, self._state_of(entity))
-        if call is None or self._feedback is None:
+                call = self._feedback.end(entity, self._state_of(entity), is_sent=entity in self._restored_s)
+        if call is None:
+            self._restored_s.pop(entity, None)
+            return False
+        if now_s - self._restored_s.get(entity, -math.inf) < RESTORE_TIMEOUT_S:
             return False
         try:
             await connection.call(call)
         except (PointItError, TimeoutError):  # tried again by the next check
             return False
-        with self._reported():
-            self._feedback.forget(entity)
+        self._restored_s[entity] = now_s
         return True
 
     @contextlib.contextmanager

@@ -70,8 +70,13 @@ class HoverFeedback:
             return None
         return _set_brightness(entity, light.during)
 
-    def end(self, entity: str, state: Mapping[str, Any]) -> ServiceCall | None:
+    def end(self, entity: str, state: Mapping[str, Any], *, is_sent: bool = False) -> ServiceCall | None:
         """Return the call that restores a lamp, or None if it needs none, or is off or unavailable now.
+
+        Args:
+            entity: the lamp.
+            state: its state in Home Assistant.
+            is_sent: that call was sent already. Then a lamp that has its brightness of before needs none.
 
         Raises:
             ConfigError: If the file cannot be written.
@@ -79,7 +84,8 @@ class HoverFeedback:
         light, brightness = self._lights.get(entity), _brightness(state)
         if light is None or brightness is None:
             return None
-        if not light.is_own(brightness):
+        is_restored = is_sent and abs(brightness - light.before) < abs(brightness - light.during)
+        if is_restored or not light.is_own(brightness):
             self.forget(entity)
             return None
         return _set_brightness(entity, light.before)

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, TypeGuard, cast
+from typing import Any, ClassVar
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import (
@@ -12,11 +12,12 @@ from pointit.bridges.home_assistant.connection import (
     LoginError,
     NoHomeAssistantError,
     connected,
+    is_state,
     require_client,
 )
 from pointit.bridges.home_assistant.entity_commands import EntityCommands
 from pointit.bridges.home_assistant.home_action import HomeAction
-from pointit.runtime.config.nearest_name import nearest
+from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.errors import ConfigError, RefusedError, RequestError
 from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
@@ -113,11 +114,11 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     async def _follow(self, connection: HomeAssistantConnection) -> None:
         """Read all states, then give things the states of their entities, except while these change."""
+        self._states = {}
         await connection.subscribe("state_changed", self._on_state_changed)
         with contextlib.suppress(RefusedError):  # of an old version
             await connection.subscribe("entity_registry_updated", self._on_registry)
-        states = await connection.request("get_states")
-        self._states = {each["entity_id"]: each for each in states if _is_state(each)}
+        self._states = await connection.states() | self._states  # events since the subscription are newer
         self._commands.open(connection)
         self.bus.clear("connection")
         self._report_entities()
@@ -212,7 +213,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if not isinstance(entity, str):
             return
         before = self._states.pop(entity, {})
-        if _is_state(state):
+        if is_state(state):
             self._states[entity] = state
         changed = {name: action for name, (_thing, action) in self._things.items() if action.entity == entity}
         if not changed or before.get("state") == self._states.get(entity, {}).get("state"):
@@ -233,6 +234,16 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             self._new_names[before] = after
             self._report_entities()
 
+    def _hint(self, action: HomeAction) -> str:
+        """Return the new name of an entity that is not there, or similar names, or `""`.
+
+        Everybody on the site can read it, so it lists no other entities of the home.
+        """
+        new = self._new_names.get(action.entity, "")
+        domain = action.domain
+        alike = (each for each in self._states if each.partition(".")[0] == domain)
+        return f"now {new}" if new in self._states else did_you_mean(action.entity, alike)
+
     def _is_unavailable(self, entity: str) -> bool:
         return bool(self._states.get(entity, {}).get("state", "unavailable") == "unavailable")
 
@@ -245,9 +256,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         for name, (_thing, action) in self._things.items():
             entity = action.entity
             if entity not in self._states:
-                new = self._new_names.get(entity, "")
-                hint = f"now {new}" if new in self._states else nearest(entity, self._states)
-                missing.append(f"{entity} of thing {name} ({hint})")
+                hint = "" if len(missing) > MAX_NAMES else self._hint(action)
+                missing.append(f"{entity} of thing {name}" + (f" ({hint})" if hint else ""))
             elif self._is_unavailable(entity):
                 unavailable.append(f"{entity} of thing {name}")
         remedies = {
@@ -262,10 +272,6 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             more = f" and {len(entries) - MAX_NAMES} more" if len(entries) > MAX_NAMES else ""
             listed = ", ".join(entries[:MAX_NAMES]) + more
             self.bus.warn(topic, f"{problem}: {listed}; {remedy}" if entries else "")
-
-
-def _is_state(state: Any) -> TypeGuard[Mapping[str, Any]]:
-    return isinstance(state, dict) and isinstance(cast("Mapping[str, Any]", state).get("entity_id"), str)
 
 
 def _content(path: Path) -> bytes:

@@ -99,6 +99,8 @@ class ForearmYaw:
         if epoch != self._epoch:
             self._clear()
             self._epoch = epoch
+        if self._arms and stamp_ns < self._arms[-1][0] - NS_PER_S:  # the clock was set back
+            self._clear()
         if not self._arms or stamp_ns > self._arms[-1][0]:
             self._arms.append((stamp_ns, np.array(orientation)))
         self._match()

@@ -5,10 +5,10 @@ import os
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
-from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected, is_list
 from pointit.cli.common.output import OutputSection, print_file, say, show
 from pointit.maps.edit.edited_map import edited
 from pointit.maps.edit.edits import Add
@@ -92,17 +92,21 @@ async def _read(config: HomeAssistantConfig) -> list[HomeEntity]:
 
 async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
     """Return the entities that people can point at, by area and name, without hidden and technical ones."""
-    states = await connection.request("get_states")
+    states = await connection.states()
     registry: dict[str, dict[str, Mapping[str, Any]]] = {}
     for kind, key in (("area", "area_id"), ("device", "id"), ("entity", "entity_id")):
         try:
-            entries: list[Mapping[str, Any]] = await connection.request(f"config/{kind}_registry/list")
+            listed: object = await connection.request(f"config/{kind}_registry/list")
         except RefusedError:  # not for users without rights of an administrator
-            entries = []
-        registry[kind] = {each[key]: each for each in entries}
+            listed = []
+        entries = [
+            cast("Mapping[str, Any]", each)
+            for each in (listed if is_list(listed) else ())
+            if isinstance(each, dict)
+        ]
+        registry[kind] = {str(each.get(key)): each for each in entries}
     entities: list[HomeEntity] = []
-    for state in states:
-        entity = state["entity_id"]
+    for entity, state in states.items():
         entry = registry["entity"].get(entity, {})
         if entity.partition(".")[0] not in DOMAINS or entry.get("hidden_by") or entry.get("entity_category"):
             continue

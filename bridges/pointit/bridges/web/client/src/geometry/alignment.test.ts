@@ -93,3 +93,11 @@ test("positions to touch begin with the farthest pair; lamps of things and track
   assert.deepEqual(landmarksOf({ ...map, things: [], lamps: map.lamps.slice(0, 1) }).map(({ name }) => name), ["lamp 0"]);
   assert.ok(!canAlign(landmarksOf({ ...map, things: [], lamps: map.lamps.slice(0, 1) })));
 });
+
+test("a map of two thousand lamps has positions to touch at once", () => {
+  const lamps = Array.from({ length: 2000 }, (_, i) => ({ id: `led_${i}`, position_m: [i % 50, Math.floor(i / 50), 1] as Vec3 }));
+  const marks = landmarksOf({ ...NOTHING, lamps, things: [] } as unknown as Environment);
+  assert.deepEqual(marks.slice(0, 2).map(({ name }) => name), ["lamp 0", "lamp 1999"]);
+  assert.equal(marks.length, 30);
+  assert.ok(canAlign(marks));
+});

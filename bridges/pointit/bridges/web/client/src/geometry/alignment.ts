@@ -9,6 +9,8 @@ import { add, norm, scale, subtract, turn, type Read3, type Vec3 } from "./vec";
 export const TOUCHES = 3;
 /** Minimum horizontal distance of the two outermost positions, m. Nearer ones give a poor yaw. */
 export const MIN_APART_M = 0.5;
+/** Largest number of positions that the wearer is asked to touch, one after the other. */
+const MAX_LANDMARKS = 30;
 /** Maximum residual of an alignment, m. */
 export const MAX_RESIDUAL_M = 0.15;
 /** Minimum improvement of the residual by another order of the positions, m, that shows that some were swapped. */
@@ -67,11 +69,11 @@ export function landmarksOf(map: Environment): Landmark[] {
       name: `the middle of the top of ${label || placeName(id, "thing")}`, at: add(center_m, [0, 0, size_m[2] / 2]),
     })),
   ];
-  const pairs = rest.flatMap((a, i) => rest.slice(i + 1).map((b) => [a, b] as const));
-  const order = [...pairs.reduce<readonly Landmark[]>((most, pair) => (!most.length || apart(pair) > apart(most) ? pair : most), [])];
-  for (let left = rest.filter((each) => !order.includes(each)); left.length; left = left.filter((each) => !order.includes(each))) {
-    const nearest = (each: Landmark): number => Math.min(...order.map((other) => norm(subtract(each.at, other.at))), Infinity);
-    order.push(left.reduce((best, each) => (nearest(each) > nearest(best) ? each : best)));
+  const order = [...outermost(rest)[0]];
+  for (let left = rest.filter((each) => !order.includes(each)); left.length && order.length < MAX_LANDMARKS; left = left.filter((each) => !order.includes(each))) {
+    const nearest = (each: Landmark): number => order.reduce((least, other) => Math.min(least, norm(subtract(each.at, other.at))), Infinity);
+    const [first] = left.map((each) => [each, nearest(each)] as const).reduce((best, each) => (each[1] > best[1] ? each : best));
+    order.push(first);
   }
   return order;
 }
@@ -100,8 +102,18 @@ export function assess(touches: readonly Touch[]): Assessment {
 const meters = (value: number): string => `${value.toFixed(2)} m`;
 
 /** Largest horizontal distance within `points`, m. */
-function apart(points: readonly { readonly at: Read3 }[]): number {
-  return Math.max(0, ...points.flatMap((a, i) => points.slice(i + 1).map((b) => Math.hypot(a.at[0] - b.at[0], a.at[1] - b.at[1]))));
+const apart = (points: readonly { readonly at: Read3 }[]): number => outermost(points)[1];
+
+/** The two `points` farthest apart horizontally, and their distance, m. All of them if there are less than two. */
+function outermost<P extends { readonly at: Read3 }>(points: readonly P[]): [readonly P[], number] {
+  let most: [readonly P[], number] = [points.slice(0, 2), 0];
+  points.forEach((a, i) => {
+    for (const b of points.slice(i + 1)) {
+      const distance = Math.hypot(a.at[0] - b.at[0], a.at[1] - b.at[1]);
+      if (distance > most[1]) most = [[a, b], distance];
+    }
+  });
+  return most;
 }
 
 function worstPair(touches: readonly Touch[]): [Touch, Touch] {

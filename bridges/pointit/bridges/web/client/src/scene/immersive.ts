@@ -222,9 +222,12 @@ export class Immersive implements Immersion {
 
   /** The session's space has another origin from now on, e.g. since the wearer recentred the view. */
   private reset(transform: XRRigidTransform | undefined): void {
-    if (this.anchor) return;
-    if (!this.alignment || !transform) this.restart("The headset has a new origin.");
-    else this.alignment = reoriented(this.alignment, leveled(transform.position), headingOf(transform.orientation));
+    const { anchor } = this;
+    if (anchor && this.alignment) return; // the anchor corrects it
+    if (!this.alignment || !transform) {
+      this.restart("The headset has a new origin.");
+      this.anchor = anchor; // which may be tracked later
+    } else this.alignment = reoriented(this.alignment, leveled(transform.position), headingOf(transform.orientation));
   }
 
   private press({ frame, inputSource }: XRInputSourceEvent): void {

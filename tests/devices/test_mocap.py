@@ -158,6 +158,7 @@ async def test_objects_leave_when_the_server_ends_and_return_with_it() -> None:
         first.now_ns = time.time_ns
         first.requests.clear()
         await until(lambda: 10 in first.requests, what="it is kept alive")
+        await until(lambda: bool(watcher.objects[-1].objects), what="the objects are there again")
 
 
 @pytest.mark.parametrize("interface", ["127.0.0.1"])

@@ -17,6 +17,8 @@ FRESH_NS = NS_PER_S // 2
 """Age at which a head's position is none of now."""
 HEAD_SIGMA_M = 0.02
 """1 sigma of the way from the head's body to the point above the feet, m."""
+MAX_METRIC = 64
+"""Number of characters of a metric's name, which health accepts."""
 ARM_SILENCE_NS = 3 * NS_PER_S
 PERSON_FRAME = "person_frame"
 """Kind of the object of a person whose `yaw_rad` is that of {H}. The yaw of a `person` is where they face."""
@@ -139,7 +141,7 @@ class WornBodies:
                     None if turned_rad is None else math.degrees(turned_rad),
                     "°",
                 )
-        return figures
+        return {name[:MAX_METRIC]: figure for name, figure in figures.items()}
 
     def problem(self, now_ns: int) -> str:
         """Return a sentence about a yaw that is not known, or `""`."""

@@ -20,8 +20,6 @@ RATE_HZ = 25.0
 """Rate of the objects, Hz."""
 FRESH_NS = NS_PER_S // 2
 """Time without frames after which all objects have left, ns."""
-MAX_METRIC = 64
-"""Number of characters of a metric's name."""
 POSE_TICKS = 3
 """Number of these periods between two poses of a person."""
 
@@ -118,7 +116,7 @@ class Mocap(Service[MocapConfig]):
         self.bus.set_metric("damaged packets", self._session.damaged or None)
         self.bus.set_metric("unused bodies", self._bodies.unused or None)
         for name, (value, unit) in self._worn_bodies.figures(now_ns).items():
-            self.bus.set_metric(name[:MAX_METRIC], value, unit)
+            self.bus.set_metric(name, value, unit)
         self._used_frames = 0
 
     def _on_frame(self, timed: TimedFrame) -> None:

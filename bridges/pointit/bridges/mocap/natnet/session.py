@@ -76,6 +76,8 @@ class NatNetSession:
         if self.info is None:
             return [packets.connect_packet()]
         requests = [packets.packet(packets.KEEP_ALIVE)]
+        if now_ns - max(self._arrived_ns, self._since_ns) > SERVER_TIMEOUT_NS:
+            requests.append(packets.connect_packet())  # a server that was restarted has forgotten its clients
         if self._clock is not None:
             self._asked_ns = now_ns
             requests.append(packets.echo_packet(now_ns))

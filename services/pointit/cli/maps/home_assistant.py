@@ -52,8 +52,9 @@ def import_entities(
     """
     layers = Layers()
     layers.add_environment(os.environ, environment_prefix(SOURCE))
-    options = {"url": url, "token_file": token_file}
-    layers.add({name: value for name, value in options.items() if value}, "options")
+    for option, name, value in (("--url", "url", url), ("--token-file", "token_file", token_file)):
+        if value:
+            layers.add({name: value}, option)
     config = layers.build(HomeAssistantConfig)
     entities = asyncio.run(_read(config))
     if not patterns and not areas:

@@ -2,8 +2,9 @@
 
 At level TRACE its access control writes a line for every decision. Decisions that it caches for a new key
 (`caching permissions`, then one line for each kind of message) are not attempts. A message that is allowed
-and dropped right after is too long for its key, except one of a self-test: that is empty, and is dropped when
-the test's second session has just ended. Writers with excessive rates are reported, too.
+and dropped right after is too long for its key, or one of its readers has just left: then it goes out to
+others, if there are any. The only reader of a self-test is its second session, and its messages are empty.
+Writers with excessive rates are reported, too.
 
 A key may hold anything but the first bytes of colours, which Zenoh writes as text. So a line that does not
 begin with a colour is the rest of a key, forged to blame another identity.
@@ -82,6 +83,8 @@ KNOWN = re.compile(r"(?:CertCommonName|Username)\(([^)]+)\)")
 DECISION = "authorized to "
 WORKS_OUT = "caching permissions"
 WRITES = " is authorized to Put (ingress) on "
+INGRESS = " (ingress) on "
+EGRESS = " (egress) on "
 DROPPED = "interceptor: Msg intercepted!"
 SLOWED_TARGET = "\x1b[2mzenoh::net::routing::interceptor::downsampling\x1b"
 PUSH = "interceptor: Push("
@@ -147,11 +150,15 @@ class DeniedOperations:
         """By thread: number of following lines that are not attempts."""
         self._let_in: dict[str, str] = {}
         """By thread: its last line, if that allows something."""
+        self._dropped: dict[str, str] = {}
+        """By thread: the line that allows the message which its last line drops."""
 
     def take(self, line: str, times: int = 0) -> None:
         """Process one line of the log, or one that came `times` times among others that are left out."""
         if line.startswith(OWN):
             with self._lock:
+                if times:  # lines in between are missing
+                    self._let_in.clear()
                 self._take(line, max(times, 1), in_order=not times)
 
     def take_sentences(self, elapsed_s: float) -> dict[str, str]:
@@ -171,7 +178,9 @@ class DeniedOperations:
         at = line.find(THREAD) + len(THREAD)
         end = line.find(")", at)
         where = line[at:end]
-        before = self._let_in.pop(where, "") if in_order else ""
+        before = self._let_in.pop(where, "")
+        if where in self._dropped:
+            self._decide_dropped(line, where)
         if line.startswith(rejected_connections.TARGET, end + 2):  # a newcomer controls parts of the rest
             self._take_other(line, where, "")
             return
@@ -195,6 +204,9 @@ class DeniedOperations:
             self._take_let_in(line, times)
 
     def _take_sentences(self, elapsed_s: float) -> dict[str, str]:
+        for line in self._dropped.values():
+            self._count(line, TOO_LONG_VERBS, 1)
+        self._dropped.clear()
         slowed = self._take_slowed()
         clauses: dict[str, list[str]] = defaultdict(list)
         for name, attempts in self._attempts.items():
@@ -227,11 +239,18 @@ class DeniedOperations:
                 return
         self._written[written] += times
 
+    def _decide_dropped(self, line: str, where: str) -> None:
+        """Count the last dropped message of a thread as too long, unless `line` is on its further readers."""
+        if INGRESS in line or EGRESS in line:
+            dropped = self._dropped.pop(where)
+            if not line.endswith(f"{EGRESS}{dropped.partition(INGRESS)[2]}"):
+                self._count(dropped, TOO_LONG_VERBS, 1)
+
     def _take_other(self, line: str, where: str, before: str) -> None:
         plain = COLOR.sub("", line)
         if before and plain.endswith(DROPPED):
-            if SELF_TEST not in before:
-                self._count(before, TOO_LONG_VERBS, 1)
+            if INGRESS in before and SELF_TEST not in before:
+                self._dropped[where] = before
         elif self._rejected_connections.take(plain, where):
             self.total += 1
 

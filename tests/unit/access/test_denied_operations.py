@@ -124,6 +124,20 @@ def test_what_is_let_in_and_dropped_is_too_long() -> None:
     assert sentences(dropped) == []
     self_test = known.replace("users/anna/imu", "users/anna/imu/@may/anna/writes")
     assert sentences(self_test, dropped) == [], "its reader has left"
+    goes_out = (
+        f"{ANNA.replace('lab/anna', 'lab/ben')} is authorized to Put (egress) on pointit/lab/users/anna/imu"
+    )
+    assert sentences(known, dropped, goes_out) == [], "one of its readers has left"
+    assert len(sentences(known, dropped, known, goes_out)) == 1, "that is another message"
+
+
+def test_a_message_is_not_called_too_long_if_lines_before_it_are_missing() -> None:
+    let_in = f"{HEAD}{ANNA} is authorized to Put (ingress) on pointit/lab/users/anna/imu"
+    denied = DeniedOperations()
+    denied.take(let_in)
+    denied.take(let_in, 3000)
+    denied.take(HEAD.replace("::access_control", "") + "Msg intercepted!")
+    assert denied.take_sentences(10.0) == {}
 
 
 def test_lines_that_are_left_out_count_as_often_as_they_came() -> None:

@@ -10,6 +10,7 @@ session is never filtered. Keys of services are not touched.
 import asyncio
 import contextlib
 import logging
+import secrets
 from collections.abc import Callable, Iterable
 
 import zenoh
@@ -179,7 +180,11 @@ class PermissionProbe:
         complete_rounds: set[bytes] = set()
         all_arrived = asyncio.Event()
 
+        token = secrets.token_bytes(8)  # other processes of this identity test the same keys
+
         def record(key: str, payload: bytes) -> None:
+            if not payload.startswith(token):
+                return
             arrived.add(key)
             if key == join:
                 complete_rounds.add(payload)
@@ -195,7 +200,7 @@ class PermissionProbe:
                 second.declare_subscriber(f"**/{ROOM}/{name}/**", Callback(on_sample, indirect=False))
                 for number, wait_s in enumerate(WAITS_S):
                     for key in (*(keys.keys() - arrived - {join}), join):
-                        self._session.put(key, bytes([number]))
+                        self._session.put(key, token + bytes([number]))
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(wait_s):
                             await all_arrived.wait()

@@ -101,17 +101,12 @@ class TrustConfig(Config):
         le=10,
         description="sigmas of the elevation bias beyond which the person did not point",
     )
-    max_position_sigma_m: float = Field(
-        default=_SETTINGS.max_position_sigma_m,
-        gt=0,
-        le=10,
-        description="poses less certain than this are refused, m; of following, cursors by 1.2 times it",
-    )
-    max_yaw_sigma_deg: float = Field(
-        default=_degrees(_SETTINGS.max_yaw_sigma_rad),
-        gt=0,
-        le=90,
-        description="poses less certain than this are refused, degrees",
+    min_right_probability: float = Field(
+        default=_SETTINGS.min_right_probability,
+        ge=0,
+        lt=1,
+        description="a pose is refused if the cursor is nearest to the thing that is meant with a lower "
+        "probability: of the map's things, or if it has fewer than two, of eight things 3 m away all round",
     )
 
     def settings(self, *, free_height: bool = False) -> SolverSettings:
@@ -149,10 +144,7 @@ class DriftConfig(Config):
         description="1 sigma of one pointing at a lamp, sideways, degrees",
     )
     max_yaw_sigma_deg: float = Field(
-        default=15.0,
-        gt=0,
-        le=180,
-        description="health warns if the yaw is less certain than this and trust.max_yaw_sigma_deg, degrees",
+        default=15.0, gt=0, le=180, description="health warns if the yaw is less certain than this, degrees"
     )
 
     def settings(self) -> DriftSettings:

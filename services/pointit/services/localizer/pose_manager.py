@@ -338,7 +338,7 @@ class PoseManager:
                 f"(`pointit person pose {user} --facing …`)"
             )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
-        if sigma_deg <= max(self._config.drift.max_yaw_sigma_deg, self._config.trust.max_yaw_sigma_deg):
+        if sigma_deg <= self._config.drift.max_yaw_sigma_deg:
             return ""
         return (
             f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}° because the IMU drifts; have them "

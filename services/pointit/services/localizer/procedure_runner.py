@@ -285,6 +285,8 @@ class ProcedureRunner:
         """
         self._room = room
         running = self._running
+        if running is not None:
+            running.on_map(room)
         if isinstance(running, QueuedPointing):
             made = running.make(now_ns)
             if isinstance(made, Refusal):
@@ -358,11 +360,10 @@ class ProcedureRunner:
 
     def start_moving_target(self, now_ns: int) -> list[Output]:
         """Start following a robot; stop the procedure that runs."""
-        out = self.stop(now_ns)
-        self._running = MovingTarget(self._config)
-        self._running.wrist_sigma_s = self._wrist_sigma_s
+        out, procedure = self.stop(now_ns), MovingTarget(self._config)
+        procedure.wrist_sigma_s = self._wrist_sigma_s
         self._tracking.end_rest()
-        return [*out, *self._running.start(now_ns)]
+        return [*out, *self._begin(procedure, now_ns, now_ns)]
 
     def start_static_targets(self, now_ns: int) -> list[Output] | Refusal:
         """Start pointing at lamps, or wait for them, instead of the running procedure; or refuse."""
@@ -414,6 +415,8 @@ class ProcedureRunner:
 
     def _begin(self, procedure: Procedure, since_ns: int, now_ns: int) -> list[Output]:
         self._running, self._published_ns = procedure, now_ns
+        if self._room is not None:
+            procedure.on_map(self._room)
         return procedure.start(now_ns, since_ns)
 
     def _wait_on(self, waiting: QueuedPointing, ahead: tuple[str, ...], now_ns: int) -> list[Output]:

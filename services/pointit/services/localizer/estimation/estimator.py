@@ -17,13 +17,7 @@ from pointit.services.localizer.estimation.angular_residuals import Array, Rays,
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
-from pointit.services.localizer.estimation.solution import (
-    AWAY_M,
-    MAX_MISS_RATIO,
-    Refusal,
-    Solution,
-    SolverSettings,
-)
+from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings, stated_scatter
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
@@ -148,7 +142,8 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
         spread += share * (covariance + np.outer(off, off))
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
-    return Solution(
+    scatter = 0.0 if summary.is_still else found[0][2]
+    pose = Solution(
         x_m=x_m,
         y_m=y_m,
         yaw_rad=math.remainder(yaw_rad, math.tau),
@@ -164,8 +159,10 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
         latency_sigma_s=sigma[LATENCY],
         of_latency=spread[:3, LATENCY],
         alternative=float(1.0 - probabilities[0]),
-        scatter=0.0 if summary.is_still else found[0][2],
+        scatter=scatter,
     )
+    late = np.outer(pose.by_latency, pose.by_latency)
+    return replace(pose, covariance=stated_scatter(scatter) * pose.timely + late)
 
 
 def _probabilities(
@@ -223,7 +220,14 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
 
 
 def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
-    stated = _stated(solution, settings)
+    sigma_m, yaw_deg = min(solution.position_sigma_m, 99.0), math.degrees(solution.yaw_sigma_rad)
+    right, least = 100.0 * settings.right_probability(solution), 100.0 * settings.min_right_probability
+    stated = f"the pose is uncertain by {sigma_m:.2f} m and {min(yaw_deg, 180.0):.0f}°"
+    if right < least:
+        stated += (
+            f", so that pointing would select the thing that is meant in {round_beyond(right, least)} % and "
+            f"at least {least:.3g} % are needed"
+        )
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"
     if float(np.max(np.abs(rays.heights))) < LEVEL_M:
@@ -237,18 +241,6 @@ def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
             "move slower"
         )
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
-
-
-def _stated(solution: Solution, settings: SolverSettings) -> str:
-    what, sigma_m, limit_m = "the pose", solution.position_sigma_m, settings.max_position_sigma_m
-    if solution.scatter:
-        what, sigma_m, limit_m = f"a cursor {AWAY_M:g} m away", solution.miss_m, MAX_MISS_RATIO * limit_m
-    yaw_deg, limit_deg = math.degrees(solution.yaw_sigma_rad), math.degrees(settings.max_yaw_sigma_rad)
-    return (
-        f"{what} is uncertain by {round_beyond(min(sigma_m, 99.0), limit_m, 2)} m and "
-        f"{round_beyond(min(yaw_deg, 180.0), limit_deg)}° and at most {limit_m:.3g} m, {limit_deg:.3g}° "
-        "are accepted"
-    )
 
 
 def _is_one_view(rays: Rays) -> bool:

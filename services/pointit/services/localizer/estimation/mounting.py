@@ -21,7 +21,9 @@ from pointit.services.localizer.estimation.sample_blocks import Pointings, block
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 MIN_SLOPE = 0.5
-"""Halfway between a sensor along the arm and one across."""
+"""Slope below which a sensor is not along the arm: the least of recorded people is 0.58 in 5 s and more. With
+the sensor turned to the right, 36 of 40 windows of 10 s are certainly below it, 27 below 0.4.
+"""
 
 MIN_HELD_SLOPE = 0.25
 """The same of pointing at lamps: people exaggerate heights less than they understate them."""
@@ -34,9 +36,6 @@ FEWEST_HOLDS = 4
 
 MIN_SPREAD_RAD = math.radians(0.8)
 """Smallest standard deviation of the target's elevation that gives a slope."""
-
-LARGEST_SIGMA = 0.25
-"""Largest standard deviation of a slope that is reported as doubtful."""
 
 FEWEST = 2.0
 """Independent pointings that the estimates of pose and slope use up."""
@@ -77,11 +76,6 @@ class Slope:
         """Return True if the azimuths alone show that the arm follows the robot."""
         return self.freedom >= FOLLOWS_FREEDOM and self.sideways_rad <= FOLLOWS * settings.ray_sigma_rad
 
-    @property
-    def is_doubtful(self) -> bool:
-        """Return True if the sensor is rather across the arm than along it."""
-        return self.value < MIN_SLOPE and self.sigma < LARGEST_SIGMA
-
 
 def mounting_fault(
     pointings: Pointings, result: Solution | Refusal, settings: SolverSettings, floor_m: float
@@ -102,12 +96,6 @@ def mounting_fault(
         is_back = slope.value < BACKWARDS_SLOPE
         does, how = ("sink where it rises", "backwards on") if is_back else ("do not rise with it", "across")
         return MOUNTED.format("robot", does, how)
-    if fit is result and slope.is_doubtful:
-        return (
-            f"the rays rise and sink only {max(slope.value, 0.0):.1f} times as much as the robot; keep "
-            "following it with the arm straight, and if this stays run `pointit person calibrate "
-            "mounting USER`"
-        )
     return ""
 
 

@@ -8,18 +8,20 @@ import numpy as np
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays
 from pointit.services.localizer.estimation.levenberg_marquardt import SAME_POSE, Weights
 from pointit.services.localizer.estimation.refinement import NoiseModel
+from pointit.services.localizer.estimation.right_probability import right_probability, things_around
 from pointit.services.localizer.estimation.sample_blocks import Pointings
 
 KNOWN = 1e-4
 """Standard deviation (m, s, rad) of what is known."""
 
-AWAY_M = 3.0
-"""Distance of the cursors by which a pose of following is judged: robots are 2 to 4 m away."""
+MAX_LATE_M = 0.46
+"""Largest sigma of the position by the latency alone: 3 % are more than 1 m off."""
 
-MAX_MISS_RATIO, MAX_LATENCY_RATIO = 1.2, 0.46
-"""Largest expected miss of them, and largest sigma of the position by the latency alone (3 % are off by more
-than the limit), as multiples of the limit of the position.
-"""
+MIN_SCATTER = 0.5
+"""Least scatter by which a covariance is stated: constant errors, as a person's slopes, show in none."""
+
+HOLD_SCATTER = 0.5
+"""Scatter of pointing at lamps: squared errors of recorded people are 0.2 to 0.4 of the variance (medians)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +64,10 @@ class SolverSettings:
     """Rms angle above which the person did not point at targets at rest."""
     bias_sigma_limit: float = 2.5
     """Standard deviations of the elevation bias from the expected one beyond which it is not pointing."""
-    max_position_sigma_m: float = 1.0
-    """Poses of recorded people are off by 0.2 to 0.4 m in the median where 0.5 to 1 m are stated."""
-    max_yaw_sigma_rad: float = math.radians(14.0)
+    min_right_probability: float = 0.88
+    """Probability that the thing that is meant is selected, below which a pose is refused. 0: none is."""
+    things_m: tuple[tuple[float, float], ...] = ()
+    """Places of the map's things in {W}; if fewer than two, things in eight directions count."""
     trims: bool = True
     """True to try rays that miss by more again without the worst of them."""
 
@@ -79,15 +82,21 @@ class SolverSettings:
 
     def unlimited(self) -> "SolverSettings":
         """Return the settings that accept poses of any uncertainty."""
-        return replace(self, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+        return replace(self, min_right_probability=0.0)
 
     def accepts(self, pose: "Solution") -> bool:
-        """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
-        place_m = pose.position_sigma_m
-        if pose.scatter:
-            late_m = float(np.linalg.norm(pose.of_latency[:2])) / max(pose.latency_sigma_s, KNOWN)
-            place_m = max(pose.miss_m / MAX_MISS_RATIO, late_m / MAX_LATENCY_RATIO)
-        return place_m <= self.max_position_sigma_m and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
+        """Return True if `pose` is certain enough to be used: pointing selects what is meant."""
+        if self.min_right_probability <= 0.0:
+            return True
+        is_timely = float(np.linalg.norm(pose.by_latency[:2])) <= MAX_LATE_M
+        return is_timely and self.right_probability(pose) >= self.min_right_probability
+
+    def right_probability(self, pose: "Solution") -> float:
+        """Return the probability that a person at `pose` selects the thing that they mean."""
+        covariance = (pose.scatter or HOLD_SCATTER) * pose.assumed + np.outer(
+            pose.by_latency, pose.by_latency
+        )
+        return right_probability(covariance, things_around(self.things_m, complex(pose.x_m, pose.y_m)))
 
     def weights(self) -> Weights:
         """Return the weights of the descent."""
@@ -134,7 +143,7 @@ class Solution:
     bias_rad: float
     """Elevation of the person's rays above the targets."""
     covariance: Array
-    """3 x 3, of x, y, yaw, with constant errors of the rays and other poses that fit about as well.
+    """3 x 3, of x, y, yaw, by the scatter, with constant errors of the rays and other poses that fit as well.
 
     The yaw is that of pointing: an error that turns all of a person's rays equally is part of it.
     """
@@ -153,7 +162,7 @@ class Solution:
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
     scatter: float = 0.0
-    """Variance of the errors of following over the assumed one, as the rays show it; 0 at rest."""
+    """Variance of the errors of following over the assumed one, by their innovations; 0 at rest."""
     of_latency: Array = field(default_factory=lambda: np.zeros(3))
     """Covariance of x, y and yaw with the latency of the tracker."""
 
@@ -166,14 +175,17 @@ class Solution:
     @property
     def timely(self) -> Array:
         """Return the covariance if the latency of the tracker were known."""
-        of_latency = self.of_latency / max(self.latency_sigma_s, KNOWN)
-        return self.covariance - np.outer(of_latency, of_latency)
+        return self.covariance - np.outer(self.by_latency, self.by_latency)
 
     @property
-    def miss_m(self) -> float:
-        """Return the rms miss of cursors `AWAY_M` away all round, by the scatter; without latency."""
-        xx, yy, turned = np.diag(self.timely).tolist()
-        return math.sqrt(max(0.0, self.scatter * (xx + yy + AWAY_M**2 * turned)))
+    def by_latency(self) -> Array:
+        """Return the change of x, y and yaw (3) by one sigma of the latency."""
+        return np.asarray(self.of_latency / max(self.latency_sigma_s, KNOWN), dtype=np.float64)
+
+    @property
+    def assumed(self) -> Array:
+        """Return the timely covariance of errors of the assumed size, whatever the scatter."""
+        return self.timely / stated_scatter(self.scatter)
 
     def is_near(self, other: "Solution") -> bool:
         """Return True if the two poses are the same for practical purposes."""
@@ -188,7 +200,7 @@ class Solution:
         """
         off = np.array([self.x_m - other.x_m, self.y_m - other.y_m, 0.0])
         off[2] = math.remainder(self.yaw_rad - other.yaw_rad, math.tau)
-        both = self.timely + other.timely
+        both = self.assumed + other.assumed
         both[2, 2] += drift_rad**2
         return float(off @ np.linalg.solve(both, off))
 
@@ -196,6 +208,11 @@ class Solution:
     def yaw_sigma_rad(self) -> float:
         """Return the standard deviation of the yaw."""
         return math.sqrt(max(0.0, float(self.covariance[2, 2])))
+
+
+def stated_scatter(scatter: float) -> float:
+    """Return the factor on the covariance of errors of the assumed size by which it is stated."""
+    return max(scatter, MIN_SCATTER) if scatter else 1.0
 
 
 @dataclass(frozen=True)

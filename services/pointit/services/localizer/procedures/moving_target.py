@@ -154,7 +154,6 @@ CONTRADICTED = (
 MAX_TRACKS = 256
 """Largest number of robots; those reported last are kept."""
 
-
 MIN_SPAN_S = 1.5
 """Time of pointing before the first solution."""
 
@@ -196,7 +195,6 @@ class MovingTarget(Procedure):
         super().__init__(config)
         self.wrist_sigma_s: float | None = None
         """1 sigma of the time of the rays, as the wrist states it. None if it does not."""
-        self._settings = config.believed()
         self._clear(0)
 
     @property

@@ -36,11 +36,10 @@ class StaticTargets(LampProcedure):
     def __init__(self, lamps: Sequence[Lamp], config: LocalizerConfig) -> None:
         """Create the procedure for `lamps`, at least one, in the order of lighting."""
         self._lamps = tuple(lamps)
-        self._settings = config.believed()
         self._max_holds = max_holds(config, len(self._lamps))
         shared = self._max_holds if config.order == "given" or config.targets else MIN_LAMPS
         super().__init__(
-            (lamp.id for lamp in lamps), config, -(-self._settings.min_samples // shared), "start again"
+            (lamp.id for lamp in lamps), config, -(-config.trust.min_samples // shared), "start again"
         )
 
     @property

@@ -1,0 +1,56 @@
+"""Probability that a person who points selects the thing that they mean, by the covariance of their pose."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from pointit.services.localizer.estimation.angular_residuals import Array, Complex
+
+DRAWS = np.random.default_rng(0).standard_normal((60, 3))
+"""Standard normal errors of x, y and yaw, the same ones each time: equal rays give equal verdicts."""
+
+DIRECTIONS: Complex = 3.0 * np.exp(0.25j * math.pi * np.arange(8))
+"""Things of a map that has none, relative to the person, m: robots and belts are 2 to 4 m away."""
+
+MAX_THINGS = 16
+"""Number of things that are judged, the nearest ones."""
+
+NEAREST_M = 0.5
+"""Smallest distance of a thing that has a direction."""
+
+MIN_ANGLE_RAD, MAX_ANGLE_RAD = math.radians(10.0), math.radians(30.0)
+"""A ray this near to a thing selects it, however near others are: light shows which one it is. One that is
+farther away selects nothing, however far others are.
+"""
+
+TINY_M = 1e-9
+
+
+def things_around(things_m: Sequence[Sequence[float]], place_m: complex) -> Complex:
+    """Return the things of a map, `things_m` (k x 2, {W}), relative to a person at `place_m`.
+
+    They are `DIRECTIONS` if fewer than two are away from the person: one thing has no neighbour.
+    """
+    around: Complex = np.array([complex(x, y) - place_m for x, y in things_m], dtype=np.complex128)
+    around = around[np.abs(around) >= NEAREST_M]
+    around = around[np.argsort(np.abs(around), kind="stable")[:MAX_THINGS]]
+    return around if len(around) > 1 else DIRECTIONS
+
+
+def right_probability(covariance: Array, things: Complex) -> float:
+    """Return the mean probability that the ray at one of `things` (k) is nearest to that one.
+
+    Args:
+        covariance: 3 x 3, of x, y and yaw.
+        things: relative to the place that is assumed, k.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    errors = DRAWS @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    # from where the person stands, turned by the error of the yaw, cast from where they are assumed to stand
+    rays: Complex = (things - (errors[:, :1] + 1j * errors[:, 1:2])) * np.exp(-1j * errors[:, 2:])
+    rays /= np.maximum(np.abs(rays), TINY_M)
+    cosines: Array = (rays[:, :, None] * np.conj(things / np.abs(things))).real
+    own: Array = cosines.diagonal(axis1=1, axis2=2)
+    is_nearest = (own >= cosines.max(axis=2)) | (own >= math.cos(MIN_ANGLE_RAD))
+    return float(np.mean(is_nearest & (own >= math.cos(MAX_ANGLE_RAD))))

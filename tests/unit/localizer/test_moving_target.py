@@ -18,7 +18,7 @@ from tests.unit.localizer.person import START_NS, Person, config, poses, told, y
 
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
 NEAR_M = 0.12
-"""Limit of the error of a pose that comes after 2 to 3 s of exact following: 0.04 to 0.09 m at five places."""
+"""Limit of the error of a pose after 2 to 3 s of exact following: 0.04 to 0.09 m at five places."""
 
 
 def place(t_s: float, phase_rad: float = 0.0) -> Vec3:

@@ -21,7 +21,7 @@ MIN_SCATTER = 0.5
 """Least scatter by which a covariance is stated: constant errors, as a person's slopes, show in none."""
 
 HOLD_SCATTER = 0.5
-"""Scatter of pointing at lamps: squared errors of recorded people are 0.2 to 0.4 of the variance (medians)."""
+"""Scatter of pointing at lamps: squared errors of recorded people are 0.2 to 0.4 of the variance, median."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,9 +93,8 @@ class SolverSettings:
 
     def right_probability(self, pose: "Solution") -> float:
         """Return the probability that a person at `pose` selects the thing that they mean."""
-        covariance = (pose.scatter or HOLD_SCATTER) * pose.assumed + np.outer(
-            pose.by_latency, pose.by_latency
-        )
+        scatter = pose.scatter or HOLD_SCATTER
+        covariance = scatter * pose.assumed + np.outer(pose.by_latency, pose.by_latency)
         return right_probability(covariance, things_around(self.things_m, complex(pose.x_m, pose.y_m)))
 
     def weights(self) -> Weights:

@@ -143,7 +143,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
     scatter = 0.0 if summary.is_still else found[0][2]
-    pose = Solution(
+    solution = Solution(
         x_m=x_m,
         y_m=y_m,
         yaw_rad=math.remainder(yaw_rad, math.tau),
@@ -161,8 +161,8 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
         alternative=float(1.0 - probabilities[0]),
         scatter=scatter,
     )
-    late = np.outer(pose.by_latency, pose.by_latency)
-    return replace(pose, covariance=stated_scatter(scatter) * pose.timely + late)
+    late = np.outer(solution.by_latency, solution.by_latency)
+    return replace(solution, covariance=stated_scatter(scatter) * solution.timely + late)
 
 
 def _probabilities(
@@ -221,12 +221,12 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
 
 def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
     sigma_m, yaw_deg = min(solution.position_sigma_m, 99.0), math.degrees(solution.yaw_sigma_rad)
-    right, least = 100.0 * settings.right_probability(solution), 100.0 * settings.min_right_probability
+    right, min_right = 100.0 * settings.right_probability(solution), 100.0 * settings.min_right_probability
     stated = f"the pose is uncertain by {sigma_m:.2f} m and {min(yaw_deg, 180.0):.0f}°"
-    if right < least:
+    if right < min_right:
         stated += (
-            f", so that pointing would select the thing that is meant in {round_beyond(right, least)} % and "
-            f"at least {least:.3g} % are needed"
+            f", so that pointing would select the thing that is meant in {round_beyond(right, min_right)} % "
+            f"and at least {min_right:.3g} % are needed"
         )
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"

@@ -20,11 +20,7 @@ NEAREST_M = 0.5
 """Smallest distance of a thing that has a direction."""
 
 MIN_ANGLE_RAD, MAX_ANGLE_RAD = math.radians(10.0), math.radians(30.0)
-"""A ray this near to a thing selects it, however near others are: light shows which one it is. One that is
-farther away selects nothing, however far others are.
-"""
-
-TINY_M = 1e-9
+"""A ray this near to a thing selects it, as light tells neighbours apart. One farther away selects nothing."""
 
 
 def things_around(things_m: Sequence[Sequence[float]], place_m: complex) -> Complex:
@@ -32,10 +28,9 @@ def things_around(things_m: Sequence[Sequence[float]], place_m: complex) -> Comp
 
     They are `DIRECTIONS` if fewer than two are away from the person: one thing has no neighbour.
     """
-    around: Complex = np.array([complex(x, y) - place_m for x, y in things_m], dtype=np.complex128)
-    around = around[np.abs(around) >= NEAREST_M]
-    around = around[np.argsort(np.abs(around), kind="stable")[:MAX_THINGS]]
-    return around if len(around) > 1 else DIRECTIONS
+    around = sorted((complex(x, y) - place_m for x, y in things_m), key=abs)
+    away = [thing for thing in around if abs(thing) >= NEAREST_M][:MAX_THINGS]
+    return np.array(away) if len(away) > 1 else DIRECTIONS
 
 
 def right_probability(covariance: Array, things: Complex) -> float:
@@ -49,8 +44,9 @@ def right_probability(covariance: Array, things: Complex) -> float:
     errors = DRAWS @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     # from where the person stands, turned by the error of the yaw, cast from where they are assumed to stand
     rays: Complex = (things - (errors[:, :1] + 1j * errors[:, 1:2])) * np.exp(-1j * errors[:, 2:])
-    rays /= np.maximum(np.abs(rays), TINY_M)
-    cosines: Array = (rays[:, :, None] * np.conj(things / np.abs(things))).real
+    rays /= np.maximum(np.abs(rays), 1e-9)
+    seen: Complex = things / np.abs(things)
+    cosines: Array = rays.real[:, :, None] * seen.real + rays.imag[:, :, None] * seen.imag
     own: Array = cosines.diagonal(axis1=1, axis2=2)
     is_nearest = (own >= cosines.max(axis=2)) | (own >= math.cos(MIN_ANGLE_RAD))
     return float(np.mean(is_nearest & (own >= math.cos(MAX_ANGLE_RAD))))

@@ -84,18 +84,18 @@ class SolverSettings:
         """Return the settings that accept poses of any uncertainty."""
         return replace(self, min_right_probability=0.0)
 
-    def accepts(self, pose: "Solution") -> bool:
-        """Return True if `pose` is certain enough to be used: pointing selects what is meant."""
+    def accepts(self, solution: "Solution") -> bool:
+        """Return True if `solution` is certain enough to be used: pointing selects the thing that is meant."""
         if self.min_right_probability <= 0.0:
             return True
-        is_timely = float(np.linalg.norm(pose.by_latency[:2])) <= MAX_LATE_M
-        return is_timely and self.right_probability(pose) >= self.min_right_probability
+        is_timely = float(np.linalg.norm(solution.by_latency[:2])) <= MAX_LATE_M
+        return is_timely and self.right_probability(solution) >= self.min_right_probability
 
-    def right_probability(self, pose: "Solution") -> float:
-        """Return the probability that a person at `pose` selects the thing that they mean."""
-        scatter = pose.scatter or HOLD_SCATTER
-        covariance = scatter * pose.assumed + np.outer(pose.by_latency, pose.by_latency)
-        return right_probability(covariance, things_around(self.things_m, complex(pose.x_m, pose.y_m)))
+    def right_probability(self, solution: "Solution") -> float:
+        """Return the probability that a person at the pose `solution` selects the thing that they mean."""
+        scatter, late = solution.scatter or HOLD_SCATTER, solution.by_latency
+        things = things_around(self.things_m, complex(solution.x_m, solution.y_m))
+        return right_probability(scatter * solution.assumed + np.outer(late, late), things)
 
     def weights(self) -> Weights:
         """Return the weights of the descent."""

@@ -20,7 +20,7 @@ NEAREST_M = 0.5
 """Smallest distance of a thing that has a direction."""
 
 MIN_ANGLE_RAD, MAX_ANGLE_RAD = math.radians(10.0), math.radians(30.0)
-"""A ray this near to a thing selects it, as light tells neighbours apart. One farther away selects nothing."""
+"""A ray this near to a thing selects it: light tells neighbours apart. One farther away selects nothing."""
 
 
 def things_around(things_m: Sequence[Sequence[float]], place_m: complex) -> Complex:

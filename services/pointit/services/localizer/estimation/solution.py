@@ -85,7 +85,7 @@ class SolverSettings:
         return replace(self, min_right_probability=0.0)
 
     def accepts(self, solution: "Solution") -> bool:
-        """Return True if `solution` is certain enough to be used: pointing selects the thing that is meant."""
+        """Return True if `solution` is certain enough to be used: pointing selects what is meant."""
         if self.min_right_probability <= 0.0:
             return True
         is_timely = float(np.linalg.norm(solution.by_latency[:2])) <= MAX_LATE_M

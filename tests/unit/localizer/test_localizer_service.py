@@ -5,6 +5,7 @@ import itertools
 import math
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from typing import Any
 
 import pytest
 
@@ -197,12 +198,27 @@ async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
         await until(lambda: not room.health[-1].warnings, what="the warning to go")
 
 
-@pytest.mark.parametrize("remember", [None, False, True])
-async def test_the_option_of_a_memory_that_is_gone_is_accepted_with_a_note(*, remember: bool | None) -> None:
-    async with room_of(LocalizerConfig(remember=remember)) as room:
+@pytest.mark.parametrize(
+    ("values", "names"),
+    [
+        ({}, []),
+        ({"remember": False}, ["remember"]),
+        ({"remember": True}, ["remember"]),
+        (
+            {"trust": {"max_position_sigma_m": 1.5, "max_yaw_sigma_deg": 30}},
+            ["trust.max_position_sigma_m", "trust.max_yaw_sigma_deg"],
+        ),
+        ({"trust": {"max_yaw_sigma_deg": 14.0, "min_right_probability": 0.5}}, ["trust.max_yaw_sigma_deg"]),
+    ],
+)
+async def test_options_without_effect_are_accepted_with_a_note(
+    values: dict[str, Any], names: list[str]
+) -> None:
+    """Older files have them."""
+    async with room_of(LocalizerConfig.model_validate(values)) as room:
         await until(lambda: bool(room.health), what="health")
-        noted = [text for text in room.health[-1].warnings if "localizer.remember has no effect" in text]
-        assert len(noted) == (remember is not None)
+        notes = [text for text in room.health[-1].warnings if "has no effect any more; leave it out" in text]
+        assert [text.split()[2] for text in notes] == [f"localizer.{name}" for name in names]
         assert len(room.poses) == 1
 
 

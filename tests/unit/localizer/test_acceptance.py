@@ -93,7 +93,7 @@ def test_two_targets_that_fit_two_places_are_refused_and_a_third_tells() -> None
 
 SURE = Solution(
     x_m=0.0, y_m=0.0, yaw_rad=0.0, bias_rad=0.0, covariance=np.diag([0.1, 0.1, 0.02]), residual_rad=0.0,
-    samples=99, latency_sigma_s=0.1, of_latency=np.zeros(3), scatter=1.0,
+    samples=99, latency_sigma_s=0.1, by_latency=np.zeros(3), scatter=1.0,
 )  # fmt: skip
 """A pose that is just certain enough."""
 
@@ -105,8 +105,8 @@ SURE = Solution(
         ({"covariance": np.diag([0.9, 0.9, 0.02])}, False),  # too uncertain a place
         ({"covariance": np.diag([0.9, 0.9, 0.02]), "scatter": 0.1}, True),  # of rays that follow closely
         ({"covariance": np.diag([0.1, 0.1, 0.08])}, False),  # too uncertain a yaw
-        ({"of_latency": np.array([0.035, 0.0, 0.0])}, True),
-        ({"of_latency": np.array([0.03, 0.04, 0.0])}, False),  # moved by the latency by 0.5 m
+        ({"by_latency": np.array([0.35, 0.0, 0.0])}, True),
+        ({"by_latency": np.array([0.3, 0.4, 0.0])}, False),  # moved by the latency by 0.5 m
         ({"scatter": 0.0}, True),  # lamps
         ({"covariance": np.diag([2.0, 2.0, 0.02]), "scatter": 0.0}, False),
     ],

@@ -17,7 +17,13 @@ from pointit.services.localizer.estimation.angular_residuals import Array, Rays,
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
-from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings, stated_scatter
+from pointit.services.localizer.estimation.solution import (
+    KNOWN,
+    Refusal,
+    Solution,
+    SolverSettings,
+    stated_scatter,
+)
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
@@ -103,10 +109,12 @@ def solve(
         late_rad = _missed_rad(late, _pose_of(solution, np.zeros(3), settings))
         missed = min(missed, late_rad, key=lambda each: float(each @ each))
     residual_rad = math.sqrt(float(np.mean(missed * missed)))
-    limit_rad = settings.residual_limit_rad(is_still=summary.is_still)
+    limit_rad = settings.max_act_residual_rad if summary.is_still else settings.max_residual_rad
     if residual_rad > limit_rad and settings.trims:
         kept = missed <= np.quantile(missed, 1.0 - TRIMMED)
-        again = solve(pointings.only(kept), settings.trimmed(LESS), floor_m=floor_m, start=start)
+        lower = replace(settings, trims=False, max_residual_rad=LESS * settings.max_residual_rad)
+        lower = replace(lower, max_act_residual_rad=LESS * settings.max_act_residual_rad)
+        again = solve(pointings.only(kept), lower, floor_m=floor_m, start=start)
         if isinstance(again, Solution):
             return again
     solution = replace(
@@ -143,7 +151,9 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
     scatter = 0.0 if summary.is_still else found[0][2]
-    solution = Solution(
+    late = spread[:3, LATENCY] / max(sigma[LATENCY], KNOWN)
+    spread[:3, :3] += (stated_scatter(scatter) - 1.0) * (spread[:3, :3] - np.outer(late, late))
+    return Solution(
         x_m=x_m,
         y_m=y_m,
         yaw_rad=math.remainder(yaw_rad, math.tau),
@@ -157,12 +167,10 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
         latency_s=settings.latency_s + latency_s,
         late_s=latency_s if abs(latency_s) > 2.0 * sigma[LATENCY] else 0.0,
         latency_sigma_s=sigma[LATENCY],
-        of_latency=spread[:3, LATENCY],
+        by_latency=late,
         alternative=float(1.0 - probabilities[0]),
         scatter=scatter,
     )
-    late = np.outer(solution.by_latency, solution.by_latency)
-    return replace(solution, covariance=stated_scatter(scatter) * solution.timely + late)
 
 
 def _probabilities(
@@ -234,7 +242,7 @@ def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
         return f"{stated}: all targets are at the height of the eyes; add one below the waist"
     if solution.alternative > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
-    if settings.accepts(replace(solution, covariance=solution.timely, of_latency=np.zeros(3))):
+    if settings.accepts(replace(solution, covariance=solution.timely, by_latency=np.zeros(3))):
         return (
             f"{stated}: the latency of what tracks the target is uncertain by "
             f"{settings.latency_sigma_s:.2f} s; have the tracker state its `latency_sigma_s`, or the target "

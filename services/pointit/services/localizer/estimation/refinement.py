@@ -92,7 +92,8 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
         weight, variance = _scatter(angles, samples, noise)
         unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
         flat = _independent(jacobian * unit, likeness, share).reshape(STATES, -1)
-        information, slope = flat @ flat.T, flat @ _independent(angles * unit, likeness, share).ravel()
+        innovations = _independent(angles * unit, likeness, share)
+        information, slope = flat @ flat.T, flat @ innovations.ravel()
         if not np.isfinite(information).all():
             break
         prior, moved = noise.prior.copy(), np.zeros(STATES)
@@ -112,8 +113,8 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
     out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
     out[0, 0] += noise.body_sigma_m**2
     out[1, 1] += noise.body_sigma_m**2
-    innovations = _independent(angles * np.sqrt(weight) / noise.sigma_rad[:, None], likeness, share)
-    scatter = _student_variance(np.hypot(*innovations), np.ones(len(weight)))
+    sizes = np.hypot(*innovations) * max(variance, 1.0) ** 0.5
+    scatter = _student_variance(sizes, np.ones(len(sizes)))
     return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), scatter
 
 

@@ -45,8 +45,9 @@ def right_probability(covariance: Array, things: Complex) -> float:
     # from where the person stands, turned by the error of the yaw, cast from where they are assumed to stand
     rays: Complex = (things - (errors[:, :1] + 1j * errors[:, 1:2])) * np.exp(-1j * errors[:, 2:])
     rays /= np.maximum(np.abs(rays), 1e-9)
-    seen: Complex = things / np.abs(things)
-    cosines: Array = rays.real[:, :, None] * seen.real + rays.imag[:, :, None] * seen.imag
+    cosines: Array = (
+        np.stack([rays.real, rays.imag], axis=2) @ np.array([things.real, things.imag]) / np.abs(things)
+    )
     own: Array = cosines.diagonal(axis1=1, axis2=2)
     is_nearest = (own >= cosines.max(axis=2)) | (own >= math.cos(MIN_ANGLE_RAD))
     return float(np.mean(is_nearest & (own >= math.cos(MAX_ANGLE_RAD))))

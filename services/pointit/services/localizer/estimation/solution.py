@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays
-from pointit.services.localizer.estimation.levenberg_marquardt import SAME_POSE, Weights
+from pointit.services.localizer.estimation.levenberg_marquardt import Weights
 from pointit.services.localizer.estimation.refinement import NoiseModel
 from pointit.services.localizer.estimation.right_probability import right_probability, things_around
 from pointit.services.localizer.estimation.sample_blocks import Pointings
@@ -71,18 +71,14 @@ class SolverSettings:
     trims: bool = True
     """True to try rays that miss by more again without the worst of them."""
 
-    def trimmed(self, share: float) -> "SolverSettings":
-        """Return the settings for rays without the worst, whose rms is `share` of that of all."""
-        return replace(
-            self,
-            max_residual_rad=share * self.max_residual_rad,
-            max_act_residual_rad=share * self.max_act_residual_rad,
-            trims=False,
-        )
-
     def unlimited(self) -> "SolverSettings":
         """Return the settings that accept poses of any uncertainty."""
         return replace(self, min_right_probability=0.0)
+
+    def any_fit(self) -> "SolverSettings":
+        """Return the settings that accept the best fit, however far the rays miss."""
+        limits = ("max_residual_rad", "max_act_residual_rad", "bias_sigma_limit")
+        return replace(self.unlimited(), **dict.fromkeys(limits, math.inf))
 
     def accepts(self, solution: "Solution") -> bool:
         """Return True if `solution` is certain enough to be used: pointing selects what is meant."""
@@ -106,11 +102,8 @@ class SolverSettings:
     def noise_model(self, *, is_still: bool) -> NoiseModel:
         """Return the noise model for targets at rest or moving."""
         sideways = self.act_sigma_rad if is_still else self.ray_sigma_rad
-        sigmas = (
-            *(self.bias_sigma_rad, self.height_sigma_m),
-            self.rate_sigma_radps,
-            0.0 if is_still else self.latency_sigma_s,
-        )
+        latency_sigma_s = 0.0 if is_still else self.latency_sigma_s
+        sigmas = (self.bias_sigma_rad, self.height_sigma_m, self.rate_sigma_radps, latency_sigma_s)
         return NoiseModel(
             sigma_rad=np.array([sideways, self.elevation_sigma_rad]),
             independent_hz=0.0 if is_still else self.independent_hz,  # a reach errs until the next one
@@ -125,10 +118,6 @@ class SolverSettings:
         """Return `pointings` less what is expected of the person, with targets relative to `centre` (3)."""
         rays = Rays.of(pointings.origins_m, pointings.directions, pointings.targets_m - centre)
         return replace(rays, elevations_rad=rays.elevations_rad - self.bias_rad) if self.bias_rad else rays
-
-    def residual_limit_rad(self, *, is_still: bool) -> float:
-        """Return the rms angle up to which the person pointed at the targets, at rest or moving."""
-        return self.max_act_residual_rad if is_still else self.max_residual_rad
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,8 +151,8 @@ class Solution:
     """Probability that the person stands at another place that fits, too."""
     scatter: float = 0.0
     """Variance of the errors of following over the assumed one, by their innovations; 0 at rest."""
-    of_latency: Array = field(default_factory=lambda: np.zeros(3))
-    """Covariance of x, y and yaw with the latency of the tracker."""
+    by_latency: Array = field(default_factory=lambda: np.zeros(3))
+    """Change of x, y and yaw by one sigma of the latency of the tracker."""
 
     @property
     def position_sigma_m(self) -> float:
@@ -177,20 +166,9 @@ class Solution:
         return self.covariance - np.outer(self.by_latency, self.by_latency)
 
     @property
-    def by_latency(self) -> Array:
-        """Return the change of x, y and yaw (3) by one sigma of the latency."""
-        return np.asarray(self.of_latency / max(self.latency_sigma_s, KNOWN), dtype=np.float64)
-
-    @property
     def assumed(self) -> Array:
         """Return the timely covariance of errors of the assumed size, whatever the scatter."""
         return self.timely / stated_scatter(self.scatter)
-
-    def is_near(self, other: "Solution") -> bool:
-        """Return True if the two poses are the same for practical purposes."""
-        away_m = math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
-        turned_rad = abs(math.remainder(self.yaw_rad - other.yaw_rad, math.tau))
-        return away_m <= SAME_POSE and turned_rad <= SAME_POSE
 
     def differs(self, other: "Solution", drift_rad: float = 0.0) -> float:
         """Return the squared Mahalanobis distance by both covariances; `drift_rad`: 1 sigma of turns between.

@@ -4,10 +4,9 @@ Pure: rays, tracked objects and the time go in; progress, poses and anchors come
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import replace
 from typing import Any, Literal
 
-from pointit.schemas import Environment, Localization, PointingRay, TrackedObjects
+from pointit.schemas import Localization, PointingRay, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.outputs import Output, Phase, finite_or_none
@@ -20,7 +19,8 @@ class Procedure(ABC):
 
     def __init__(self, config: LocalizerConfig) -> None:
         self._config = config
-        self._settings = config.believed()
+        self.settings = config.believed()
+        """Weights and limits; `ProcedureRunner` adds the things of the map."""
         self._running = False
         self.since_ns = 0
         """Time of the request."""
@@ -46,11 +46,6 @@ class Procedure(ABC):
     def step(self, now_ns: int) -> list[Output]:
         """Continue, or end."""
         return self._continue(now_ns) if self._running else []
-
-    def on_map(self, room: Environment) -> None:
-        """Update the things for which a pose must be certain enough."""
-        places_m = tuple(thing.center_m[:2] for thing in room.fixed_things)
-        self._settings = replace(self._settings, things_m=places_m)
 
     def on_ray(self, ray: PointingRay) -> None:
         """Process a ray of the person, if they are used."""

@@ -60,7 +60,7 @@ class StaticTargets(LampProcedure):
     def _next_lamp(self) -> Lamp:
         if self._config.order == "given":
             return self._lamps[len(self._holds)]
-        settings, rays, solution = self._settings, self._rays, self._solution
+        settings, rays, solution = self.settings, self._rays, self._solution
         observation_model = ObservationModel(
             ray_sigma_rad=settings.act_sigma_rad,
             elevation_sigma_rad=settings.elevation_sigma_rad,
@@ -85,7 +85,9 @@ class StaticTargets(LampProcedure):
                 return self._light(now_ns)
             return self._finish(now_ns, self._solve())
         result = self._solve() if count >= MIN_LAMPS else None
-        sofar = self._so_far() if isinstance(result, Refusal) else result
+        sofar = result
+        if isinstance(result, Refusal):  # the pose however uncertain it is, to choose the next lamp
+            sofar = solve(self._pointings(), self._believed().unlimited(), floor_m=self._config.floor_m)
         self._solution = sofar if isinstance(sofar, Solution) else None
         if result is None or (count < self._max_holds and self._goes_on(result)):
             return self._light(now_ns)
@@ -109,12 +111,8 @@ class StaticTargets(LampProcedure):
     def _solve(self) -> Solution | Refusal:
         return held(self._pointings(), self._believed(), floor_m=self._config.floor_m, lamps=self._lit)
 
-    def _so_far(self) -> Solution | Refusal:
-        """Return the pose however uncertain it is, to choose the next lamp."""
-        return solve(self._pointings(), self._believed().unlimited(), floor_m=self._config.floor_m)
-
     def _believed(self) -> SolverSettings:
-        return ray_math.believed(self._settings, self._rays)
+        return ray_math.believed(self.settings, self._rays)
 
     def _pointings(self) -> Pointings:
         rays = self._rays

@@ -192,7 +192,7 @@ def test_slope_that_is_uncertain_is_no_reason_for_doubt(
 def test_a_low_slope_of_few_seconds_is_doubted_only_if_it_is_far_too_low(
     monkeypatch: pytest.MonkeyPatch, freedom: float, value: float, *, is_told: bool
 ) -> None:
-    """Of people with a sensor along the arm it scatters that far in 2 and 3 s (freedom 2 and 4)."""
+    """Slopes of people with a sensor along the arm scatter that far in 2 and 3 s (freedom 2 and 4)."""
     slope = dataclasses.replace(SURE, value=value, sigma=0.2, freedom=freedom)
     fault = said(monkeypatch, slope)
     assert ("keep following it with the arm straight" in fault) == bool(fault) == is_told

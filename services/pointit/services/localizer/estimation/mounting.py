@@ -35,10 +35,10 @@ FEWEST_HOLDS = 4
 MIN_SPREAD_RAD = math.radians(0.8)
 """Smallest standard deviation of the target's elevation that gives a slope."""
 
-MAX_DOUBT_SIGMA = 0.25
+MAX_SUSPICION_SIGMA = 0.25
 """Largest standard deviation of a slope that is doubted."""
 
-DOUBT_FREEDOM = 6.0
+SUSPICION_FREEDOM = 6.0
 """Independent pointings beyond `FEWEST` from which each slope below `MIN_SLOPE` is doubted. Of fewer, lower
 ones are: slopes of 2 and 3 s scatter by more than their sigma."""
 
@@ -58,7 +58,7 @@ MOUNTED = (
     "the rays turn with the {} and {}: the sensor seems to be mounted {} the arm; "
     "run `pointit person calibrate mounting USER`"
 )
-DOUBTED = (
+SUSPECTED = (
     "the rays rise and sink only {:.1f} times as much as the robot; keep following it with the arm straight, "
     "and if this stays run `pointit person calibrate mounting USER`"
 )
@@ -84,8 +84,8 @@ class Slope:
     @property
     def is_doubtful(self) -> bool:
         """Return True if the sensor is rather across the arm than along it: more pointing must tell."""
-        share = min(1.0, self.freedom / DOUBT_FREEDOM)
-        return self.value < share * MIN_SLOPE and self.sigma < MAX_DOUBT_SIGMA
+        share = min(1.0, self.freedom / SUSPICION_FREEDOM)
+        return self.value < share * MIN_SLOPE and self.sigma < MAX_SUSPICION_SIGMA
 
 
 def mounting_fault(
@@ -123,7 +123,7 @@ def mounting_fault(
     if is_wrong:
         return MOUNTED.format(target, *((back, "backwards on") if is_back else (across, "across")))
     is_doubtful = not holds and fit is result and slope.is_doubtful
-    return DOUBTED.format(max(slope.value, 0.0)) if is_doubtful else ""
+    return SUSPECTED.format(max(slope.value, 0.0)) if is_doubtful else ""
 
 
 def mounting_slope(

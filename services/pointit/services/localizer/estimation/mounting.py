@@ -130,8 +130,6 @@ def mounting_slope(
     pointings: Pointings, solution: Solution, settings: SolverSettings, floor_m: float, *, independent: float
 ) -> Slope | None:
     """Return the slope by least squares, or None if the target's elevation hardly changes or is not known."""
-    if not len(pointings):
-        return None
     freedom = independent - FEWEST
     means = blocks(in_time(pointings, settings.latency_s + solution.late_s)).pointings
     place_m = np.array([solution.x_m, solution.y_m, floor_m])

@@ -24,10 +24,7 @@ MIN_ANGLE_RAD, MAX_ANGLE_RAD = math.radians(10.0), math.radians(30.0)
 
 
 def things_around(things_m: Sequence[Sequence[float]], place_m: complex) -> Complex:
-    """Return the things of a map, `things_m` (k x 2, {W}), relative to a person at `place_m`.
-
-    They are `DIRECTIONS` if fewer than two are away from the person: one thing has no neighbour.
-    """
+    """Return the nearest of `things_m` (k x 2, {W}) from `place_m`, or `DIRECTIONS` if fewer than two are."""
     around = sorted((complex(x, y) - place_m for x, y in things_m), key=abs)
     away = [thing for thing in around if abs(thing) >= NEAREST_M][:MAX_THINGS]
     return np.array(away) if len(away) > 1 else DIRECTIONS

@@ -77,8 +77,8 @@ class SolverSettings:
 
     def any_fit(self) -> "SolverSettings":
         """Return the settings that accept the best fit, however far the rays miss."""
-        limits = ("max_residual_rad", "max_act_residual_rad", "bias_sigma_limit")
-        return replace(self.unlimited(), **dict.fromkeys(limits, math.inf))
+        inf = math.inf
+        return replace(self.unlimited(), max_residual_rad=inf, max_act_residual_rad=inf, bias_sigma_limit=inf)
 
     def accepts(self, solution: "Solution") -> bool:
         """Return True if `solution` is certain enough to be used: pointing selects what is meant."""

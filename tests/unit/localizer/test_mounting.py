@@ -201,7 +201,11 @@ def test_a_low_slope_of_few_seconds_is_doubted_only_if_it_is_far_too_low(
 def test_procedure_goes_on_while_a_mounting_is_doubted(monkeypatch: pytest.MonkeyPatch) -> None:
     """No pose is accepted before the slope is clear, and the reason is published meanwhile."""
     slopes = [dataclasses.replace(SURE, value=0.45, sigma=0.2)]
-    monkeypatch.setattr(mounting, "mounting_slope", lambda *_, **__: slopes[0])
+
+    def measured(*_: object, **__: object) -> Slope:
+        return slopes[0]
+
+    monkeypatch.setattr(mounting, "mounting_slope", measured)
     gathered = following(1, TURNS["along"])
     procedure = MovingTarget(config(give_up_s=30.0))
     procedure.start(START_NS)

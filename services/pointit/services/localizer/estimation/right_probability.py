@@ -10,7 +10,7 @@ from pointit.services.localizer.estimation.angular_residuals import Array, Compl
 DRAWS = np.random.default_rng(0).standard_normal((60, 3))
 """Standard normal errors of x, y and yaw, the same ones each time: equal rays give equal verdicts."""
 
-DIRECTIONS: Complex = 3.0 * np.exp(0.25j * math.pi * np.arange(8))
+DIRECTIONS: Complex = np.asarray(3.0 * np.exp(0.25j * math.pi * np.arange(8)), dtype=np.complex128)
 """Things of a map that has none, relative to the person, m: robots and belts are 2 to 4 m away."""
 
 MAX_THINGS = 16
@@ -46,5 +46,5 @@ def right_probability(covariance: Array, things: Complex) -> float:
         np.stack([rays.real, rays.imag], axis=2) @ np.array([things.real, things.imag]) / np.abs(things)
     )
     own: Array = cosines.diagonal(axis1=1, axis2=2)
-    is_nearest = (own >= cosines.max(axis=2)) | (own >= math.cos(MIN_ANGLE_RAD))
-    return float(np.mean(is_nearest & (own >= math.cos(MAX_ANGLE_RAD))))
+    needed: Array = np.clip(cosines.max(axis=2), math.cos(MAX_ANGLE_RAD), math.cos(MIN_ANGLE_RAD))
+    return float(np.mean(own >= needed))

@@ -76,6 +76,13 @@ def test_without_hearing_or_pressing_nothing_is_selected() -> None:
         assert {announced_reach(row, "names", seed, model).end for seed in (400_010, 400_011)} == {"nothing"}
 
 
+def test_people_who_press_late_hear_the_name_again_and_select() -> None:
+    late = ListenerModel(hand_s=3.0, false_presses_per_min=0.0)
+    ends = [announced_reach(ANNOUNCED_ROWS[0], "names+step", seed, late) for seed in range(400_020, 400_024)]
+    assert {each.end for each in ends} == {"right"}
+    assert min(each.took_s for each in ends) > 4.0
+
+
 def test_a_button_protects_who_waves_among_the_things() -> None:
     assert waves("names", ("among", 400_000, 0.5)) <= 1
     assert waves("names+dwell", ("among", 400_000, 0.5)) > 1

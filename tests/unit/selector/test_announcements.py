@@ -46,9 +46,9 @@ SHELF = (
 class Listener:
     """An engine, and a person to whom names are spoken."""
 
-    def __init__(self, *things: Thing, confirm: str = "press", people: str = "anna") -> None:
+    def __init__(self, *things: Thing, people: str = "anna", **announce: str | float) -> None:
         config = SelectorConfig.model_validate(
-            {"method": "estimate", "estimate": {"announce": {"people": [people], "confirm": confirm}}}
+            {"method": "estimate", "estimate": {"announce": {"people": [people], **announce}}}
         )
         self.engine = SelectionEngine(config, lambda _record: None)
         self.room = Environment(stamp_ns=0, name="room", things=things or SHELF)
@@ -172,6 +172,75 @@ def test_a_press_long_after_the_hover_is_refused() -> None:
     room.point(-15.0, 0.7)
     assert room.press() == []
     assert room.cues == ["wait for the name"]
+
+
+@pytest.mark.parametrize("is_stepping", [False, True])
+@pytest.mark.parametrize("waits_s", [2.6, 4.0, 30.0])
+def test_a_late_press_has_the_name_spoken_again_and_the_next_one_confirms(
+    waits_s: float,
+    is_stepping: bool,  # noqa: FBT001 - a parameter of the test
+) -> None:
+    room = Listener()
+    room.point(0.0, 1.0)
+    name = "right" if is_stepping else "middle"
+    if is_stepping:
+        assert room.step(1) == name
+    room.point(0.0, waits_s)
+    names = len(room.announced)
+    assert room.press() == []
+    assert room.cues == ["wait for the name"]
+    room.point(0.0, 0.1)
+    assert [each for _, each, _ in room.announced[names:]] == [name]
+    room.point(0.0, 0.6)
+    assert room.press() == [("selected", name)]
+    assert len(room.announced) == names + 1
+
+
+def test_a_second_press_before_the_name_was_heard_again_selects_nothing() -> None:
+    room = Listener()
+    room.point(0.0, 4.0)
+    for _ in range(2):
+        assert room.press() == []
+        room.point(0.0, 0.3)
+    assert room.cues == ["wait for the name"] * 2
+    room.point(0.0, 0.4)
+    assert room.press() == [("selected", "middle")]
+
+
+def test_the_repetition_of_a_name_does_not_extend_the_time_for_a_press() -> None:
+    room = Listener()
+    room.point(0.0, 2.4)
+    assert [name for _, name, _ in room.announced] == ["middle", "middle"]
+    room.point(0.0, 0.4)
+    assert room.press() == []
+
+
+def test_a_name_that_is_spoken_anew_after_its_neighbour_was_hovered_can_be_confirmed() -> None:
+    room = Listener()
+    room.point(0.0, 2.2)
+    room.point(-15.0, 0.3)
+    room.point(0.0, 1.3)
+    assert [name for _, name, _ in room.announced][-1] == "middle"
+    assert room.press() == [("selected", "middle")]
+
+
+def test_a_late_press_that_moves_the_arm_does_not_cut_the_name_of_the_neighbour_off() -> None:
+    room = Listener()
+    room.point(0.0, 4.0)
+    room.point(-15.0, 0.1)
+    while room.announced[-1][1] != "right":
+        room.point(-15.0, 0.02)
+    names = len(room.announced)
+    assert room.press() == []
+    room.point(-15.0, 0.7)
+    assert len(room.announced) == names
+    assert room.press() == [("selected", "right")]
+
+
+def test_the_time_for_a_press_is_a_parameter() -> None:
+    room = Listener(confirm_within_s=10.0)
+    room.point(0.0, 8.0)
+    assert room.press() == [("selected", "middle")]
 
 
 def test_a_press_of_somebody_who_does_not_point_is_none_of_the_selectors_business() -> None:

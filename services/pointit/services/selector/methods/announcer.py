@@ -44,6 +44,13 @@ class AnnounceConfig(Config):
         description="press: their button selects the object whose name they heard; dwell: they have none, "
         "and staying on it selects",
     )
+    confirm_within_s: float = Field(
+        default=2.3,
+        ge=1.0,
+        le=600,
+        description="time from the beginning of a name to the last press that confirms it, s. A later press "
+        "has the name spoken again, and the next one confirms: an accidental press selects less often",
+    )
 
     def is_for(self, user: str) -> bool:
         """Return True if names are spoken to `user`."""
@@ -52,24 +59,20 @@ class AnnounceConfig(Config):
 
 class _Name(NamedTuple):
     began_ns: int
+    """Time of the first name in the present reach: a short hover of a neighbour does not delay a press."""
     hovered_ns: int
     """Last time at which the object was hovered."""
-
-
-class _Focus(NamedTuple):
-    """Object that the person stepped to, and the ray of that time."""
-
-    object_id: str
-    direction: vector.Vec3
-    began_ns: int
+    spoken_ns: int
+    """Time from which a press confirms until `confirm_within_s`: a repetition does not extend it."""
 
 
 class Announcer:
     """Names for one person. Stamps of cursors are its clock."""
 
-    def __init__(self, *, is_pressed: bool) -> None:
-        """Create with nothing announced. `is_pressed`: the person has a button, by which they select."""
-        self.is_pressed = is_pressed
+    def __init__(self, config: AnnounceConfig) -> None:
+        """Create with nothing announced."""
+        self.is_pressed = config.confirm == "press"
+        self._confirm_within_ns = round(config.confirm_within_s * NS_PER_S)
         self._announced = Announced(stamp_ns=0)
         self.forget()
 
@@ -83,7 +86,8 @@ class Announcer:
         """Time at which the name of the hovered object is repeated."""
         self._names: dict[str, _Name] = {}
         """Names of recently hovered objects."""
-        self._focus: _Focus | None = None
+        self._focus: tuple[str, Cursor] | None = None
+        """Object that the person stepped to, and the cursor of that time."""
         self._has_fired = False
         self._cursor: Cursor | None = None
 
@@ -99,20 +103,21 @@ class Announcer:
 
         `acts` returns True if selecting an object has an effect.
         """
-        self._cursor, focus = cursor, self._focus
-        if focus is None:
+        self._cursor = cursor
+        if self._focus is None:
             return progress
-        direction = cursor.direction
-        if direction is None or vector.angle_between(focus.direction, direction) > FOCUS_RAD:
+        object_id, start = self._focus
+        start_ray, ray = start.direction, cursor.direction
+        if start_ray is None or ray is None or vector.angle_between(start_ray, ray) > FOCUS_RAD:
             self._focus = None
             return progress
-        spent_ns = max(cursor.stamp_ns - focus.began_ns, 0)
+        spent_ns = max(cursor.stamp_ns - start.stamp_ns, 0)
         share = min(spent_ns / (UNDERSTOOD_NS if self.is_pressed else STEP_DWELL_NS), 1.0)
-        if self._has_fired or not acts(focus.object_id):
-            return SelectionProgress(focus.object_id)
+        if self._has_fired or not acts(object_id):
+            return SelectionProgress(object_id)
         self._has_fired = share == 1.0 and not self.is_pressed
-        fired = focus.object_id if self._has_fired else None
-        return SelectionProgress(focus.object_id, share, fired, spent_ns / NS_PER_S)
+        fired = object_id if self._has_fired else None
+        return SelectionProgress(object_id, share, fired, spent_ns / NS_PER_S)
 
     def step(self, objects: Iterable[TrackedObject], by: int, stamp_ns: int) -> tuple[str, int]:
         """Move to the object beside the hovered one. At the end of a row its name is spoken once more.
@@ -124,8 +129,7 @@ class Announcer:
             return "", 0
         object_id = neighbour(objects, cursor, self._hovered, by)
         if object_id:
-            self._focus = _Focus(object_id, cursor.direction, cursor.stamp_ns)
-            self._has_fired = False
+            self._focus, self._has_fired = (object_id, cursor), False
             self._hovered, self._hovered_ns = object_id, cursor.stamp_ns - FIRST_NS
             self._spoken, self._repeat_ns = ("", 0), None
             self._names.clear()  # who steps on does not mean what was announced before
@@ -150,9 +154,11 @@ class Announcer:
         self._repeat_ns = None
         if is_first:
             self._spoken, self._repeat_ns = (object_id, stamp_ns), stamp_ns + REPEAT_NS
-            since_ns = stamp_ns - RECENT_NS
-            recent = {each: name for each, name in self._names.items() if name.hovered_ns >= since_ns}
-            self._names = {object_id: _Name(stamp_ns, stamp_ns)} | recent
+        since_ns = stamp_ns - RECENT_NS
+        self._names = {each: name for each, name in self._names.items() if name.hovered_ns >= since_ns}
+        name = self._names.setdefault(object_id, _Name(stamp_ns, stamp_ns, stamp_ns))
+        if is_first:
+            self._names[object_id] = name._replace(spoken_ns=stamp_ns)
         return self._send(object_id, label, stamp_ns, stamp_ns)
 
     def end(self, stamp_ns: int) -> Announced | None:
@@ -167,14 +173,20 @@ class Announcer:
     def confirmed(self, press_ns: int) -> str:
         """Return the object that a press means: its name could be understood, and it was hovered until now.
 
-        `""` if there is none.
+        `""` if there is none, or if its name began too long ago, which is then spoken again.
         """
         names = {
             object_id: name.hovered_ns
             for object_id, name in self._names.items()
             if name.began_ns <= press_ns - UNDERSTOOD_NS and name.hovered_ns >= press_ns - RECENT_NS
         }
-        return max(names, key=names.__getitem__, default="")
+        object_id = max(names, key=names.__getitem__, default="")
+        if object_id and press_ns - self._names[object_id].spoken_ns > self._confirm_within_ns:
+            del self._names[object_id]
+            if self._spoken[0] == object_id:
+                self._repeat_ns = press_ns
+            return ""
+        return object_id
 
     def _send(self, object_id: str, label: str, began_ns: int, stamp_ns: int) -> Announced:
         self._announced = Announced(

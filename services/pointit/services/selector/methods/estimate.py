@@ -327,7 +327,5 @@ ESTIMATE = SelectionMethod(
     config=EstimateConfig,
     make=lambda config, _surroundings: EstimateMethod(config),
     by_angle=True,
-    announcer=lambda config, user: (
-        Announcer(is_pressed=config.announce.confirm == "press") if config.announce.is_for(user) else None
-    ),
+    announcer=lambda config, user: Announcer(config.announce) if config.announce.is_for(user) else None,
 )

@@ -159,7 +159,8 @@ def pointing(
 
     Systematic error: people point without a cursor; some pointings serve as anchors, the rest is measured
     (vr_eyefinger, proximity_feedback). Drift: yaw error after some time, with anchors in between
-    (proximity_feedback; simulated_drift, whose true yaw is known).
+    (proximity_feedback; simulated_drift, whose true yaw is known). Landings of reaches in place of later
+    anchors: with drift (proximity_feedback) and without (vr_arm_pointing).
 
     Example: pointit evaluate pointing --data recordings --json rows.json
     """

@@ -7,17 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pointit.geometry import vector
 from pointit.services.localizer.drift.model import DriftSettings
-from pointit_lab.evaluation.datasets.proximity_feedback import PHASES, FloorTrial, read_floor_trials
+from pointit_lab.evaluation.datasets.proximity_feedback import PHASES, FloorTrial, Stretch, read_floor_trials
 from pointit_lab.evaluation.pointing import drift_simulated
 from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, left_out, recorded_rows
 from pointit_lab.evaluation.pointing.drift_courses import courses
 from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
 from pointit_lab.evaluation.pointing.drift_ratio import ratios
-from pointit_lab.evaluation.pointing.drift_solvers import DriftTrial, YawEstimate, filtered, predictable
+from pointit_lab.evaluation.pointing.drift_solvers import (
+    SOLVERS,
+    DriftTrial,
+    YawEstimate,
+    filtered,
+    predictable,
+)
+from pointit_lab.evaluation.pointing.landings import landing_rows
 from pointit_lab.evaluation.recordings.row import ALL, Row
 from tests.support import there
 from tests.support.data import data_file
+from tests.support.published_recordings import Stand, write_acts
 
 HEADER = "trial,target_id,target_x,target_y,phase,t,x,y,trial_len_samples\n"
 PLACES = ((2.0, -1.0), (2.0, 0.0), (2.0, 1.0))
@@ -78,6 +87,60 @@ def p90(row: Row) -> float:
 def within(row: Row) -> float:
     assert row.yaw_within_2_sigma is not None
     return row.yaw_within_2_sigma
+
+
+def reached(number: int, drift_deg: float) -> FloorTrial:
+    """Return a trial whose arm turns 40° to its target, lands, and holds; the IMU is off by `drift_deg`."""
+    begin_s, (x, y) = 45.0 * number, PLACES[number]
+    times_s = np.arange(250) / 50.0
+    share = np.minimum(times_s / 0.8, 1.0)
+    done = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    end_rad, away_m = math.atan2(y, x) + math.radians(drift_deg), math.hypot(x, y)
+    phases = {
+        "open_loop_reach": end_rad + math.radians(40.0) * (done - 1.0),
+        "open_loop_hold": np.full(250, end_rad),
+    }
+    return FloorTrial(
+        subject="01",
+        number=number,
+        target_id=str(number),
+        target_m=(x, y),
+        start_s=begin_s,
+        phases={
+            phase: Stretch(
+                times_s=begin_s + 5.0 * index + times_s,
+                points_m=away_m * np.column_stack([np.cos(phases[phase]), np.sin(phases[phase])]),
+            )
+            for index, phase in enumerate(PHASES[:2])
+        },
+    )
+
+
+def test_landing_of_a_reach_is_an_anchor_in_place_of_a_hold() -> None:
+    (course,) = courses([reached(number, 15.0 * number) for number in range(3)])
+    landing = there(course.holds[1].landing)
+    assert math.degrees(vector.azimuth(landing.direction)) == pytest.approx(15.0, abs=1.0)
+    assert 45.6e9 < landing.stamp_ns < 46.0e9
+    errors_deg = {
+        name: abs(math.degrees(SOLVERS[name](course, (0,), 2).yaw_rad - course.holds[2].yaw_rad))
+        for name in ("pointit, first anchor, rests", "pointit, first anchor, rests, landings")
+    }
+    ignored_deg, learned_deg = errors_deg.values()
+    assert learned_deg < 0.7 * ignored_deg
+    turned = course.holds[1].turned(math.radians(30.0), 100.0)
+    assert there(turned.landing).stamp_ns == landing.stamp_ns + 100_000_000_000
+    assert math.degrees(vector.azimuth(there(turned.landing).direction)) == pytest.approx(-15.0, abs=1.0)
+
+
+def test_people_without_drift_who_point_exactly_are_not_changed_by_landings(tmp_path: Path) -> None:
+    assert landing_rows(tmp_path) == []
+    write_acts(tmp_path, {"1": (1.6, Stand()), "13": (1.9, Stand(x=0.3))})
+    rows = landing_rows(tmp_path)
+    assert [(row.subject, row.solver) for row in rows] == [
+        (subject, solver) for subject in ("1", "13", ALL) for solver in ("raw", "landings")
+    ]
+    assert [row.n for row in rows] == [11, 11, 11, 11, 22, 22]
+    assert all(p90(row) < 1.0 for row in rows)
 
 
 def test_trials_are_read_with_the_times_at_which_they_were(tmp_path: Path) -> None:
@@ -201,6 +264,15 @@ def test_with_rests_nobody_is_worse_off_than_by_anchoring_again(recorded: list[R
             assert p90(find(rows, condition, solver, subject)) <= p90(again)
         over = there(find(rows, condition, solver).times_plain)
         assert over[0].high < 0.5
+
+
+def test_landings_hold_the_yaw_of_recorded_people_whose_imu_drifts(recorded: list[Row]) -> None:
+    for condition, share in (("90 s, 1 anchor", 0.7), ("3 min, 1 anchor/min", 0.3)):
+        ignored, learned = (
+            find(recorded, condition, f"pointit, first anchor, rests{name}") for name in ("", ", landings")
+        )
+        assert median(learned) < share * median(ignored)
+        assert p90(learned) < 0.7 * p90(ignored)
 
 
 def test_settings_of_a_person_are_chosen_by_the_others(tmp_path: Path) -> None:

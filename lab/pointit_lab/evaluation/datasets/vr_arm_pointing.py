@@ -6,7 +6,7 @@ origin and map origin, as in reality; otherwise a solver that starts at zero wou
 
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,7 +55,7 @@ _TARGET = ("target_x", "target_y", "target_z")
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Acts:
+class RecordedActs:
     """All acts of one subject."""
 
     subject: str
@@ -89,6 +89,17 @@ def read(
     if not is_file(path):
         reading.skip(path, "it is missing")
         return
+    for acts in read_acts(path):
+        for count in counts:
+            _add(acts, count, subsets, reading)
+
+
+def read_acts(path: Path) -> Iterator[RecordedActs]:
+    """Yield the acts of each subject, in the order of the file.
+
+    Raises:
+        ConfigError: If the file is damaged.
+    """
     table = read_table(path, numbers=("stature", *_TARGET, *_ACTED), texts=("subject",))
     groups = table.rows_by("subject")
     if len(groups) > MAX_SUBJECTS:
@@ -97,12 +108,10 @@ def read(
             "it the subject? then split the file"
         )
     for (subject,), rows in groups.items():
-        acts = _acts(table.only(rows), subject)
-        for count in counts:
-            _add(acts, count, subsets, reading)
+        yield _acts_of(table.only(rows), subject)
 
 
-def _acts(table: Table, subject: str) -> _Acts:
+def _acts_of(table: Table, subject: str) -> RecordedActs:
     """Return the acts of `subject`; `table` has only their rows."""
     statures_m = table.numbers["stature"]
     strange = np.flatnonzero((statures_m < STATURES_M[0]) | (statures_m > STATURES_M[1]))
@@ -136,7 +145,7 @@ def _acts(table: Table, subject: str) -> _Acts:
     )
     ways = targets_m[:, :2] - heads_m
     turns = np.arctan2(directions[:, 1], directions[:, 0]) - np.arctan2(ways[:, 1], ways[:, 0])
-    return _Acts(
+    return RecordedActs(
         subject=subject,
         eye_height_m=eye_height_m(body),
         origins_m=origins_m,
@@ -148,7 +157,7 @@ def _acts(table: Table, subject: str) -> _Acts:
     )
 
 
-def _add(acts: _Acts, count: int, subsets: int, reading: TrialReading) -> None:
+def _add(acts: RecordedActs, count: int, subsets: int, reading: TrialReading) -> None:
     kinds = int(acts.kinds.max()) + 1
     if kinds < count:
         reading.notes.append(
@@ -176,7 +185,7 @@ def _add(acts: _Acts, count: int, subsets: int, reading: TrialReading) -> None:
         )
 
 
-def _holds(acts: _Acts, chosen: Sequence[int], yaw_rad: float, origin_m: Array) -> Pointings:
+def _holds(acts: RecordedActs, chosen: Sequence[int], yaw_rad: float, origin_m: Array) -> Pointings:
     """Return each act as a hold, with the IMU's yaw origin at `yaw_rad` and the map's at `origin_m`."""
     within_s = np.arange(HOLD_RAYS) * (HOLD_S / HOLD_RAYS)
     starts_s = np.arange(len(chosen)) * (HOLD_S + PAUSE_S)

@@ -10,8 +10,10 @@ from scipy.stats import linregress
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S
+from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
+from pointit.services.localizer.estimation.rays import Mean
+from pointit.services.localizer.tracking.landing import LandingDetector
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial
 
 EYE_M = 1.64
@@ -37,6 +39,8 @@ class CourseHold:
     """Rate of yaw within the hold, by least squares."""
     rest: RestYawRate | None
     """Result of `RestDetector`, with the time of the hold."""
+    landing: Mean | None = None
+    """Landing of the reach before the hold, as the localizer detects it."""
 
     @property
     def yaw_rad(self) -> float:
@@ -45,13 +49,17 @@ class CourseHold:
 
     def turned(self, yaw_rad: float, later_s: float) -> "CourseHold":
         """Return this hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
-        moved = replace(
-            self, at_s=self.at_s + later_s, direction_h=vector.rotate_z(self.direction_h, -yaw_rad)
+        rest, landing, later_ns = self.rest, self.landing, round(later_s * NS_PER_S)
+        if landing is not None:
+            direction = vector.rotate_z(landing.direction, -yaw_rad)
+            landing = replace(landing, direction=direction, stamp_ns=landing.stamp_ns + later_ns)
+        return replace(
+            self,
+            at_s=self.at_s + later_s,
+            direction_h=vector.rotate_z(self.direction_h, -yaw_rad),
+            rest=rest and replace(rest, stamp_ns=rest.stamp_ns + later_ns),
+            landing=landing,
         )
-        if self.rest is None:
-            return moved
-        stamp_ns = self.rest.stamp_ns + round(later_s * NS_PER_S)
-        return replace(moved, rest=replace(self.rest, stamp_ns=stamp_ns))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,4 +154,19 @@ def _hold(trial: FloorTrial) -> CourseHold | None:
         samples=len(azimuths),
         rate_radps=-rate,
         rest=next((rest for rest in rests if rest is not None), None),
+        landing=_landing(trial),
     )
+
+
+def _landing(trial: FloorTrial) -> Mean | None:
+    """Return the landing of the trial's reach without a cursor, or None if there is none."""
+    detector = LandingDetector()
+    for phase in ("open_loop_reach", "open_loop_hold"):
+        stretch = trial.phases.get(phase)
+        if stretch is None:
+            continue
+        for time_s, (x, y) in zip(stretch.times_s.tolist(), stretch.points_m.tolist(), strict=True):
+            direction = vector.direction(math.atan2(y, x), math.atan2(-EYE_M, math.hypot(x, y)))
+            stamp_ns = round(time_s * NS_PER_S)
+            detector.add(PointingRay(stamp_ns=stamp_ns, origin_m=(0.0, 0.0, EYE_M), direction=direction))
+    return detector.take()

@@ -94,6 +94,14 @@ def _filter_and_rests(holds: HoldSequence, anchors: Sequence[int], known_holds: 
     return filtered(holds, anchors, known_holds, DriftSettings())
 
 
+def _filter_and_landings(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
+    return filtered(holds, anchors[:1], known_holds, DriftSettings(), landings=True)
+
+
+def _filter_and_first(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
+    return filtered(holds, anchors[:1], known_holds, DriftSettings())
+
+
 def filtered(
     holds: HoldSequence,
     anchors: Sequence[int],
@@ -101,8 +109,12 @@ def filtered(
     settings: DriftSettings,
     *,
     rests: bool = True,
+    landings: bool = False,
 ) -> YawEstimate:
-    """Return the prediction of `DriftFilter` with these settings, with or without rests."""
+    """Return the prediction of `DriftFilter` with these settings, with or without rests and landings.
+
+    Landings are those of the holds between the first and the predicted one.
+    """
     first = holds.holds[0]
     level = math.cos(vector.elevation(first.direction_h))
     drift = DriftFilter(
@@ -125,6 +137,17 @@ def filtered(
                 spread_rad=hold.spread_rad,
                 samples=hold.samples,
             )
+        landing = hold.landing
+        if landings and number and landing is not None:
+            drift.update_anchor(
+                landing.stamp_ns,
+                hold.target_m,
+                landing.origin_m,
+                landing.direction,
+                spread_rad=landing.spread_rad,
+                sigma_rad=landing.sigma_rad,
+                samples=landing.samples,
+            )
         rest = hold.rest
         if rests and rest is not None:
             drift.update_rest_rate(
@@ -141,5 +164,7 @@ SOLVERS: dict[str, Solver] = {
     "re-anchored, constant rate": _constant_rate,
     "pointit": _filter,
     "pointit, rests": _filter_and_rests,
+    "pointit, first anchor, rests": _filter_and_first,
+    "pointit, first anchor, rests, landings": _filter_and_landings,
 }
-"""Predictors by name; `raw` sets the yaw once at the start."""
+"""Predictors by name; `raw` sets the yaw once at the start. Landings are anchors in place of later holds."""

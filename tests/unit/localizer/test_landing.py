@@ -61,16 +61,22 @@ class Arm:
 class Listener:
     """A person whose wrist has turned by `DRIFT_RAD`, so that the lamp is at minus that in {H}."""
 
-    def __init__(self, covariance: Any = COVARIANCE) -> None:
-        self.core = PoseManager(USER, LocalizerConfig(anchor_at_things=True))
+    def __init__(self, covariance: Any = COVARIANCE, *, anchors: bool | None = True) -> None:
+        self.core = PoseManager(USER, LocalizerConfig(anchor_at_things=anchors))
         self.core.on_map(ROOM, START_NS)
         pose = SetPose(position_m=(0.0, 0.0, 0.0), covariance=covariance, method="static_targets")
         assert not isinstance(self.core.set_pose(pose, START_NS), Refusal)
         self.arm = Arm()
         self.outputs: list[Output] = []
 
-    def reach(self, azimuth_deg: float = -math.degrees(DRIFT_RAD), rest_s: float = 1.0) -> None:
+    def reach(
+        self, azimuth_deg: float = -math.degrees(DRIFT_RAD), rest_s: float = 1.0, **ray_fields: float
+    ) -> None:
+        """Reach and rest. `elevation_deg` and fields of a calibrated person's rays are in `ray_fields`."""
+        elevation_rad = math.radians(ray_fields.pop("elevation_deg", 0.0))
         for ray in self.arm.reach(azimuth_deg, rest_s):
+            direction = vector.direction(vector.azimuth(ray.direction), elevation_rad)
+            ray = ray.model_copy(update={"direction": direction, **ray_fields})  # noqa: PLW2901
             self.core.on_ray(ray, ray.stamp_ns)
             self.core.due(ray.stamp_ns)
 
@@ -79,6 +85,20 @@ class Listener:
 
     def confirm(self, event: SelectionEvent = CONFIRMED) -> None:
         self.outputs += self.core.on_selection(event, self.arm.now_ns)
+
+    def select(self, elevation_deg: float, **ray_fields: float) -> None:
+        """Reach from aside for the lamp, too high by `elevation_deg`, and confirm its name."""
+        self.reach(-60.0)
+        self.arm.now_ns += 5 * NS_PER_S
+        self.reach(elevation_deg=elevation_deg, **ray_fields)
+        self.announce()
+        self.confirm()
+
+    @property
+    def bias_deg(self) -> float:
+        """Elevation bias of the newest pose."""
+        poses = [each for each in self.outputs if isinstance(each, UserPose)]
+        return math.degrees(poses[-1].elevation_bias_rad) if poses else 0.0
 
     @property
     def anchors(self) -> list[Anchor]:
@@ -93,10 +113,40 @@ def test_confirmed_name_corrects_the_yaw_by_the_landing() -> None:
     (anchor,) = person.anchors
     assert (anchor.target_id, anchor.accepted) == ("lamp", True)
     assert anchor.azimuth_error_rad == pytest.approx(DRIFT_RAD, abs=math.radians(0.5))
-    (pose,) = [each for each in person.outputs if isinstance(each, UserPose)]
+    *_, pose = [each for each in person.outputs if isinstance(each, UserPose)]
     assert 0.4 * DRIFT_RAD < pose.yaw_rad < 0.8 * DRIFT_RAD  # of 6 and 5 degrees
     person.confirm()
     assert len(person.anchors) == 1  # one for each reach
+
+
+@pytest.mark.parametrize("anchors", [None, True])
+def test_landings_teach_the_elevation_of_the_person(anchors: bool | None) -> None:  # noqa: FBT001 - a parameter
+    person = Listener(anchors=anchors)
+    biases_deg = list[float]()
+    for _ in range(12):
+        person.select(4.0)
+        biases_deg.append(person.bias_deg)
+    assert biases_deg[0] == pytest.approx(2.0, abs=0.1)  # the pose counts as one pointing
+    assert biases_deg == sorted(biases_deg)
+    assert biases_deg[-1] == pytest.approx(4.0, abs=0.3)
+    person.select(12.0)
+    assert person.bias_deg - biases_deg[-1] == pytest.approx(8.3 / 8.0, abs=0.1)  # the mean of eight
+    assert bool(person.anchors) is bool(anchors)
+
+
+def test_without_anchors_landings_change_neither_the_yaw_nor_the_place() -> None:
+    person = Listener(anchors=None)
+    person.select(4.0)
+    (pose,) = [each for each in person.outputs if isinstance(each, UserPose)]
+    assert (pose.position_m, pose.yaw_rad) == ((0.0, 0.0, 0.0), 0.0)
+
+
+def test_elevation_of_a_calibrated_person_or_far_beside_is_not_learned() -> None:
+    calibrated = Listener(anchors=None)
+    calibrated.select(4.0, elevation_sigma_rad=0.02)
+    beside = Listener(anchors=None)
+    beside.select(40.0)
+    assert calibrated.outputs == beside.outputs == []
 
 
 def test_landing_counts_and_not_the_ray_that_names_have_corrected() -> None:
@@ -192,8 +242,8 @@ def test_tremor_and_slow_turns_are_no_reaches(turned_deg: float) -> None:
 
 
 @in_virtual_time
-@pytest.mark.parametrize("is_on", [True, False])
-async def test_switch_decides_on_the_bus(is_on: bool) -> None:  # noqa: FBT001 - a parameter of the test
+@pytest.mark.parametrize("is_on", [True, False, None])
+async def test_switch_decides_on_the_bus(is_on: bool | None) -> None:  # noqa: FBT001 - a parameter of the test
     config = LocalizerConfig(anchor_at_things=is_on, track_drift=True)
     async with memory_bench(VirtualClock()) as bench:
         anchors = bench.collect(at.ANCHOR, USER)

@@ -245,10 +245,10 @@ class LocalizerConfig(Config):
         description="correct a drifting pose by the rays with which the person takes a robot. If empty, not "
         "on a map with strips; to be switched off where a spotlight shows the cursor",
     )
-    anchor_at_things: bool = Field(
-        default=False,
+    anchor_at_things: bool | None = Field(
+        default=None,
         description="correct a drifting pose by the rays with which the arm lands, once a press confirms the "
-        "name that was spoken",
+        "name that was spoken. If empty, only their elevation",
     )
     floor_m: Real = Field(default=0.0, description="height of the floor in the room's coordinates, m")
     free_height: bool = Field(

@@ -251,14 +251,17 @@ class PoseManager:
         self._has_names |= bool(announced.object_id)
 
     def on_selection(self, event: SelectionEvent, now_ns: int) -> list[Output]:
-        """Correct a pose that drifts by the landing of a reach, once the person confirms the name."""
+        """Correct a pose that drifts by the landing of a reach whose name the person confirms."""
         if event.user != self._user or event.event not in ("selected", "deselected"):
             return []
         landing, position_m = self._landing_detector.take(), self._things_m.get(event.object_id)
         is_confirmed = event.cause == "button" and self._has_names and not self._procedures.is_busy
         if landing is None or position_m is None or not is_confirmed or not self._tracking.follows:
             return []
-        return self._tracking.anchor_at(event.object_id, position_m, landing, now_ns)
+        learned = self._tracking.learn_elevation(position_m, landing, now_ns)
+        if not self._config.anchor_at_things:
+            return learned
+        return [*learned, *self._tracking.anchor_at(event.object_id, position_m, landing, now_ns)]
 
     def on_imu(self, sample: ImuSample, now_ns: int) -> list[Output]:
         """Process an orientation of the arm.

@@ -87,7 +87,7 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.subscribe(topics.ROBOT_STATE, self._on_robot)
         self.bus.subscribe(topics.IMU, self._on_imu, self.user)
         self.bus.subscribe(topics.RAY, self._on_ray, self.user)
-        if config.anchor_at_things:
+        if config.anchor_at_things is not False:
             self.bus.subscribe(topics.ANNOUNCED, self._pose_manager.on_announced, self.user)
             self.bus.subscribe(topics.SELECTION_EVENTS, self._on_selection)
         self.bus.serve(topics.START_LOCALIZATION, self._start, self.user)

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pointit.geometry import vector
 from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -23,6 +24,9 @@ from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, Output, anchor_message, covariance_of, followed
 
+MAX_LANDINGS, MAX_ERROR_RAD = 8, math.radians(25.0)
+"""Number of pointings over which a person's elevation is averaged, and the error that is no pointing."""
+
 SHORTEST_S = 0.2
 """Shortest time between poses."""
 
@@ -30,7 +34,6 @@ LONGEST_S = 2.0
 """Longest time between poses."""
 
 NOTICEABLE_RAD = math.radians(0.1)
-
 NOTICEABLE_SHARE = 0.05
 """Smallest changes of the yaw, and of a sigma as a share of it, that are published."""
 
@@ -59,10 +62,8 @@ class PosePublishTimer:
         if self._newest_ns > now_ns + MAX_AHEAD_NS:
             self._newest_ns = 0
         self._newest_ns = max(pose.stamp_ns, self._newest_ns + 1)
-        if pose.stamp_ns != self._newest_ns:
-            pose = pose.model_copy(update={"stamp_ns": self._newest_ns})
-        self._last = pose
-        return pose
+        self._last = pose.model_copy(update={"stamp_ns": self._newest_ns})
+        return self._last
 
     def is_due(self, now: DriftPose) -> bool:
         """Return True if the current pose is to be published."""
@@ -70,9 +71,7 @@ class PosePublishTimer:
         if last is None:
             return True
         passed_s = (now.stamp_ns - last.stamp_ns) / NS_PER_S
-        if passed_s >= LONGEST_S:
-            return True
-        return passed_s >= SHORTEST_S and _has_changed(last, now)
+        return passed_s >= LONGEST_S or (passed_s >= SHORTEST_S and _has_changed(last, now))
 
     def wait_s(self, now_ns: int, at: Callable[[int], DriftPose]) -> float:
         """Return the time until the pose may be due, s; `at` returns the pose at a time."""
@@ -92,20 +91,6 @@ def _has_changed(last: UserPose, now: DriftPose) -> bool:
         or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma
         or abs(now.position_sigma_m - position_sigma) > NOTICEABLE_SHARE * position_sigma
     )
-
-
-def figures(pose: DriftPose | None, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
-    """Yield name, value and unit of each metric; without a pose all values are None."""
-    values: tuple[float | None, ...] = (None,) * len(FIGURES)
-    if pose is not None:
-        values = (
-            math.degrees(pose.yaw_rate_radps) * 60.0,
-            max(0, now_ns - pose.anchored_ns) / NS_PER_S if pose.anchored_ns else None,
-            pose.position_sigma_m,
-            math.degrees(pose.yaw_sigma_rad),
-        )
-    for (name, unit), value in zip(FIGURES, values, strict=True):
-        yield name, value, unit
 
 
 GIVEN_SIGMA_M = 0.05
@@ -141,28 +126,24 @@ class PoseBias:
     """
 
     def __init__(self) -> None:
-        self._calibration_rad: float | None = None
+        self.calibration_rad: float | None = None
         """Remaining elevation uncertainty of the person's calibration, by the newest ray."""
         self._correction_rad = 0.0
         """Elevation correction of the offset, by the newest ray."""
         self._raw_rad = 0.0
         """Elevation of rays above the targets without the offset."""
 
-    def found(self, bias_rad: float) -> None:
-        """Set the bias of rays as they are now."""
-        self._raw_rad = bias_rad - self._correction_rad
-
-    def given(self) -> None:
-        """Reset the bias to 0, since it is unknown."""
-        self._raw_rad = 0.0
+    def set(self, pose: UserPose) -> None:
+        """Set the bias of rays as they are now: that of `pose`, or 0 if it was set, since none is known."""
+        self._raw_rad = 0.0 if pose.method == "fixed" else pose.elevation_bias_rad - self._correction_rad
 
     def on_ray(self, ray: PointingRay) -> float | None:
         """Update the offset from `ray`. Return the bias if it changed, else None."""
         self._correction_rad = ray.elevation_correction_rad
         sigma_rad = ray.elevation_sigma_rad
-        if sigma_rad == self._calibration_rad:
+        if sigma_rad == self.calibration_rad:
             return None
-        self._calibration_rad = sigma_rad
+        self.calibration_rad = sigma_rad
         return self._raw_rad if sigma_rad is None else 0.0
 
 
@@ -195,6 +176,7 @@ class PoseTracker:
         self._is_outside = False
         self._has_lost_yaw = False
         self._bias = PoseBias()
+        self._landings = 1  # in the bias, limited: the pose counts as one
 
     @property
     def base(self) -> UserPose | None:
@@ -217,7 +199,6 @@ class PoseTracker:
         """
         known = self._filter if self._follows else None
         self._set(pose, follow=self._may_follow is not False)
-        self._bias.found(pose.elevation_bias_rad)
         if not self._follows:
             return self._publish_timer.stamped(pose, now_ns)
         fix = to_fix(pose, covariance_of(pose), middle_ns)
@@ -235,10 +216,6 @@ class PoseTracker:
         Drift and time of the last anchor are unknown. The pose before is discarded: it may be the same.
         """
         self._set(pose, follow=self._may_follow is not False)
-        if pose.method == "fixed":
-            self._bias.given()
-        else:
-            self._bias.found(pose.elevation_bias_rad)
         if self._follows:
             fix = replace(to_fix(pose, covariance_of(pose), now_ns), is_anchored=False)
             self._filter, self._is_estimated = DriftFilter(fix, self._settings), True
@@ -247,7 +224,6 @@ class PoseTracker:
     def set_exact(self, pose: UserPose, now_ns: int) -> UserPose:
         """Set an exact pose. Return the pose to publish."""
         self._set(pose, follow=self._may_follow is True)
-        self._bias.given()
         if self._follows:
             self._filter = DriftFilter(to_fix(pose, np.zeros((3, 3)), pose.stamp_ns), self._settings)
             self._is_estimated = True
@@ -355,6 +331,23 @@ class PoseTracker:
         pose = self.pose(now_ns) if outcome.anchor.accepted else None
         return [outcome.anchor, *([] if pose is None else [pose])]
 
+    def learn_elevation(self, position_m: Vec3, landing: Mean, now_ns: int) -> list[Output]:
+        """Update the bias by a landing at a known position. Return the messages to publish."""
+        base = self._base
+        if base is None or self._is_outside or self._bias.calibration_rad is not None:
+            return []
+        pose = self._at(base, landing.stamp_ns)
+        eyes_m = vector.add(pose.position_m, vector.rotate_z(landing.origin_m, pose.yaw_rad))
+        target_rad = vector.elevation(vector.subtract(position_m, eyes_m))
+        error_rad = vector.elevation(landing.direction) - target_rad - base.elevation_bias_rad
+        if abs(error_rad) > MAX_ERROR_RAD or now_ns - landing.stamp_ns > self._settings.max_late_s * NS_PER_S:
+            return []
+        self._landings = min(self._landings + 1, MAX_LANDINGS)
+        bias_rad = base.elevation_bias_rad + error_rad / self._landings
+        self._base = base.model_copy(update={"elevation_bias_rad": bias_rad})
+        self._bias.set(self._base)
+        return [self._message(now_ns, now_ns)]
+
     def heading(self, mean: Mean, azimuth_rad: float, now_ns: int | None = None) -> AnchorResult:
         """Apply pointing towards `azimuth_rad` in {W}; `now_ns` as for an anchor."""
         base = self._base
@@ -397,33 +390,37 @@ class PoseTracker:
 
     def figures(self, now_ns: int) -> Iterator[tuple[str, float | None, str]]:
         """Yield name, value and unit of the health metrics, None if nothing is estimated."""
-        return figures(self._filter.at(now_ns) if self._filter and self._is_estimated else None, now_ns)
+        values: tuple[float | None, ...] = (None,) * len(FIGURES)
+        if self._filter is not None and self._is_estimated:
+            pose = self._filter.at(now_ns)
+            values = (
+                math.degrees(pose.yaw_rate_radps) * 60.0,
+                max(0, now_ns - pose.anchored_ns) / NS_PER_S if pose.anchored_ns else None,
+                pose.position_sigma_m,
+                math.degrees(pose.yaw_sigma_rad),
+            )
+        for (name, unit), value in zip(FIGURES, values, strict=True):
+            yield name, value, unit
 
     def yaw_sigma_rad(self, now_ns: int) -> float:
         """Return the standard deviation of the yaw; 0 if nothing is estimated."""
-        estimating = self._filter if self._is_estimated else None
-        return 0.0 if estimating is None else estimating.at(now_ns).yaw_sigma_rad
+        return self._filter.at(now_ns).yaw_sigma_rad if self._filter and self._is_estimated else 0.0
 
     def _set(self, pose: UserPose, *, follow: bool) -> None:
         self._base = pose
+        self._bias.set(pose)
         self._filter = None
         self._is_estimated = self._is_outside = self._has_lost_yaw = False
         self._follows = follow
         self._rest_detector = RestDetector()
 
-    def _rested(self, measured: RestYawRate | None, now_ns: int | None = None) -> None:
-        if measured is not None and self._filter is not None and self._follows:
-            self._filter.update_rest_rate(
-                measured.stamp_ns,
-                measured.yaw_rate_radps,
-                measured.sigma_radps,
-                is_raised=measured.is_raised,
-                now_ns=now_ns,
-            )
+    def _rested(self, rest: RestYawRate | None, now_ns: int | None = None) -> None:
+        if rest is not None and self._filter is not None and self._follows:
+            rate, sigma, is_raised = rest.yaw_rate_radps, rest.sigma_radps, rest.is_raised
+            self._filter.update_rest_rate(rest.stamp_ns, rate, sigma, is_raised=is_raised, now_ns=now_ns)
 
     def _believing(self, base: UserPose, stamp_ns: int) -> DriftFilter:
-        if self._filter is None:
-            self._filter = self._doubtful(base, stamp_ns)
+        self._filter = self._filter or self._doubtful(base, stamp_ns)
         return self._filter
 
     def _doubtful(self, pose: UserPose, stamp_ns: int) -> DriftFilter:

@@ -118,7 +118,7 @@ def reached(number: int, drift_deg: float) -> FloorTrial:
 
 def test_landing_of_a_reach_is_an_anchor_in_place_of_a_hold() -> None:
     (course,) = courses([reached(number, 15.0 * number) for number in range(3)])
-    landing = there(course.holds[1].landing)
+    landing = there(course.holds[1].landing_mean)
     assert math.degrees(vector.azimuth(landing.direction)) == pytest.approx(15.0, abs=1.0)
     assert 45.6e9 < landing.stamp_ns < 46.0e9
     errors_deg = {
@@ -128,8 +128,8 @@ def test_landing_of_a_reach_is_an_anchor_in_place_of_a_hold() -> None:
     ignored_deg, learned_deg = errors_deg.values()
     assert learned_deg < 0.7 * ignored_deg
     turned = course.holds[1].turned(math.radians(30.0), 100.0)
-    assert there(turned.landing).stamp_ns == landing.stamp_ns + 100_000_000_000
-    assert math.degrees(vector.azimuth(there(turned.landing).direction)) == pytest.approx(-15.0, abs=1.0)
+    assert there(turned.landing_mean).stamp_ns == landing.stamp_ns + 100_000_000_000
+    assert math.degrees(vector.azimuth(there(turned.landing_mean).direction)) == pytest.approx(-15.0, abs=1.0)
 
 
 def test_people_without_drift_who_point_exactly_are_not_changed_by_landings(tmp_path: Path) -> None:
@@ -141,6 +141,21 @@ def test_people_without_drift_who_point_exactly_are_not_changed_by_landings(tmp_
     ]
     assert [row.n for row in rows] == [11, 11, 11, 11, 22, 22]
     assert all(p90(row) < 1.0 for row in rows)
+    assert all(there(row.pitch_deg).p90 < 1.0 for row in rows)
+
+
+def test_landings_teach_the_elevation_that_a_person_misses_by(tmp_path: Path) -> None:
+    write_acts(tmp_path, {"1": (1.6, Stand(bias_deg=4.0))}, times=3)
+    raw, learned = landing_rows(tmp_path)[:2]
+    assert there(raw.pitch_deg).median == pytest.approx(4.0, abs=1.0)
+    assert there(learned.pitch_deg).median < 0.5 * there(raw.pitch_deg).median
+
+
+def test_landings_teach_the_elevation_of_recorded_people(recordings: Path) -> None:
+    rows = [row for row in landing_rows(recordings.parent) if row.pitch_deg is not None]
+    assert {row.set for row in rows} == {"proximity_feedback", "vr_arm_pointing"}
+    for raw, learned in zip(rows[::2], rows[1::2], strict=True):
+        assert there(learned.pitch_deg).rms < there(raw.pitch_deg).rms
 
 
 def test_trials_are_read_with_the_times_at_which_they_were(tmp_path: Path) -> None:

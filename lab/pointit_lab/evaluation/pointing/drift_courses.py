@@ -39,7 +39,7 @@ class CourseHold:
     """Rate of yaw within the hold, by least squares."""
     rest: RestYawRate | None
     """Result of `RestDetector`, with the time of the hold."""
-    landing: Mean | None = None
+    landing_mean: Mean | None = None
     """Landing of the reach before the hold, as the localizer detects it."""
 
     @property
@@ -49,7 +49,7 @@ class CourseHold:
 
     def turned(self, yaw_rad: float, later_s: float) -> "CourseHold":
         """Return this hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
-        rest, landing, later_ns = self.rest, self.landing, round(later_s * NS_PER_S)
+        rest, landing, later_ns = self.rest, self.landing_mean, round(later_s * NS_PER_S)
         if landing is not None:
             direction = vector.rotate_z(landing.direction, -yaw_rad)
             landing = replace(landing, direction=direction, stamp_ns=landing.stamp_ns + later_ns)
@@ -58,7 +58,7 @@ class CourseHold:
             at_s=self.at_s + later_s,
             direction_h=vector.rotate_z(self.direction_h, -yaw_rad),
             rest=rest and replace(rest, stamp_ns=rest.stamp_ns + later_ns),
-            landing=landing,
+            landing_mean=landing,
         )
 
 
@@ -154,7 +154,7 @@ def _hold(trial: FloorTrial) -> CourseHold | None:
         samples=len(azimuths),
         rate_radps=-rate,
         rest=next((rest for rest in rests if rest is not None), None),
-        landing=_landing(trial),
+        landing_mean=_landing(trial),
     )
 
 

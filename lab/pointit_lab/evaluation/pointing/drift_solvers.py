@@ -137,7 +137,7 @@ def filtered(
                 spread_rad=hold.spread_rad,
                 samples=hold.samples,
             )
-        landing = hold.landing
+        landing = hold.landing_mean
         if landings and number and landing is not None:
             drift.update_anchor(
                 landing.stamp_ns,

@@ -331,16 +331,16 @@ class PoseTracker:
         pose = self.pose(now_ns) if outcome.anchor.accepted else None
         return [outcome.anchor, *([] if pose is None else [pose])]
 
-    def learn_elevation(self, position_m: Vec3, landing: Mean, now_ns: int) -> list[Output]:
+    def learn_elevation(self, position_m: Vec3, mean: Mean, now_ns: int) -> list[Output]:
         """Update the bias by a landing at a known position. Return the messages to publish."""
         base = self._base
         if base is None or self._is_outside or self._bias.calibration_rad is not None:
             return []
-        pose = self._at(base, landing.stamp_ns)
-        eyes_m = vector.add(pose.position_m, vector.rotate_z(landing.origin_m, pose.yaw_rad))
+        pose = self._at(base, mean.stamp_ns)
+        eyes_m = vector.add(pose.position_m, vector.rotate_z(mean.origin_m, pose.yaw_rad))
         target_rad = vector.elevation(vector.subtract(position_m, eyes_m))
-        error_rad = vector.elevation(landing.direction) - target_rad - base.elevation_bias_rad
-        if abs(error_rad) > MAX_ERROR_RAD or now_ns - landing.stamp_ns > self._settings.max_late_s * NS_PER_S:
+        error_rad = vector.elevation(mean.direction) - target_rad - base.elevation_bias_rad
+        if abs(error_rad) > MAX_ERROR_RAD or now_ns - mean.stamp_ns > self._settings.max_late_s * NS_PER_S:
             return []
         self._landings = min(self._landings + 1, MAX_LANDINGS)
         bias_rad = base.elevation_bias_rad + error_rad / self._landings

@@ -79,9 +79,9 @@ def _rows(name: str, condition: str, people: Mapping[str, list[ReachErrors]]) ->
     ]
 
 
-def _landing_errors(course: HoldSequence) -> Iterator[float]:
+def _landing_errors(sequence: HoldSequence) -> Iterator[float]:
     """Yield how far landings are above their targets on the floor, rad; only those that are pointings."""
-    for hold in course.holds:
+    for hold in sequence.holds:
         if (landing := hold.landing_mean) is not None:
             target_rad = math.atan2(-EYE_M, math.hypot(*hold.target_m[:2]))
             error_rad = vector.elevation(landing.direction) - target_rad

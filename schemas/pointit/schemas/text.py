@@ -34,6 +34,7 @@ _HIDDEN = (
         r"(?i)((?:authorization|cookie|x-[\w-]{0,32}(?:key|token))['\"]?\s?[:=,]\s?(?:b?['\"])?)[^'\"\n]{1,4096}"
     ),
     re.compile(r"(?i)\b(bearer )[\w+/=.~-]{6,}"),
+    re.compile(r"()\beyJ[\w-]{4,512}\.[\w.-]{1,4096}"),  # JSON Web Token
     re.compile(
         rf"(?i)({_NAME}(?:['\"]\s?[:,]\s?|['\"]?\s?=\s?)|--[\w-]{{0,32}}{_NAME}\s)"
         r"(?:b?\"[^\"]{1,4096}\"?|b?'[^']{1,4096}'?|[^\s,;&'\")\]}]{1,4096})"
@@ -60,8 +61,8 @@ def hide_secrets(text: str) -> str:
     """Return `text` without what may be a secret.
 
     Scheme and host of web addresses stay, as paths may have tokens. In other addresses and `USER:PASSWORD@`,
-    user and password become `***`, and so do the values of `token=`, `"password":` and similar names, and of
-    the headers Authorization and Cookie.
+    user and password become `***`, and so do JSON Web Tokens, the values of `token=`, `"password":` and
+    similar names, and of the headers Authorization and Cookie.
     """
     text = _WEB_ADDRESS.sub(_shown_web_address, text)
     for pattern in _HIDDEN:

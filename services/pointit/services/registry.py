@@ -5,6 +5,7 @@ process loads only what it needs. Services of other packages get a row when they
 """
 
 import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -160,50 +161,47 @@ USER_SIM = Process(
 HOME_ASSISTANT = Process(
     name="home-assistant", scope="site", room="bridges", extra="home-assistant",
     about="things that are entities of a Home Assistant: actions there, and their state back",
-    reads=(topics.MAP, topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS), writes=(),
+    reads=(topics.MAP, topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS, topics.ANNOUNCED), writes=(),
+)  # fmt: skip
+ROBOT = Process(
+    name="robot", scope="site", several=True, about="one robot that people steer: simulated, or a driver's",
+    reads=(
+        topics.STEERING, topics.GOAL, topics.CURSOR, topics.INTERACTION,
+        topics.POSE, topics.MAP, topics.ROBOT_STATE, topics.LOCALIZATION,
+    ),
+    writes=(topics.OBJECTS, topics.ROBOT_STATE, topics.ROBOT_PLAN), serves=(topics.STOP_ROBOT,),
 )  # fmt: skip
 """The processes with the longest lists."""
 
 PROCESSES: list[Process] = [
     Process(
-        name="imu-bridge",
-        scope="user",
+        name="imu-bridge", scope="user",
         about="a wrist's IMU: serial device, recording, simulated movement, or a page's mouse or phone",
-        reads=(topics.WRIST, topics.FEEDBACK),
-        writes=(topics.IMU, topics.BUTTON, topics.STEP),
+        reads=(topics.WRIST, topics.FEEDBACK), writes=(topics.IMU, topics.BUTTON, topics.STEP),
         serves=(topics.SET_YAW_ORIGIN, topics.SET_MOUNTING),
     ),
     Process(
-        name="pointing",
-        scope="user",
+        name="pointing", scope="user",
         about="arm orientation and body measures to the pointing ray, filtered and corrected",
-        reads=(topics.IMU, topics.PROFILE, topics.POSE),
-        writes=(topics.RAY,),
+        reads=(topics.IMU, topics.PROFILE, topics.POSE), writes=(topics.RAY,),
     ),
     LOCALIZER,
     Process(
-        name="supervisor",
-        scope="user",
+        name="supervisor", scope="user",
         about="the interaction's life cycle; owns the profile",
         reads=(topics.BUTTON, topics.IMU, topics.LOCALIZATION, topics.POSE, topics.INTERACTION),
-        writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK),
-        serves=(topics.SET_OFFSET, topics.SAY),
+        writes=(topics.PROFILE, topics.INTERACTION, topics.FEEDBACK), serves=(topics.SET_OFFSET, topics.SAY),
     ),
     GOAL,
     Process(
-        name="listener",
-        scope="user",
+        name="listener", scope="user",
         about="the last ten seconds of a person's pointing, and what they mean by a word",
         reads=(topics.CURSOR, topics.POSE, topics.OBJECTS, topics.ROBOT_STATE, topics.MAP, topics.SPEECH),
-        writes=(),
-        serves=(topics.FIND_REFERENTS,),
+        writes=(), serves=(topics.FIND_REFERENTS,),
     ),
     USER_SIM,
     Process(
-        name="pui",
-        scope="site",
-        several=True,
-        shard_serves=(topics.SET_WORKSPACE,),
+        name="pui", scope="site", several=True, shard_serves=(topics.SET_WORKSPACE,),
         about="rays, poses and the map to cursors",
         reads=(topics.RAY, topics.POSE, topics.INTERACTION, topics.OBJECTS, topics.MAP),
         writes=(topics.MAP, topics.CURSOR, topics.FEEDBACK, topics.OBJECTS),
@@ -212,85 +210,47 @@ PROCESSES: list[Process] = [
     SELECTOR,
     LED_DRIVER,
     Process(
-        name="conveyor-sim",
-        scope="site",
+        name="conveyor-sim", scope="site",
         about="objects that move on belts, or on strips taken as belts",
         reads=(topics.MAP, topics.SELECTION),
         writes=(topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS),
         serves=(topics.ADD_PACKAGE, topics.SET_SPEED, topics.SET_FEEDING, topics.RESET_CONVEYOR),
     ),
     Process(
-        name="robot-replay",
-        scope="site",
+        name="robot-replay", scope="site",
         about="the robot of a recording, as a tracker would report it",
-        reads=(),
-        writes=(topics.OBJECTS,),
+        reads=(), writes=(topics.OBJECTS,),
     ),
     Process(
-        name="mocap",
-        scope="site",
-        room="bridges",
+        name="mocap", scope="site", room="bridges",
         about="bodies of motion capture as tracked objects, poses of people, or ground truth",
-        reads=(topics.MAP, topics.IMU, topics.POSE),
-        writes=(topics.OBJECTS, topics.POSE),
+        reads=(topics.MAP, topics.IMU, topics.POSE), writes=(topics.OBJECTS, topics.POSE),
     ),
     Process(
-        name="agv-tracker",
-        scope="site",
-        room="bridges",
-        extra="mqtt",
+        name="agv-tracker", scope="site", room="bridges", extra="mqtt",
         about="AGVs that others steer, from a broker by VDA 5050, as tracked objects",
-        reads=(topics.MAP,),
-        writes=(topics.OBJECTS,),
+        reads=(topics.MAP,), writes=(topics.OBJECTS,),
     ),
-    Process(
-        name="robot",
-        scope="site",
-        several=True,
-        about="one robot that people steer: simulated, or a driver's",
-        reads=(
-            topics.STEERING,
-            topics.GOAL,
-            topics.CURSOR,
-            topics.INTERACTION,
-            topics.POSE,
-            topics.MAP,
-            topics.ROBOT_STATE,
-            topics.LOCALIZATION,
-        ),
-        writes=(topics.OBJECTS, topics.ROBOT_STATE, topics.ROBOT_PLAN),
-        serves=(topics.STOP_ROBOT,),
-    ),
+    ROBOT,
     KEEPER,
     Process(
-        name=RECORDER,
-        scope="site",
-        extra="record",
+        name=RECORDER, scope="site", extra="record",
         about="everything that travels on the site, in a file",
-        reads=tuple(topics.TOPICS),
-        writes=(),
+        reads=tuple(topics.TOPICS), writes=(),
     ),
     Process(
-        name="web",
-        scope="site",
-        room="bridges",
-        extra="web",
+        name="web", scope="site", room="bridges", extra="web",
         about="a page in browsers: the scene, controls, health; the mouse or a phone as a wrist",
-        reads=SHOWN,
-        writes=(topics.WRIST, topics.BUTTON, topics.STEP, topics.SPEECH),
+        reads=SHOWN, writes=(topics.WRIST, topics.BUTTON, topics.STEP, topics.SPEECH),
     ),
     Process(
-        name="foxglove",
-        scope="site",
-        room="bridges",
-        extra="foxglove",
+        name="foxglove", scope="site", room="bridges", extra="foxglove",
         about="the scene for Foxglove's and Lichtblick's viewer",
-        reads=SHOWN,
-        writes=(),
+        reads=SHOWN, writes=(),
     ),
     ROS2,
     HOME_ASSISTANT,
-]
+]  # fmt: skip
 """All rows: ours, and those of other packages that were added."""
 
 GROUP = "pointit.services"
@@ -308,6 +268,22 @@ def names() -> list[str]:
     """Return the names of all services, including those of other packages, without importing any."""
     ours = [row.name for row in PROCESSES]
     return ours + sorted({entry.name for entry in installed_entry_points(GROUP)} - set(ours))
+
+
+def with_service_name(instance: str) -> str:
+    """Return `instance` with the name of its service: `home-assistant` for `home_assistant`."""
+    name, known = split_instance(instance)[0], names()
+    service = name if name in known else name.replace("_", "-")
+    return service + instance.removeprefix(name) if service in known else instance
+
+
+def sections_by_service(sections: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """Return `sections` by the name of their service. Raises ConfigError if one has two, naming `source`."""
+    renamed = {with_service_name(section): parameters for section, parameters in sections.items()}
+    if len(renamed) < len(sections):
+        twice = next(each for each in sections if each not in renamed)
+        raise ConfigError(f"{source}: {twice} and {with_service_name(twice)} are the same; keep one section")
+    return renamed
 
 
 def process(name: str) -> Process:

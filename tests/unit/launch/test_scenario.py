@@ -15,6 +15,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError
 from pointit.schemas.system import RUN
+from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import check_name
 from pointit.services.registry import PROCESSES
 
@@ -211,6 +212,39 @@ def test_a_setting_without_effect_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"'user-sim.think_s=0': user-sim is not among .*: conveyor-sim,"):
         check_settings(launches, choices)
     check_settings(launches + user_launches(scenario, choices, "anna"), choices)
+
+
+def test_names_of_services_may_have_underscores_as_other_names_in_yaml(tmp_path: Path) -> None:
+    file = written(tmp_path / "room.yaml", "user_sim: {rate_hz: 30}\nrobot.quad: {}\n")
+    chosen = {"files": [file], "settings": ["conveyor_sim.seed=7"]}
+    assert config_of(person(**chosen), "user-sim")["rate_hz"] == 30
+    assert config_of(site(**chosen), "conveyor-sim")["seed"] == 7
+    scenario = GOOD + "site: {pui: {}, led_driver: {brightness: 0.5}}\nuser: {user_sim: {}}\n"
+    launches = site(str(written(tmp_path / "a.yaml", scenario)))
+    assert config_of(launches, "led-driver")["brightness"] == 0.5
+
+
+def test_home_assistant_of_a_site_is_spelled_as_in_maps_and_its_token_is_in_no_error(tmp_path: Path) -> None:
+    token = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of this test
+    (tmp_path / "token").write_text(token)
+    fields = f"url: 'http://hub:8123', token_file: {tmp_path / 'token'}"
+    file = written(tmp_path / "site.yaml", f"home_assistant: {{{fields}}}\n")
+    launches = site("shelf", services=["home_assistant"], files=[file])
+    assert config_of(launches, "home-assistant")["url"] == "http://hub:8123"
+    for wrong in (token, f"[{token}]", f"{{token: {token}}}", f"{{token_file: Bearer {token}}}"):
+        with pytest.raises(ConfigError) as caught:
+            site("shelf", services=["home-assistant"], files=[written(file, f"home_assistant: {wrong}\n")])
+        assert "s3cr3t" not in hide_secrets(str(caught.value))
+
+
+def test_service_with_both_spellings_is_refused(tmp_path: Path) -> None:
+    sections = "{user_sim: {}, user-sim: {}}"
+    file = written(tmp_path / "room.yaml", sections)
+    with pytest.raises(ConfigError, match=r"room.yaml: user_sim and user-sim are the same; keep one"):
+        person(files=[file])
+    scenario = written(tmp_path / "a.yaml", GOOD + f"user: {sections}\n")
+    with pytest.raises(ConfigError, match=r"a.yaml: user: user_sim and user-sim are the same; keep one"):
+        person(scenario=str(scenario))
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,8 @@ HIDDEN = {
     f"X-Api-Key: {SECRET}": "X-Api-Key: ***",
     f"MQTT_PASSWORD={SECRET} pointit run": "MQTT_PASSWORD=*** pointit run",
     f"bearer {SECRET}.abc-def": "bearer ***",
+    f"--set a.token_file=eyJhbGciOiJ9.eyJpc3MiOi.{SECRET}: no file": "--set a.token_file=***: no file",
+    f"got ['http://hub:8123', 'eyJhbGciOiJ9.eyJpc3MiOi.{SECRET}']": "got ['http://hub:8123', '***']",
 }
 PLAIN = [
     "http://127.0.0.1:8000/",
@@ -89,7 +91,7 @@ def test_secret_is_hidden_whatever_is_around_it(secret: str, form: str, around: 
 
 
 @pytest.mark.parametrize(
-    "piece", ["://", "token=", "a:", "http://", "authorization:", "'", "bearer ", "a", "--x"]
+    "piece", ["://", "token=", "a:", "http://", "authorization:", "'", "bearer ", "a", "--x", "eyJ-"]
 )
 def test_long_text_of_a_peer_takes_little_time(piece: str) -> None:
     text = piece * (20_000 // len(piece))

@@ -55,7 +55,7 @@ class HomeAssistantConfig(Config):
     @field_validator("token_file")
     @classmethod
     def _is_path(cls, path: str) -> str:
-        if _TOKEN.match(path.strip()):
+        if _TOKEN.search(path):
             raise described_error("is a token itself: write it into a file and name the file")
         return path
 

@@ -291,7 +291,8 @@ def added_services(choices: Choices, scope: Literal["site", "user"]) -> list[str
     Raises:
         ConfigError: If one is not installed or cannot be used.
     """
-    return [name for name in choices.services if _row(name, f"--with {name}").scope == scope]
+    services = map(registry.with_service_name, choices.services)
+    return [name for name in services if _row(name, f"--with {name}").scope == scope]
 
 
 def _row(instance: str, where: str) -> Process:

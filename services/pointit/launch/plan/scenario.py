@@ -15,6 +15,7 @@ from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import KeyNameError
 from pointit.schemas.topics import check_name
+from pointit.services import registry
 from pointit.services.supervisor.config import measures
 
 SHIPPED = resources.files("pointit.launch") / "scenarios"
@@ -74,6 +75,9 @@ class Scenario(Config):
                 f"{source}: is a map, not a scenario; run a scenario in it: `pointit run scenario_2 --set "
                 f"pui.map={source}`"
             )
+        for scope in content.keys() & {"site", "user"}:
+            if isinstance(content[scope], dict):
+                content[scope] = registry.sections_by_service(content[scope], f"{source}: {scope}")
         layers.add(content, source)
         scenario = layers.build(cls)
         scenario._source = source  # noqa: SLF001 - its own

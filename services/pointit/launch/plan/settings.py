@@ -79,7 +79,7 @@ def service_of(setting: str) -> str:
 
 
 def _section(path: Path, name: str) -> Mapping[str, Any]:
-    sections = read_yaml(path)
+    sections = registry.sections_by_service(read_yaml(path), str(path))
     for section in sections:
         _check_service(section, str(path))
     value = sections.get(name, {})
@@ -94,6 +94,7 @@ def _split(setting: str) -> tuple[str, list[str], str]:
     path = target.split(".")
     if not separator or len(path) < 2:
         raise ConfigError(f"--set {setting!r}: write service.parameter=value, such as pui.map=conveyor")
+    path[0] = registry.with_service_name(path[0])
     _check_service(path[0], f"--set {setting!r}")
     if len(path) > 2 and registry.process(path[0]).several and not _is_parameter(path[0], path[1]):
         return instance_of(path[0], path[1]), path[2:], text

@@ -25,13 +25,13 @@ from pointit.maps.edit.new_file import write_new
 from pointit.maps.file import parse_map_file, to_message
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.config.nearest_name import nearest
-from pointit.runtime.errors import ConfigError, NoMessageError, RefusedError
+from pointit.runtime.errors import ConfigError, NoMessageError, PointItError, RefusedError
 from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.scan.as_map import pointed_text
 from pointit.scan.by_pointing import PointedAt, TargetRay, locate, pointing_of
-from pointit.schemas import ButtonEvent, Environment, PointingRay, UserPose
-from pointit.schemas.topics import BUTTON, POSE, RAY, check_name
+from pointit.schemas import ButtonEvent, Environment, PointingRay, UseMap, UserPose
+from pointit.schemas.topics import BUTTON, POSE, RAY, USE_MAP, check_name
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, solve
 from pointit.services.localizer.estimation.rays import directions, origins
 from pointit.services.localizer.estimation.solution import SolverSettings
@@ -238,6 +238,8 @@ def command(
         things = parse_map_file(into.read_bytes(), into).things
         if (absent := next((name for name in names if name not in things), None)) is not None:
             raise ConfigError(f"{into} has no thing {absent!r}; {nearest(absent, things)}")
+        if (moving := next((name for name in names if things[name].at is not None), None)) is not None:
+            raise ConfigError(f"{into}: {moving} has `at`, which says where it is; leave it out of NAMES")
         if room is not None or output is not None or kind != "lamp":
             raise click.UsageError("--into writes things into a map: leave out --origin, --output and --as")
         work = place_things(names, into)
@@ -288,21 +290,49 @@ def place_things(names: Sequence[str], path: Path) -> Work:
 
     async def work(session: "PointingSession") -> tuple[str, int]:
         positions = await session.run(names, CORNERS["lamp"])
-        edits: list[SetValue] = []
-        content = await asyncio.to_thread(path.read_bytes)  # may have changed meanwhile
-        things = parse_map_file(content, path).things
         for name, each in positions.items():
             if each.reason:
                 say(f"{name}: {each.reason}")
-                continue
-            values = {"center": [round(value, 2) for value in each.position_m]}
-            values |= {} if things[name].size else {"size": [PLACED_SIZE_M] * 3}
-            edits += [SetValue(section="things", name=name, key=key, value=values[key]) for key in values]
-        with replaced_file(path) as part:
-            part.write_bytes(edited(content, edits, path))
-        return "", EXIT_FAILED if any(each.reason for each in positions.values()) else 0
+        centers = {
+            name: [round(value, 2) for value in each.position_m]
+            for name, each in positions.items()
+            if not each.reason
+        }
+        if centers:
+            try:
+                await asyncio.to_thread(_write_centers, path, centers)
+            except (PointItError, OSError) as error:
+                raise RefusedError(f"{error}; write these centers yourself: {centers}") from error
+            say(f"{', '.join(centers)}: written into {path}, {await _use_again(session.bus, path)}")
+        return "", EXIT_FAILED if len(centers) < len(positions) else 0
 
     return work
+
+
+def _write_centers(path: Path, centers: Mapping[str, Sequence[float]]) -> None:
+    content = path.read_bytes()  # may have changed meanwhile
+    things = parse_map_file(content, path).things
+    edits: list[SetValue] = []
+    for name, center in centers.items():
+        values = {"center": center}
+        if name not in things or things[name].size is None:
+            values["size"] = [PLACED_SIZE_M] * 3
+        edits += [SetValue(section="things", name=name, key=key, value=values[key]) for key in values]
+    text = edited(content, edits, path)
+    with replaced_file(path) as part:
+        part.write_bytes(text)
+
+
+async def _use_again(bus: Bus, path: Path) -> str:
+    """Make the site use the map at `path` as it is now. Return a clause on whether it does."""
+    try:
+        used = (await bus.call(USE_MAP, UseMap())).path
+        if not await asyncio.to_thread(path.samefile, used):
+            return f"which the site does not use: it uses {used}"
+        await bus.call(USE_MAP, UseMap(path=used))
+    except (PointItError, OSError) as error:
+        return f"which the site uses from its next start on ({error})"
+    return "and people point at it now"
 
 
 def stand_at(room: Path, content: bytes, ends: Mapping[str, Vec3], floor_m: float | None) -> Work:
@@ -339,6 +369,7 @@ class PointingSession:
     def __init__(self, bus: Bus, user: str, tell: Callable[[str], None]) -> None:
         """Create for `user`; `tell` gets the instructions."""
         self.user = user
+        self.bus = bus
         self._tell = tell
         self._latest_pose = site_link.LatestMessage(bus, POSE, user)
         self._rays: deque[PointingRay] = deque(maxlen=HOLD_RAYS)

@@ -41,6 +41,11 @@ def check_things(
     if len(things) > TESTED:
         text = f"are {len(things)}, tested are up to {TESTED}; leave out what nobody points at"
         yield warning("things", text)
+    unplaced = [name for name, each in file.things.items() if not (each.center or each.light or each.at)]
+    if unplaced:
+        more = f" and {len(unplaced) - NAMED} more" if unplaced[NAMED:] else ""
+        text = f"{', '.join(unplaced[:NAMED])}{more}: without a position, nobody can point there"
+        yield warning("things", f"{text}; place them by `pointit map point USER {unplaced[0]} --into MAP`")
     names: dict[str, str] = {}
     for thing in everything:
         if (twin := names.setdefault(thing.label or thing.id, thing.id)) != thing.id:

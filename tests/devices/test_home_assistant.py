@@ -399,6 +399,7 @@ async def test_http_for_https_and_https_for_http_name_the_right_address(
         ({"url": "ftp://hub"}, "url: write http://HOST:8123"),
         ({"url": ""}, "url: is missing"),
         ({"token_file": TOKEN}, "token_file: is a token itself"),
+        ({"token_file": f"Bearer {TOKEN}"}, "token_file: is a token itself"),
         ({"token_file": ""}, "token_file: is missing"),
         ({"token_file": "/none"}, "/none does not exist"),
     ],

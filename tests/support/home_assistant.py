@@ -3,16 +3,17 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncGenerator, Callable, Mapping
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping
 from pathlib import Path
 from ssl import SSLContext
 from typing import Any, cast
 
-from websockets.asyncio.client import connect
+from websockets.asyncio.client import ClientConnection, connect
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection
 from pointit.bridges.home_assistant.service import HomeAssistant
 from pointit.schemas import Done, Environment, Hover, SelectedObject, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing, ThingMode
@@ -98,6 +99,27 @@ def start(bench: Bench, config: HomeAssistantConfig) -> asyncio.Task[None]:
     return bench.start(HomeAssistant, config)
 
 
+class LocalSocket:
+    """One end of a websocket without a network: to a `MemoryHome`, in virtual time."""
+
+    def __init__(self, received: asyncio.Queue[str], sent: asyncio.Queue[str]) -> None:
+        self._received = received
+        self._sent = sent
+        self.messages: list[Message] = []
+        """Messages that were sent."""
+
+    async def send(self, text: str) -> None:
+        self.messages.append(json.loads(text))
+        self._sent.put_nowait(text)
+
+    async def recv(self) -> str:
+        return await self._received.get()
+
+    async def __aiter__(self) -> AsyncIterator[str]:
+        while True:
+            yield await self._received.get()
+
+
 class MemoryHome:
     """The WebSocket API of a Home Assistant with states in memory. Its messages have the recorded form."""
 
@@ -112,6 +134,8 @@ class MemoryHome:
         self.junk: list[Any] = []
         """Entries of the list of states that are none."""
         self.refusal = ""
+        self.client = LocalSocket(asyncio.Queue(), asyncio.Queue())
+        """Client's end of the last connection without a network."""
         self.registries: dict[str, list[Message]] = {}
         self.token = TOKEN
         self._subscriptions: list[tuple[ServerConnection, int, str]] = []
@@ -124,6 +148,24 @@ class MemoryHome:
         async with serve(self._serve, "127.0.0.1", port, ssl=ssl) as server:
             yield next(iter(server.sockets)).getsockname()[1]
         self._subscriptions.clear()
+
+    @contextlib.asynccontextmanager
+    async def connected(self, config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistantConnection]:
+        """Yield an authenticated connection without a network, in place of that of the bridge."""
+        there, here = asyncio.Queue[str](), asyncio.Queue[str]()
+        server = LocalSocket(there, here)
+        self.client = LocalSocket(here, there)
+        serving = asyncio.create_task(self._serve(cast("ServerConnection", server)))
+        await self.client.recv()
+        await self.client.send(json.dumps({"type": "auth", "access_token": config.read_token()}))
+        await self.client.recv()
+        self.client.messages.clear()
+        try:
+            yield HomeAssistantConnection(cast("ClientConnection", self.client))
+        finally:
+            serving.cancel()
+            await asyncio.wait([serving])
+            self._subscriptions.clear()
 
     def set(self, entity: str, state: str | None, **attributes: Any) -> None:
         """Change a state, as a person or a device does. `state`: None if the entity is deleted."""
@@ -269,3 +311,14 @@ async def recording(url: str, path: Path, keep: Callable[[Message], bool]) -> As
 
 def _without_secrets(message: Message) -> Message:
     return {key: "TOKEN" if key == "access_token" else each for key, each in message.items()}
+
+
+@contextlib.asynccontextmanager
+async def reading(connection: HomeAssistantConnection) -> AsyncGenerator[None]:
+    """Hand on the messages of `connection` while the block runs."""
+    task = asyncio.create_task(connection.read())
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.wait([task])

@@ -6,7 +6,9 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.main import command
-from pointit.cli.things.run_names import NameWatcher, summary_lines
+from pointit.cli.things.run_names import NAMES_PART, NameWatcher, summary_lines
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Announced, SelectionEvent, Step, topics
 from pointit.speech.speech_synthesizer import SpeechSynthesizer
@@ -63,9 +65,29 @@ def test_a_run_without_names_says_nothing_of_them() -> None:
         ),
         (("shelf", "--announce", "phone", "--method", "dwell"), "needs method estimate, not dwell"),
         (("shelf", "--announce", "page", "--no-web"), "exclude each other: there is no page"),
+        (
+            ("shelf", "--announce", "media_player.kitchen"),
+            "--announce media_player.kitchen: Home Assistant is not connected; add --with home-assistant",
+        ),
     ],
 )
 def test_what_cannot_be_announced_is_refused(arguments: tuple[str, ...], sentence: str) -> None:
     result = CliRunner().invoke(command, ["run", *arguments, "--duration", "1"], standalone_mode=False)
     assert isinstance(result.exception, ConfigError)
     assert sentence in str(result.exception)
+
+
+@pytest.mark.parametrize("device", ["radio", "media_player.", "light.desk", "media_player.Kitchen!"])
+def test_other_device_is_refused_with_the_choices(device: str) -> None:
+    result = CliRunner().invoke(command, ["run", "shelf", "--announce", device, "--duration", "1"])
+    assert f"{device!r}: choose page, phone, speaker, or media_player.NAME of Home Assistant" in " ".join(
+        result.output.replace("│", " ").split()
+    )
+
+
+def test_media_player_is_the_speaker_of_home_assistant() -> None:
+    scenario = read_scenario("shelf")
+    for name in ("home-assistant", "home_assistant"):
+        added = NAMES_PART.add(scenario, Choices(services=[name]), {"announce": "media_player.kitchen"})
+        assert "home-assistant.speaker=media_player.kitchen" in added.settings
+        assert "selector.method=estimate" in added.settings

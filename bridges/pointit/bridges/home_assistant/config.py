@@ -2,9 +2,10 @@
 
 import re
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import urlsplit
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from pointit.runtime.address_config import described_error
 from pointit.runtime.config.config import Config
@@ -21,6 +22,17 @@ _TOKEN = re.compile(r"eyJ[\w-]+\.[\w-]+")
 """Begin of a long-lived access token, a JSON Web Token."""
 
 
+def _entity(domain: str) -> AfterValidator:
+    """Return a validator of entities of `domain`, or `""`."""
+
+    def check(entity: str) -> str:
+        if entity and not re.fullmatch(rf"{domain}\.[a-z0-9_]+", entity):
+            raise described_error(f"write {domain}.NAME, an entity of Home Assistant")
+        return entity
+
+    return AfterValidator(check)
+
+
 class HomeAssistantConfig(Config):
     """A Home Assistant, and the file with the token by which it accepts connections."""
 
@@ -35,6 +47,12 @@ class HomeAssistantConfig(Config):
     )
     max_hover_latency_s: float = Field(
         default=1.0, gt=0, le=10, description="lamps that take longer show no hover, s"
+    )
+    speaker: Annotated[str, _entity("media_player")] = Field(
+        default="", description="media player that announces names, such as media_player.kitchen"
+    )
+    voice: Annotated[str, _entity("tts")] = Field(
+        default="", description="text-to-speech entity that it uses, such as tts.piper; empty: the first one"
     )
     rate_hz: float = Field(
         default=5.0, gt=0, le=50, description="maximum rate of commands to one entity; the newest counts, Hz"

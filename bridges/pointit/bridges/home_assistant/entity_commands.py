@@ -52,7 +52,7 @@ class EntityCommands:
         self._hovered = hovered
         self._connection: HomeAssistantConnection | None = None
         self._pending: dict[str, tuple[str, ServiceCall]] = {}
-        """Newest call of each entity that is not sent yet, with its thing."""
+        """Newest call of each entity that is not sent yet, with the parameter to correct if it fails."""
         self._acted: set[str] = set()
         """Entities that were switched during this hover, which show it no more."""
         self._slow_calls: Counter[str] = Counter()
@@ -89,11 +89,15 @@ class EntityCommands:
                 async with asyncio.timeout(END_TIMEOUT_S):
                     await asyncio.gather(*(self._restore(connection, each) for each in self._dimmed()))
 
-    def send(self, thing: str, call: ServiceCall) -> None:
-        """Send `call` for a thing, instead of one of the same entity that waits."""
-        self._pending[call.entity] = (thing, call)
+    def send(self, call: ServiceCall, parameter: str) -> None:
+        """Send `call`, instead of one of the same entity that waits. `parameter`: its origin, for errors."""
+        self._pending[call.entity] = (parameter, call)
         self._acted.add(call.entity)
         self.wake(call.entity)
+
+    def drop(self, entity: str) -> None:
+        """Do not send the call to an entity that waits."""
+        self._pending.pop(entity, None)
 
     def check(self) -> None:
         """Look at all lamps that show a hover or shall show it. Called periodically."""
@@ -125,17 +129,15 @@ class EntityCommands:
     async def _send_next(self, connection: HomeAssistantConnection, entity: str) -> bool:
         """Send the next call to an entity. Return False if there is none."""
         if entity in self._pending:
-            await self._restore(
-                connection, entity
-            )  # first, so that the lamp has its brightness when it is on
-            thing, call = self._pending.pop(entity)
+            await self._restore(connection, entity)  # first: the lamp has its brightness when it is on
+            parameter, call = self._pending.pop(entity)
             try:
                 await connection.call(call)
             except (RefusedError, TimeoutError) as error:
                 self._bus.warn(
                     "actions",
-                    f"{thing}: Home Assistant did not run {call.domain}.{call.service} on {entity} "
-                    f"({str(error) or 'no answer'}): correct `home_assistant` of this thing in the map",
+                    f"Home Assistant did not run {call.domain}.{call.service} on {entity} "
+                    f"({str(error) or 'no answer'}): correct {parameter}",
                 )
             else:
                 self._bus.clear("actions")

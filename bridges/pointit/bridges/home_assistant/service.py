@@ -16,15 +16,15 @@ from pointit.bridges.home_assistant.connection import (
     require_client,
 )
 from pointit.bridges.home_assistant.entity_commands import EntityCommands
-from pointit.bridges.home_assistant.home_action import HomeAction
+from pointit.bridges.home_assistant.home_action import HomeAction, ServiceCall
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.errors import ConfigError, RefusedError, RequestError
 from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import Environment, Hover, Selection, SelectionEvent, SetThing
+from pointit.schemas import Announced, Environment, Hover, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
 from pointit.schemas.selection import REPEATED_REASON
-from pointit.schemas.topics import HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
+from pointit.schemas.topics import ANNOUNCED, HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
 
 USER = "home-assistant"
 """Name by which it switches things."""
@@ -62,6 +62,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Hovered thing of each person, and the time of the message."""
         self._targets: dict[str, tuple[bool, float]] = {}
         """State that each switched entity shall reach, and until when."""
+        self._addressee = ""
+        """Person to whom the newest name is spoken."""
         self._tasks: set[asyncio.Task[None]] = set()
         self._commands = EntityCommands(
             config, self.bus, lambda entity: self._states.get(entity, {}), self._hovered_entities
@@ -71,6 +73,8 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self.bus.subscribe(SELECTION_EVENTS, self._on_event)
         if config.hover:
             self.bus.subscribe(HOVER, self._on_hover)
+        if config.speaker:
+            self.bus.subscribe(ANNOUNCED, self._on_announced)
 
     @classmethod
     def validate_config(cls, config: HomeAssistantConfig) -> None:
@@ -195,7 +199,18 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             on = not is_on
         if on is not None:
             self._targets[action.entity] = (on, self._loop.time() + SETTLE_S)
-        self._commands.send(thing.id, action.call(on=on))
+        self._commands.send(action.call(on=on), f"`home_assistant` of thing {thing.id} in the map")
+
+    def _on_announced(self, announced: Announced, user: str) -> None:
+        """Speak the name of the thing that a person points at, unless they point elsewhere meanwhile."""
+        voices = [self.config.voice] if self.config.voice else sorted(self._states)
+        voice = next((each for each in voices if each.startswith("tts.")), "")
+        if not announced.object_id and user == self._addressee:
+            self._commands.drop(voice)
+        elif announced.object_id and self._commands.is_connected and voice:
+            self._addressee = user
+            data = {"media_player_entity_id": self.config.speaker, "message": announced.label}
+            self._commands.send(ServiceCall(voice, "tts", "speak", data), "`speaker` or `voice`")
 
     def _on_hover(self, hover: Hover, user: str) -> None:
         before = self._hovers.get(user, ("", 0.0))[0]
@@ -216,9 +231,10 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if is_state(state):
             self._states[entity] = state
         changed = {name: action for name, (_thing, action) in self._things.items() if action.entity == entity}
-        if not changed or before.get("state") == self._states.get(entity, {}).get("state"):
+        if before.get("state") == self._states.get(entity, {}).get("state"):
             return
-        self._report_entities()
+        if changed or entity.startswith(("media_player.", "tts.")):
+            self._report_entities()
         for name, action in changed.items():
             was_on, is_on = action.is_on(before.get("state")), self._is_on(action)
             if is_on is not None and self._target(entity) is is_on:
@@ -234,15 +250,14 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             self._new_names[before] = after
             self._report_entities()
 
-    def _hint(self, action: HomeAction) -> str:
+    def _hint(self, entity: str) -> str:
         """Return the new name of an entity that is not there, or similar names, or `""`.
 
         Everybody on the site can read it, so it lists no other entities of the home.
         """
-        new = self._new_names.get(action.entity, "")
-        domain = action.domain
+        new, domain = self._new_names.get(entity, ""), entity.partition(".")[0]
         alike = (each for each in self._states if each.partition(".")[0] == domain)
-        return f"now {new}" if new in self._states else did_you_mean(action.entity, alike)
+        return f"now {new}" if new in self._states else did_you_mean(entity, alike)
 
     def _is_unavailable(self, entity: str) -> bool:
         return bool(self._states.get(entity, {}).get("state", "unavailable") == "unavailable")
@@ -251,24 +266,23 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Report entities that do not exist or are unavailable, by name."""
         if not self._commands.is_connected:
             return
+        uses = [(action.entity, f"of thing {name}") for name, (_thing, action) in self._things.items()]
+        uses += [(each, "that speaks") for each in (self.config.speaker, self.config.voice) if each]
         missing: list[str] = []
         unavailable: list[str] = []
-        for name, (_thing, action) in self._things.items():
-            entity = action.entity
+        for entity, use in uses:
             if entity not in self._states:
-                hint = "" if len(missing) > MAX_NAMES else self._hint(action)
-                missing.append(f"{entity} of thing {name}" + (f" ({hint})" if hint else ""))
+                hint = "" if len(missing) > MAX_NAMES else self._hint(entity)
+                missing.append(f"{entity} {use}" + (f" ({hint})" if hint else ""))
             elif self._is_unavailable(entity):
-                unavailable.append(f"{entity} of thing {name}")
-        remedies = {
-            "entities": (
-                missing,
-                "not in Home Assistant",
-                "correct `home_assistant` of the thing in the map",
-            ),
-            "unavailable": (unavailable, "unavailable in Home Assistant", "look into the integration there"),
-        }
-        for topic, (entries, problem, remedy) in remedies.items():
+                unavailable.append(f"{entity} {use}")
+        if self.config.speaker and not any(each.startswith("tts.") for each in self._states):
+            missing.append("any text-to-speech entity, for `speaker`")
+        remedies = (
+            ("entities", missing, "not in Home Assistant", "correct `home_assistant` in the map or site"),
+            ("unavailable", unavailable, "unavailable in Home Assistant", "look into the integration there"),
+        )
+        for topic, entries, problem, remedy in remedies:
             more = f" and {len(entries) - MAX_NAMES} more" if len(entries) > MAX_NAMES else ""
             listed = ", ".join(entries[:MAX_NAMES]) + more
             self.bus.warn(topic, f"{problem}: {listed}; {remedy}" if entries else "")

@@ -1,5 +1,6 @@
 """Option `--announce` of `pointit run`: the names of things are spoken, and counted in the summary."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,20 +17,33 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Announced, Environment, SelectionEvent, Step
 from pointit.schemas.topics import ANNOUNCED, ANY, SELECTION_EVENTS, STEP
+from pointit.services.registry import HOME_ASSISTANT, with_service_name
 from pointit.speech.speech_synthesizer import SpeechSynthesizer
 
+HOME = HOME_ASSISTANT.name
 SELECTOR = ("selector.method=estimate", 'selector.estimate.announce.people=["*"]')
+DEVICES = ("page", "phone", "speaker")
+PLAYER = "media_player."
+"""Begin of the media players of Home Assistant."""
 COUNTED = ("announced", "stepped", "confirmed")
 SUPERVISOR = ("supervisor.press_while_pointing=confirms",)
+
+
+def _speaking_device(_context: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
+    """Return `value` if it is one of `DEVICES` or a media player of Home Assistant."""
+    if value is None or value in DEVICES or re.fullmatch(rf"{PLAYER}[a-z0-9_]+", value):
+        return value
+    raise click.BadParameter(f"{value!r}: choose {', '.join(DEVICES)}, or {PLAYER}NAME of Home Assistant")
 
 
 def _options(function: Any) -> Any:
     option = click.option(
         "--announce",
-        type=click.Choice(["page", "phone", "speaker"]),
+        callback=_speaking_device,
+        metavar="[page|phone|speaker|media_player.NAME]",
         help="for people who see no lights: speak the name of the thing that they point at, by their page, "
-        "their phone, or the speaker of this machine (espeak-ng). The button confirms what was heard; swipe "
-        "or arrow keys step to the thing beside it",
+        "their phone, the speaker of this machine (espeak-ng), or a media player of Home Assistant. The "
+        "button confirms what was heard; swipe or arrow keys step to the thing beside it",
     )
     return option(function)
 
@@ -73,7 +87,7 @@ class NameWatcher:
         self._counts["confirmed"] += event.event in {"selected", "deselected"} and event.cause == "button"
 
 
-def _add(scenario: Scenario, _choices: Choices, options: Mapping[str, Any]) -> Added:
+def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
     """Return the parameters and the watcher of names. Raises ConfigError if nothing can be announced."""
     announce = options["announce"]
     if announce is None:
@@ -85,9 +99,15 @@ def _add(scenario: Scenario, _choices: Choices, options: Mapping[str, Any]) -> A
         )
     if (method := options.get("method", "").partition(":")[0]) not in {"", "estimate"}:
         raise ConfigError(f"--announce {announce} needs method estimate, not {method}: leave --method out")
+    players = (f"{HOME}.speaker={announce}",) if announce.startswith(PLAYER) else ()
+    if players and HOME not in {*scenario.site, *map(with_service_name, choices.services)}:
+        raise ConfigError(
+            f"--announce {announce}: Home Assistant is not connected; add --with {HOME}, and its address and "
+            "token by --config (`home_assistant: {url, token_file}`)"
+        )
     synthesizer = SpeechSynthesizer(WallClock(), "--announce speaker") if announce == "speaker" else None
     return Added(
-        settings=(*SELECTOR, *(SUPERVISOR if "supervisor" in scenario.user else ())),
+        settings=(*SELECTOR, *players, *(SUPERVISOR if "supervisor" in scenario.user else ())),
         watchers=[lambda _launches: NameWatcher(synthesizer)],
     )
 

@@ -1,0 +1,158 @@
+"""The bridge beside a Home Assistant in memory, in virtual time: many entities, names that are spoken."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pointit.bridges.home_assistant import service
+from pointit.cli.maps.home_assistant import entities_of, with_things
+from pointit.maps.file import parse_map_file
+from pointit.maps.things import things_of
+from pointit.schemas import Announced
+from pointit.schemas.topics import ANNOUNCED, HEALTH
+from tests.support.bench import Bench, memory_bench, until
+from tests.support.home_assistant import HomeSite, MemoryHome, config_of, reading, start, thing
+
+COUNT = 300
+LIGHTS = [f"light.lamp_{number}" for number in range(COUNT)]
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("POINTIT_STATE", str(tmp_path / "state"))
+
+
+@asynccontextmanager
+async def bridge(
+    home: MemoryHome, folder: Path, monkeypatch: pytest.MonkeyPatch, *things: Any, **parameters: Any
+) -> AsyncIterator[tuple[Bench, HomeSite, list[Any]]]:
+    """Yield a bench with the bridge to `home`, its site, and the reports on its health."""
+    monkeypatch.setattr(service, "connected", home.connected)
+    async with memory_bench() as bench:
+        health = bench.collect(HEALTH)
+        site = HomeSite(bench, *things)
+        start(bench, config_of(folder, 1, **parameters))
+        await until(lambda: len(home.client.messages) == 3, what="the connection")
+        await asyncio.sleep(0.5)  # in virtual time: the answers
+        yield bench, site, health
+
+
+def large_home() -> MemoryHome:
+    home = MemoryHome({entity: ("off", {"friendly_name": entity.upper()}) for entity in LIGHTS})
+    home.registries = {
+        "config/area_registry/list": [{"area_id": f"a{n}", "name": f"Room {n}"} for n in range(10)],
+        "config/device_registry/list": [{"id": f"d{n}", "area_id": f"a{n % 10}"} for n in range(COUNT)],
+        "config/entity_registry/list": [
+            {"entity_id": entity, "device_id": f"d{n}"} for n, entity in enumerate(LIGHTS)
+        ],
+    }
+    return home
+
+
+async def test_three_hundred_entities_become_things_by_four_messages(tmp_path: Path) -> None:
+    home = large_home()
+    async with home.connected(config_of(tmp_path, 1)) as connection, reading(connection):
+        entities = await entities_of(connection)
+    assert len(home.client.messages) == 4, "states, areas, devices, entities"
+    assert [each.area for each in entities[::30]] == [f"Room {number}" for number in range(10)]
+    text, names = with_things(b"", tmp_path / "home.yaml", entities)
+    assert len(names) == COUNT
+    things = things_of(parse_map_file(text, tmp_path / "home.yaml"))
+    assert {each.home_assistant for each in things} == set(LIGHTS)
+    assert {each.mode for each in things} == {"switch"}
+
+
+async def test_three_hundred_things_act_by_a_message_each_and_show_their_states(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = large_home()
+    things = [thing(entity.partition(".")[2], entity) for entity in LIGHTS]
+    async with bridge(home, tmp_path, monkeypatch, *things) as (_bench, site, _health):
+        for each in things:
+            site.point(each.id)
+        await until(lambda: {each["state"] for each in home.states.values()} == {"on"}, what="all lamps")
+        assert len(home.client.messages) == 3 + COUNT, "two subscriptions and the states, then a call each"
+        for entity in LIGHTS:
+            home.set(entity, "off")
+        await until(lambda: not site.selected, what="what was switched there")
+        assert len(home.client.messages) == 3 + COUNT, "no echo"
+
+
+async def test_many_renamed_deleted_and_unavailable_entities_are_named_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = large_home()
+    things = [thing(entity.partition(".")[2], entity) for entity in LIGHTS]
+    async with bridge(home, tmp_path, monkeypatch, *things) as (_bench, _site, health):
+        await until(lambda: bool(health), what="a report")
+        for entity in LIGHTS[:20]:
+            home.set(entity, "unavailable")
+        await until(
+            lambda: "light.lamp_9 of thing lamp_9 and 10 more; look into" in str(health[-1]),
+            what="both figures",
+        )
+        home.set("light.sofa", "off")
+        home.fire("entity_registry_updated", {"entity_id": "light.sofa", "old_entity_id": LIGHTS[0]})
+        home.set(LIGHTS[0], None)
+        home.set(LIGHTS[1], None)
+        await until(
+            lambda: f"{LIGHTS[0]} of thing lamp_0 (now light.sofa)" in str(health[-1]), what="its name"
+        )
+        await until(
+            lambda: f"{LIGHTS[1]} of thing lamp_1 (did you mean" in str(health[-1]), what="the deleted"
+        )
+        for entity in LIGHTS:
+            home.set(entity, "on")
+        await until(lambda: "in Home Assistant" not in str(health[-1]), what="all to be there again")
+
+
+async def test_media_player_speaks_the_newest_name_and_none_that_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = MemoryHome({"tts.piper": ("unknown", {}), "media_player.kitchen": ("idle", {})})
+    parameters = {"speaker": "media_player.kitchen", "rate_hz": 2}
+
+    def spoken() -> list[str]:
+        return [data["message"] for _service, _entity, data in home.calls]
+
+    async with bridge(home, tmp_path, monkeypatch, **parameters) as (bench, _site, health):
+
+        def announce(label: str, user: str = "anna") -> None:
+            bench.put(ANNOUNCED, Announced(stamp_ns=1, object_id=label, label=label), user)
+
+        announce("screws")
+        await until(lambda: spoken() == ["screws"], what="the first name")
+        for label in ("nuts", "nails", "glue"):
+            announce(label)
+        await until(lambda: spoken() == ["screws", "glue"], what="the newest name")
+        announce("paint", "ben")
+        announce("", "anna")
+        await until(lambda: spoken()[2:] == ["paint"], what="the name of whom still points")
+        for label, user in (("oil", "ben"), ("rope", "anna"), ("", "anna"), ("tape", "ben")):
+            announce(label, user)
+        await until(lambda: spoken()[-1] == "tape", what="the next name")
+        assert "rope" not in spoken(), "anna points at it no more"
+        data = {"media_player_entity_id": "media_player.kitchen", "message": "tape"}
+        assert home.calls[-1] == ("tts.speak", "tts.piper", data)
+        home.refusal = "Piper is not running"
+        announce("screws")
+        sentence = "did not run tts.speak on tts.piper (Piper is not running): correct `speaker` or `voice`"
+        await until(lambda: sentence in str(health[-1]), what="the reason")
+        home.set("media_player.kitchen", "unavailable")
+        await until(lambda: "media_player.kitchen that speaks;" in str(health[-1]), what="its name")
+
+
+async def test_speaker_without_a_voice_or_with_a_wrong_name_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = MemoryHome({"media_player.kitchen": ("idle", {})})
+    async with bridge(home, tmp_path, monkeypatch, speaker="media_player.kitchn") as (_bench, _site, health):
+        sentence = (
+            "media_player.kitchn that speaks (did you mean media_player.kitchen?), any text-to-speech "
+            "entity, for `speaker`"
+        )
+        await until(lambda: sentence in str(health[-1:]), what="both")

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from typing import Any, cast
 
 from pointit.runtime.config.plugins import DevicePlugin, FoundDevice, PluginGroup
@@ -18,6 +19,23 @@ TIMEOUT_S = 2.0
 
 LONGEST_WAIT_S = 0.5
 """Python may see a Ctrl-C that comes just before a wait only after it."""
+
+
+class ShippedDevices(PluginGroup[DevicePlugin]):
+    """Devices of this package that are only searched: those of others join in another way."""
+
+    def __init__(self, kind: str, noun: str, **paths: str) -> None:
+        """Create with the paths `MODULE:NAME` of `DevicePlugin`s by name."""
+        super().__init__(f"pointit.{kind}", DevicePlugin, noun)
+        self._paths = paths
+
+    def find(self) -> dict[str, tuple[EntryPoint, ...]]:
+        """Return the devices by name."""
+        return {name: (EntryPoint(name, path, self.group),) for name, path in self._paths.items()}
+
+    def package(self, name: str) -> str:
+        """Return the package that brings `name`."""
+        return "pointit" if name in self._paths else super().package(name)
 
 
 @dataclass(frozen=True, kw_only=True)

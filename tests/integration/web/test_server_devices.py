@@ -22,6 +22,7 @@ FOUND = {
         FoundDevice("Anna's phone", "Phone"),
     ),
     "led-output": (FoundDevice("kitchen.local", "Kitchen, 60 pixels", {"pixels": 60}),),
+    "home-assistant": (FoundDevice("http://192.168.1.5:8123", "Home, 2025.4.4"),),
 }
 LIGHT = {"kind": "light", "plugin": "ddp", "address": "kitchen.local", "name": "shelf"}
 WRIST = {"kind": "wrist", "plugin": "slimevr", "address": "02:00", "name": "anna"}
@@ -48,7 +49,7 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the file of the command lines that were started."""
 
     def find(*_arguments: object) -> list[device_search.SearchResult]:
-        plugins = {"imu-source": "slimevr", "led-output": "ddp"}
+        plugins = {"imu-source": "slimevr", "led-output": "ddp", "home-assistant": "home-assistant"}
         results = [
             device_search.SearchResult(kind=kind, name=plugins[kind], found=found)
             for kind, found in FOUND.items()
@@ -100,6 +101,8 @@ async def test_devices_are_found_with_the_words_that_choose_them() -> None:
             ("""--imu 'slimevr:Anna'"'"'s phone'""", "Phone", 0),
             ("--output ddp:kitchen.local", "Kitchen, 60 pixels", 60),
         ]
+        command = "pointit map import home-assistant --url http://192.168.1.5:8123 --token-file ~/ha.token"
+        assert reply["homes"] == [{"label": "Home, 2025.4.4", "command": command}]
         assert (reply["problems"], reply["can_connect"]) == (["x: no Bluetooth adapter"], False)
         assert "belongs to no run" in await refusal(page)
 

@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 from pointit.cli.main import command
 from pointit.cli.plugins import devices
 from pointit.plugins import DevicePlugin, PluginGroup, device_search
+from pointit.plugins.device_search import ShippedDevices
 from tests.support.strangers import installed
 
 STRANGERS = """
@@ -82,6 +83,7 @@ def package(
             "robot": PluginGroup("pointit.found_robots", DevicePlugin, "robot driver", has_ours=False),
         }
         monkeypatch.setattr(devices, "GROUPS", groups)
+        monkeypatch.setattr(devices, "HOME_ASSISTANTS", ShippedDevices("found_homes", "Home Assistant"))
         try:
             yield groups
         finally:
@@ -154,6 +156,7 @@ def test_json_has_addresses_labels_and_details() -> None:
         "lights": [],
         "robots": [],
         "mocap": [],
+        "home_assistants": [],
         "not_searched": [],
     }
 
@@ -181,6 +184,7 @@ def test_without_devices_it_says_so_and_why_a_search_could_not_run() -> None:
     shown = run()
     assert shown.stdout == (
         "No wrists found.\nNo outputs found.\nNo robots found.\nNo motion capture servers found.\n"
+        "No Home Assistants found.\n"
     )
     assert shown.stderr == (
         "adapter, adapter: there is no Bluetooth adapter: plug one in\n"

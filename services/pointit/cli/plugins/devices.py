@@ -1,10 +1,11 @@
-"""`pointit devices`: wrists, outputs, robots, motion capture, and the words that choose them."""
+"""`pointit devices`: wrists, outputs, robots, motion capture, Home Assistant, and the words for them."""
 
 import shlex
 from typing import Any
 
 import click
 
+from pointit.bridges.home_assistant.home_search import HOME_ASSISTANTS, IMPORT, import_options
 from pointit.bridges.mocap.mocap_systems import MOCAP_SYSTEMS
 from pointit.commands import (
     Finite,
@@ -20,21 +21,24 @@ from pointit.plugins import GROUPS, FoundDevice
 from pointit.plugins.device_search import SearchResult, search, words
 from pointit.runtime.service.logs import setup_logging
 
-MOCAP, MOCAP_COMMAND = "mocap", "pointit service run mocap"
+MOCAP, HOME = "mocap", "home-assistant"
 SECTIONS = {
     "imu-source": ("wrists", "wrists", "--imu"),
     "led-output": ("lights", "outputs", "--output"),
     "robot": ("robots", "robots", "--set"),
     MOCAP: ("mocap", "motion capture servers", "--server"),
+    HOME: ("home_assistants", "Home Assistants", "--url"),
 }
 """Name of the table in JSON, name for people, and option that chooses one, by the kind of device."""
+COMMANDS = {MOCAP: "pointit service run mocap", HOME: IMPORT}
+"""Commands that use a device, by its kind, if that is not `pointit run`."""
 
 
 @click.command("devices")
 @click.option("--seconds", type=Finite(min=0.1, max=60), default=3.0, help="time for the search, s")
 @json_option
 def command(*, seconds: float, as_json: bool) -> None:
-    """Find wrists, outputs, robots and motion capture within reach: serial ports, Bluetooth, the network.
+    """Find wrists, outputs, robots, motion capture and Home Assistants: serial ports, Bluetooth, network.
 
     All installed plug-ins that can search do so at the same time. Each device is shown with the option of
     `pointit run`, or the command, that uses it. A search that cannot run is listed below with its remedy.
@@ -42,7 +46,8 @@ def command(*, seconds: float, as_json: bool) -> None:
     Example: pointit devices --seconds 10
     """
     setup_logging("warning")
-    groups = {kind: MOCAP_SYSTEMS if kind == MOCAP else GROUPS[kind] for kind in SECTIONS}
+    own = {MOCAP: MOCAP_SYSTEMS, HOME: HOME_ASSISTANTS}
+    groups = {kind: own[kind] if kind in own else GROUPS[kind] for kind in SECTIONS}
     with progress(sum(len(group.names) for group in groups.values())) as tell:
         results = search(groups, seconds, lambda done: tell("searching", done))
     problems = [result for result in results if result.problem]
@@ -56,7 +61,7 @@ def command(*, seconds: float, as_json: bool) -> None:
     for kind, (_, name, option) in SECTIONS.items():
         shown = tuple({"use": row["use"], "found": row["label"]} for row in rows(results, kind))
         if shown:
-            about = f"`{'pointit run' if kind != MOCAP else MOCAP_COMMAND} {option} …` uses one"
+            about = f"`{COMMANDS.get(kind, 'pointit run')} {option} …` uses one"
             print_table(
                 console(), OutputSection(name=name, about=about, rows=shown, whole=frozenset({"use"}))
             )
@@ -86,6 +91,8 @@ def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
 def _words(result: SearchResult, device: FoundDevice, option: str) -> str:
     if result.kind == MOCAP:
         return f"{option} {shlex.quote(device.address)}"
+    if result.kind == HOME:
+        return import_options(device)
     return _parameters(result, device) if result.kind == "robot" else f"{option} {words(result, device)}"
 
 

@@ -2,6 +2,8 @@
 
 import asyncio
 import contextlib
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from pointit.runtime.errors import ConfigError
@@ -21,6 +23,8 @@ class NetworkService(NamedTuple):
     port: int
     host: str
     """Name of the machine, such as `wled-desk.local`, or `""`."""
+    properties: Mapping[str, str | None] = MappingProxyType({})
+    """What it announces about itself, by key."""
 
 
 async def browse(kind: str, seconds: float) -> list[NetworkService]:
@@ -54,5 +58,6 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
                 for address in info.parsed_addresses(IPVersion.V4Only)[:1]:
                     name = info.name.removesuffix(f".{full_kind}")
                     host = (info.server or "").rstrip(".")
-                    services.append(NetworkService(name, address, info.port or 0, host))
+                    properties = info.decoded_properties
+                    services.append(NetworkService(name, address, info.port or 0, host, properties))
     return services

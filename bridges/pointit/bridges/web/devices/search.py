@@ -1,10 +1,11 @@
-"""Search for wrists and lights within reach of this machine."""
+"""Search for wrists, lights and Home Assistants within reach of this machine."""
 
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
 
+from pointit.bridges.home_assistant.home_search import HOME_ASSISTANTS, IMPORT, import_options
 from pointit.bridges.web.devices.wire import ConnectDevice, ConnectedDevice
 from pointit.plugins import GROUPS
 from pointit.plugins.device_search import SearchResult, search, words
@@ -14,6 +15,7 @@ from pointit.runtime.config.plugins import FoundDevice
 SEARCH_S = 3.0
 """Time of a search, s."""
 MAX_FOUND = 100
+HOME = "home-assistant"
 KINDS = {"wrist": ("imu-source", "--imu"), "light": ("led-output", "--output")}
 """Kind of plug-in, and option that chooses a device, by kind of device."""
 
@@ -26,6 +28,8 @@ class FoundDevices:
     """Devices as they would be stored, without the name of a person or strip."""
     uses: tuple[str, ...]
     """Option of `pointit run` that chooses each."""
+    homes: tuple[tuple[str, str], ...] = ()
+    """Label of each Home Assistant, and the command that imports its lamps and switches."""
     problems: tuple[str, ...]
     """A sentence for each search that could not run."""
 
@@ -36,7 +40,14 @@ class FoundDevices:
 
 def find() -> FoundDevices:
     """Return the devices within reach. Takes `SEARCH_S` or a little longer."""
-    results = search({kind: GROUPS[kind] for kind, _ in KINDS.values()}, SEARCH_S, lambda _done: None)
+    groups = {kind: GROUPS[kind] for kind, _ in KINDS.values()}
+    results = search({**groups, HOME: HOME_ASSISTANTS}, SEARCH_S, lambda _done: None)
+    homes = [
+        (each.label, f"{IMPORT} {import_options(each)}")
+        for result in results
+        if result.kind == HOME
+        for each in result.found
+    ]
     devices: list[ConnectedDevice] = []
     uses: list[str] = []
     problems = [f"{result.name}: {result.problem}" for result in results if result.problem]
@@ -50,7 +61,10 @@ def find() -> FoundDevices:
                 else:
                     uses.append(f"{option} {words(result, each)}")
     return FoundDevices(
-        devices=tuple(devices[:MAX_FOUND]), uses=tuple(uses[:MAX_FOUND]), problems=tuple(problems[:MAX_FOUND])
+        devices=tuple(devices[:MAX_FOUND]),
+        uses=tuple(uses[:MAX_FOUND]),
+        homes=tuple(homes[:MAX_FOUND]),
+        problems=tuple(problems[:MAX_FOUND]),
     )
 
 

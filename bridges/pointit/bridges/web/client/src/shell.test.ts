@@ -4,7 +4,7 @@ import { columnsOf } from "./choice";
 import { bytes, duration, figure, latencyTick, milliseconds, rendererName, typedNumber } from "./format";
 import { guidance, type Situation } from "./guidance";
 import { fingerprintLines } from "./panel/pairing";
-import { command, foundDevices, freeName, freeStrips, isConnected, wristFigures } from "./devices/found";
+import { command, foundDevices, foundHomes, freeName, freeStrips, isConnected, wristFigures } from "./devices/found";
 import { fitSentence } from "./devices/wearing";
 import type { Health } from "./messages";
 import { wordsOf } from "./glossary";
@@ -27,6 +27,12 @@ test("found devices have the command that connects them, whatever else is in the
   for (const bad of [{}, { devices: null }, { devices: "x" }]) assert.deepEqual(foundDevices(bad), []);
   assert.equal(command(wrist), "pointit person add NAME --imu band:F1:22");
   assert.equal(command(light), "pointit output add ddp:kitchen");
+});
+
+test("a Home Assistant has the command that imports from it, whatever else is in the reply", () => {
+  const home = { label: "Home, 2025.4.4", command: "pointit map import home-assistant --url http://192.168.1.5:8123" };
+  assert.deepEqual(foundHomes({ homes: [home, null, { label: 1 }, { ...home, command: 2 }] }), [home]);
+  for (const bad of [{}, { homes: null }, { homes: "x" }]) assert.deepEqual(foundHomes(bad), []);
 });
 
 test("a light is offered the strips that no other shows, and a wearer a name that nobody has", () => {

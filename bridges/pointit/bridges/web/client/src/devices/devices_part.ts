@@ -5,7 +5,7 @@ import { el, icon, renew, section, show, write } from "../dom";
 import { capital } from "../format";
 import type { PanelPart } from "../panel/panel_part";
 import type { DeviceLine } from "../wire";
-import { command, type FoundDevice, foundDevices, freeName, freeStrips, isConnected, wristFigures } from "./found";
+import { command, type FoundDevice, foundDevices, type FoundHome, foundHomes, freeName, freeStrips, isConnected, wristFigures } from "./found";
 import { wearingDialog } from "./wearing";
 
 /** Duration of a search, ms, and the most that it may take. */
@@ -20,13 +20,14 @@ export function devicesPart(controls: Controls): PanelPart {
   const connected = el("ul", { className: "devices" });
   const look = el("button", { type: "button", onclick: () => void search() }, icon("watch"), el("span", { text: "Look for devices" }));
   const progress = el("progress", { max: 1, value: 0, "aria-label": "Search for devices", hidden: true });
-  const state = el("p", { className: "muted", role: "status", text: "Wristbands, trackers and lights near the machine that serves this page." });
+  const state = el("p", { className: "muted", role: "status", text: "Wristbands, trackers, lights and Home Assistants near the machine that serves this page." });
   const list = el("ul", { className: "devices" });
   const why = el("ul", { className: "muted devices" });
   const problems = el("details", { hidden: true }, el("summary", {}, "Not searched", icon("chevron")), why);
   const element = section("Devices", connected, look, progress, state, list, problems);
   const states = new Map<string, HTMLElement>();
   let found: FoundDevice[] = [];
+  let homes: FoundHome[] = [];
   let canConnect = false;
   /** The wrist whose person is about to appear, to be shown how to wear it. */
   let awaited = "";
@@ -44,13 +45,14 @@ export function devicesPart(controls: Controls): PanelPart {
     show(progress, false);
     look.disabled = false;
     found = foundDevices(reply ?? {});
+    homes = foundHomes(reply ?? {});
     canConnect = reply?.["can_connect"] === true;
     const listed: unknown = reply?.["problems"];
     const reasons = Array.isArray(listed) ? listed.map(String) : [];
     why.replaceChildren(...reasons.map((text) => el("li", { text })));
     show(problems, reasons.length > 0);
-    problems.open = found.length === 0;
-    write(state, !reply ? "" : found.length === 0 ? `None found${reasons.length ? " by the searches that could run" : ""}. Is it switched on, and in the same network?`
+    problems.open = found.length + homes.length === 0;
+    write(state, !reply ? "" : found.length + homes.length === 0 ? `None found${reasons.length ? " by the searches that could run" : ""}. Is it switched on, and in the same network?`
       : canConnect ? "" : "This page belongs to no run: a command connects a device, in a terminal on that machine.");
     controls.changed();
   }
@@ -76,6 +78,10 @@ export function devicesPart(controls: Controls): PanelPart {
       void connect(device, field.value || newStrip(device), button);
     } }, el("label", {}, el("span", { className: "muted", text: device.kind === "wrist" ? "Who wears it" : "Shows strip" }), field), button);
     return el("li", {}, title, kind, form);
+  }
+
+  function home({ label, command: line }: FoundHome): HTMLElement {
+    return el("li", {}, el("strong", { text: label }), el("p", { className: "muted", text: "Home Assistant" }), el("code", { text: line }));
   }
 
   /** Name of a strip for a light, after the light's own. */
@@ -118,7 +124,8 @@ export function devicesPart(controls: Controls): PanelPart {
         write(state, capital(stateOf(line)));
       }
       const free = found.filter((each) => !isConnected(each, all));
-      renew(list, JSON.stringify([canConnect, free, freeStrips(site.map?.strips ?? [], all).map(({ id }) => id)]), () => free.map(offer));
+      renew(list, JSON.stringify([canConnect, free, homes, freeStrips(site.map?.strips ?? [], all).map(({ id }) => id)]),
+        () => [...free.map(offer), ...homes.map(home)]);
       const line = all.find(({ id }) => id === awaited);
       if (line?.is_on) {
         awaited = "";

@@ -26,6 +26,19 @@ export function foundDevices(reply: Record<string, unknown>): FoundDevice[] {
   });
 }
 
+/** A Home Assistant, and the command that imports its lamps and switches. */
+export interface FoundHome { label: string; command: string }
+
+/** The Home Assistants in a reply, whatever it holds. */
+export function foundHomes(reply: Record<string, unknown>): FoundHome[] {
+  const listed: unknown = reply["homes"];
+  if (!Array.isArray(listed)) return [];
+  return listed.flatMap((each: unknown) => {
+    const { label, command } = (each ?? {}) as Partial<Record<string, unknown>>;
+    return typeof label === "string" && typeof command === "string" ? [{ label, command }] : [];
+  });
+}
+
 /** The command that connects a device from a terminal. */
 export function command({ kind, use }: FoundDevice): string {
   return kind === "wrist" ? `pointit person add NAME ${use}` : `pointit output add ${use.replace(/^--output /, "")}`;

@@ -1,0 +1,73 @@
+"""Home Assistants in the network: their announcements, and the command for each."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from pointit.bridges.home_assistant import home_search
+from pointit.bridges.home_assistant.home_search import announced_home, import_options
+from pointit.cli.main import command
+from pointit.cli.plugins import devices
+from pointit.plugins.device_search import SearchResult
+from pointit.runtime.host.service_browser import NetworkService
+
+PROPERTIES = {
+    "location_name": "Our home",
+    "uuid": "3b8f",
+    "version": "2025.4.4",
+    "external_url": "https://home.example.org",
+    "internal_url": "http://192.168.1.5:8123",
+    "base_url": "https://home.example.org",
+    "requires_api_password": "True",
+}
+"""As Home Assistant 2025.4.4 announces itself."""
+
+
+def announced(**properties: str | None) -> NetworkService:
+    return NetworkService("Our home", "192.168.1.7", 8123, "3b8f.local", {**PROPERTIES, **properties})
+
+
+def test_address_of_the_network_is_that_which_home_assistant_states() -> None:
+    home = announced_home(announced())
+    assert (home.address, home.label) == ("http://192.168.1.5:8123", "Our home, 2025.4.4")
+    assert import_options(home) == "--url http://192.168.1.5:8123 --token-file ~/ha.token"
+
+
+@pytest.mark.parametrize(
+    "internal_url", ["", None, "no address", "ftp://hub", "http://a:b@hub:8123", "http://"]
+)
+def test_address_of_the_machine_is_used_if_it_states_none(internal_url: str | None) -> None:
+    assert announced_home(announced(internal_url=internal_url)).address == "http://192.168.1.7:8123"
+
+
+def test_announcement_without_properties_or_with_controls_has_a_label() -> None:
+    assert announced_home(NetworkService("Home", "10.0.0.2", 80, "")).label == "Home"
+    assert announced_home(
+        announced(location_name="a\x1b[31m\n" + "b" * 500, version=None)
+    ).label.isprintable()
+
+
+def test_url_of_another_machine_is_one_word_of_a_shell() -> None:
+    home = announced_home(announced(internal_url="http://hub;reboot:8123"))
+    assert ";" not in import_options(home) or "'" in import_options(home)
+
+
+def test_found_home_assistant_is_listed_with_the_next_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = SearchResult(kind="home-assistant", name="home-assistant", found=(announced_home(announced()),))
+    monkeypatch.setattr(devices, "search", lambda *_: [result])
+    shown = CliRunner().invoke(command, ["devices"], env={"COLUMNS": "200"}).output
+    assert "Home assistants: `pointit map import home-assistant --url …` uses one" in " ".join(shown.split())
+    assert "--url http://192.168.1.5:8123 --token-file ~/ha.token" in shown
+    rows = json.loads(CliRunner().invoke(command, ["devices", "--json"]).output)["home_assistants"]
+    assert (rows[0]["address"], rows[0]["details"]["version"]) == ("http://192.168.1.5:8123", "2025.4.4")
+
+
+async def test_services_of_its_kind_are_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def browse(kind: str, _seconds: float) -> list[NetworkService]:
+        return [announced()] if kind == "_home-assistant._tcp" else []
+
+    monkeypatch.setattr(home_search, "browse", browse)
+    plugin = home_search.HOME_ASSISTANTS.get("home-assistant")
+    assert plugin.discover is not None
+    assert [each.label for each in await plugin.discover(1.0)] == ["Our home, 2025.4.4"]

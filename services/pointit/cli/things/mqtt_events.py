@@ -2,7 +2,7 @@
 
 Topics and messages of things on an MQTT broker, with the discovery of Home Assistant. Pure.
 
-https://www.home-assistant.io/integrations/mqtt, "MQTT discovery", "Event" and "Switch".
+https://www.home-assistant.io/integrations/mqtt, "MQTT discovery", "Event", "Switch" and "Device trigger".
 """
 
 import asyncio
@@ -37,10 +37,15 @@ BIRTH_TOPIC = f"{PREFIX}/status"
 """Usual topic of Home Assistant's birth message, `online`."""
 SET = "/set"
 """End of the topic of a switch's commands, `ON` and `OFF`."""
+EVENT = "/event"
+"""End of the topic of a switch's events."""
 ONLINE, OFFLINE = "online", "offline"
 NOT_OF_IDS = re.compile(r"[^A-Za-z0-9_-]")
 EVENTS = {"selected": "pointed", "deselected": "released"}
 """Types of events of things by the event of the selection."""
+PRESSED = "pointed button"
+TRIGGERS = {"pointed": "pointed", "pressed": PRESSED, "released": "released"}
+"""Payloads of the triggers of a device by type: pointed at, confirmed by a press, let go by its owner."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,19 +94,22 @@ class Announcements:
     def _node(self) -> str:
         return f"pointit_{_id_of(self.site)}"
 
-    def discovery(self, thing: Thing) -> Publication:
-        """Return the announcement of a thing: a switch, or events."""
+    def discovery(self, thing: Thing) -> list[Publication]:
+        """Return the announcements of a thing: a switch or events, and the triggers of its device."""
         name, topic = _id_of(thing.id), self._topic(thing.id)
-        config: dict[str, Any] = {
-            "name": thing.label or thing.id,
-            "unique_id": f"{self._node}_{name}",
-            "state_topic": topic,
+        common: dict[str, Any] = {
             "device": {
                 "identifiers": [self._node],
                 "name": f"PointIt {self.site}",
                 "manufacturer": "PointIt",
             },
             "origin": {"name": "PointIt", "sw_version": pointit_version()},
+        }
+        config: dict[str, Any] = {
+            "name": thing.label or thing.id,
+            "unique_id": f"{self._node}_{name}",
+            "state_topic": topic,
+            **common,
         }
         if thing.mode == "switch":
             config |= {
@@ -112,13 +120,29 @@ class Announcements:
             }
         else:  # without availability: an event that is available again looks like one that happens
             config["event_types"] = ["pointed"] if thing.mode == "button" else list(EVENTS.values())
-        return Publication(topic=self._config_topic(thing), payload=json.dumps(config), retain=True)
+        configs = {self._config_topic(thing): config}
+        for kind, payload in TRIGGERS.items():
+            if kind != "released" or thing.mode == "claim":
+                configs[self._trigger_topic(thing, kind)] = {
+                    "automation_type": "trigger",
+                    "type": kind,
+                    "subtype": thing.id,  # labels may change, and need not differ
+                    "topic": self._event_topic(thing),
+                    "value_template": "{{ value_json.event_type }} {{ value_json.cause }}"
+                    if payload == PRESSED
+                    else "{{ value_json.event_type }}",
+                    "payload": payload,
+                    **common,
+                }
+        return [
+            Publication(topic=topic, payload=json.dumps(each), retain=True) for topic, each in configs.items()
+        ]
 
     def outdated(self, topics: Sequence[str], things: Sequence[Thing]) -> list[Publication]:
         """Return empty messages for those of `topics` that are of none of `things`."""
         known = {
             self.status_topic,
-            *(self._config_topic(thing) for thing in things),
+            *(each.topic for thing in things for each in self.discovery(thing)),
             *(self._topic(thing.id) for thing in things if thing.mode == "switch"),
         }
         return [Publication(topic=each, payload="", retain=True) for each in topics if each not in known]
@@ -142,15 +166,27 @@ class Announcements:
         ]
 
     def event(self, thing: Thing, event: SelectionEvent) -> Publication | None:
-        """Return the message of an event, or None for those of switches and the end of buttons."""
+        """Return the message of an event, or None if it is the end of a button or not by pointing."""
         action = EVENTS.get(event.event)
-        if action is None or thing.mode == "switch" or (thing.mode == "button" and not event.is_on):
+        if action is None or (thing.mode == "button" and not event.is_on):
             return None
         payload = {"event_type": action, "user": event.user, "confidence": event.confidence}
-        return Publication(topic=self._topic(thing.id), payload=json.dumps(payload))
+        payload["cause"] = event.cause
+        if thing.mode == "switch":
+            if event.cause not in ("dwell", "button"):
+                return None
+            payload |= {"event_type": "pointed", "state": "ON" if event.is_on else "OFF"}
+        return Publication(topic=self._event_topic(thing), payload=json.dumps(payload))
 
     def _topic(self, thing_id: str) -> str:
         return f"pointit/{_id_of(self.site)}/things/{_id_of(thing_id)}"
+
+    def _event_topic(self, thing: Thing) -> str:
+        """Return the topic of events, which none retains: the state of a switch is retained."""
+        return self._topic(thing.id) + (EVENT if thing.mode == "switch" else "")
+
+    def _trigger_topic(self, thing: Thing, kind: str) -> str:
+        return f"{PREFIX}/device_automation/{self._node}/{_id_of(thing.id)}_{kind}/config"
 
     def _config_topic(self, thing: Thing) -> str:
         kind = "switch" if thing.mode == "switch" else "event"
@@ -385,7 +421,7 @@ class MqttThings:
             outdated = self._announcements.outdated([*self._shown], things)
             wanted = [
                 *outdated,
-                *(self._announcements.discovery(thing) for thing in things),
+                *(each for thing in things for each in self._announcements.discovery(thing)),
                 *self._states(things),
                 Publication(topic=self._announcements.status_topic, payload=ONLINE, retain=True),
             ]

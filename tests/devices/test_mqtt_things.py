@@ -16,7 +16,7 @@ from pointit.schemas.topics import SELECTION, SET_THING
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port
 from tests.support.mqtt import broker, overheard
-from tests.support.mqtt_things import ROOM, found, point, published, room, thing, told
+from tests.support.mqtt_things import ROOM, TRIGGER, announced, found, point, published, room, thing, told
 
 
 @pytest.fixture
@@ -35,6 +35,8 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
         assert seat["event_types"] == ["pointed", "released"]
         assert SwitchInfo.model_validate(radio).unique_id == radio["unique_id"]
         assert len({each["unique_id"] for each in (screws, seat, radio)}) == 3
+        triggers = {f"{TRIGGER}{name}" for name in ("screws_pointed", "seat_released", "radio_pressed")}
+        await until(lambda: triggers <= announced(heard).keys(), what="the triggers of the device")
         assert "availability_topic" not in screws, "an event that comes back looks like one that happens"
         await until(lambda: (radio["availability_topic"], b"online") in heard, what="availability")
         assert told(heard, radio["state_topic"]) == [], "nobody knows it yet"
@@ -45,7 +47,7 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
             point(bench, name, "deselected")
         chosen = SelectedObject(id="radio", user="anna", since_ns=1, confidence=0.9)
         bench.put(SELECTION, Selection(stamp_ns=2, objects=(chosen,)))
-        pointed = {"event_type": "pointed", "user": "anna", "confidence": 0.9}
+        pointed = {"event_type": "pointed", "user": "anna", "confidence": 0.9, "cause": ""}
         await until(lambda: len(told(heard, seat["state_topic"])) == 2, what="events")
         assert told(heard, screws["state_topic"]) == [pointed], "that a button is over is no event"
         assert told(heard, seat["state_topic"]) == [pointed, {**pointed, "event_type": "released"}]
@@ -77,7 +79,7 @@ async def test_a_thing_that_is_gone_is_taken_back_also_after_a_restart(port: int
             await until(lambda: set(found(heard)) == {"switch screws", "switch radio"}, what="the other map")
         async with published(port, bench) as watcher:
             watcher.on_map(room())
-            await until(lambda: not found(heard), what="all to be taken back")
+            await until(lambda: not announced(heard), what="all to be taken back")
 
 
 async def test_lost_events_are_one_line_of_the_log_and_all_are_counted(
@@ -164,7 +166,8 @@ async def test_names_of_things_are_neither_topics_nor_confused(port: int) -> Non
         for topic, payload in heard:
             assert topic.count("/") == 4
             if payload:
-                assert set(json.loads(payload)["state_topic"]) <= set(
+                config = json.loads(payload)
+                assert set(config.get("state_topic") or config["topic"]) <= set(
                     "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-/"
                 )
 

@@ -12,6 +12,7 @@ from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.topics import SELECTION_EVENTS
 from tests.support.bench import Bench
 
+TRIGGER = "device_automation "
 Heard = list[tuple[str, bytes]]
 
 
@@ -45,7 +46,12 @@ def point(bench: Bench, name: str, event: str = "selected") -> None:
 
 
 def found(heard: Heard) -> Mapping[str, Any]:
-    """Return the announcements that are in force, by their kind and the id of their thing."""
+    """Return the announcements of entities that are in force, by their kind and the id of their thing."""
+    return {name: each for name, each in announced(heard).items() if not name.startswith(TRIGGER)}
+
+
+def announced(heard: Heard) -> Mapping[str, Any]:
+    """Return the announcements of entities and triggers that are in force, by their kind and id."""
     last = {topic: payload for topic, payload in heard if topic.endswith("/config")}
     split = {topic: topic.split("/") for topic in last}
     return {f"{split[topic][1]} {split[topic][3]}": json.loads(text) for topic, text in last.items() if text}

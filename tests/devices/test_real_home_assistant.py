@@ -1,0 +1,166 @@
+"""The bridge beside a real Home Assistant, at night: import, act, state back, and kills during a hover.
+
+Home Assistant needs an environment of its own, with its Python: `python3.13 -m venv DIR` and
+`DIR/bin/pip install homeassistant==2025.4.4`. HOME_ASSISTANT_PYTHON=DIR/bin/python scripts/test -m long
+tests/devices/test_real_home_assistant.py then starts one with its integration `demo`, and ends it.
+"""
+
+import asyncio
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from websockets.asyncio.client import connect
+
+from pointit.bridges.home_assistant.config import HomeAssistantConfig
+from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected
+from pointit.bridges.home_assistant.home_action import ServiceCall
+from pointit.cli.maps.home_assistant import entities_of
+from pointit.runtime.clock import WallClock
+from tests.support.bench import memory_bench, until
+from tests.support.buses import free_port
+from tests.support.home_assistant import HomeSite, reading, start, thing
+
+PYTHON = os.environ.get("HOME_ASSISTANT_PYTHON", "")
+KILLS = int(os.environ.get("HOME_ASSISTANT_KILLS", "200"))
+BRIGHTNESS = 100
+LAMP = "light.bed_light"
+CONFIGURATION = """
+http: {{server_host: 127.0.0.1, server_port: {port}}}
+config:
+websocket_api:
+demo:
+"""
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(not PYTHON, reason="HOME_ASSISTANT_PYTHON names no Python with Home Assistant"),
+]
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Generator[HomeAssistantConfig]:
+    """Start a Home Assistant with a user and a token."""
+    folder, port = tmp_path_factory.mktemp("home"), free_port()
+    (folder / "configuration.yaml").write_text(CONFIGURATION.format(port=port))
+    hass = (PYTHON, "-m", "homeassistant")
+    login = ("--script", "auth", "-c", str(folder), "add", "anna", "of a test")
+    subprocess.run((*hass, *login), check=True, timeout=300)
+    with (
+        (folder / "log").open("w") as log,
+        subprocess.Popen((*hass, "-c", str(folder)), stdout=log, stderr=log) as process,
+    ):
+        try:
+            fields = {"url": f"http://127.0.0.1:{port}", "token_file": str(folder / "token")}
+            (folder / "token").write_text(asyncio.run(token_of(fields["url"])))
+            yield HomeAssistantConfig.model_validate(fields)
+        finally:
+            process.terminate()
+
+
+async def token_of(url: str) -> str:
+    """Return a long-lived token, as soon as Home Assistant runs."""
+
+    def post(path: str, fields: dict[str, Any], *, is_form: bool = False) -> Any:
+        body: dict[str, Any] = {"data" if is_form else "json": fields}
+        return httpx.post(url + path, timeout=60.0, **body).raise_for_status().json()
+
+    client = {"client_id": f"{url}/"}
+    flow: dict[str, Any] = {}
+    for _ in range(300):
+        try:
+            begin = {**client, "handler": ["homeassistant", None], "redirect_uri": f"{url}/"}
+            flow = post("/auth/login_flow", begin)
+            break
+        except httpx.TransportError:
+            await asyncio.sleep(1.0)
+    login = {**client, "username": "anna", "password": "of a test"}
+    code = post(f"/auth/login_flow/{flow['flow_id']}", login)["result"]
+    tokens = post("/auth/token", {**client, "grant_type": "authorization_code", "code": code}, is_form=True)
+    async with connect(url.replace("http", "ws") + "/api/websocket") as websocket:
+        await websocket.recv()
+        await websocket.send(json.dumps({"type": "auth", "access_token": tokens["access_token"]}))
+        await websocket.recv()
+        wanted = {"id": 1, "type": "auth/long_lived_access_token", "client_name": "PointIt", "lifespan": 1}
+        await websocket.send(json.dumps(wanted))
+        return str(json.loads(await websocket.recv())["result"])
+
+
+async def lamp(connection: HomeAssistantConnection) -> tuple[str, Any]:
+    state = (await connection.states())[LAMP]
+    return state["state"], state["attributes"].get("brightness")
+
+
+async def test_lamp_is_imported_switched_and_shows_what_was_switched_there(
+    config: HomeAssistantConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
+    async with connected(config) as connection, reading(connection), memory_bench(WallClock()) as bench:
+        assert LAMP in {each.entity for each in await entities_of(connection)}
+        await connection.call(ServiceCall(LAMP, "light", "turn_off"))
+        site = HomeSite(bench, thing("bed", LAMP), thing("gone", "light.none"))
+        start(bench, config)
+        await asyncio.sleep(2.0)
+        site.point("bed")
+        for _ in range(300):
+            if (await lamp(connection))[0] == "on":
+                break
+            await asyncio.sleep(0.1)
+        assert (await lamp(connection))[0] == "on"
+        await connection.call(ServiceCall(LAMP, "light", "turn_off"))
+        await until(lambda: "bed" not in site.selected, what="what was switched there")
+
+
+def test_no_lamp_is_left_changed_after_kills_during_hovers(
+    config: HomeAssistantConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
+
+    async def hover() -> None:
+        """Run the bridge beside a person who points at the lamp again and again."""
+        async with memory_bench(WallClock()) as bench:
+            site = HomeSite(bench, thing("bed", LAMP))
+            start(bench, config)
+            while True:
+                async with site.hovering("bed"):
+                    await asyncio.sleep(0.2)
+                await asyncio.sleep(0.2)
+
+    async def restore() -> tuple[str, Any]:
+        """Run the bridge beside nobody, and return the state of the lamp."""
+        async with connected(config) as connection, reading(connection), memory_bench(WallClock()) as bench:
+            HomeSite(bench, thing("bed", LAMP))
+            start(bench, config)
+            for _ in range(300):
+                if (await lamp(connection))[1] == BRIGHTNESS:
+                    break
+                await asyncio.sleep(0.1)
+            return await lamp(connection)
+
+    async def set_brightness() -> None:
+        async with connected(config) as connection, reading(connection):
+            await connection.call(ServiceCall(LAMP, "light", "turn_on", {"brightness": BRIGHTNESS}))
+
+    async def seen() -> Any:
+        async with connected(config) as connection, reading(connection):
+            return (await lamp(connection))[1]
+
+    asyncio.run(set_brightness())
+    changed = 0
+    for _ in range(KILLS):
+        if (child := os.fork()) == 0:
+            asyncio.run(hover())
+        asyncio.run(asyncio.sleep(random.uniform(0.05, 2.0)))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        changed += asyncio.run(seen()) != BRIGHTNESS
+    sys.stdout.write(f"{KILLS} kills, after {changed} of them the lamp was changed\n")
+    assert asyncio.run(restore()) == ("on", BRIGHTNESS)
+    assert changed, "some kills have to come while the lamp is changed"

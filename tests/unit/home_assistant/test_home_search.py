@@ -5,11 +5,11 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from pointit.bridges.home_assistant import home_search
-from pointit.bridges.home_assistant.home_search import announced_home, import_options
 from pointit.cli.main import command
 from pointit.cli.plugins import devices
+from pointit.plugins import home_search
 from pointit.plugins.device_search import SearchResult
+from pointit.plugins.home_search import announced_home, import_options
 from pointit.runtime.host.service_browser import NetworkService
 
 PROPERTIES = {

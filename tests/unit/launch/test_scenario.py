@@ -216,7 +216,7 @@ def test_a_setting_without_effect_is_refused() -> None:
 
 def test_names_of_services_may_have_underscores_as_other_names_in_yaml(tmp_path: Path) -> None:
     file = written(tmp_path / "room.yaml", "user_sim: {rate_hz: 30}\nrobot.quad: {}\n")
-    chosen = {"files": [file], "settings": ["conveyor_sim.seed=7"]}
+    chosen: dict[str, Any] = {"files": [file], "settings": ["conveyor_sim.seed=7"]}
     assert config_of(person(**chosen), "user-sim")["rate_hz"] == 30
     assert config_of(site(**chosen), "conveyor-sim")["seed"] == 7
     scenario = GOOD + "site: {pui: {}, led_driver: {brightness: 0.5}}\nuser: {user_sim: {}}\n"

@@ -52,7 +52,7 @@ class HomeAssistantConfig(Config):
         default="", description="media player that announces names, such as media_player.kitchen"
     )
     voice: Annotated[str, _entity("tts")] = Field(
-        default="", description="text-to-speech entity that it uses, such as tts.piper; empty: the first one"
+        default="", description="text-to-speech entity, such as tts.piper; the first one if empty"
     )
     rate_hz: float = Field(
         default=5.0, gt=0, le=50, description="maximum rate of commands to one entity; the newest counts, Hz"

@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 
-from pointit.bridges.home_assistant.home_search import HOME_ASSISTANTS, IMPORT, import_options
 from pointit.bridges.mocap.mocap_systems import MOCAP_SYSTEMS
 from pointit.commands import (
     Finite,
@@ -19,6 +18,7 @@ from pointit.commands import (
 )
 from pointit.plugins import GROUPS, FoundDevice
 from pointit.plugins.device_search import SearchResult, search, words
+from pointit.plugins.home_search import HOME_ASSISTANTS, IMPORT, import_options
 from pointit.runtime.service.logs import setup_logging
 
 MOCAP, HOME = "mocap", "home-assistant"

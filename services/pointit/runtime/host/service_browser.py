@@ -24,7 +24,7 @@ class NetworkService(NamedTuple):
     host: str
     """Name of the machine, such as `wled-desk.local`, or `""`."""
     properties: Mapping[str, str | None] = MappingProxyType({})
-    """What it announces about itself, by key."""
+    """Values of its TXT record, by key."""
 
 
 async def browse(kind: str, seconds: float) -> list[NetworkService]:

@@ -2,12 +2,11 @@
 
 import shlex
 from collections.abc import Sequence
+from urllib.parse import urlsplit
 
-from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.plugins.device_search import ShippedDevices
-from pointit.runtime.config.config import Layers
+from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import DevicePlugin, FoundDevice
-from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.service_browser import NetworkService, browse
 from pointit.schemas.text import one_line
 
@@ -46,17 +45,19 @@ def import_options(device: FoundDevice) -> str:
 
 def _url_of(service: NetworkService) -> str:
     """Return the address that Home Assistant states for its network, or that of its machine."""
-    layers = Layers()
-    layers.add({"url": service.properties.get("internal_url") or ""}, SERVICE)
+    stated = service.properties.get("internal_url") or ""
     try:
-        url = layers.build(HomeAssistantConfig).url
-    except ConfigError:
-        url = ""
-    return url or f"http://{service.address}:{service.port}"
+        parts = urlsplit(stated)
+        is_usable = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        parts, is_usable = urlsplit(""), False
+    if is_usable and "@" not in parts.netloc and stated.isprintable():
+        return f"{parts.scheme}://{parts.netloc}"
+    return f"http://{service.address}:{service.port}"
 
 
 HOME_ASSISTANT = DevicePlugin(
-    summary="Home Assistant", config=HomeAssistantConfig, argument="url", discover=find_home_assistants
+    summary="Home Assistant", config=Config, argument="url", discover=find_home_assistants
 )
 HOME_ASSISTANTS = ShippedDevices(
     "home_assistants", "Home Assistant", **{"home-assistant": f"{__name__}:HOME_ASSISTANT"}

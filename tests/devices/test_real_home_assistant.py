@@ -32,7 +32,7 @@ from tests.support.home_assistant import HomeSite, reading, start, thing
 PYTHON = os.environ.get("HOME_ASSISTANT_PYTHON", "")
 KILLS = int(os.environ.get("HOME_ASSISTANT_KILLS", "200"))
 BRIGHTNESS = 100
-LAMP = "light.bed_light"
+LAMP = "light.ceiling_lights"  # without an effect, with which a lamp shows no hover
 CONFIGURATION = """
 http: {{server_host: 127.0.0.1, server_port: {port}}}
 config:

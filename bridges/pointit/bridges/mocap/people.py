@@ -5,14 +5,10 @@ from dataclasses import dataclass, field
 
 from pointit.bridges.mocap.bodies import BodyPose
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.yaw import ForearmYaw, ForearmYawEstimate
+from pointit.forearm.forearm_yaw import ForearmYaw
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, UserPose
 
-MAX_YAW_SIGMA_RAD = math.radians(5.0)
-"""Largest 1 sigma of a yaw with which a pose is published for the first time."""
-MAX_LATER_SIGMA_RAD = math.radians(15.0)
-"""The same later, while the arm rests and the IMU's yaw drifts."""
 FRESH_NS = NS_PER_S // 2
 """Age at which a head's position is none of now."""
 HEAD_SIGMA_M = 0.02
@@ -36,9 +32,6 @@ class _Worn:
     velocity_mps: Vec3 = (0.0, 0.0, 0.0)
     arm_ns: int = 0
     forearm_ns: int = 0
-    is_known: bool = False
-    """True if the yaw was known well enough once since the IMU's yaw origin changed."""
-    epoch: int | None = None
 
 
 class WornBodies:
@@ -72,8 +65,6 @@ class WornBodies:
         worn = self._people.get(person)
         if worn is None or not worn.has_forearm:
             return
-        if sample.yaw_epoch != worn.epoch:
-            worn.epoch, worn.is_known = sample.yaw_epoch, False
         worn.arm_ns = sample.stamp_ns
         worn.yaw.add_arm(sample.stamp_ns, sample.orientation_xyzw, sample.yaw_epoch)
 
@@ -84,7 +75,7 @@ class WornBodies:
             return
         if abs(pose.stamp_ns - worn.head_pose.stamp_ns) > FRESH_NS:
             return
-        yaw = self._yaw(worn, pose.stamp_ns)
+        yaw = worn.yaw.known(pose.stamp_ns)
         away_m = math.dist(worn.head_pose.position_m[:2], pose.position_m[:2])
         turned = None if yaw is None else math.remainder(pose.yaw_rad - yaw.yaw_rad, math.tau)
         self._differences[person] = away_m, turned
@@ -93,7 +84,7 @@ class WornBodies:
         """Return the poses of people whose position and yaw are known; an empty list in truth mode."""
         poses: list[tuple[str, UserPose]] = []
         for person, worn in self._people.items():
-            head, yaw = self._fresh_head(worn, now_ns), self._yaw(worn, now_ns)
+            head, yaw = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns)
             if head is None or yaw is None or self._is_truth:
                 continue
             variance = head.sigma_m**2 + HEAD_SIGMA_M**2
@@ -113,7 +104,7 @@ class WornBodies:
         """Return the people who have no pose here, with the yaw of {H} if they are truth and it is known."""
         objects: list[TrackedObject] = []
         for person, worn in self._people.items():
-            head, yaw = self._fresh_head(worn, now_ns), self._yaw(worn, now_ns)
+            head, yaw = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns)
             if head is None or (yaw is not None and not self._is_truth):
                 continue
             objects.append(
@@ -146,21 +137,13 @@ class WornBodies:
     def problem(self, now_ns: int) -> str:
         """Return a sentence about a yaw that is not known, or `""`."""
         for person, worn in self._people.items():
-            if not worn.has_forearm or self._yaw(worn, now_ns) is not None:
-                continue
-            if now_ns - worn.arm_ns > ARM_SILENCE_NS:
+            problem = worn.yaw.problem(person, now_ns) if worn.has_forearm else ""
+            if problem and now_ns - worn.arm_ns > ARM_SILENCE_NS:
                 return f"the yaw of {person} is not known: no wrist sends, start imu-bridge for {person}"
-            if now_ns - worn.forearm_ns <= ARM_SILENCE_NS:
-                advice = "move the arm with the wrist and the body up, down and sideways for 5 s"
-                return f"the yaw of {person} is not known: {advice}"
+            if problem and now_ns - worn.forearm_ns <= ARM_SILENCE_NS:
+                return problem
         return ""
 
     def _fresh_head(self, worn: _Worn, now_ns: int) -> BodyPose | None:
         head = worn.head_pose
         return head if head is not None and now_ns - head.stamp_ns <= FRESH_NS else None
-
-    def _yaw(self, worn: _Worn, now_ns: int) -> ForearmYawEstimate | None:
-        yaw = worn.yaw.estimate(now_ns)
-        limit_rad = MAX_LATER_SIGMA_RAD if worn.is_known else MAX_YAW_SIGMA_RAD
-        worn.is_known = yaw is not None and yaw.sigma_rad <= limit_rad
-        return yaw if worn.is_known else None

@@ -13,6 +13,7 @@ from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.frames import frame_name, holds_frame
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
+from pointit.forearm.forearm_yaw import ForearmYaw
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, ButtonEvent, SetPose, UserPose, WristSample
 from pointit.schemas.topics import BUTTON, POSE, SET_POSE, WRIST
@@ -114,6 +115,21 @@ class Poses:
             return (_other_frame(value, context.name, context),)
         return self._pose(value.pose.position, value.pose.orientation, value.header.stamp, context)
 
+    def forearm(self, value: Any, context: ConversionContext) -> Taken:
+        """Update the yaw of {H} by a geometry_msgs/PoseStamped of the marker body on the forearm."""
+        if frame_name(value.header.frame_id) and not _is_in_room(value, context):
+            return (_other_frame(value, context.name, context),)
+        label = f"the forearm's body of {context.name}"
+        orientation = checks.quaternion(value.pose.orientation, label)
+        if isinstance(orientation, str):
+            return (ConversionWarning(orientation),)
+        stamp_ns, problem = checks.stamp(value.header.stamp, context, label)
+        person = context.state.person(context.name)
+        if person.forearm_yaw is None:
+            person.forearm_yaw = ForearmYaw()
+        person.forearm_yaw.add_body(stamp_ns, orientation)
+        return (ConversionWarning(problem),) if problem else ()
+
     def tf(self, value: Any, context: ConversionContext) -> Taken:
         """Convert a tf2_msgs/TFMessage: transforms of known people."""
         return tuple(self._moving(value, context))
@@ -169,14 +185,30 @@ class Poses:
 
     def _pose(self, at: Any, turned: Any, stamp: Any, context: ConversionContext) -> Taken:
         user = context.name
-        found = _placed(at, turned, user)
-        if isinstance(found, str):
-            return (ConversionWarning(found),)
-        position_m, yaw_rad = found
+        person = context.state.people.get(user)
+        forearm_yaw = None if person is None else person.forearm_yaw
         stamp_ns, problem = checks.stamp(stamp, context, f"the pose of {user}")
+        covariance = UserPose.model_fields["covariance"].default
+        if forearm_yaw is None or user in context.state.ros_users:
+            placed = _placed(at, turned, user)
+        else:
+            estimate = forearm_yaw.known(context.stamp_ns)
+            if estimate is None:
+                return (ConversionWarning(forearm_yaw.problem(user, context.stamp_ns)),)
+            position_m = checks.place(at, f"the pose of {user}")
+            placed = position_m if isinstance(position_m, str) else (position_m, estimate.yaw_rad)
+            covariance = (*covariance[:8], estimate.sigma_rad**2)
+        if isinstance(placed, str):
+            return (ConversionWarning(placed),)
+        position_m, yaw_rad = placed
         count = self._counts[user] = self._counts.get(user, 0) + 1
         pose = UserPose(
-            stamp_ns=stamp_ns, seq=count, position_m=position_m, yaw_rad=yaw_rad, method="external"
+            stamp_ns=stamp_ns,
+            seq=count,
+            position_m=position_m,
+            yaw_rad=yaw_rad,
+            covariance=covariance,
+            method="external",
         )
         output = BusOutput(POSE, user, pose)
         return (output, ConversionWarning(problem)) if problem else (output,)

@@ -58,6 +58,12 @@ def inward() -> tuple[InboundRoute, ...]:
             context="where a person stands: their frame in the world",
         ),
         InboundRoute(
+            *("mocap_forearm", "/{user}/mocap_forearm", "geometry_msgs/msg/PoseStamped"),
+            *(SENSOR, (), poses.forearm),
+            rate_hz=200.0,
+            context="marker body on the forearm with the IMU, which gives the yaw of their frame",
+        ),
+        InboundRoute(
             *("tf_in", "/tf", "tf2_msgs/msg/TFMessage"),
             *(_MANY, (topics.POSE,), poses.tf),
             max_bytes=_TF_BYTES,

@@ -8,6 +8,7 @@ from typing import Any
 from pointit.bridges.ros2.routing.frames import Frames, RosNames
 from pointit.bridges.ros2.routing.uids import Kinds, Uids
 from pointit.bridges.ros2.types.types import Types
+from pointit.forearm.forearm_yaw import ForearmYaw
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
@@ -54,7 +55,7 @@ MAX_ROBOTS = 100
 
 INPUT_TOPICS: tuple[Topic[Any], ...] = (
     *(topics.CURSOR, topics.HOVER, topics.POSE, topics.PROFILE, topics.INTERACTION, topics.OBJECTS),
-    *(topics.SELECTION, topics.MAP, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.STEERING),
+    *(topics.SELECTION, topics.MAP, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.STEERING, topics.IMU),
 )
 """Topics that the scene is built from."""
 
@@ -82,6 +83,8 @@ class Person:
     """True until a message says otherwise."""
     tf_until_ns: int = 0
     """Until then another ROS node is expected to publish their frame."""
+    forearm_yaw: ForearmYaw | None = None
+    """Yaw of {H} by a marker body on the forearm; None if they wear none."""
 
     def hear(self, message: PersonSays, now_ns: int) -> None:
         """Store a message that came at `now_ns`."""
@@ -99,6 +102,9 @@ class Person:
             case Interaction():
                 self.is_pointing = message.state == "pointing"
             case ImuSample():
+                if self.forearm_yaw is not None:
+                    stamp_ns, epoch = message.stamp_ns, message.yaw_epoch
+                    self.forearm_yaw.add_arm(stamp_ns, message.orientation_xyzw, epoch)
                 self.arm = rotation.rotate(message.orientation_xyzw, (1.0, 0.0, 0.0))
                 if abs(vector.elevation(self.arm)) < STEEP_RAD:
                     self.facing_rad = vector.azimuth(self.arm)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pointit.bridges.mocap.yaw import ForearmYaw, ForearmYawEstimate
+from pointit.forearm.forearm_yaw import MAX_LATER_SIGMA_RAD, MAX_YAW_SIGMA_RAD, ForearmYaw, ForearmYawEstimate
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
@@ -43,10 +43,23 @@ def pointing(dice: np.random.Generator) -> Course:
     return course
 
 
+def small(dice: np.random.Generator) -> Course:
+    rates = dice.uniform(0.4, 0.8, 3)
+
+    def course(time_s: float) -> Quaternion:
+        azimuth, elevation, roll = 0.12 * np.sin(math.tau * rates * time_s)
+        return rotation.from_azimuth_elevation(azimuth, elevation, roll)
+
+    return course
+
+
 class Arm:
     """An arm with an IMU and a marker body on it."""
 
-    def __init__(self, seed: int, *, delay_s: float = 0.0) -> None:
+    def __init__(
+        self, seed: int, *, delay_s: float = 0.0, error_time_s: float = 0.0, imu_rad: float = IMU_RAD
+    ) -> None:
+        """Errors of the IMU with 1 sigma `imu_rad` for each axis last for about `error_time_s`."""
         self.dice = np.random.default_rng(seed)
         self.yaw_rad = float(self.dice.uniform(-3.0, 3.0))
         self.mount = self.noise(2.0)
@@ -54,6 +67,9 @@ class Arm:
         self.epoch = 0
         self.time_s = 0.0
         self.estimator = ForearmYaw()
+        self.imu_rad = imu_rad
+        self.kept = math.exp(-2 * STEP_S / error_time_s) if error_time_s else 0.0
+        self.error_rad3 = self.dice.normal(0.0, imu_rad, 3)
 
     @property
     def now_ns(self) -> int:
@@ -69,6 +85,13 @@ class Arm:
         x, y, z = (vector / angle).tolist()
         return rotation.from_axis_angle((x, y, z), angle)
 
+    def imu_error(self) -> Quaternion:
+        fresh = self.dice.normal(0.0, self.imu_rad * math.sqrt(1.0 - self.kept**2), 3)
+        self.error_rad3 = self.kept * self.error_rad3 + fresh
+        angle = float(np.linalg.norm(self.error_rad3))
+        x, y, z = (self.error_rad3 / angle).tolist()
+        return rotation.from_axis_angle((x, y, z), angle)
+
     def move(self, course: Course, duration_s: float, *, cameras: bool = True) -> None:
         for step in range(round(duration_s / STEP_S)):
             self.time_s += STEP_S
@@ -79,9 +102,7 @@ class Arm:
             if step % 2 == 0:
                 late = course(max(0.0, self.time_s - self.delay_s))
                 drifted = rotation.multiply(rotation.from_yaw(-DRIFT_RADPS * self.time_s), late)
-                self.estimator.add_arm(
-                    self.now_ns, rotation.multiply(self.noise(IMU_RAD), drifted), self.epoch
-                )
+                self.estimator.add_arm(self.now_ns, rotation.multiply(self.imu_error(), drifted), self.epoch)
             if step % 25 == 0:
                 self.estimator.estimate(self.now_ns)
 
@@ -179,3 +200,58 @@ def test_a_clock_of_the_wrist_that_is_set_back_begins_anew() -> None:
     arm.epoch = 1
     arm.move(waving(arm.dice), 5.0)
     assert estimator.estimate(arm.now_ns) is not None
+
+
+@pytest.mark.parametrize(("make", "duration_s"), [(waving, 2.0), (pointing, 5.0)], ids=["waving", "pointing"])
+def test_the_sigma_holds_for_imus_whose_errors_last_for_a_second(
+    make: Callable[[np.random.Generator], Course], duration_s: float
+) -> None:
+    normalized: list[float] = []
+    for seed in range(300, 320):
+        arm = Arm(seed, delay_s=0.02 * (seed % 3), error_time_s=1.0)
+        arm.move(make(arm.dice), duration_s)
+        normalized.append(arm.error_rad() / arm.estimate().sigma_rad)
+    assert sum(each < 2.0 for each in normalized) >= 18
+    assert max(normalized) < 4.0
+    assert np.mean(np.square(normalized)) > 0.3  # an honest sigma is not too large either
+
+
+def test_errors_that_last_are_reported_by_a_larger_sigma() -> None:
+    sigmas_rad: list[float] = []
+    for error_time_s in (0.0, 1.0):
+        arms = [Arm(seed, error_time_s=error_time_s) for seed in range(330, 336)]
+        for arm in arms:
+            arm.move(pointing(arm.dice), 5.0)
+        sigmas_rad.append(float(np.median([arm.estimate().sigma_rad for arm in arms])))
+    assert sigmas_rad[1] > 1.4 * sigmas_rad[0]
+
+
+def test_less_than_a_second_of_movement_shows_no_yaw() -> None:
+    arm = Arm(340)
+    arm.move(waving(arm.dice), 0.8)
+    assert arm.estimator.estimate(arm.now_ns) is None
+
+
+def test_a_yaw_is_not_known_until_it_is_certain_and_a_sentence_says_so() -> None:
+    arm = Arm(341, imu_rad=math.radians(3.0))
+    assert arm.estimator.problem("anna", arm.now_ns).startswith("the yaw of anna is not known: move the arm")
+    course = small(arm.dice)
+    arm.move(course, 3.0)
+    uncertain = arm.estimate()
+    assert uncertain.sigma_rad > MAX_YAW_SIGMA_RAD
+    assert arm.estimator.known(arm.now_ns) is None
+    sigma_deg = math.degrees(uncertain.sigma_rad)
+    expected = f"the yaw of anna is uncertain by {sigma_deg:.1f}°, limit 1.0°: move the arm"
+    assert arm.estimator.problem("anna", arm.now_ns).startswith(expected)
+
+
+def test_a_known_yaw_stays_known_while_the_arm_rests_until_its_drift_exceeds_the_later_limit() -> None:
+    arm = Arm(342)
+    arm.move(waving(arm.dice), 4.0)
+    assert arm.estimator.problem("anna", arm.now_ns) == ""
+    later_ns = arm.now_ns + 60 * NS_PER_S
+    known = arm.estimator.known(later_ns)
+    assert known is not None
+    assert MAX_YAW_SIGMA_RAD < known.sigma_rad < MAX_LATER_SIGMA_RAD
+    assert arm.estimator.known(arm.now_ns + 300 * NS_PER_S) is None
+    assert arm.estimator.known(later_ns) is None  # lost: as certain as at first is needed again

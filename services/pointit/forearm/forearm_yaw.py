@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pointit.forearm.lasting_errors import Linearization, solve_lasting
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S
 
@@ -26,8 +27,8 @@ MIN_TURN_RAD = math.radians(2.0)
 """Turn after which an orientation is stored, so that a resting arm replaces nothing."""
 HOLD_NS = NS_PER_S
 """Time for which an arm that came to rest still adds orientations, ns."""
-MAX_PAIRS = 300
-"""Number of stored orientations, 6 s of a moving arm at 50 Hz."""
+MAX_PAIRS = 600
+"""Number of stored orientations, 12 s of a moving arm at 50 Hz."""
 SOLVE_PERIOD_NS = NS_PER_S // 2
 """Least time between two estimates, ns."""
 MIN_PAIRS = 12
@@ -41,13 +42,17 @@ NOISE_RAD = math.radians(0.3)
 """Least noise of the difference of two orientations."""
 MAX_NOISE_RAD = math.radians(3.0)
 """Largest difference of the two orientations, 1 sigma: beyond it, the body is not on the arm with the IMU."""
-BLOCK_NS = NS_PER_S // 2
-"""Time after which errors are independent, ns."""
-WANDER_RAD = math.radians(0.25)
-"""1 sigma of the error of an IMU's orientation that stays the same for seconds, and so does not show."""
 SWITCH_SIGMAS = 4.0
 """Difference from the estimate before, in its sigmas, at which a worse but newer one counts."""
 ITERATIONS = 4
+PRECISION = np.diag([0.0, 0.0, 0.0, 0.0, DELAY_SIGMA_S**-2, DRIFT_RADPS**-2])
+"""Prior precision of yaw, turn of the mount, delay and drift."""
+MAX_YAW_SIGMA_RAD = math.radians(1.0)
+"""Largest 1 sigma of a yaw that is used for the first time since the IMU's yaw origin changed."""
+MAX_LATER_SIGMA_RAD = math.radians(5.0)
+"""The same later, while the arm rests and the IMU's yaw drifts."""
+MOVE = "move the arm with the wrist and the body up, down and sideways for 5 s"
+"""Advice if the yaw is not known."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,24 @@ class ForearmYaw:
         self._estimate: ForearmYawEstimate | None = None
         self._solved_ns = 0
         self._moved_ns = 0
+        self._is_known = False
+
+    def known(self, now_ns: int) -> ForearmYawEstimate | None:
+        """Return the estimate at `now_ns` if it is certain enough to be used, else None."""
+        estimate = self.estimate(now_ns)
+        limit_rad = MAX_LATER_SIGMA_RAD if self._is_known else MAX_YAW_SIGMA_RAD
+        self._is_known = estimate is not None and estimate.sigma_rad <= limit_rad
+        return estimate if self._is_known else None
+
+    def problem(self, person: str, now_ns: int) -> str:
+        """Return a sentence if the yaw of `person` is not known, else `""`."""
+        if self.known(now_ns) is not None:
+            return ""
+        estimate = self._estimate and self._estimate.aged(now_ns)
+        if estimate is None:
+            return f"the yaw of {person} is not known: {MOVE}"
+        sigma_deg, limit_deg = math.degrees(estimate.sigma_rad), math.degrees(MAX_YAW_SIGMA_RAD)
+        return f"the yaw of {person} is uncertain by {sigma_deg:.1f}°, limit {limit_deg:.1f}°: {MOVE}"
 
     def add_arm(self, stamp_ns: int, orientation: Quaternion, epoch: int) -> None:
         """Add the orientation of the arm in {H}. Another `epoch` than before is another yaw: begin again."""
@@ -162,62 +185,47 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
     arms = Rotation.from_quat([each.arm for each in pairs])
     bodies = Rotation.from_quat([each.body for each in pairs])
     rates = np.array([each.rate_radps for each in pairs])
-    yaw_rad, delay_s = _first_yaw(arms, bodies), 0.0
-    mount = ((Rotation.from_rotvec((0.0, 0.0, yaw_rad)) * arms).inv() * bodies).mean()
-    count = len(pairs)
-    weights = np.ones(count)
-    ages_s = np.array([each.stamp_ns - pairs[-1].stamp_ns for each in pairs]) / NS_PER_S
-    drift_radps = 0.0
-    inverse: Array = np.empty((6, 6))
-    matrix, residuals = np.zeros((count, 3, 6)), np.empty((count, 3))
-    prior = np.diag([0.0, 0.0, 0.0, 0.0, (NOISE_RAD / DELAY_SIGMA_S) ** 2, (NOISE_RAD / DRIFT_RADPS) ** 2])
-    for _ in range(ITERATIONS):
-        turned = Rotation.from_rotvec((0.0, 0.0, yaw_rad)) * arms
-        residuals = (bodies * (turned * mount).inv()).as_rotvec() - delay_s * rates
-        residuals[:, 2] -= drift_radps * ages_s
-        matrix[:, 2, 0], matrix[:, :, 1:4], matrix[:, :, 4] = 1.0, turned.as_matrix(), rates
-        matrix[:, 2, 5] = ages_s
+    stamps_ns = np.array([each.stamp_ns for each in pairs], dtype=np.int64)
+    mount = Rotation.identity()
+    parameters = np.zeros(6)  # yaw, turn of the mount (3), delay, drift of the yaw
+    columns = np.zeros((len(pairs), 3, 6))
+    columns[:, 2, 0], columns[:, :, 4] = 1.0, rates
+    columns[:, 2, 5] = (stamps_ns - stamps_ns[-1]) / NS_PER_S
+    parameters[0] = _first_yaw(arms, bodies)
+    for iteration in range(ITERATIONS + 1):
+        turned = Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms
+        if iteration == 0:
+            mount = (turned.inv() * bodies).mean()
+        residuals = (bodies * (turned * mount).inv()).as_rotvec() - parameters[4] * rates
+        residuals[:, 2] -= parameters[5] * columns[:, 2, 5]
+        columns[:, :, 1:4] = turned.as_matrix()
         lengths = np.linalg.norm(residuals, axis=1)
-        limit = 3.0 * max(NOISE_RAD, float(np.median(lengths)))
-        weights = np.minimum(1.0, limit / np.maximum(lengths, 1e-12))
-        columns = matrix.reshape(-1, 6)
-        weighted = columns * np.repeat(weights, 3)[:, None]
-        try:
-            inverse = np.linalg.inv(weighted.T @ columns + prior).astype(np.float64)
-        except np.linalg.LinAlgError:
-            return None
-        beyond_prior = prior @ np.array((0.0, 0.0, 0.0, 0.0, delay_s, drift_radps))
-        step = inverse @ (weighted.T @ residuals.ravel() - beyond_prior)
-        yaw_rad, delay_s = yaw_rad + float(step[0]), delay_s + float(step[4])
-        drift_radps += float(step[5])
-        mount = Rotation.from_rotvec(step[1:4]) * mount
-    variance = _yaw_variance(pairs, matrix * weights[:, None, None], residuals, inverse)
-    if variance is None:
+        limit_rad = 3.0 * max(NOISE_RAD, float(np.median(lengths)))
+        weights = np.minimum(1.0, limit_rad / np.maximum(lengths, 1e-12))
+        offset = np.array((0.0, 0.0, 0.0, 0.0, *parameters[4:]))
+        problem = Linearization(stamps_ns, weights, columns, residuals, PRECISION, offset)
+        if iteration < ITERATIONS:
+            step = _white_step(problem)
+            mount = Rotation.from_rotvec(step[1:4]) * mount
+            parameters += step
+    if float((residuals**2).mean()) > MAX_NOISE_RAD**2:
         return None
-    return ForearmYawEstimate(
-        math.remainder(yaw_rad, math.tau), math.sqrt(variance), pairs[-1].stamp_ns, delay_s
-    )
+    result = solve_lasting(problem)
+    if result is None:
+        return None
+    parameters += result.parameters
+    yaw_rad = math.remainder(float(parameters[0]), math.tau)
+    return ForearmYawEstimate(yaw_rad, math.sqrt(result.variance), pairs[-1].stamp_ns, float(parameters[4]))
 
 
-def _yaw_variance(pairs: list[_Pair], matrix: Array, residuals: Array, inverse: Array) -> float | None:
-    """Return the variance of the yaw, rad², or None if the turns do not agree, or not exceed their noise.
-
-    The larger one of white noise, and of errors that stay the same within each block of time.
-    """
-    noise = max(NOISE_RAD**2, float((residuals**2).sum()) / (3 * len(pairs) - 5))
-    if noise > MAX_NOISE_RAD**2:
-        return None
-    known = 1.0 / float(inverse[0, 0])
-    shown = known - 2.0 * noise * len(pairs)  # noise of the turns themselves shows no yaw
-    if shown <= 0.0:
-        return None
-    blocks = np.array([each.stamp_ns // BLOCK_NS for each in pairs])
-    scores = (matrix * residuals[:, :, None]).sum(axis=1)
-    sums = np.array([scores[blocks == block].sum(axis=0) for block in np.unique(blocks)])
-    shares = sums @ inverse[0]
-    alone, next_to = float(shares @ shares), float(shares[1:] @ shares[:-1])
-    spread = max(alone, alone + next_to) * len(sums) / max(1, len(sums) - 1)
-    return WANDER_RAD**2 + max(noise / shown, spread * (known / shown) ** 2)
+def _white_step(problem: Linearization) -> Array:
+    """Return the correction of the parameters as if all errors were independent."""
+    matrix = problem.columns.reshape(-1, 6)
+    weighted = matrix * np.repeat(problem.weights, 3)[:, None]
+    information = weighted.T @ matrix + NOISE_RAD**2 * PRECISION
+    gradient = weighted.T @ problem.residuals.ravel() - NOISE_RAD**2 * PRECISION @ problem.offset
+    step: Array = np.linalg.lstsq(information, gradient, rcond=None)[0]
+    return step
 
 
 def _first_yaw(arm_rotations: Rotation, body_rotations: Rotation) -> float:

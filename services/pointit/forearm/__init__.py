@@ -1,1 +1,1 @@
-"""Yaw of a person's frame {H} from a marker body on the forearm, for all sources of such bodies."""
+"""Yaw and true pose of people who wear marker bodies, for all sources of such bodies."""

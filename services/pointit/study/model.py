@@ -22,6 +22,7 @@ from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
 from pointit.schemas import KeyNameError
+from pointit.schemas.base import Name
 from pointit.schemas.topics import check_name
 from pointit.study.columns import FIXED
 from pointit.study.order import Order, square
@@ -95,6 +96,11 @@ class Study(Config):
     seed: int = Field(default=0, ge=0, description="seed of orders, targets and simulated people")
     scenario: str = Field(
         default="strips", description=f"services and room: {', '.join(SHIPPED)}, or the path of a .yaml file"
+    )
+    truth: Name | Literal[""] = Field(
+        default="",
+        description="tracker that sees the participant's true pose, such as mocap with `truth: true`; trials "
+        "wait for it, unless people are simulated. Empty if there is none",
     )
     settings: dict[str, Value] = Field(default={}, description="parameters of services in all conditions")
     task: Task

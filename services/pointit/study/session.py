@@ -160,6 +160,7 @@ class Session:
             )
             joining = StudySite.at(run, self._participant, settings)
             self._site = await sites.enter_async_context(joining)
+            self._site.truth_tracker = self._study.truth if self._setup.imu else ""
         if self._lsl is not None:
             self._site.on_message = self._lsl.send
         known = self._study.instructions

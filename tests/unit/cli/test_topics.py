@@ -19,7 +19,7 @@ from pointit.cli.inspect.hz import RateMeter
 from pointit.cli.inspect.topic_names import Wanted, resolve, resolve_all
 from pointit.cli.inspect.track import TrackerMeters, Tracking, show
 from pointit.cli.main import command
-from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, TrackedObjects, topics
+from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, TrackedObjects, UserPose, topics
 from pointit.services.registry import PROCESSES
 
 
@@ -259,6 +259,30 @@ def test_a_window_is_one_line_of_json(capsys: pytest.CaptureFixture[str]) -> Non
     assert [row["tracker"] for row in said["trackers"]] == ["camera", "robot"]
     assert [row["object"] for row in said["objects"]] == ["cup", "mug", "cup"]
     assert said["twins"][0].startswith("the trackers camera and robot both report cup")
+
+
+def test_localized_people_are_compared_with_their_true_poses(capsys: pytest.CaptureFixture[str]) -> None:
+    meters = TrackerMeters()
+    seen = [("anna", "person_frame"), ("ben", "person"), ("cleo", "person_frame"), ("cup", "red")]
+    objects = tuple(thing(name, kind=kind, yaw_rad=math.radians(178.0)) for name, kind in seen)
+    tracked = TrackedObjects(stamp_ns=BEGIN_NS, objects=objects)
+    meters.add("mocap", tracked, arrived_s=0.0, arrived_ns=BEGIN_NS)
+    for name in ("anna", "ben", "cup"):
+        pose = UserPose(
+            stamp_ns=BEGIN_NS - 60 * NS_PER_S, position_m=(1.3, 2.4, 0.0), yaw_rad=math.radians(-179.0),
+            method="static_targets",
+        )  # fmt: skip
+        meters.add_pose(name, pose)
+    tracking = meters.take(3.0, 3.0)
+    anna, ben, cleo = tracking.people
+    assert (anna.person, anna.position_error_m) == ("anna", pytest.approx(0.5))
+    assert (anna.yaw_error_deg, anna.true_yaw_deg) == pytest.approx((3.0, 178.0))
+    assert (ben.position_error_m, ben.yaw_error_deg) == (pytest.approx(0.5), None)
+    assert (cleo.position_error_m, cleo.yaw_error_deg) == (None, None)
+    assert show(tracking, 3.0, as_json=False)
+    assert "localized pose less the true one" in capsys.readouterr().out
+    show(tracking, 3.0, as_json=True)
+    assert [row["person"] for row in json.loads(capsys.readouterr().out)["people"]] == ["anna", "ben", "cleo"]
 
 
 def test_without_a_tracker_the_remedy_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import pointit
+from pointit.forearm.true_pose import TruePose
 from pointit.schemas import Cursor, SelectionEvent
 from pointit.study import session
 from pointit.study.simulated import SimulatedView, person_of
@@ -26,7 +27,7 @@ S = 1_000_000_000
 INLET = """
 import json, sys, pylsl
 inlets = []
-for kind in ("markers", "ray", "cursor", "selection"):
+for kind in ("markers", "ray", "cursor", "selection", "truth"):
     (found,) = pylsl.resolve_byprop("source_id", f"pointit-{sys.argv[1]}-P01-{kind}", 1, 20.0)
     inlets.append(pylsl.StreamInlet(found, max_buflen=60))
     inlets[-1].open_stream(20.0)
@@ -65,10 +66,12 @@ async def test_streams_are_read_by_another_process_at_the_times_of_capture(
     outlets.send(Cursor(stamp_ns=101 * S), 101 * S)
     outlets.send(selected, 102 * S)
     outlets.send(selected, 99 * S)
+    outlets.send(TruePose(100 * S, (1.0, 2.0, 1.75), 0.5), 100 * S + S // 2)
+    outlets.send(TruePose(101 * S, (1.0, 2.0, 1.75), None), 101 * S)
     end_s = pylsl.local_clock()
     other.stdin.write(b"\n")
     await other.stdin.drain()
-    markers, rays, cursors, selections = [json.loads(await other.stdout.readline()) for _ in range(4)]
+    markers, rays, cursors, selections, truths = [json.loads(await other.stdout.readline()) for _ in range(5)]
     assert await other.wait() == 0
 
     assert [json.loads(sample[0]) for sample, _ in markers] == [
@@ -79,7 +82,13 @@ async def test_streams_are_read_by_another_process_at_the_times_of_capture(
     assert cursors[0][0] == [1.0, 5.0, 3.0]
     assert all(math.isnan(value) for value in [*rays[1][0], *cursors[1][0]])
     assert json.loads(selections[0][0][0]) == {"event": "selected", "object_id": "t1-0", "user": "P01"}
-    ages_s = ((markers, (0.0, 0.0)), (rays, (0.25, 0.0)), (cursors, (0.25, 0.0)), (selections, (3.0, 0.0)))
+    assert truths[0][0] == [1.0, 2.0, 1.75, 0.5]
+    assert truths[1][0][:3] == [1.0, 2.0, 1.75]
+    assert math.isnan(truths[1][0][3])
+    ages_s = (
+        *((markers, (0.0, 0.0)), (rays, (0.25, 0.0)), (cursors, (0.25, 0.0)), (selections, (3.0, 0.0))),
+        (truths, (0.5, 0.0)),
+    )
     for samples, ages in ages_s:
         for (_, stamp_s), age_s in zip(samples, ages, strict=True):
             assert begin_s - 1e-6 <= stamp_s + age_s <= end_s + 1e-6

@@ -1,11 +1,14 @@
 """Changes of parameters: those that a running site takes, and those that need another one."""
 
+from collections.abc import AsyncIterator
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
 
+from pointit.forearm.true_pose import TruePose
+from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects, UserPose
 from pointit.study.site.study_site import StudySite
 
 GAUGE = {"selector.method": "gauge", "selector.gauge.full_s": 0.8}
@@ -28,3 +31,49 @@ def test_dwell_time_is_live_for_the_method_that_is_set_only(
 ) -> None:
     site: Any = SimpleNamespace(tracker=MagicMock(return_value=None))
     assert StudySite(site, "P01", before, None).is_live(after) is is_live  # type: ignore[arg-type]
+
+
+class SiteWithTrackers:
+    """A site whose trackers have published one message each."""
+
+    def __init__(self, messages: dict[str, TrackedObjects], pose: UserPose) -> None:
+        self._messages = messages
+        self.time_ns = 100 * NS_PER_S
+        self.latest = SimpleNamespace(pose={"P01": pose})
+        self.tracker = MagicMock(return_value=None)
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def messages(self, _topic: object) -> Any:
+        async def items() -> AsyncIterator[tuple[str, TrackedObjects]]:
+            for each in self._messages.items():
+                yield each
+
+        return SimpleNamespace(items=items)
+
+
+async def test_a_declared_truth_is_followed_and_its_absence_is_a_problem() -> None:
+    person = TrackedObject(id="P01", kind="person_frame", position_m=(1.0, 2.0, 1.7), yaw_rad=0.5)
+    other = person.model_copy(update={"position_m": (9.0, 9.0, 0.0)})
+    messages = {
+        "mocap": TrackedObjects(stamp_ns=100 * NS_PER_S, objects=(person,)),
+        "camera": TrackedObjects(stamp_ns=100 * NS_PER_S, objects=(other,)),
+    }
+    pose = UserPose(
+        stamp_ns=90 * NS_PER_S, position_m=(1.0, 2.25, 0.0), yaw_rad=0.45, method="static_targets",
+        covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01),
+    )  # fmt: skip
+    site: Any = SiteWithTrackers(messages, pose)
+    study_site = StudySite(site, "P01", {}, None)  # type: ignore[arg-type]
+    assert study_site.truth_problem == ""
+    study_site.truth_tracker = "mocap"
+    assert study_site.truth_problem.startswith("the tracker mocap sees no P01: start it")
+    received: list[object] = []
+    study_site.on_message = lambda message, _now_ns: received.append(message)
+    await study_site._follow_truth()
+    assert received == [TruePose(100 * NS_PER_S, (1.0, 2.0, 1.7), 0.5)]
+    assert study_site.truth_problem == ""
+    assert study_site.quality.endswith("; true error 25 cm, -2.9°")
+    site.time_ns += 10 * NS_PER_S
+    assert study_site.truth_problem != ""

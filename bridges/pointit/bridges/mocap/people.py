@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pointit.bridges.mocap.bodies import BodyPose
 from pointit.bridges.mocap.config import MocapConfig
 from pointit.forearm.forearm_yaw import ForearmYaw
+from pointit.forearm.true_pose import PERSON, PERSON_FRAME, PoseError, TruePose
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, UserPose
 
@@ -16,8 +17,6 @@ HEAD_SIGMA_M = 0.02
 MAX_METRIC = 64
 """Number of characters of a metric's name, which health accepts."""
 ARM_SILENCE_NS = 3 * NS_PER_S
-PERSON_FRAME = "person_frame"
-"""Kind of the object of a person whose `yaw_rad` is that of {H}. The yaw of a `person` is where they face."""
 PERSON_LENGTH_M = 0.3
 """Diameter of a person as an object, m."""
 
@@ -42,7 +41,7 @@ class WornBodies:
         self._parts = {name: (each.person, each.part) for name, each in config.bodies.items() if each.person}
         arms = {person for person, part in self._parts.values() if part == "forearm"}
         self._people = {person: _Worn(person in arms) for person, _ in self._parts.values()}
-        self._differences: dict[str, tuple[float, float | None]] = {}
+        self._localized: dict[str, UserPose] = {}
 
     @property
     def names(self) -> list[str]:
@@ -69,16 +68,9 @@ class WornBodies:
         worn.yaw.add_arm(sample.stamp_ns, sample.orientation_xyzw, sample.yaw_epoch)
 
     def on_pose(self, person: str, pose: UserPose) -> None:
-        """Compare the localizer's pose with the truth."""
-        worn = self._people.get(person)
-        if worn is None or worn.head_pose is None or pose.method == "external":
-            return
-        if abs(pose.stamp_ns - worn.head_pose.stamp_ns) > FRESH_NS:
-            return
-        yaw = worn.yaw.known(pose.stamp_ns)
-        away_m = math.dist(worn.head_pose.position_m[:2], pose.position_m[:2])
-        turned = None if yaw is None else math.remainder(pose.yaw_rad - yaw.yaw_rad, math.tau)
-        self._differences[person] = away_m, turned
+        """Store the localizer's pose, which is compared with the truth."""
+        if person in self._people:
+            self._localized[person] = pose
 
     def poses(self, now_ns: int) -> list[tuple[str, UserPose]]:
         """Return the poses of people whose position and yaw are known; an empty list in truth mode."""
@@ -110,7 +102,7 @@ class WornBodies:
             objects.append(
                 TrackedObject(
                     id=person,
-                    kind="person" if yaw is None else PERSON_FRAME,
+                    kind=PERSON if yaw is None else PERSON_FRAME,
                     position_m=head.position_m,
                     length_m=PERSON_LENGTH_M,
                     yaw_rad=None if yaw is None else yaw.yaw_rad,
@@ -126,12 +118,10 @@ class WornBodies:
             yaw = worn.yaw.estimate(now_ns)
             figures[f"yaw sigma of {person}"] = None if yaw is None else math.degrees(yaw.sigma_rad), "°"
             if self._is_truth:
-                away_m, turned_rad = self._differences.get(person, (None, None))
-                figures[f"position error of {person}"] = away_m, "m"
-                figures[f"yaw error of {person}"] = (
-                    None if turned_rad is None else math.degrees(turned_rad),
-                    "°",
-                )
+                error = self._error(person, worn, now_ns)
+                yaw_rad = error and error.yaw_rad
+                figures[f"position error of {person}"] = error and error.position_m, "m"
+                figures[f"yaw error of {person}"] = None if yaw_rad is None else math.degrees(yaw_rad), "°"
         return {name[:MAX_METRIC]: figure for name, figure in figures.items()}
 
     def problem(self, now_ns: int) -> str:
@@ -143,6 +133,14 @@ class WornBodies:
             if problem and now_ns - worn.forearm_ns <= ARM_SILENCE_NS:
                 return problem
         return ""
+
+    def _error(self, person: str, worn: _Worn, now_ns: int) -> PoseError | None:
+        """Return the error of the pose in force at `now_ns`, or None if it or the truth is unknown."""
+        head, yaw, pose = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns), self._localized.get(person)
+        if head is None or pose is None:
+            return None
+        yaw_rad = None if yaw is None else yaw.yaw_rad
+        return TruePose(head.stamp_ns, head.position_m, yaw_rad).error_of(pose)
 
     def _fresh_head(self, worn: _Worn, now_ns: int) -> BodyPose | None:
         head = worn.head_pose

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pointit.bridges.mocap.people import PERSON_FRAME
+from pointit.forearm.true_pose import PERSON_FRAME
 from pointit.geometry.vector import Vec3
 from pointit.recording.reader import Recording
 from pointit.runtime.errors import ConfigError

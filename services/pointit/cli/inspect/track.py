@@ -22,9 +22,10 @@ from pointit.cli.common.output import (
 )
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect.hz import RateMeter, window_options
+from pointit.forearm.true_pose import find_true_poses
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
-from pointit.schemas import NS_PER_S, TrackedObjects, encode
-from pointit.schemas.topics import OBJECTS
+from pointit.schemas import NS_PER_S, TrackedObjects, UserPose, encode
+from pointit.schemas.topics import OBJECTS, POSE
 from pointit.services.pui.tracked_objects import DuplicateFinder
 
 MAX_LINES = 4096
@@ -62,11 +63,24 @@ class ObjectRow:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TruthRow:
+    """Difference of a person's localized pose from the one that a tracker sees."""
+
+    person: str
+    position_error_m: float | None
+    """None if they are not localized."""
+    yaw_error_deg: float | None
+    """Localized less true yaw. None if the true one is not known."""
+    true_yaw_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Tracking:
     """All trackers over one window."""
 
     trackers: tuple[TrackerRow, ...]
     objects: tuple[ObjectRow, ...]
+    people: tuple[TruthRow, ...]
     twins: tuple[str, ...]
     """Objects that two trackers report: a sentence each."""
 
@@ -79,6 +93,7 @@ class TrackerMeters:
         self._meters: dict[str, RateMeter] = {}
         self._ages_s: dict[str, deque[float]] = {}
         self._newest: dict[str, TrackedObjects] = {}
+        self._poses: dict[str, UserPose] = {}
         self._duplicate_finder = DuplicateFinder()
 
     def add(self, tracker: str, message: TrackedObjects, *, arrived_s: float, arrived_ns: int) -> None:
@@ -97,6 +112,10 @@ class TrackerMeters:
         ages_s = self._ages_s.setdefault(tracker, deque(maxlen=MAX_LINES))
         ages_s.append((arrived_ns - message.stamp_ns) / NS_PER_S)
         self._newest[tracker] = message
+
+    def add_pose(self, user: str, pose: UserPose) -> None:
+        """Add the pose of a person, which is compared with that of trackers."""
+        self._poses[user] = pose
 
     def take(self, now_s: float, window_s: float) -> Tracking:
         """Return the last `window_s` until `now_s`, and start the next window."""
@@ -122,6 +141,7 @@ class TrackerMeters:
         return Tracking(
             trackers=tuple(trackers),
             objects=tuple(_object_rows(self._newest)),
+            people=tuple(_truth_rows(self._newest, self._poses)),
             twins=tuple(twin.sentence for twin in duplicates),
         )
 
@@ -144,6 +164,23 @@ def _object_rows(newest: dict[str, TrackedObjects]) -> list[ObjectRow]:
     ]
 
 
+def _truth_rows(newest: dict[str, TrackedObjects], poses: dict[str, UserPose]) -> list[TruthRow]:
+    rows: list[TruthRow] = []
+    for person, true_pose in sorted(find_true_poses(newest).items()):
+        pose = poses.get(person)
+        error = None if pose is None else true_pose.error_of(pose)
+        yaw_error_rad = None if error is None else error.yaw_rad
+        rows.append(
+            TruthRow(
+                person=person,
+                position_error_m=None if error is None else error.position_m,
+                yaw_error_deg=None if yaw_error_rad is None else math.degrees(yaw_error_rad),
+                true_yaw_deg=None if true_pose.yaw_rad is None else math.degrees(true_pose.yaw_rad),
+            )
+        )
+    return rows
+
+
 @click.command("track", params=site_options())
 @click.argument("trackers", nargs=-1, metavar="[TRACKER]...")
 @window_options(3.0, "; 3 and more find objects that two trackers report by different ids")
@@ -154,8 +191,9 @@ def command(
     """Show the trackers of a site and their objects: rates, latency, positions and their uncertainty.
 
     TRACKER is the name of one; without, all are shown. The age of a message is measured by this machine's
-    clock. Says when two trackers report the same object. The exit code is 1 if nothing arrived; Ctrl-C ends
-    it with 0. With --json each window is one object on one line.
+    clock. Localized people whom motion capture sees, too, are compared with their true pose. Says when two
+    trackers report the same object. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0. With
+    --json each window is one object on one line.
 
     Example: pointit track conveyor --watch
     """
@@ -174,6 +212,7 @@ async def _measure(
             meters.add(tracker, message, arrived_s=loop.time(), arrived_ns=time.time_ns())
 
         bus.subscribe(OBJECTS, on_objects)
+        bus.subscribe(POSE, lambda pose, user: meters.add_pose(user, pose))
         while True:
             await asyncio.sleep(window_s)
             tracking = meters.take(loop.time(), window_s)
@@ -209,6 +248,11 @@ def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
         roomy = frozenset(("kind", "yaw_deg"))
         print_table(
             screen, OutputSection(name="objects", about="as last reported", rows=objects, roomy=roomy)
+        )
+    if tracking.people:
+        people: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.people)
+        print_table(
+            screen, OutputSection(name="people", about="localized pose less the true one", rows=people)
         )
     for sentence in tracking.twins:
         say(f"warning: {sentence}")

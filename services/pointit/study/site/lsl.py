@@ -1,11 +1,13 @@
-"""Streams of a session in the Lab Streaming Layer: markers of trials, ray, cursor, selections."""
+"""Streams of a session in the Lab Streaming Layer: markers of trials, ray, cursor, selections, true pose."""
 
 import importlib
 import importlib.util
 import json
+import math
 from typing import Any
 
 from pointit.errors import ConfigError
+from pointit.forearm.true_pose import TruePose
 from pointit.runtime.host.extras import remedy
 from pointit.schemas import NS_PER_S, Cursor, SelectionEvent
 
@@ -15,8 +17,13 @@ CHANNELS = {
     "ray": ("origin_x", "origin_y", "origin_z", "direction_x", "direction_y", "direction_z"),
     "cursor": ("x", "y", "z"),
     "selection": ("event",),
+    "truth": ("x", "y", "z", "yaw"),
 }
-"""Channels by stream. Points in {W}, m, NaN where the ray meets nothing; texts are JSON."""
+"""Channels by stream. Points in {W}, m, NaN where the ray meets nothing; texts are JSON.
+The yaw is that of {H}, rad, NaN if it is not known."""
+
+UNITS = {"x": "m", "y": "m", "z": "m", "yaw": "rad"}
+"""Units of channels by label."""
 
 
 def check_lsl() -> None:
@@ -26,7 +33,7 @@ def check_lsl() -> None:
 
 
 class LslOutlets:
-    """Outlets `PointIt markers`, `ray`, `cursor` and `selection` with capture times.
+    """Outlets `PointIt markers`, `ray`, `cursor`, `selection` and `truth` with capture times.
 
     LSL announces them to the whole local network.
     """
@@ -46,7 +53,7 @@ class LslOutlets:
             described = info.desc().append_child("channels")
             for label in channels:
                 channel = described.append_child("channel").append_child_value("label", label)
-                channel.append_child_value("unit", "m" if stream == "cursor" or "origin" in label else "")
+                channel.append_child_value("unit", UNITS.get(label.removeprefix("origin_"), ""))
             self._outlets[stream] = lsl.StreamOutlet(info)
 
     def mark(self, **marker: object) -> None:
@@ -54,7 +61,7 @@ class LslOutlets:
         self._outlets["markers"].push_sample([json.dumps(marker)], self._clock())
 
     def send(self, message: object, now_ns: int) -> None:
-        """Send a cursor, with its ray, or a selection, that has arrived at `now_ns` of the site's time."""
+        """Send a cursor, with its ray, a selection or a true pose that has arrived at `now_ns`, site time."""
         if isinstance(message, Cursor):
             stamp_s = self._capture_s(message, now_ns)
             ray = [*(message.origin_m or NOT_KNOWN), *(message.direction or NOT_KNOWN)]
@@ -64,7 +71,12 @@ class LslOutlets:
             text = message.model_dump_json(include={"event", "object_id", "user"})
             self._outlets["selection"].push_sample([text], self._capture_s(message, now_ns))
 
-    def _capture_s(self, message: Cursor | SelectionEvent, now_ns: int) -> float:
+        elif isinstance(message, TruePose):
+            yaw_rad = math.nan if message.yaw_rad is None else message.yaw_rad
+            sample = [*message.position_m, yaw_rad]
+            self._outlets["truth"].push_sample(sample, self._capture_s(message, now_ns))
+
+    def _capture_s(self, message: Cursor | SelectionEvent | TruePose, now_ns: int) -> float:
         """Return the time of capture of `message` by LSL's clock, s: the same in all its streams.
 
         LSL's clock is read after `now_ns`, and a busy machine delays it. So that times do not go back, it is

@@ -3,12 +3,14 @@
 import asyncio
 import contextlib
 import functools
+import math
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
 import pointit
 from pointit.errors import NoMessageError, PointItError
+from pointit.forearm.true_pose import TruePose, find_true_poses
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Announced, Cursor, Environment, topics
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
@@ -55,6 +57,8 @@ class StudySite:
         self.attempt: Attempt | None = None
         self.on_message: Callable[[object, int], None] = lambda _message, _now_ns: None
         """Called with each message of the person, and the time of its arrival, ns."""
+        self.truth_tracker = ""
+        """Tracker of the participant's true pose, which the study declares, or `""`."""
         self.has_names = False
         """True once a name was spoken to the participant."""
         self.configuration: dict[str, str] = {}
@@ -64,6 +68,7 @@ class StudySite:
         self._tracker = site.tracker(TRACKER)
         self._scene: StudyScene | None = None
         self._received_ns = 0
+        self._true_pose: TruePose | None = None
         self._cursor: Cursor | None = None
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -110,7 +115,18 @@ class StudySite:
                 return interaction.next_step or "press the button to begin to point"
         if self.site.now_ns() - self._received_ns > SILENT_S * NS_PER_S:
             return "no ray comes: is the wrist on, and in reach?"
-        return ""
+        return self.truth_problem
+
+    @property
+    def truth_problem(self) -> str:
+        """Sentence if the true pose, which the study declares, does not come, else `""`."""
+        pose, oldest_ns = self._true_pose, self.site.now_ns() - SILENT_S * NS_PER_S
+        if not self.truth_tracker or (pose is not None and pose.stamp_ns > oldest_ns):
+            return ""
+        return (
+            f"the tracker {self.truth_tracker} sees no {self._user}: start it with `truth: true`, and check "
+            "that their bodies are seen"
+        )
 
     @property
     def quality(self) -> str:
@@ -118,7 +134,12 @@ class StudySite:
         pose = self.site.latest.pose.get(self._user)
         if pose is None or not any(pose.covariance):
             return ""
-        return f"position ±{position_sigma_m(pose) * 100:.0f} cm, yaw ±{yaw_sigma_deg(pose):.1f}°"
+        text = f"position ±{position_sigma_m(pose) * 100:.0f} cm, yaw ±{yaw_sigma_deg(pose):.1f}°"
+        error = None if self._true_pose is None else self._true_pose.error_of(pose)
+        if error is not None:
+            text += f"; true error {error.position_m * 100:.0f} cm"
+            text += "" if error.yaw_rad is None else f", {math.degrees(error.yaw_rad):+.1f}°"
+        return text
 
     @property
     def live(self) -> TopView:
@@ -212,6 +233,7 @@ class StudySite:
         )
         work = [self._pump(*feed) for feed in feeds]
         work += [self._report(), self._configure(), self._follow_robots(), self._follow_localization()]
+        work += [self._follow_truth()]
         self._tasks = [asyncio.create_task(each) for each in work]
 
     async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:
@@ -236,6 +258,14 @@ class StudySite:
                 pose = self.site.latest.pose.get(self._user)
                 found_m = None if pose is None else pose.position_m
                 self.attempt.on_localization(state, found_m, self.site.now_ns())
+
+    async def _follow_truth(self) -> None:
+        async for tracker, message in self.site.messages(topics.OBJECTS).items():
+            if tracker == self.truth_tracker:
+                pose = find_true_poses({tracker: message}).get(self._user)
+                if pose is not None:
+                    self._true_pose = pose
+                    self.on_message(pose, self.site.now_ns())
 
     async def _configure(self) -> None:
         async for message in self.site.messages(topics.CONFIGURATION):

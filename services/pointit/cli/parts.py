@@ -61,6 +61,12 @@ def _robots() -> "DisplayPart":
     return ROBOTS_DISPLAY
 
 
+def _truth_display() -> "DisplayPart":
+    from pointit.cli.inspect.truth_view import TRUTH_DISPLAY
+
+    return TRUTH_DISPLAY
+
+
 def _credentials() -> PersonCheck:
     from pointit.cli.site.person_check import check_person
 
@@ -84,6 +90,7 @@ RUN_PARTS: Sequence[Part["RunPart"]] = (
 
 DISPLAY_PARTS: Sequence[Part["DisplayPart"]] = (
     (("pointit.cli.robots", "pointit.launch.robots", "pointit.services.user_sim"), _robots),
+    (("pointit.cli.inspect",), _truth_display),
     (("pointit.cli.things",), _things_display),
     (("pointit.cli.things", "pointit.speech", "pointit.services.selector.methods.estimate"), _names_display),
 )

@@ -79,8 +79,11 @@ class _Pair:
     stamp_ns: int
     arm: Array
     body: Array
-    rate_radps: Array
-    """Angular velocity of the body, {W}."""
+    before: Array
+    """Orientation of the body shortly before, from which its angular velocity follows."""
+    after: Array
+    turn_s: float
+    """Time from `before` to `after`, s."""
 
 
 class ForearmYaw:
@@ -169,8 +172,7 @@ class ForearmYaw:
             self._moved_ns = middle_ns if moved else self._moved_ns
             if middle_ns - self._moved_ns > HOLD_NS:
                 return
-        turn = (Rotation.from_quat(last) * Rotation.from_quat(first).inv()).as_rotvec()
-        self._pairs.append(_Pair(middle_ns, arm, body, turn / ((end_ns - begin_ns) / NS_PER_S)))
+        self._pairs.append(_Pair(middle_ns, arm, body, first, last, (end_ns - begin_ns) / NS_PER_S))
 
 
 def _replaces(new: ForearmYawEstimate, old: ForearmYawEstimate) -> bool:
@@ -184,7 +186,9 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
     """Return the yaw of the latest pair, by least squares over all, or None if it does not show."""
     arms = Rotation.from_quat([each.arm for each in pairs])
     bodies = Rotation.from_quat([each.body for each in pairs])
-    rates = np.array([each.rate_radps for each in pairs])
+    before = Rotation.from_quat([each.before for each in pairs])
+    after = Rotation.from_quat([each.after for each in pairs])
+    rates = (after * before.inv()).as_rotvec() / np.array([[each.turn_s] for each in pairs])
     stamps_ns = np.array([each.stamp_ns for each in pairs], dtype=np.int64)
     mount = Rotation.identity()
     parameters = np.zeros(6)  # yaw, turn of the mount (3), delay, drift of the yaw

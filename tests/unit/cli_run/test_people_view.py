@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.segment import Segment
 
 from pointit.cli.display.view import ConsoleView
+from pointit.cli.inspect.truth_view import TRUTH_DISPLAY
 from pointit.cli.robots.robots_view import ROBOTS_DISPLAY
 from pointit.launch.robots.robot_watcher import RobotMonitor, RobotWatcher
 from pointit.launch.run.monitor import Monitor
@@ -263,6 +264,22 @@ def test_a_person_without_a_pose_needs_no_table() -> None:
     monitor = monitor_of(strip())
     monitor.cursors["anna"] = Cursor(stamp_ns=1)
     assert "stands at" not in "\n".join(shown(monitor))
+
+
+def test_errors_of_poses_are_shown_where_motion_capture_knows_the_true_ones() -> None:
+    monitor = localized()
+    (user,) = monitor.people()
+    assert not any("error of the pose" in line for line in shown(monitor, parts=[TRUTH_DISPLAY]))
+    position = Figure(name=f"position error of {user}", value=0.123, unit="m")
+    for figures, text in (
+        ((position,), "0.12 m"),
+        ((position, Figure(name=f"yaw error of {user}", value=-3.44, unit="°")), "0.12 m, -3.4°"),
+    ):
+        monitor.health["mocap"] = Health(
+            stamp_ns=1, service="mocap", instance="mocap", pid=1, figures=figures
+        )
+        lines = shown(monitor, parts=[TRUTH_DISPLAY])
+        assert any(f"{user}: error of the pose {text}" in line for line in lines), lines
 
 
 def robot(**fields: Any) -> RobotState:

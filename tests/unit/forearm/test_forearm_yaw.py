@@ -120,7 +120,7 @@ def test_the_yaw_is_known_after_seconds_of_movement_and_its_sigma_is_honest(
     make: Callable[[np.random.Generator], Course], duration_s: float
 ) -> None:
     errors_rad: list[float] = []
-    for seed in range(12):
+    for seed in range(6):
         arm = Arm(seed, delay_s=0.02 * (seed % 3))
         arm.move(make(arm.dice), duration_s)
         errors_rad.append(arm.error_rad())
@@ -202,16 +202,18 @@ def test_a_clock_of_the_wrist_that_is_set_back_begins_anew() -> None:
     assert estimator.estimate(arm.now_ns) is not None
 
 
-@pytest.mark.parametrize(("make", "duration_s"), [(waving, 2.0), (pointing, 5.0)], ids=["waving", "pointing"])
+@pytest.mark.parametrize(
+    ("make", "duration_s", "arms"), [(waving, 2.0, 20), (pointing, 5.0, 10)], ids=["waving", "pointing"]
+)
 def test_the_sigma_holds_for_imus_whose_errors_last_for_a_second(
-    make: Callable[[np.random.Generator], Course], duration_s: float
+    make: Callable[[np.random.Generator], Course], duration_s: float, arms: int
 ) -> None:
     normalized: list[float] = []
-    for seed in range(300, 320):
+    for seed in range(300, 300 + arms):
         arm = Arm(seed, delay_s=0.02 * (seed % 3), error_time_s=1.0)
         arm.move(make(arm.dice), duration_s)
         normalized.append(arm.error_rad() / arm.estimate().sigma_rad)
-    assert sum(each < 2.0 for each in normalized) >= 18
+    assert sum(each < 2.0 for each in normalized) >= 0.9 * arms
     assert max(normalized) < 4.0
     assert np.mean(np.square(normalized)) > 0.3  # an honest sigma is not too large either
 
@@ -219,7 +221,7 @@ def test_the_sigma_holds_for_imus_whose_errors_last_for_a_second(
 def test_errors_that_last_are_reported_by_a_larger_sigma() -> None:
     sigmas_rad: list[float] = []
     for error_time_s in (0.0, 1.0):
-        arms = [Arm(seed, error_time_s=error_time_s) for seed in range(330, 336)]
+        arms = [Arm(seed, error_time_s=error_time_s) for seed in range(330, 333)]
         for arm in arms:
             arm.move(pointing(arm.dice), 5.0)
         sigmas_rad.append(float(np.median([arm.estimate().sigma_rad for arm in arms])))

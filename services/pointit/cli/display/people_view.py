@@ -27,15 +27,24 @@ CANDIDATES = 3
 """Number of candidate robots that are named."""
 
 
-def activity_lines(monitor: Monitor, width: int) -> RenderableType:
-    """Return the activity of each person, in columns of constant width."""
-    return _activity_table(monitor, monitor.people(), width)
-
-
 def pose_lines(monitor: Monitor, width: int) -> RenderableType | None:
     """Return people's poses, or None if none is known."""
-    users = monitor.people()
-    return _places(monitor, users, width) if any(user in monitor.poses for user in users) else None
+    if not any(user in monitor.poses for user in monitor.people()):
+        return None
+    columns = [("person", 6), ("stands at", 19)]
+    if width >= SCANT_WIDTH:
+        columns.append(("yaw", 13))
+    if width >= ROOMY_WIDTH:
+        columns += [("by", 5), ("drift", 9), ("anchor age", 10)]
+    table = _table(width, AMPLE_WIDTH)
+    for column, least in columns:
+        table.add_column(column, no_wrap=True, min_width=least)
+    for user in monitor.people():
+        pose = monitor.poses.get(user)
+        name = Text(user, style=color_of(monitor, user))
+        cells = [Text("-")] * 5 if pose is None else _pose(pose, monitor.clock.now_ns())
+        table.add_row(name, *cells[: len(columns) - 1])
+    return table
 
 
 def wrist_lines(monitor: Monitor) -> list[Text]:
@@ -85,14 +94,15 @@ def _table(width: int, roomy_width: int) -> Table:
     return Table(box=None, padding=(0, 1 if width < roomy_width else 2, 0, 0), header_style="dim")
 
 
-def _activity_table(monitor: Monitor, users: list[str], width: int) -> Table:
+def activity_lines(monitor: Monitor, width: int) -> RenderableType:
+    """Return the activity of each person, in columns of constant width."""
     narrow = width < ROOMY_WIDTH
     bar = 4 if narrow else 10
     table = _table(width, ROOMY_WIDTH)
     for column, least in (("person", 6), ("state", 10), ("cursor", 6 if narrow else 18), ("object", 6)):
         table.add_column(column, no_wrap=True, min_width=least)
     table.add_column("held", no_wrap=True, min_width=bar)
-    for user in users:
+    for user in monitor.people():
         interaction = monitor.interactions.get(user)
         cursor = monitor.cursors.get(user)
         hover = monitor.hovers.get(user)
@@ -110,23 +120,6 @@ def _activity_table(monitor: Monitor, users: list[str], width: int) -> Table:
         table.add_row(
             Text(user, style=color_of(monitor, user)), state, where, kind, "█" * filled + "░" * (bar - filled)
         )
-    return table
-
-
-def _places(monitor: Monitor, users: list[str], width: int) -> Table:
-    columns = [("person", 6), ("stands at", 19)]
-    if width >= SCANT_WIDTH:
-        columns.append(("yaw", 13))
-    if width >= ROOMY_WIDTH:
-        columns += [("by", 5), ("drift", 9), ("anchor age", 10)]
-    table = _table(width, AMPLE_WIDTH)
-    for column, least in columns:
-        table.add_column(column, no_wrap=True, min_width=least)
-    for user in users:
-        pose = monitor.poses.get(user)
-        name = Text(user, style=color_of(monitor, user))
-        cells = [Text("-")] * 5 if pose is None else _pose(pose, monitor.clock.now_ns())
-        table.add_row(name, *cells[: len(columns) - 1])
     return table
 
 

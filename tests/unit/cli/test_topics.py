@@ -274,7 +274,7 @@ def test_localized_people_are_compared_with_their_true_poses(capsys: pytest.Capt
         )  # fmt: skip
         meters.add_pose(name, pose)
     tracking = meters.take(3.0, 3.0)
-    anna, ben, cleo = tracking.people
+    anna, ben, cleo = tracking.truth
     assert (anna.person, anna.position_error_m) == ("anna", pytest.approx(0.5))
     assert (anna.yaw_error_deg, anna.true_yaw_deg) == pytest.approx((3.0, 178.0))
     assert (ben.position_error_m, ben.yaw_error_deg) == (pytest.approx(0.5), None)
@@ -282,7 +282,7 @@ def test_localized_people_are_compared_with_their_true_poses(capsys: pytest.Capt
     assert show(tracking, 3.0, as_json=False)
     assert "localized pose less the true one" in capsys.readouterr().out
     show(tracking, 3.0, as_json=True)
-    assert [row["person"] for row in json.loads(capsys.readouterr().out)["people"]] == ["anna", "ben", "cleo"]
+    assert [row["person"] for row in json.loads(capsys.readouterr().out)["truth"]] == ["anna", "ben", "cleo"]
 
 
 def test_without_a_tracker_the_remedy_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,7 +41,7 @@ class WornBodies:
         self._parts = {name: (each.person, each.part) for name, each in config.bodies.items() if each.person}
         arms = {person for person, part in self._parts.values() if part == "forearm"}
         self._people = {person: _Worn(person in arms) for person, _ in self._parts.values()}
-        self._localized: dict[str, UserPose] = {}
+        self._last_poses: dict[str, UserPose] = {}
 
     @property
     def names(self) -> list[str]:
@@ -70,7 +70,7 @@ class WornBodies:
     def on_pose(self, person: str, pose: UserPose) -> None:
         """Store the localizer's pose, which is compared with the truth."""
         if person in self._people:
-            self._localized[person] = pose
+            self._last_poses[person] = pose
 
     def poses(self, now_ns: int) -> list[tuple[str, UserPose]]:
         """Return the poses of people whose position and yaw are known; an empty list in truth mode."""
@@ -136,7 +136,7 @@ class WornBodies:
 
     def _error(self, person: str, worn: _Worn, now_ns: int) -> PoseError | None:
         """Return the error of the pose in force at `now_ns`, or None if it or the truth is unknown."""
-        head, yaw, pose = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns), self._localized.get(person)
+        head, yaw, pose = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns), self._last_poses.get(person)
         if head is None or pose is None:
             return None
         yaw_rad = None if yaw is None else yaw.yaw_rad

@@ -80,7 +80,7 @@ class Tracking:
 
     trackers: tuple[TrackerRow, ...]
     objects: tuple[ObjectRow, ...]
-    people: tuple[TruthRow, ...]
+    truth: tuple[TruthRow, ...]
     twins: tuple[str, ...]
     """Objects that two trackers report: a sentence each."""
 
@@ -141,7 +141,7 @@ class TrackerMeters:
         return Tracking(
             trackers=tuple(trackers),
             objects=tuple(_object_rows(self._newest)),
-            people=tuple(_truth_rows(self._newest, self._poses)),
+            truth=tuple(_truth_rows(self._newest, self._poses)),
             twins=tuple(twin.sentence for twin in duplicates),
         )
 
@@ -249,11 +249,9 @@ def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
         print_table(
             screen, OutputSection(name="objects", about="as last reported", rows=objects, roomy=roomy)
         )
-    if tracking.people:
-        people: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.people)
-        print_table(
-            screen, OutputSection(name="people", about="localized pose less the true one", rows=people)
-        )
+    if tracking.truth:
+        truth: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.truth)
+        print_table(screen, OutputSection(name="truth", about="localized pose less the true one", rows=truth))
     for sentence in tracking.twins:
         say(f"warning: {sentence}")
     return True

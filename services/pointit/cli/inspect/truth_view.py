@@ -11,29 +11,32 @@ from pointit.cli.display.people_view import color_of
 from pointit.launch.run.monitor import Monitor
 from pointit.services.localizer.certainty import figure
 
-
-def no_rows(_monitor: Monitor, _width: int) -> RenderableType | None:
-    """Return None: errors are lines."""
-    return None
+MAX_METRIC = 64
+"""Number of characters to which names of metrics are cut."""
 
 
-def error_lines(monitor: Monitor) -> Sequence[Text]:
-    """Return a line for each person whose pose is compared with the true one."""
+def error_lines(monitor: Monitor, _width: int) -> RenderableType | None:
+    """Return a line for each person whose pose is compared with the true one, or None if there is none."""
     lines: list[Text] = []
     for health in monitor.health.values():
         for user in monitor.people():
-            position_m = figure(health, f"position error of {user}"[:64])
-            if position_m is None:
-                continue
-            yaw_deg = figure(health, f"yaw error of {user}"[:64])
-            text = f"{position_m:.2f} m" if yaw_deg is None else f"{position_m:.2f} m, {yaw_deg:+.1f}°"
-            lines.append(Text.assemble((f"{user}: ", color_of(monitor, user)), f"error of the pose {text}"))
-    return lines
+            position_m = figure(health, f"position error of {user}"[:MAX_METRIC])
+            yaw_deg = figure(health, f"yaw error of {user}"[:MAX_METRIC])
+            if position_m is not None:
+                text = f"error of the pose {position_m:.2f} m"
+                text += "" if yaw_deg is None else f", {yaw_deg:+.1f}°"
+                lines.append(Text.assemble((f"{user}: ", color_of(monitor, user)), text))
+    return Text("\n").join(lines) if lines else None
 
 
-def no_summary(_summary: Mapping[str, Any]) -> Sequence[str]:
+def more_lines(_monitor: Monitor) -> Sequence[Text]:
+    """Return no further lines."""
+    return ()
+
+
+def summary_sentences(_summary: Mapping[str, Any]) -> Sequence[str]:
     """Return no sentences."""
     return ()
 
 
-TRUTH_DISPLAY = DisplayPart(rows=no_rows, lines=error_lines, summary=no_summary)
+TRUTH_DISPLAY = DisplayPart(rows=error_lines, lines=more_lines, summary=summary_sentences)

@@ -190,16 +190,15 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
     after = Rotation.from_quat([each.after for each in pairs])
     rates = (after * before.inv()).as_rotvec() / np.array([[each.turn_s] for each in pairs])
     stamps_ns = np.array([each.stamp_ns for each in pairs], dtype=np.int64)
-    mount = Rotation.identity()
-    parameters = np.zeros(6)  # yaw, turn of the mount (3), delay, drift of the yaw
     columns = np.zeros((len(pairs), 3, 6))
     columns[:, 2, 0], columns[:, :, 4] = 1.0, rates
     columns[:, 2, 5] = (stamps_ns - stamps_ns[-1]) / NS_PER_S
+    parameters = np.zeros(6)  # yaw, turn of the mount (3), delay, drift of the yaw
     parameters[0] = _first_yaw(arms, bodies)
-    for iteration in range(ITERATIONS + 1):
+    mount = ((Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms).inv() * bodies).mean()
+
+    def linearize() -> Linearization:
         turned = Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms
-        if iteration == 0:
-            mount = (turned.inv() * bodies).mean()
         residuals = (bodies * (turned * mount).inv()).as_rotvec() - parameters[4] * rates
         residuals[:, 2] -= parameters[5] * columns[:, 2, 5]
         columns[:, :, 1:4] = turned.as_matrix()
@@ -207,12 +206,15 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
         limit_rad = 3.0 * max(NOISE_RAD, float(np.median(lengths)))
         weights = np.minimum(1.0, limit_rad / np.maximum(lengths, 1e-12))
         offset = np.array((0.0, 0.0, 0.0, 0.0, *parameters[4:]))
-        problem = Linearization(stamps_ns, weights, columns, residuals, PRECISION, offset)
-        if iteration < ITERATIONS:
-            step = _white_step(problem)
-            mount = Rotation.from_rotvec(step[1:4]) * mount
-            parameters += step
-    if float((residuals**2).mean()) > MAX_NOISE_RAD**2:
+        return Linearization(stamps_ns, weights, columns, residuals, PRECISION, offset)
+
+    problem = linearize()
+    for _ in range(ITERATIONS):
+        step = _white_step(problem)
+        mount = Rotation.from_rotvec(step[1:4]) * mount
+        parameters += step
+        problem = linearize()
+    if float((problem.residuals**2).mean()) > MAX_NOISE_RAD**2:
         return None
     result = solve_lasting(problem)
     if result is None:
@@ -228,8 +230,7 @@ def _white_step(problem: Linearization) -> Array:
     weighted = matrix * np.repeat(problem.weights, 3)[:, None]
     information = weighted.T @ matrix + NOISE_RAD**2 * PRECISION
     gradient = weighted.T @ problem.residuals.ravel() - NOISE_RAD**2 * PRECISION @ problem.offset
-    step: Array = np.linalg.lstsq(information, gradient, rcond=None)[0]
-    return step
+    return np.linalg.lstsq(information, gradient, rcond=None)[0].astype(np.float64)
 
 
 def _first_yaw(arm_rotations: Rotation, body_rotations: Rotation) -> float:

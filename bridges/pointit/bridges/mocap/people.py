@@ -119,8 +119,8 @@ class WornBodies:
             figures[f"yaw sigma of {person}"] = None if yaw is None else math.degrees(yaw.sigma_rad), "°"
             if self._is_truth:
                 error = self._error(person, worn, now_ns)
-                yaw_rad = error and error.yaw_rad
-                figures[f"position error of {person}"] = error and error.position_m, "m"
+                yaw_rad = None if error is None else error.yaw_rad
+                figures[f"position error of {person}"] = None if error is None else error.position_m, "m"
                 figures[f"yaw error of {person}"] = None if yaw_rad is None else math.degrees(yaw_rad), "°"
         return {name[:MAX_METRIC]: figure for name, figure in figures.items()}
 

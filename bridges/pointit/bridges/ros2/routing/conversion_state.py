@@ -84,7 +84,7 @@ class Person:
     tf_until_ns: int = 0
     """Until then another ROS node is expected to publish their frame."""
     forearm_yaw: ForearmYaw | None = None
-    """Yaw of {H} by a marker body on the forearm. None if no such body is published."""
+    """Yaw of {H} by a marker body on the forearm, None if no such body is published."""
 
     def hear(self, message: PersonSays, now_ns: int) -> None:
         """Store a message that came at `now_ns`."""

@@ -32,7 +32,7 @@ DEVICES = {
         "foxglove": "server.py",
         "home-assistant": "config.py connection.py entity_commands.py hover_feedback.py",
         "keeper": "record.py",
-        "mocap": "natnet/client.py",
+        "mocap": "natnet/client.py qtm/client.py server_search.py",
         "recorder": "sink.py",
         "led-driver": """
             guarded_output.py outputs.py output/serial_port/adalight.py output/datagram_sender.py

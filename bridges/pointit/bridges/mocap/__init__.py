@@ -1,1 +1,1 @@
-"""Motion capture: bodies of OptiTrack Motive as tracked objects, robots and people, or as ground truth."""
+"""Motion capture (OptiTrack, Qualisys): bodies as tracked objects, robots, people, or ground truth."""

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from pointit.bridges.mocap.config import MAX_BODIES, MocapConfig
-from pointit.bridges.mocap.natnet.packets import BodySample
-from pointit.bridges.mocap.natnet.session import TimedFrame
+from pointit.bridges.mocap.timed_frame import BodySample, TimedFrame
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -28,9 +27,9 @@ MAX_RATE_RADPS, JUMP_RAD = 30.0, 0.6
 JUMP_NS, SWAP_NS = 3 * NS_PER_S // 10, 3 * NS_PER_S
 """Time after which a body that jumped is used again, and one that jumped to where another body was, ns."""
 MIN_MEASURED = 3
-"""Least number of markers that cameras see, below which Motive fills in the others by the model."""
+"""Least number of markers that cameras see, below which Motive computes the others by the model."""
 MIN_SIGMA_M = 0.001
-"""Least 1 sigma of a position, m: the error that Motive states is that of its fit to the markers."""
+"""Least 1 sigma of a position, m: the error that servers state is that of the fit to the markers."""
 VELOCITY_NS = NS_PER_S // 10
 """Time over which a velocity is taken, ns."""
 
@@ -73,7 +72,7 @@ class Bodies:
         self._frame_ns = 0
 
     def update(self, timed: TimedFrame, frame: Frame | None) -> list[BodyPose]:
-        """Return the bodies of a frame that can be used, in {W}. `frame`: Motive's origin, None for {W}."""
+        """Return the usable bodies of a frame, in {W}. `frame`: that of the cameras, None for {W}."""
         self._frame_ns = timed.stamp_ns
         counts = Counter(name for name, _ in timed.bodies)
         used: list[BodyPose] = []
@@ -83,7 +82,7 @@ class Bodies:
             )
             track.fault = _fault(name, body, counts[name])
             if not track.fault:
-                pose = self._in_world(name, body, timed.stamp_ns, frame)
+                pose = self._in_world(name, body, timed, frame)
                 if self._is_plausible(track, pose):
                     _follow(track, pose)
                     used.append(pose)
@@ -120,8 +119,9 @@ class Bodies:
             if track is None and self._frame_ns:
                 names = sorted(self._tracks)
                 known = did_you_mean(name, names) or f"it has {', '.join(names) or 'none'};"
+                program = self._config.program
                 problems.append(
-                    f"Motive streams no body {name!r}: {known} correct `bodies`, or rename it there"
+                    f"{program} streams no body {name!r}: {known} correct `bodies`, or rename it there"
                 )
         for name, track in self._tracks.items():
             is_worn = name in self._config.bodies or "two bodies" in track.fault
@@ -131,15 +131,15 @@ class Bodies:
         more = f" ({len(problems) - 1} more)" if problems[1:] else ""
         return f"{problems[0]}{more}" if problems else ""
 
-    def _in_world(self, name: str, body: BodySample, stamp_ns: int, frame: Frame | None) -> BodyPose:
+    def _in_world(self, name: str, body: BodySample, timed: TimedFrame, frame: Frame | None) -> BodyPose:
         position_m, turn = body.position_m, body.orientation_xyzw
-        if self._config.up == "y":
+        if (self._config.up or timed.up) == "y":
             position_m = (position_m[0], -position_m[2], position_m[1])
             turn = (turn[0], -turn[2], turn[1], turn[3])
         if frame is not None:
             position_m = point_in_world(position_m, frame)
             turn = rotation.multiply(frame.orientation_xyzw, turn)
-        return BodyPose(name, stamp_ns, position_m, turn, max(MIN_SIGMA_M, min(1.0, body.error_m)))
+        return BodyPose(name, timed.stamp_ns, position_m, turn, max(MIN_SIGMA_M, min(1.0, body.error_m)))
 
     def _is_plausible(self, track: _Track, pose: BodyPose) -> bool:
         """Return False if the body has just jumped."""
@@ -156,7 +156,7 @@ class Bodies:
             track.jumped_ns = pose.stamp_ns
             text = f"{pose.name} jumped by {moved_m:.2f} m at once and is not used until it stays"
             if is_swap:
-                text = f"{pose.name} is where {nearest.name} was: Motive has exchanged them"
+                text = f"{pose.name} is where {nearest.name} was: {self._config.program} has exchanged them"
             self._jumps[f"{text}; make their markers more different"] = pose.stamp_ns
         if pose.stamp_ns - track.jumped_ns < (SWAP_NS if is_swap else JUMP_NS):
             return False
@@ -187,7 +187,7 @@ def front_azimuth(pose: BodyPose) -> float:
 def _fault(name: str, body: BodySample, count: int) -> str:
     """Return the reason why a body cannot be used, or `""`."""
     if count > 1:
-        return f"two bodies are called {name!r} and are not used: rename one in Motive"
+        return f"two bodies are called {name!r} and are not used: rename one"
     if not body.is_tracked:
         return f"{name} is not seen: uncover its markers"
     if body.measured is not None and body.measured < MIN_MEASURED:

@@ -30,33 +30,46 @@ class WornBodyConfig(Config):
 class MocapConfig(Config):
     """A server of motion capture, and the meaning of its bodies."""
 
-    server: str = Field(
-        default="", max_length=253, description="name or address of the machine with OptiTrack Motive"
+    system: Literal["natnet", "qtm"] = Field(
+        default="natnet", description="natnet: OptiTrack Motive; qtm: Qualisys Track Manager"
     )
-    port: int = Field(default=1510, gt=0, le=65535, description="its UDP port for commands")
+    server: str = Field(default="", max_length=253, description="name or address of the machine with it")
+    port: int = Field(
+        default=0,
+        ge=0,
+        le=65535,
+        description="its port: UDP for commands of NatNet (0: 1510), TCP, little-endian, of QTM (0: 22223)",
+    )
     interface: str = Field(
         default="",
         max_length=15,
         description="IPv4 address of this machine in the network of the cameras; if empty, the one that "
         "leads to the server",
     )
-    up: Literal["y", "z"] = Field(
-        default="y", description="axis that points up in the stream, `Up Axis` of Motive's streaming panel"
+    up: Literal["", "y", "z"] = Field(
+        default="",
+        description="axis that points up in the stream. Empty: y for Motive (`Up Axis` of its streaming "
+        "panel), as QTM states it",
     )
     tracker: Name = Field(default="mocap", description="name of the tracker, unique on the site")
     frame: str = Field(
-        default="", description="frame of the map that is Motive's origin on the floor; empty for {W}"
+        default="", description="frame of the map that is the cameras' origin on the floor; empty for {W}"
     )
     bodies: dict[str, WornBodyConfig] = Field(
         default={},
         max_length=MAX_BODIES,
-        description="meaning of rigid bodies by their names in Motive; others are objects of these names",
+        description="meaning of rigid bodies by their names there; others are objects of these names",
     )
     truth: bool = Field(
         default=False,
         description="ground truth: people are published as objects for recordings and compared with their "
         "localization, and no pose is changed",
     )
+
+    @property
+    def program(self) -> str:
+        """Name of the program that sends the bodies."""
+        return "QTM" if self.system == "qtm" else "Motive"
 
     @model_validator(mode="after")
     def _parts_occur_once(self) -> "MocapConfig":

@@ -1,11 +1,79 @@
-"""Motion capture systems that `pointit devices` searches."""
+"""Motion capture systems: the session and the client of each, and their search by `pointit devices`."""
+
+from collections.abc import Callable
+from typing import Protocol
 
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.natnet.client import find_servers
+from pointit.bridges.mocap.natnet import client as natnet
+from pointit.bridges.mocap.natnet.packets import COMMAND_PORT
+from pointit.bridges.mocap.natnet.session import NatNetSession
+from pointit.bridges.mocap.qtm import client as qtm
+from pointit.bridges.mocap.qtm.session import QtmSession
+from pointit.bridges.mocap.timed_frame import TimedFrame
 from pointit.plugins.device_search import ShippedDevices
 from pointit.runtime.config.plugins import DevicePlugin
 
+
+class MocapSession(Protocol):
+    """Understands one server."""
+
+    damaged: int
+    """Number of packets that could not be read."""
+
+    def problem(self, now_ns: int) -> str:
+        """Return a sentence if there is no usable stream, or something is odd, else `""`."""
+        ...
+
+    def clock_sigma_s(self, now_ns: int) -> float | None:
+        """Return 1 sigma of the server's clock, s, or None if it is not known."""
+        ...
+
+
+class MocapClient(Protocol):
+    """Keeps a connection to one server."""
+
+    async def run(self) -> None:
+        """Receive until cancelled."""
+        ...
+
+
+def check_system(config: MocapConfig) -> None:
+    """Check that the packages that a system needs are installed. Raises: ConfigError: If they are not."""
+    if config.system == "qtm":
+        qtm.check_qtm_rt()
+
+
+def open_system(
+    config: MocapConfig,
+    now_ns: Callable[[], int],
+    *,
+    on_frame: Callable[[TimedFrame], None],
+    warn: Callable[[str], None],
+) -> tuple[MocapSession, MocapClient]:
+    """Return the session and the client of the configured server; nothing is connected yet.
+
+    Args:
+        config: names the system and its server.
+        now_ns: time of the site, ns.
+        on_frame: called with each frame that can be used.
+        warn: called with a sentence about the network, or `""`.
+    """
+    interface = config.interface
+    if config.system == "qtm":
+        session = QtmSession(config.server, on_frame)
+        port = config.port or qtm.PORT
+        return session, qtm.QtmClient(session, now_ns, warn, port=port, interface=interface)
+    motive = NatNetSession(config.server, on_frame)
+    port = config.port or COMMAND_PORT
+    return motive, natnet.NatNetClient(motive, now_ns, warn, port=port, interface=interface)
+
+
 NATNET = DevicePlugin(
-    summary="OptiTrack Motive", config=MocapConfig, argument="server", discover=find_servers
+    summary="OptiTrack Motive", config=MocapConfig, argument="server", discover=natnet.find_servers
 )
-MOCAP_SYSTEMS = ShippedDevices("mocap_systems", "motion capture system", natnet=f"{__name__}:NATNET")
+QTM = DevicePlugin(
+    summary="Qualisys Track Manager", config=MocapConfig, argument="server", discover=qtm.find_servers
+)
+MOCAP_SYSTEMS = ShippedDevices(
+    "mocap_systems", "motion capture system", natnet=f"{__name__}:NATNET", qtm=f"{__name__}:QTM"
+)

@@ -5,9 +5,9 @@ from typing import ClassVar
 
 from pointit.bridges.mocap.bodies import Bodies
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.natnet.client import NatNetClient
-from pointit.bridges.mocap.natnet.session import NatNetSession, TimedFrame
+from pointit.bridges.mocap.mocap_systems import check_system, open_system
 from pointit.bridges.mocap.people import WornBodies
+from pointit.bridges.mocap.timed_frame import TimedFrame
 from pointit.maps.frames import frame_of
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError
@@ -25,7 +25,7 @@ POSE_TICKS = 3
 
 
 class Mocap(Service[MocapConfig]):
-    """Publishes the bodies of OptiTrack Motive as objects, and the poses of people who wear some of them."""
+    """Publishes bodies of OptiTrack or Qualisys as objects, and the poses of people who wear some."""
 
     NAME: ClassVar[str] = "mocap"
     SCOPE: ClassVar[Scope] = "site"
@@ -41,7 +41,12 @@ class Mocap(Service[MocapConfig]):
         self.validate_config(config)
         self._bodies = Bodies(config)
         self._worn_bodies = WornBodies(config)
-        self._session = NatNetSession(config.server, self._on_frame)
+        self._session, self._client = open_system(
+            config,
+            self.clock.now_ns,
+            on_frame=self._on_frame,
+            warn=lambda problem: self.bus.warn("network", problem),
+        )
         self._frame: Frame | None = None
         self._stamp_ns = 0
         """Time of the newest frame."""
@@ -62,24 +67,18 @@ class Mocap(Service[MocapConfig]):
 
     @classmethod
     def validate_config(cls, config: MocapConfig) -> None:
-        """Check that a server is named."""
+        """Check that a server is named, and that what reads it is installed."""
         if not config.server:
             raise ConfigError(
-                "server: is missing; name the machine with Motive, such as 192.168.1.5, which "
+                f"server: is missing; name the machine with {config.program}, such as 192.168.1.5, which "
                 "`pointit devices` finds"
             )
+        check_system(config)
 
     async def run(self) -> None:
         """Publish until cancelled."""
-        client = NatNetClient(
-            self._session,
-            self.clock.now_ns,
-            lambda problem: self.bus.warn("network", problem),
-            port=self.config.port,
-            interface=self.config.interface,
-        )
         async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(client.run(), name="frames of motion capture")
+            tasks.create_task(self._client.run(), name="frames of motion capture")
             count = 0
             async for now_ns in ticks(self.clock, RATE_HZ):
                 self._publish(now_ns)

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from pointit.bridges.mocap.natnet import packets
 from pointit.bridges.mocap.natnet.packets import MalformedPacketError, ServerInfo
 from pointit.bridges.mocap.natnet.session import REQUEST_PERIOD_NS, NatNetSession
+from pointit.bridges.mocap.server_search import BROADCAST, open_datagram_socket, search_servers
 from pointit.runtime.config.plugins import FoundDevice
-from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import found_addresses, look_up
 from pointit.schemas import NS_PER_S
 
@@ -88,7 +88,7 @@ class NatNetClient(asyncio.DatagramProtocol):
         self._addresses = frozenset((host, *(found_addresses() if is_here else ())))
         loop = asyncio.get_running_loop()
         with contextlib.ExitStack() as opened:
-            command = _open_socket(self._interface, 0)
+            command = open_datagram_socket(self._interface, 0)
             opened.callback(command.close)
             transport, _ = await loop.create_datagram_endpoint(lambda: self, sock=command)
             opened.callback(transport.abort)
@@ -111,7 +111,7 @@ class NatNetClient(asyncio.DatagramProtocol):
 
     async def _open_stream(self, info: ServerInfo, host: str) -> asyncio.DatagramTransport:
         """Listen at the server's data port: some servers send there by unicast, too."""
-        sock = _open_socket("", info.data_port)
+        sock = open_datagram_socket("", info.data_port)
         try:
             if info.is_multicast:
                 own = [self._interface] if self._interface else [_own_address(host), DEFAULT_INTERFACE]
@@ -122,19 +122,6 @@ class NatNetClient(asyncio.DatagramProtocol):
             raise
         self._warn("")
         return transport
-
-
-def _open_socket(interface: str, port: int) -> socket.socket:
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # other clients on this machine
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        sock.bind((interface, port))
-    except BaseException:
-        sock.close()
-        raise
-    return sock
 
 
 def _join(sock: socket.socket, group: str, interfaces: Sequence[str]) -> None:
@@ -165,44 +152,27 @@ def _own_address(host: str) -> str:
         return address
 
 
-async def find_servers(seconds: float, targets: Sequence[tuple[str, int]] = ()) -> Sequence[FoundDevice]:
-    """Return the servers that answer within `seconds` at `targets`, by default the broadcast addresses.
+async def find_servers(
+    seconds: float, targets: Sequence[tuple[str, int]] = ((BROADCAST, packets.COMMAND_PORT),)
+) -> Sequence[FoundDevice]:
+    """Return the servers that answer within `seconds` at `targets`.
 
     Raises:
         ConfigError: If the question cannot be sent.
     """
-    found: dict[str, FoundDevice] = {}
-    loop = asyncio.get_running_loop()
+    request = packets.connect_packet(packets.DISCOVERY)
+    return await search_servers("NatNet", seconds, targets, lambda _port: request, _read_answer)
+
+
+def _read_answer(data: bytes, address: str) -> FoundDevice | None:
     try:
-        with contextlib.ExitStack() as opened:
-            sockets = [opened.enter_context(_open_socket(own, 0)) for own in (found_addresses() or [""])]
-            for sock in sockets:
-                for target in targets or (("255.255.255.255", packets.COMMAND_PORT),):
-                    with contextlib.suppress(OSError):  # an interface without a cable
-                        await loop.sock_sendto(sock, packets.connect_packet(packets.DISCOVERY), target)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(seconds), asyncio.TaskGroup() as group:
-                    for sock in sockets:
-                        group.create_task(_collect(sock, found))
-    except OSError as error:
-        raise ConfigError(
-            f"NatNet servers cannot be searched ({error}); check this machine's network"
-        ) from error
-    return [found[address] for address in sorted(found)]
-
-
-async def _collect(sock: socket.socket, found: dict[str, FoundDevice]) -> None:
-    loop = asyncio.get_running_loop()
-    while True:
-        await asyncio.sleep(0)  # a flood must not keep the time-out from ending this
-        data, sender = await loop.sock_recvfrom(sock, 65536)
-        with contextlib.suppress(MalformedPacketError):
-            message, payload = packets.split_packet(data)
-            if message == packets.SERVER_INFO:
-                info = packets.read_server_info(payload)
-                version = f"NatNet {info.version[0]}.{info.version[1]}"
-                kind = f"multicast {info.group}" if info.is_multicast else "unicast"
-                label = f"{info.application or 'NatNet server'}, {version}, {kind}"
-                found[str(sender[0])] = FoundDevice(
-                    str(sender[0]), label, {"version": version, "stream": kind}
-                )
+        message, payload = packets.split_packet(data)
+        info = packets.read_server_info(payload) if message == packets.SERVER_INFO else None
+    except MalformedPacketError:
+        return None
+    if info is None:
+        return None
+    version = f"NatNet {info.version[0]}.{info.version[1]}"
+    kind = f"multicast {info.group}" if info.is_multicast else "unicast"
+    label = f"{info.application or 'NatNet server'}, {version}, {kind}"
+    return FoundDevice(address, label, {"version": version, "stream": kind})

@@ -5,13 +5,11 @@ but the rigid bodies are skipped unread. Coordinates are those of the stream: Mo
 is up.
 """
 
-import math
 import struct
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from pointit.geometry.rotation import Quaternion
-from pointit.geometry.vector import Vec3
+from pointit.bridges.mocap.timed_frame import BodySample, body_sample
 
 COMMAND_PORT = 1510
 DATA_PORT = 1511
@@ -29,8 +27,6 @@ SIZED = (4, 1)
 """Version since which sections state their sizes."""
 SUFFIX_BYTES = 54
 """Length of the times and flags at the end of a frame since 4.1."""
-MAX_POSITION_M = 1000.0
-"""Limit of a coordinate, m. Unseen bodies may have NaN or 1e20."""
 MAX_COUNT = 65535
 """Limit of the items of a section: a datagram has no room for more."""
 
@@ -58,19 +54,6 @@ class ServerInfo(NamedTuple):
     data_port: int
     is_multicast: bool
     group: str
-
-
-class BodySample(NamedTuple):
-    """A rigid body in a frame."""
-
-    id: int
-    position_m: Vec3
-    orientation_xyzw: Quaternion
-    error_m: float
-    """Mean distance of the markers from the model, m."""
-    is_tracked: bool
-    measured: int | None
-    """Number of its markers that cameras saw, or None if the frame does not tell."""
 
 
 class MocapFrame(NamedTuple):
@@ -267,10 +250,4 @@ def _body(reader: PacketReader, version: Version) -> BodySample:
     if version >= (2, 6):
         is_tracked = bool(struct.unpack_from("<H", reader.data, reader.at)[0] & 1)
         reader.skip(2)
-    x, y, z, *turn = values
-    length = math.hypot(*turn)
-    if not (all(abs(each) < MAX_POSITION_M for each in (x, y, z)) and 0.9 < length < 1.1):
-        return BodySample(number, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.0, is_tracked=False, measured=None)
-    qx, qy, qz, qw = (each / length for each in turn)
-    error_m = error_m if math.isfinite(error_m) else 0.0
-    return BodySample(number, (x, y, z), (qx, qy, qz, qw), error_m, is_tracked, measured=None)
+    return body_sample(number, values[:3], values[3:], error_m, is_tracked=is_tracked)

@@ -1,12 +1,12 @@
 """Session with one NatNet server: requests, its clock, the names of its bodies. Pure; time is an argument."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from pointit.bridges.mocap.natnet import packets
 from pointit.bridges.mocap.natnet.clock import ServerClock
 from pointit.bridges.mocap.natnet.models import read_models
-from pointit.bridges.mocap.natnet.packets import BodySample, MalformedPacketError, MocapFrame, ServerInfo
+from pointit.bridges.mocap.natnet.packets import MalformedPacketError, MocapFrame, ServerInfo
+from pointit.bridges.mocap.timed_frame import ARRIVAL_SIGMA_S, TimedFrame
 from pointit.schemas import NS_PER_S
 
 REQUEST_PERIOD_NS = NS_PER_S // 2
@@ -23,18 +23,6 @@ MAX_FUTURE_S = 0.5
 """Time by which a frame may seem to be of the future, s."""
 USB_LATENCY_SIGMA_S = 0.005
 """1 sigma of the time of exposure if the server states only the time of sending, s."""
-ARRIVAL_SIGMA_S = 0.02
-"""1 sigma of the time of exposure if the server states no times, s."""
-
-
-@dataclass(frozen=True)
-class TimedFrame:
-    """The named bodies of one frame, and the time of its exposure."""
-
-    stamp_ns: int
-    sigma_s: float
-    """1 sigma of `stamp_ns`, s."""
-    bodies: tuple[tuple[str, BodySample], ...]
 
 
 class NatNetSession:

@@ -1,0 +1,1 @@
+"""QTM RT, the protocol of Qualisys Track Manager: session, connection, search."""

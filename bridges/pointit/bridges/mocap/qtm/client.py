@@ -1,0 +1,228 @@
+"""Connection to a QTM server by `qtm-rt`, and the search for servers.
+
+`qtm-rt` decodes packets and sends commands. Its own `connect` is not used: it returns None for each error and
+has no time-out, its receiver never returns from a packet whose size is 0 and collects any size, and commands
+stay without an answer after the connection has ended.
+"""
+
+import asyncio
+import contextlib
+import importlib
+import importlib.util
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pointit.bridges.mocap.qtm.session import QtmSession
+from pointit.bridges.mocap.server_search import BROADCAST, search_servers
+from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.name_lookup import look_up
+
+PORT, DISCOVERY_PORT = 22223, 22226
+VERSION = "1.8"
+"""Version of the protocol since which the frames of `qtm-rt` are the same. Every QTM since 2011 has it."""
+RETRY_S = 2.0
+"""Wait before the next connection, s."""
+TIMEOUT_S = 5.0
+"""Timeout of a connection or an answer, s."""
+POLL_S = 1.0
+"""Period at which settings that have changed are asked for, s."""
+PROBE_S = 5.0
+"""Time without packets after which the server is asked whether it is there, s."""
+MAX_PACKET = 1 << 22
+"""Limit of the size of a packet. Settings have some hundred kilobytes."""
+_HEADER = struct.Struct("<II")
+_ERROR, _DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 6, 7, 9
+
+
+def check_qtm_rt() -> None:
+    """Check that `qtm-rt` is installed. Raises: ConfigError: If it is not."""
+    if importlib.util.find_spec("qtm_rt") is None:
+        raise ConfigError(f"`system: qtm` needs qtm-rt, which is not installed; run {remedy('qtm')}")
+
+
+class QtmClient(asyncio.Protocol):
+    """Keeps a connection to one server."""
+
+    def __init__(
+        self,
+        session: QtmSession,
+        now_ns: Callable[[], int],
+        warn: Callable[[str], None],
+        *,
+        port: int = PORT,
+        interface: str = "",
+    ) -> None:
+        """Prepare; nothing is opened yet.
+
+        Args:
+            session: understands frames and settings.
+            now_ns: time of the site, ns.
+            warn: called with a sentence about the connection, or `""`.
+            port: little-endian TCP port of the server.
+            interface: address of this machine from which to connect, or `""` for any.
+        """
+        self._qtm: Any = importlib.import_module("qtm_rt")
+        self._commands: Any = importlib.import_module("qtm_rt.protocol")
+        self._session = session
+        self._now_ns = now_ns
+        self._warn = warn
+        self._port = port
+        self._interface = interface
+        self._packets = b""
+        self._protocol: Any = None
+        """Sends commands, and gives their answers."""
+        self._transport: Any = None
+        self._end = asyncio.Event()
+        self._end_reason = self._refusal = ""
+        self._has_packets = False
+        """True if a packet came since the last probe."""
+
+    async def run(self) -> None:
+        """Receive until cancelled."""
+        while True:
+            try:
+                await self._receive()
+            except (OSError, TimeoutError, ValueError, self._qtm.QRTCommandException) as error:
+                self._warn(self._problem(error))
+            finally:
+                if self._transport is not None:
+                    self._transport.abort()
+                self._session.restart(self._now_ns(), is_connected=False)
+            await asyncio.sleep(RETRY_S)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin."""
+        self._packets, self._transport = b"", transport
+        self._end.clear()
+        self._protocol = self._commands.QTMProtocol(loop=asyncio.get_running_loop())
+        self._protocol.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Use the packets that are complete."""
+        self._packets += data
+        self._has_packets = True
+        while len(self._packets) >= _HEADER.size:
+            size, kind = _HEADER.unpack_from(self._packets)
+            if not _HEADER.size <= size <= MAX_PACKET or kind > _LAST_TYPE:
+                self._end_reason = "sends no packets of QTM"
+                self._transport.abort()
+                return
+            if len(self._packets) < size:
+                return
+            packet, self._packets = self._packets[:size], self._packets[size:]
+            self._use(kind, packet)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End the commands that wait."""
+        self._end_reason = (
+            self._end_reason or f"has ended the connection ({exc or self._refusal or 'no reason'})"
+        )
+        self._protocol.connection_lost(exc)
+        while self._protocol.request_queue:
+            answer: asyncio.Future[object] = self._protocol.request_queue.popleft()
+            if not answer.done():
+                answer.set_exception(ConnectionResetError(self._end_reason))
+                answer.exception()  # nobody may wait for it
+        self._end.set()
+
+    def _use(self, kind: int, packet: bytes) -> None:
+        try:
+            if kind == _DATA:
+                self._use_frame(packet[_HEADER.size :])
+            elif kind == _EVENT:
+                self._session.set_event(packet[_HEADER.size])
+                return
+            elif kind == _ERROR:
+                self._refusal = _text(packet[_HEADER.size :])
+            self._protocol.data_received(packet)  # the first frame answers `StreamFrames`
+        except (ValueError, IndexError, struct.error):
+            self._session.note_damage(self._now_ns())
+
+    def _use_frame(self, data: bytes) -> None:
+        frame = self._qtm.QRTPacket(data)
+        component = frame.get_6d_residual()
+        if component is not None:
+            bodies = [
+                (position, rotation.matrix, residual.residual)
+                for position, rotation, residual in component[1]
+            ]
+            self._session.receive(frame.timestamp, bodies, self._now_ns())
+
+    async def _receive(self) -> None:
+        self._transport, self._end_reason, self._refusal = None, "", ""
+        loop = asyncio.get_running_loop()
+        addresses = await look_up(self._session.server, self._port)
+        local = (self._interface, 0) if self._interface else None
+        async with asyncio.timeout(TIMEOUT_S):
+            host = str(addresses[0][1][0])
+            await loop.create_connection(lambda: self, host, self._port, local_addr=local)
+            await self._protocol.set_version(VERSION)
+        connection: Any = self._qtm.QRTConnection(self._protocol, timeout=TIMEOUT_S)
+        self._session.restart(self._now_ns(), is_connected=True)
+        self._warn("")
+        await self._protocol.send_command("getstate", callback=False)
+        await self._update_settings(connection)
+        with contextlib.suppress(TimeoutError):  # a QTM that waits for a trigger answers with the first frame
+            await connection.stream_frames(components=["6dres"], on_packet=lambda _frame: None)
+        idle_s = 0.0
+        while not self._end.is_set():
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(POLL_S):
+                    await self._end.wait()
+            idle_s, self._has_packets = (0.0 if self._has_packets else idle_s + POLL_S), False
+            if idle_s >= PROBE_S and not self._end.is_set():
+                await connection.qtm_version()
+            if self._session.are_settings_stale and not self._end.is_set():
+                await self._update_settings(connection)
+        raise ConnectionResetError(self._end_reason)
+
+    async def _update_settings(self, connection: Any) -> None:
+        with contextlib.suppress(self._qtm.QRTCommandException):  # there is no measurement yet
+            self._session.set_parameters(await connection.get_parameters(["3d", "6d"]))
+
+    def _problem(self, error: Exception) -> str:
+        server = f"{self._session.server}, port {self._port},"
+        remedies = f"use the little-endian port of QTM's RT output, {PORT} by default"
+        if isinstance(error, self._qtm.QRTCommandException) and self._refusal:
+            return f"{server} refuses ({self._refusal}): {remedies}, update QTM, or end other clients of it"
+        if self._end_reason.startswith("has"):
+            return f"{server} {self._end_reason}: start QTM there, or end other clients of it"
+        if self._transport is not None:
+            silence = f"does not answer by QTM's protocol within {TIMEOUT_S:g} s"
+            return f"{server} {self._end_reason or str(error) or silence}: {remedies}"
+        return (
+            f"{server} cannot be reached ({str(error) or 'no answer'}): start QTM there, allow it in the "
+            "firewalls, and correct `server`, `port` or `interface`; `pointit devices` lists servers"
+        )
+
+
+async def find_servers(
+    seconds: float, targets: Sequence[tuple[str, int]] = ((BROADCAST, DISCOVERY_PORT),)
+) -> Sequence[FoundDevice]:
+    """Return the servers that answer within `seconds` at `targets`. Needs no `qtm-rt`.
+
+    Raises:
+        ConfigError: If the question cannot be sent.
+    """
+    return await search_servers("QTM", seconds, targets, discovery_packet, _read_answer)
+
+
+def discovery_packet(port: int) -> bytes:
+    """Return the request of which the answer comes to `port`."""
+    return _HEADER.pack(_HEADER.size + 2, _DISCOVERY) + port.to_bytes(2, "big")
+
+
+def _read_answer(data: bytes, address: str) -> FoundDevice | None:
+    """Return the server of an answer: name, version and cameras as a text, and the base port."""
+    if len(data) < _HEADER.size + 3 or _HEADER.unpack_from(data)[0] != len(data):
+        return None
+    base_port = int.from_bytes(data[-2:], "big")
+    label = _text(data[_HEADER.size : -2])
+    return FoundDevice(address, label, {"port": base_port + 1}) if label and base_port else None
+
+
+def _text(data: bytes) -> str:
+    return data.partition(b"\0")[0].decode("utf-8", "replace")

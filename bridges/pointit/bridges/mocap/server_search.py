@@ -1,0 +1,76 @@
+"""Search for servers by datagrams that are broadcast in every network of this machine."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Callable, Sequence
+
+from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.name_lookup import found_addresses
+
+BROADCAST = "255.255.255.255"
+
+
+def open_datagram_socket(interface: str, port: int) -> socket.socket:
+    """Return a socket of the address `interface`, or of all if it is `""`."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # other clients on this machine
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        sock.bind((interface, port))
+    except BaseException:
+        sock.close()
+        raise
+    return sock
+
+
+async def search_servers(
+    name: str,
+    seconds: float,
+    targets: Sequence[tuple[str, int]],
+    request: Callable[[int], bytes],
+    read: Callable[[bytes, str], FoundDevice | None],
+) -> Sequence[FoundDevice]:
+    """Return the servers that answer within `seconds`, by their addresses.
+
+    Args:
+        name: kind of the servers in messages.
+        seconds: time for the search.
+        targets: addresses and ports to which the request is sent.
+        request: returns the request, given the port to which the answer comes.
+        read: returns the server that sent an answer from an address, or None if it is no such answer.
+
+    Raises:
+        ConfigError: If the request cannot be sent.
+    """
+    results: dict[str, FoundDevice] = {}
+    loop = asyncio.get_running_loop()
+
+    async def collect(sock: socket.socket) -> None:
+        while True:
+            await asyncio.sleep(0)  # a flood must not keep the time-out from ending this
+            data, sender = await loop.sock_recvfrom(sock, 65536)
+            device = read(data, str(sender[0]))
+            if device is not None:
+                results[device.address] = device
+
+    try:
+        with contextlib.ExitStack() as opened:
+            sockets = [
+                opened.enter_context(open_datagram_socket(own, 0)) for own in (found_addresses() or [""])
+            ]
+            for sock in sockets:
+                for target in targets:
+                    with contextlib.suppress(OSError):  # an interface without a cable
+                        await loop.sock_sendto(sock, request(sock.getsockname()[1]), target)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(seconds), asyncio.TaskGroup() as group:
+                    for sock in sockets:
+                        group.create_task(collect(sock))
+    except OSError as error:
+        raise ConfigError(
+            f"{name} servers cannot be searched ({error}); check this machine's network"
+        ) from error
+    return [results[address] for address in sorted(results)]

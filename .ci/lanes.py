@@ -107,7 +107,9 @@ ROOMS = {
         ),
     ),
     "motion capture": Room(
-        (f"{BRIDGES}mocap",), ("tests/unit/mocap", "tests/devices/test_mocap.py", "tests/devices/test_qtm.py"), ("tests/unit/cli",)
+        (f"{BRIDGES}mocap",),
+        ("tests/unit/mocap", "tests/devices/test_mocap.py", "tests/devices/test_qtm.py"),
+        ("tests/unit/cli",),
     ),
     "robots": Room(
         (

@@ -5,6 +5,7 @@ import contextlib
 import math
 import socket
 import struct
+import sys
 import time
 from collections.abc import AsyncGenerator, Sequence
 
@@ -204,6 +205,6 @@ async def test_servers_are_found_by_a_search_with_the_options_that_choose_them()
 
 
 def test_without_qtm_rt_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client.importlib.util, "find_spec", lambda _name: None)
+    monkeypatch.setitem(sys.modules, "qtm_rt", None)
     with pytest.raises(ConfigError, match=r"`system: qtm` needs qtm-rt, which is not installed; run `.*qtm"):
         check_launches([Launch(service=Mocap, config=MocapConfig(server="a", system="qtm"))])

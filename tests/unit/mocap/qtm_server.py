@@ -13,7 +13,7 @@ LEVEL = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 QtmBody = tuple[tuple[float, float, float], Sequence[float], float]
 """Position, mm; rotation matrix by columns; residual, mm."""
-LOST: QtmBody = ((NAN,) * 3, (NAN,) * 9, NAN)
+LOST: QtmBody = ((NAN, NAN, NAN), (NAN,) * 9, NAN)
 
 
 def packet(kind: int, content: bytes) -> bytes:

@@ -5,7 +5,8 @@ import random
 import pytest
 
 from pointit.bridges.mocap.natnet.clock import ServerClock
-from pointit.bridges.mocap.natnet.session import NatNetSession, TimedFrame
+from pointit.bridges.mocap.natnet.session import NatNetSession
+from pointit.bridges.mocap.timed_frame import TimedFrame
 from pointit.schemas import NS_PER_S
 from tests.support.bench import START_NS
 from tests.unit.mocap import natnet_encoder as natnet

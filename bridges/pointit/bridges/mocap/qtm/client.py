@@ -8,7 +8,6 @@ stay without an answer after the connection has ended.
 import asyncio
 import contextlib
 import importlib
-import importlib.util
 import struct
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -39,8 +38,12 @@ _ERROR, _DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 6, 7, 9
 
 def check_qtm_rt() -> None:
     """Check that `qtm-rt` is installed. Raises: ConfigError: If it is not."""
-    if importlib.util.find_spec("qtm_rt") is None:
-        raise ConfigError(f"`system: qtm` needs qtm-rt, which is not installed; run {remedy('qtm')}")
+    try:
+        importlib.import_module("qtm_rt")
+    except ImportError as error:
+        raise ConfigError(
+            f"`system: qtm` needs qtm-rt, which is not installed; run {remedy('qtm')}"
+        ) from error
 
 
 class QtmClient(asyncio.Protocol):
@@ -166,7 +169,7 @@ class QtmClient(asyncio.Protocol):
         await self._protocol.send_command("getstate", callback=False)
         await self._update_settings(connection)
         with contextlib.suppress(TimeoutError):  # a QTM that waits for a trigger answers with the first frame
-            await connection.stream_frames(components=["6dres"], on_packet=lambda _frame: None)
+            await connection.stream_frames(components=["6dres"], on_packet=_ignore)
         idle_s = 0.0
         while not self._end.is_set():
             with contextlib.suppress(TimeoutError):
@@ -222,6 +225,10 @@ def _read_answer(data: bytes, address: str) -> FoundDevice | None:
     base_port = int.from_bytes(data[-2:], "big")
     label = _text(data[_HEADER.size : -2])
     return FoundDevice(address, label, {"port": base_port + 1}) if label and base_port else None
+
+
+def _ignore(_frame: object) -> None:
+    """Do nothing: frames are used before `qtm-rt` gets them, so that a damaged one stays out of its buffer."""
 
 
 def _text(data: bytes) -> str:

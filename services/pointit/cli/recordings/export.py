@@ -1,5 +1,6 @@
-"""`pointit export`: a recording as CSV tables."""
+"""`pointit export`: a recording as CSV tables or as a dataset of Motion-BIDS."""
 
+import functools
 from pathlib import Path
 
 import click
@@ -15,33 +16,49 @@ from pointit.cli.common.progress import interruptible, progress
     required=True,
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="folder for the tables; created if it does not exist",
+    help="folder for the tables, or a BIDS dataset; created if it does not exist",
 )
 @click.option("--overwrite", is_flag=True, help="replace tables that are in the folder")
-def command(*, recording: Path, folder: Path, overwrite: bool) -> int:
-    """Write the recording FILE as tidy CSV tables, with units in the names of columns.
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["csv", "motion-bids"]),
+    default="csv",
+    show_default=True,
+    help="tables, or the Brain Imaging Data Structure for motion",
+)
+@click.option("--task", default="pointing", show_default=True, help="task of motion-bids")
+@click.option("--session", default="", help="session label of motion-bids; if empty, there is one session")
+def command(*, recording: Path, folder: Path, overwrite: bool, form: str, task: str, session: str) -> int:
+    """Write the recording FILE as tidy CSV tables, or as a dataset of Motion-BIDS.
 
-    selections.csv has a row for each selection, acts.csv one for each pointing act, the others (cursors,
-    rays, poses, imu, objects and more) one for each message. columns.csv describes every column.
+    The tables have units in the names of columns. selections.csv has a row for each selection, acts.csv one
+    for each pointing act, the others (cursors, rays, poses, imu, objects and more) one for each message.
+    columns.csv describes every column.
+
+    Motion-BIDS has motion, channels and events of each person. More recordings join the same dataset.
 
     Exit code 1: FILE is damaged, and messages are left out of which is unknown what they are.
 
     Example: pointit export session.mcap --to tables
     """
-    from pointit.conversion.export_csv import export_csv  # noqa: PLC0415 - only what is needed is loaded
+    from pointit.conversion.export_bids import export_bids  # noqa: PLC0415 - only what is needed is loaded
+    from pointit.conversion.export_csv import export_csv  # noqa: PLC0415 - as above
     from pointit.recording.reader import Recording  # noqa: PLC0415 - needs an extra
 
     with Recording.open(recording) as opened:
         if opened.problem:
             click.echo(f"note: {opened.problem}", err=True)
         with interruptible(), progress(sum(opened.counts.values())) as tell:
-            exported = export_csv(
-                opened.entries(),
-                opened.began_ns,
-                folder,
-                overwrite=overwrite,
-                tick=lambda done: tell("messages", done),
-            )
+            tick = functools.partial(tell, "messages")
+            if form == "csv":
+                exported = export_csv(
+                    opened.entries(), opened.began_ns, folder, overwrite=overwrite, tick=tick
+                )
+            else:
+                exported = export_bids(
+                    opened.entries(), folder, task=task, session=session, overwrite=overwrite, tick=tick
+                )
         if opened.invalid:
             click.echo(f"note: {opened.invalid} messages are left out; {opened.complaint}", err=True)
         lost = opened.lost

@@ -228,7 +228,7 @@ def _read_answer(data: bytes, address: str) -> FoundDevice | None:
 
 
 def _ignore(_frame: object) -> None:
-    """Do nothing: frames are used before `qtm-rt` gets them, so that a damaged one stays out of its buffer."""
+    """Do nothing: frames are used before `qtm-rt` gets them, since a damaged one would stay in its buffer."""
 
 
 def _text(data: bytes) -> str:

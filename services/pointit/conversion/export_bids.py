@@ -1,0 +1,292 @@
+"""A recording as a dataset of Motion-BIDS: files of motion, channels and events for each person.
+
+Samples keep their times: rows are messages, and the channel `LATENCY` has the time of capture. Nothing is
+resampled.
+"""
+
+import json
+import re
+import shutil
+import tempfile
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pointit.conversion.export_csv import Exported
+from pointit.conversion.motion_table import (
+    MISSING,
+    SYSTEMS,
+    BidsChannel,
+    MotionTable,
+    channel_lines,
+    channels_json,
+    motion_json,
+)
+from pointit.recording.entries import Entry
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import pointit_version
+from pointit.schemas import NS_PER_S, Cursor, ImuSample, Message, SelectionEvent, TrackedObjects, UserPose
+
+BIDS_VERSION = "1.10.0"
+"""Version of the standard that the files keep to."""
+TICK = 1000
+"""Entries between two reports of progress."""
+AXES, QUATERNION = ("x", "y", "z"), ("quat_x", "quat_y", "quat_z", "quat_w")
+PERSON_KINDS = ("person", "person_frame")
+"""Kinds of tracked objects whose ids are people."""
+_DESCRIPTION, _PARTICIPANTS = "dataset_description.json", "participants.tsv"
+
+
+def export_bids(
+    entries: Iterable[Entry],
+    folder: Path,
+    *,
+    task: str = "pointing",
+    session: str = "",
+    overwrite: bool = False,
+    tick: Callable[[int], None] = lambda _: None,
+) -> Exported:
+    """Write `entries` of a recording to the dataset in `folder`.
+
+    Other people and sessions of a dataset stay. Nothing stays of an export that fails.
+
+    Args:
+        entries: in order of time.
+        folder: a dataset, or a folder that is empty or does not exist.
+        task: name of the task.
+        session: label of the session, or `""` for a single one.
+        overwrite: replace files that are there.
+        tick: called with the number of entries so far.
+
+    Raises:
+        ConfigError: If there is no person, a name has no letters, or the folder cannot be used.
+    """
+    recorded = _RecordedMotion()
+    for count, entry in enumerate(entries):
+        recorded.add(entry)
+        if count % TICK == 0:
+            tick(count)
+    if not recorded.people:
+        raise ConfigError("the recording has no motion of a person: record a session with one")
+    entities = "".join((f"_ses-{bids_label(session)}" if session else "", f"_task-{bids_label(task)}"))
+    begins = {name: f"sub-{label}{entities}" for name, label in _labels(recorded.people).items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        existing = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+        if existing and Path(_DESCRIPTION) not in existing:
+            raise ConfigError(f"{folder}: has files and is no BIDS dataset; give an empty folder")
+        staging = Path(tempfile.mkdtemp(dir=folder, prefix=".pointit-"))
+        try:
+            rows: dict[Path, int] = {}
+            for person, begin in begins.items():
+                rows |= recorded.write(person, begin, task, staging, folder)
+            _write_dataset(staging, folder, [begin.partition("_")[0] for begin in begins.values()])
+            prefixes = tuple(f"{begin}_" for begin in begins.values())
+            outdated = {path for path in existing if path.name.startswith(prefixes)}
+            if outdated and not overwrite:
+                raise ConfigError(
+                    f"{folder}: has {min(outdated)}; give --session a label, another folder, or --overwrite"
+                )
+            for path in (path.relative_to(staging) for path in staging.rglob("*") if path.is_file()):
+                (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                (staging / path).replace(folder / path)
+                outdated.discard(path)
+            for path in outdated:
+                (folder / path).unlink()
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be written ({error.strerror or error})") from error
+    by_name = {f"{path}": count for path, count in rows.items()}
+    return Exported(rows=by_name, left_out=dict(recorded.left_out))
+
+
+def bids_label(name: str) -> str:
+    """Return `name` with the letters and digits that the standard allows.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    label = re.sub("[^0-9A-Za-z]", "", plain)
+    if not label:
+        raise ConfigError(f"{name!r}: has no letter or digit for a label of BIDS; give another name")
+    return label
+
+
+def _labels(names: Iterable[str]) -> dict[str, str]:
+    """Return a label of its own for each name."""
+    labels: dict[str, str] = {}
+    for name in sorted(names):
+        label = base = bids_label(name)
+        number = 1
+        while label in labels.values():
+            number += 1
+            label = f"{base}x{number}"
+        labels[name] = label
+    return labels
+
+
+class _RecordedMotion:
+    """Tables of a recording."""
+
+    def __init__(self) -> None:
+        self._tables: dict[tuple[str, str], MotionTable] = {}
+        """By person, or `""` for trackers of objects, and label of the tracking system."""
+        self._events: list[SelectionEvent] = []
+        self.people: set[str] = set()
+        self.left_out: Counter[str] = Counter()
+        """Number of messages by topic of those that have no file."""
+
+    def add(self, entry: Entry) -> None:
+        message, name = entry.body, entry.name
+        match message:
+            case ImuSample():
+                self._add(name, "imu", message.stamp_ns, _imu_cells(message))
+            case UserPose():
+                cells = _cells("feet", "POS", message.position_m, "m")
+                yaw = BidsChannel("feet", "ORNT", "z", "rad", "room")
+                self._add(name, "pose", message.stamp_ns, [*cells, (yaw, message.yaw_rad)])
+            case Cursor():
+                self._add(name, "cursor", message.stamp_ns, _cells("cursor", "POS", message.point_m, "m"))
+            case TrackedObjects():
+                self._add_objects(name, message)
+            case SelectionEvent():
+                self._events.append(message)
+            case Message():
+                self.left_out[entry.row.key] += 1
+            case _:
+                pass
+
+    def _add(
+        self, person: str, system: str, stamp_ns: int, cells: Sequence[tuple[BidsChannel, float]]
+    ) -> None:
+        if person:
+            self.people.add(person)
+        self._tables.setdefault((person, system), MotionTable()).add(stamp_ns, cells)
+
+    def _add_objects(self, tracker: str, message: TrackedObjects) -> None:
+        cells: list[tuple[BidsChannel, float]] = []
+        for each in message.objects:
+            person = each.id if each.kind in PERSON_KINDS else ""
+            if person:
+                self.people.add(person)
+            placement = "head" if person else MISSING
+            point = " ".join(each.id.split()) or "object"
+            cells += _cells(point, "POS", each.position_m, "m", placement=placement, owner=person)
+            if each.yaw_rad is not None:
+                channel = BidsChannel(point, "ORNT", "z", "rad", "room", placement, person)
+                cells.append((channel, each.yaw_rad))
+        system = bids_label(tracker)
+        self._add("", f"{system}objects" if system in SYSTEMS else system, message.stamp_ns, cells)
+
+    def write(self, person: str, begin: str, task: str, staging: Path, folder: Path) -> dict[Path, int]:
+        """Write the files of one person for the dataset in `folder`, and return their rows."""
+        subject, _, session = begin.partition("_task-")[0].partition("_")
+        place = staging / subject / session / "motion"
+        place.mkdir(parents=True)
+        onset_ns = min(
+            [min(table.stamps_ns) for table in self._tables.values() if table.stamps_ns]
+            + [event.stamp_ns for event in self._events]
+        )
+        rows: dict[Path, int] = {}
+        for (owner, system), table in self._tables.items():
+            channels = table.channels(person)
+            if owner not in ("", person) or not channels:
+                continue
+            stem = f"{begin}_tracksys-{system}"
+            path = place / f"{stem}_motion.tsv"
+            _write_lines(path, table.rows(person, onset_ns))
+            rows[path.relative_to(staging)] = len(table.stamps_ns)
+            _write_json(place / f"{stem}_motion.json", motion_json(system, task, channels, table))
+            _write_lines(place / f"{stem}_channels.tsv", channel_lines(channels))
+            _write_json(place / f"{stem}_channels.json", channels_json(channels))
+        events = [event for event in self._events if event.user == person]
+        if events:
+            _write_lines(place / f"{begin}_events.tsv", _event_lines(events, onset_ns))
+            _write_json(place / f"{begin}_events.json", _EVENT_COLUMNS)
+        acquired = datetime.fromtimestamp(onset_ns / NS_PER_S, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+        prefix = f"{subject}_{session}" if session else subject
+        scans = place.parent.relative_to(staging) / f"{prefix}_scans.tsv"
+        others = {name: line for name, line in _table(folder / scans).items() if f"{begin}_" not in name}
+        new = [f"motion/{path.name}\t{acquired}" for path in rows]
+        _write_lines(staging / scans, ["filename\tacq_time", *list(others.values())[1:], *new])
+        return rows
+
+
+def _imu_cells(sample: ImuSample) -> list[tuple[BidsChannel, float]]:
+    cells = [
+        (BidsChannel("arm", "ORNT", component, MISSING, "person", "forearm"), value)
+        for component, value in zip(QUATERNION, sample.orientation_xyzw, strict=True)
+    ]
+    cells += _cells("arm", "GYRO", sample.angular_velocity_radps, "rad/s", "arm", placement="forearm")
+    return cells + _cells("arm", "ACCEL", sample.acceleration_mps2, "m/s^2", "arm", placement="forearm")
+
+
+def _cells(
+    point: str,
+    kind: str,
+    values: Sequence[float] | None,
+    unit: str,
+    frame: str = "room",
+    *,
+    placement: str = MISSING,
+    owner: str = "",
+) -> list[tuple[BidsChannel, float]]:
+    return [
+        (BidsChannel(point, kind, component, unit, frame, placement, owner), value)
+        for component, value in zip(AXES, values or (), strict=False)
+    ]
+
+
+_EVENT_COLUMNS = {
+    "trial_type": {"Description": "what happened to the object"},
+    "object": {"Description": "id of the object"},
+    "object_kind": {"Description": "kind of the object"},
+    "cause": {"Description": "action of the person, such as dwell or button"},
+}
+
+
+def _event_lines(events: Sequence[SelectionEvent], onset_ns: int) -> Iterator[str]:
+    yield "\t".join(("onset", "duration", *_EVENT_COLUMNS))
+    for event in sorted(events, key=lambda each: each.stamp_ns):
+        onset = f"{(event.stamp_ns - onset_ns) / NS_PER_S:.6f}"
+        texts = (event.event, event.object_id, event.kind, event.cause)
+        yield "\t".join((onset, MISSING, *(" ".join(text.split()) or MISSING for text in texts)))
+
+
+def _table(path: Path) -> dict[str, str]:
+    """Return the lines of a table by their first cells, its header first."""
+    lines = path.read_text(encoding="utf-8-sig").splitlines() if path.exists() else []
+    return {line.partition("\t")[0]: line for line in lines}
+
+
+def _write_dataset(staging: Path, folder: Path, subjects: Collection[str]) -> None:
+    """Write the files about the whole dataset; those of an earlier export stay."""
+    known = _table(folder / _PARTICIPANTS) or {"participant_id": "participant_id"}
+    filler = f"\t{MISSING}" * next(iter(known.values())).count("\t")
+    participants = {subject: f"{subject}{filler}" for subject in subjects if subject not in known}
+    _write_lines(staging / _PARTICIPANTS, {**known, **participants}.values())
+    if not (folder / _DESCRIPTION).exists():
+        generator = {"Name": "PointIt", "Version": pointit_version() or MISSING}
+        description = {"Name": folder.resolve().name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
+        _write_json(staging / _DESCRIPTION, {**description, "GeneratedBy": [generator]})
+        _write_lines(staging / "README.md", [_README])
+
+
+_README = """# Pointing sessions
+
+Exported from recordings of PointIt. Each tracking system has its own times: the channel `LATENCY` counts
+from `acq_time` of `scans.tsv`, which all files of a session share. Positions of the system `cursor` and
+`pose` are computed, the others measured."""
+
+
+def _write_lines(path: Path, lines: Iterable[str]) -> None:
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(f"{line}\n" for line in lines)
+
+
+def _write_json(path: Path, content: object) -> None:
+    _write_lines(path, [json.dumps(content, indent=2, ensure_ascii=False)])

@@ -1,0 +1,172 @@
+"""A recording as Motion-BIDS: times, missing values, people, sessions, and refused folders."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from pointit.cli.main import command
+from pointit.conversion.export_bids import bids_label, export_bids
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import ImuSample, TrackedObject, TrackedObjects, topics
+from tests.unit.conversion.bids_session import session
+from tests.unit.conversion.session import at, said, write
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+def table(path: Path) -> list[list[str]]:
+    return [line.split("\t") for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def motion(folder: Path, person: str, system: str, session: str = "") -> dict[str, list[str]]:
+    """Return the columns of a file of motion by the names of its channels."""
+    place = folder / f"sub-{person}" / (f"ses-{session}" if session else "") / "motion"
+    (data,) = place.glob(f"*_tracksys-{system}_motion.tsv")
+    (channels,) = place.glob(f"*_tracksys-{system}_channels.tsv")
+    names = [row[0] for row in table(channels)[1:]]
+    rows = table(data)
+    assert {len(row) for row in rows} == {len(names)}
+    return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+
+
+def test_samples_keep_their_values_and_times(tmp_path: Path) -> None:
+    export_bids(session("anna"), tmp_path)
+    arm = motion(tmp_path, "anna", "imu")
+    assert arm["latency"][:3] == ["0.000000", "0.020000", "0.040000"]
+    assert arm["arm_ORNT_quat_w"][0] == "1.000000"
+    assert float(arm["arm_ORNT_quat_z"][1]) ** 2 + float(arm["arm_ORNT_quat_w"][1]) ** 2 == pytest.approx(1)
+    pose = motion(tmp_path, "anna", "pose")
+    assert (pose["latency"], pose["feet_POS_y"], pose["feet_ORNT_z"]) == (
+        ["0.400000"],
+        ["2.000000"],
+        ["0.700000"],
+    )
+
+
+def test_missing_values_are_those_of_the_standard(tmp_path: Path) -> None:
+    export_bids(session("anna"), tmp_path)
+    assert motion(tmp_path, "anna", "imu")["arm_GYRO_z"][:5] == ["n/a"] * 4 + ["1.000000"]
+    points = motion(tmp_path, "anna", "cursor")["cursor_POS_y"]
+    assert points[6:9] == ["0.600000", "n/a", "0.800000"]
+    cup = motion(tmp_path, "anna", "mocap")["red cup_POS_z"]
+    assert (cup[0], cup[1], cup[10]) == ("n/a", "0.500000", "n/a")
+
+
+def test_channels_have_types_units_and_frames_of_the_standard(tmp_path: Path) -> None:
+    export_bids(session("anna"), tmp_path)
+    (channels,) = tmp_path.rglob("*tracksys-imu_channels.tsv")
+    header, latency, first, *_ = table(channels)
+    assert header[:5] == ["name", "component", "type", "tracked_point", "units"]
+    assert latency[:5] == ["latency", "n/a", "LATENCY", "n/a", "s"]
+    assert first == ["arm_ORNT_quat_x", "quat_x", "ORNT", "arm", "n/a", "forearm", "person"]
+    levels = json.loads(channels.with_suffix(".json").read_text(encoding="utf-8"))["reference_frame"][
+        "Levels"
+    ]
+    assert set(levels) == {"person", "arm"}
+    (sidecar,) = tmp_path.rglob("*tracksys-imu_motion.json")
+    content = json.loads(sidecar.read_text(encoding="utf-8"))
+    assert (content["SamplingFrequency"], content["SamplingFrequencyEffective"]) == (50.0, 50.0)
+    assert (content["TaskName"], content["MotionChannelCount"], content["GYROChannelCount"]) == (
+        "pointing",
+        8,
+        3,
+    )
+
+
+def test_each_person_has_their_own_body_and_all_objects(tmp_path: Path) -> None:
+    export_bids(session("anna", "bob_2"), tmp_path)
+    anna, bob = motion(tmp_path, "anna", "mocap"), motion(tmp_path, "bob2", "mocap")
+    assert "red cup_POS_x" in anna
+    assert "red cup_POS_x" in bob
+    assert ("anna_POS_x" in anna, "bob_2_POS_x" in anna) == (True, False)
+    assert ("anna_POS_x" in bob, "bob_2_POS_x" in bob) == (False, True)
+    assert [row[0] for row in table(tmp_path / "participants.tsv")] == [
+        "participant_id",
+        "sub-anna",
+        "sub-bob2",
+    ]
+
+
+def test_selections_are_events_on_the_same_time_axis(tmp_path: Path) -> None:
+    export_bids(session("anna", "bob"), tmp_path)
+    (events,) = (tmp_path / "sub-anna").rglob("*_events.tsv")
+    assert table(events) == [
+        ["onset", "duration", "trial_type", "object", "object_kind", "cause"],
+        ["0.700000", "n/a", "selected", "red cup", "cup", "dwell"],
+    ]
+    (scans,) = tmp_path.glob("sub-anna/*_scans.tsv")
+    assert {row[1] for row in table(scans)[1:]} == {"1970-01-01T00:16:40.500000Z"}
+
+
+def test_samples_that_were_recorded_late_are_in_order_of_capture(tmp_path: Path) -> None:
+    entries = [
+        said(time_s, topics.IMU, "anna", ImuSample(stamp_ns=at(stamp_s), orientation_xyzw=LEVEL))
+        for time_s, stamp_s in ((1.0, 0.9), (1.1, 0.7), (1.2, 0.8))
+    ]
+    export_bids(entries, tmp_path)
+    assert motion(tmp_path, "anna", "imu")["latency"] == ["0.000000", "0.100000", "0.200000"]
+
+
+def test_people_whom_only_cameras_saw_are_exported(tmp_path: Path) -> None:
+    head = TrackedObject(id="anna", kind="person", position_m=(1.0, 2.0, 1.7))
+    objects = TrackedObjects(stamp_ns=at(1.0), objects=(head,))
+    export_bids([said(1.0, topics.OBJECTS, "imu", objects)], tmp_path)
+    assert motion(tmp_path, "anna", "imuobjects")["anna_POS_z"] == ["1.700000"]
+
+
+def test_names_without_room_for_each_other_get_labels_of_their_own(tmp_path: Path) -> None:
+    export_bids(session("b-1", "b_1", "b1"), tmp_path)
+    assert {path.name for path in tmp_path.glob("sub-*")} == {"sub-b1", "sub-b1x2", "sub-b1x3"}
+    assert bids_label("Jörg-2") == "Jorg2"
+    with pytest.raises(ConfigError, match="has no letter or digit"):
+        bids_label("_-.")
+
+
+def test_more_recordings_join_a_dataset_and_keep_what_people_wrote_there(tmp_path: Path) -> None:
+    export_bids(session("anna"), tmp_path)
+    participants = tmp_path / "participants.tsv"
+    participants.write_text("participant_id\tage\nsub-anna\t31\n", encoding="utf-8")
+    (tmp_path / "README.md").write_text("ours\n", encoding="utf-8")
+    export_bids(session("bob"), tmp_path)
+    export_bids(session("anna"), tmp_path, session="second day")
+    export_bids(session("anna"), tmp_path, task="waving")
+    assert table(participants) == [["participant_id", "age"], ["sub-anna", "31"], ["sub-bob", "n/a"]]
+    assert (tmp_path / "README.md").read_text(encoding="utf-8") == "ours\n"
+    assert len(motion(tmp_path, "anna", "imu", "secondday")["latency"]) == 40
+    (scans,) = tmp_path.glob("sub-anna/*_scans.tsv")
+    files = [row[0] for row in table(scans)[1:]]
+    assert len(files) == len(set(files)) == 8
+    assert all((scans.parent / name).is_file() for name in files)
+
+
+def test_a_file_that_is_there_is_replaced_with_overwrite_only(tmp_path: Path) -> None:
+    export_bids(session("anna"), tmp_path)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    arm_only = [each for each in session("anna") if each.row is topics.IMU]
+    with pytest.raises(ConfigError, match="give --session a label, another folder, or --overwrite"):
+        export_bids(arm_only, tmp_path)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    export_bids(arm_only, tmp_path, overwrite=True)
+    assert {path.name for path in tmp_path.rglob("*_motion.tsv")} == {
+        "sub-anna_task-pointing_tracksys-imu_motion.tsv"
+    }
+
+
+def test_a_folder_with_other_files_and_a_recording_without_people_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="has no motion of a person"):
+        export_bids([], tmp_path / "new")
+    (tmp_path / "imu.csv").write_text("x\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="has files and is no BIDS dataset; give an empty folder"):
+        export_bids(session("anna"), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["imu.csv"]
+
+
+def test_the_command_names_the_files_and_what_has_none(tmp_path: Path) -> None:
+    recording = write(tmp_path / "session.mcap", session("anna"))
+    options = ["--to", f"{tmp_path / 'bids'}", "--format", "motion-bids", "--task", "put that there"]
+    done = CliRunner().invoke(command, ["export", f"{recording}", *options])
+    assert done.exit_code == 0, done.output
+    assert "sub-anna_task-putthatthere_tracksys-imu_motion.tsv: 40 rows" in done.output
+    assert "Messages without a table: 1 of users/{user}/hover." in done.output

@@ -89,7 +89,7 @@ async def test_a_damaged_packet_costs_itself_only() -> None:
     async with serving(qtm) as port, running(port, system="qtm") as (watcher, _):
         await until(lambda: watcher.sees("cup"))
         whole = qtm_server.frame(10, bodies(0))
-        for damaged in (b"", whole[8:40], whole[8:24] + b"\xff" * 8):
+        for damaged in (b"", whole[8:40], whole[8:24] + b"\xff" * 8, bytes(12) + b"\xff" * 4 + bytes(64)):
             qtm.send(qtm_server.packet(qtm_server.DATA, damaged))
         qtm.send(qtm_server.packet(qtm_server.EVENT, b"") + qtm_server.packet(9, b"unknown"))
         await until(lambda: watcher.warns("packets that cannot be read"))

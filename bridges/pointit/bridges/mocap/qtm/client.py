@@ -1,8 +1,8 @@
 """Connection to a QTM server by `qtm-rt`, and the search for servers.
 
 `qtm-rt` decodes packets and sends commands. Its own `connect` is not used: it returns None for each error and
-has no time-out, its receiver never returns from a packet whose size is 0 and collects any size, and commands
-stay without an answer after the connection has ended.
+has no timeout, its receiver never returns from a packet whose size is 0 and collects any size, its frames
+count through components of size 0, and commands get no answer after the connection has ended.
 """
 
 import asyncio
@@ -32,7 +32,11 @@ PROBE_S = 5.0
 """Time without packets after which the server is asked whether it is there, s."""
 MAX_PACKET = 1 << 22
 """Limit of the size of a packet. Settings have some hundred kilobytes."""
-_HEADER = struct.Struct("<II")
+MAX_COMPONENTS = 32
+"""Limit of the components of a frame. One is asked for, and QTM has 19 kinds."""
+RATE = "frequency:100"
+"""Frames that are asked for. Cameras with a higher rate would only cost time."""
+_HEADER, _COMPONENTS_AT = struct.Struct("<II"), 12
 _ERROR, _DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 6, 7, 9
 
 
@@ -145,6 +149,9 @@ class QtmClient(asyncio.Protocol):
             self._session.note_damage(self._now_ns())
 
     def _use_frame(self, data: bytes) -> None:
+        (components,) = struct.unpack_from("<I", data, _COMPONENTS_AT)
+        if components > MAX_COMPONENTS:
+            raise ValueError(f"{components} components")
         frame = self._qtm.QRTPacket(data)
         component = frame.get_6d_residual()
         if component is not None:
@@ -169,7 +176,7 @@ class QtmClient(asyncio.Protocol):
         await self._protocol.send_command("getstate", callback=False)
         await self._update_settings(connection)
         with contextlib.suppress(TimeoutError):  # a QTM that waits for a trigger answers with the first frame
-            await connection.stream_frames(components=["6dres"], on_packet=_ignore)
+            await connection.stream_frames(RATE, components=["6dres"], on_packet=_ignore)
         idle_s = 0.0
         while not self._end.is_set():
             with contextlib.suppress(TimeoutError):

@@ -14,16 +14,16 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from pointit.conversion.export_csv import Exported
-from pointit.conversion.motion_table import (
+from pointit.conversion.bids_table import (
     MISSING,
     SYSTEMS,
     BidsChannel,
-    MotionTable,
+    BidsTable,
     channel_lines,
     channels_json,
     motion_json,
 )
+from pointit.conversion.export_csv import Exported
 from pointit.recording.entries import Entry
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
@@ -133,7 +133,7 @@ class _RecordedMotion:
     """Tables of a recording."""
 
     def __init__(self) -> None:
-        self._tables: dict[tuple[str, str], MotionTable] = {}
+        self._tables: dict[tuple[str, str], BidsTable] = {}
         """By person, or `""` for trackers of objects, and label of the tracking system."""
         self._events: list[SelectionEvent] = []
         self.people: set[str] = set()
@@ -147,8 +147,8 @@ class _RecordedMotion:
                 self._add(name, "imu", message.stamp_ns, _imu_cells(message))
             case UserPose():
                 cells = _cells("feet", "POS", message.position_m, "m")
-                yaw = BidsChannel("feet", "ORNT", "z", "rad", "room")
-                self._add(name, "pose", message.stamp_ns, [*cells, (yaw, message.yaw_rad)])
+                yaw_channel = BidsChannel("feet", "ORNT", "z", "rad", "room")
+                self._add(name, "pose", message.stamp_ns, [*cells, (yaw_channel, message.yaw_rad)])
             case Cursor():
                 self._add(name, "cursor", message.stamp_ns, _cells("cursor", "POS", message.point_m, "m"))
             case TrackedObjects():
@@ -165,7 +165,7 @@ class _RecordedMotion:
     ) -> None:
         if person:
             self.people.add(person)
-        self._tables.setdefault((person, system), MotionTable()).add(stamp_ns, cells)
+        self._tables.setdefault((person, system), BidsTable()).add(stamp_ns, cells)
 
     def _add_objects(self, tracker: str, message: TrackedObjects) -> None:
         cells: list[tuple[BidsChannel, float]] = []
@@ -242,7 +242,7 @@ def _cells(
 
 
 _EVENT_COLUMNS = {
-    "trial_type": {"Description": "what happened to the object"},
+    "trial_type": {"Description": "event of the object"},
     "object": {"Description": "id of the object"},
     "object_kind": {"Description": "kind of the object"},
     "cause": {"Description": "action of the person, such as dwell or button"},

@@ -63,9 +63,9 @@ def open_system(
         session = QtmSession(config.server, on_frame)
         port = config.port or qtm.PORT
         return session, qtm.QtmClient(session, now_ns, warn, port=port, interface=interface)
-    motive = NatNetSession(config.server, on_frame)
+    natnet_session = NatNetSession(config.server, on_frame)
     port = config.port or COMMAND_PORT
-    return motive, natnet.NatNetClient(motive, now_ns, warn, port=port, interface=interface)
+    return natnet_session, natnet.NatNetClient(natnet_session, now_ns, warn, port=port, interface=interface)
 
 
 NATNET = DevicePlugin(

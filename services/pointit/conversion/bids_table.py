@@ -32,7 +32,7 @@ class BidsChannel(NamedTuple):
     """A row of `channels.tsv`."""
 
     point: str
-    """What is tracked."""
+    """Tracked point or object."""
     kind: str
     """Type of the standard, such as `POS`."""
     component: str
@@ -48,7 +48,7 @@ class BidsChannel(NamedTuple):
         return f"{self.point}_{self.kind}_{self.component}"
 
 
-class MotionTable:
+class BidsTable:
     """Samples of one tracking system."""
 
     def __init__(self) -> None:
@@ -87,9 +87,7 @@ class MotionTable:
         return round(NS_PER_S / median(steps), 3), round(effective, 3)
 
 
-def motion_json(
-    system: str, task: str, channels: Sequence[BidsChannel], table: MotionTable
-) -> dict[str, Any]:
+def motion_json(system: str, task: str, channels: Sequence[BidsChannel], table: BidsTable) -> dict[str, Any]:
     """Return the content of `motion.json`."""
     nominal_hz, effective_hz = table.rates_hz()
     kinds = [channel.kind for channel in channels]

@@ -117,6 +117,7 @@ class Window:
         opened = await browser.new_context(
             viewport={"width": width, "height": height}, color_scheme=theme, **context
         )
+        opened.set_default_timeout(2 * PATIENCE_S * 1000)
         window = cls(await opened.new_page())
         window._listen(urlsplit(url).netloc)
         for script in (VIOLATIONS, SELDOM, *scripts):

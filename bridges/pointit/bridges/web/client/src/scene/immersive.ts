@@ -10,6 +10,7 @@ import type { Immersion } from "../view";
 import { keepAnchor, keptAnchor, type KeptAnchor } from "./kept_anchor";
 import type { Theme } from "./mesh_factory";
 import type { Picture } from "./picture";
+import { SessionTime } from "./session_time";
 import { disposeSprite, inLines, Sprites, textSprite, type Text } from "./sprites";
 
 /** A press that lasts longer skips a position, or starts the alignment again, ms. */
@@ -22,6 +23,7 @@ const MAX_TIPS = 64;
 const RESULT_MS = 12_000;
 
 interface Press {
+  /** Time of the session, ms. */
   readonly began: number;
   /** In the session's space, levelled; null: not tracked. */
   readonly at: Vec3 | null;
@@ -40,6 +42,7 @@ export class Immersive implements Immersion {
   private anchor: { readonly anchor: XRAnchor; readonly kept: KeptAnchor } | null = null;
   /** Position of a new anchor, {W}; null: none is wanted. */
   private anchored: Vec3 | null = null;
+  private readonly time = new SessionTime();
   private readonly presses = new Map<XRInputSource, Press>();
   private readonly tips = new Map<XRInputSource, [time: number, at: Vec3][]>();
   private note: THREE.Sprite | null = null;
@@ -157,6 +160,7 @@ export class Immersive implements Immersion {
 
   private update(frame: XRFrame): void {
     const now = performance.now();
+    this.time.advance(now);
     if (this.map().name !== this.mapName) this.restart("The map has changed.");
     for (const source of this.session?.inputSources ?? []) {
       const tip = source.hand && this.tip(frame, source);
@@ -168,7 +172,7 @@ export class Immersive implements Immersion {
       this.rig.position.set(...(this.alignment.origin as Vec3));
       this.rig.rotation.set(Math.PI / 2, 0, this.alignment.yaw);
     }
-    if (now > this.noteUntil) this.say("");
+    if (this.time.ms > this.noteUntil) this.say("");
     if (!this.note && this.noteText && this.theme) {
       this.note = textSprite(inLines(this.noteText), this.theme);
       this.note.position.set(0, -0.12, -1);
@@ -231,14 +235,14 @@ export class Immersive implements Immersion {
   }
 
   private press({ frame, inputSource }: XRInputSourceEvent): void {
-    this.presses.set(inputSource, { began: performance.now(), at: this.touched(frame, inputSource) });
+    this.presses.set(inputSource, { began: this.time.ms, at: this.touched(frame, inputSource) });
   }
 
   private release(source: XRInputSource): void {
     const press = this.presses.get(source), landmark = this.landmarks[this.next];
     this.presses.delete(source);
     if (!press) return;
-    const isLong = performance.now() - press.began > HOLD_MS;
+    const isLong = this.time.ms - press.began > HOLD_MS;
     if (this.alignment) {
       if (isLong) this.restart();
       return;
@@ -279,7 +283,7 @@ export class Immersive implements Immersion {
   }
 
   private say(text: string, forMs = Infinity): void {
-    this.noteUntil = performance.now() + forMs;
+    this.noteUntil = this.time.ms + forMs;
     if (text.trim() === this.noteText) return;
     this.noteText = text.trim();
     if (this.note) disposeSprite(this.note);

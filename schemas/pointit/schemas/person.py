@@ -50,11 +50,7 @@ class ImuSample(Message):
     device_time_ns: Annotated[Ns | None, Field(description="the device's own clock, ns")] = None
     battery: Annotated[Fraction | None, Field(description="charge left, 0 to 1")] = None
     yaw_epoch: Annotated[
-        Count,
-        Field(
-            description="number of resets of the yaw origin, by a request, a new mounting or a "
-            "restarted device"
-        ),
+        Count, Field(description="number of resets of the yaw origin: a request, another mounting, a restart")
     ] = 0
     mounting: Annotated[
         str,
@@ -75,6 +71,8 @@ class WristSample(Message):
     Sent at least five times a second while the page controls the person's wrist, moving or not.
     """
 
+    version: ClassVar[int] = 2
+
     orientation_xyzw: Annotated[
         QuaternionXyzw, Field(description="rotates vectors of the device into a frame whose z is up")
     ]
@@ -90,13 +88,14 @@ class WristSample(Message):
     ] = 0
     device_time_ns: Annotated[Ns | None, Field(description="the device's own clock, ns")] = None
     battery: Annotated[Fraction | None, Field(description="charge left, 0 to 1")] = None
+    source: Annotated[Id, Field(description="measures an arm: headset; empty: a mouse, or ROS")] = ""
 
 
 class ButtonEvent(Message):
     """The person pressed their button; presses move the interaction on."""
 
     gesture: Literal["press", "double", "hold"] = "press"
-    source: Annotated[Id, Field(description="device, page, keyboard, joypad, simulated")] = "device"
+    source: Annotated[Id, Field(description="device, page, headset, keyboard, joypad, simulated")] = "device"
 
 
 class Step(Message):
@@ -105,7 +104,7 @@ class Step(Message):
     by: Annotated[
         Literal[-1, 1], Field(description="1: the next object to the right in its row, -1: to the left")
     ]
-    source: Annotated[Id, Field(description="device, page, keyboard, simulated")] = "device"
+    source: Annotated[Id, Field(description="device, page, headset, keyboard, simulated")] = "device"
 
 
 class BodyMeasures(SchemaModel):

@@ -175,7 +175,7 @@ IMU = Topic(
 WRIST = Topic(
     key="users/{user}/wrist", message=person.WristSample, delivery=_LATEST, rate_hz=None,
     writers=("web", "ros2"),
-    about="the hand of a person who points with a page, mouse or phone, or with a sensor in ROS",
+    about="the hand of a person who points with a mouse, phone or headset, or with a sensor in ROS",
 )
 BUTTON = Topic(
     key="users/{user}/button", message=person.ButtonEvent, delivery=_EVENT, rate_hz=None,
@@ -195,7 +195,7 @@ RAY = Topic(
 )
 POSE = Topic(
     key="users/{user}/pose", message=pointing.UserPose, delivery=_STATE, rate_hz=None,
-    writers=("localizer", "mocap", "ros2", "external"), about="{H} in {W}",
+    writers=("localizer", "mocap", "ros2", "web", "external"), about="{H} in {W}",
 )
 LOCALIZATION = Topic(
     key="users/{user}/localization", message=pointing.Localization, delivery=_STATE, rate_hz=None,

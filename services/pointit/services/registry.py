@@ -240,8 +240,8 @@ PROCESSES: list[Process] = [
     ),
     Process(
         name="web", scope="site", room="bridges", extra="web",
-        about="a page in browsers: the scene, controls, health; the mouse or a phone as a wrist",
-        reads=SHOWN, writes=(topics.WRIST, topics.BUTTON, topics.STEP, topics.SPEECH),
+        about="a page in browsers: the scene, controls, health; a mouse, phone or headset as a wrist",
+        reads=SHOWN, writes=(topics.WRIST, topics.BUTTON, topics.STEP, topics.SPEECH, topics.POSE),
     ),
     Process(
         name="foxglove", scope="site", room="bridges", extra="foxglove",

@@ -14,7 +14,7 @@ from playwright.async_api import Browser, expect
 
 from pointit.maps.file import load_map
 from tests.e2e.web.site import SitePage
-from tests.e2e.web.window import LENS, TOLD, Window
+from tests.e2e.web.window import LENS, PATIENCE_S, TOLD, Window
 from tests.support.environments import fetched
 
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize("shared_site", ["shelf"], indirect=True)]
@@ -83,6 +83,13 @@ TIP = """async () => {
 RIGHT_HAND = "[...headset.activeSession.inputSources].some(({ hand }) => hand?.get('index-finger-tip'))"
 NOTE = "window.pointit.stats.note"
 CURSOR = "Math.max(0, ...[...window.pointit.site.people.values()].map(({ cursorAt }) => cursorAt))"
+LINES = "[...window.pointit.site.people.values()].map(({ line }) => line)"
+MINE = f"{LINES}.find((line) => line?.is_mine && line.moved_by === 'headset')?.user"
+FIRED = """([id, user, since]) => {
+  const event = window.pointit.site.changes.get(id)?.selected;
+  return event?.user === user && Number(event.stamp_ns) > since;
+}"""
+SITE_NS = "Number(window.pointit.site.sentNs)"
 TO_SESSION = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """From z up to y up."""
 
@@ -140,6 +147,12 @@ async def touch(
         await put(window, device, [part - offset for part, offset in zip(at_m, tip_m, strict=True)])
         await window.page.evaluate(FRAMES)  # the position before a pinch counts
         await press(window, device, press_value, stall_ms=1600 if count == 1 else 0)
+
+
+async def point(window: Window, device: str, eyes_m: NDArray[np.float64], at_m: NDArray[np.float64]) -> None:
+    """Hold the tip of the controller on the line from the eyes to `at_m`."""
+    line = at_m - eyes_m
+    await put(window, device, in_session(eyes_m + 0.5 * line / np.linalg.norm(line)))
 
 
 async def is_aligned(window: Window) -> bool:
@@ -208,3 +221,23 @@ async def test_hands_align_and_the_next_visit_uses_it_after_the_graphics_were_lo
     await enter(headset)
     await headset.until(f"{NOTE}.startsWith('The alignment of your last visit is used.')")
     assert await is_aligned(headset)
+
+
+async def test_a_wearer_points_at_three_boxes_and_leaves_with_the_session(headset: Window) -> None:
+    """Boxes .7 m apart are seen from 3.5 m as others .4 m apart are from 2 m."""
+    page, trigger, press_value = headset.page, "headset.controllers.right", "updateButtonValue('trigger', {})"
+    await enter(headset)
+    await touch(headset, trigger, press_value)
+    eyes_m = np.array([-0.9, 0.0, 1.5])
+    await put(headset, "headset", in_session(eyes_m))
+    await press(headset, trigger, press_value)
+    user = await headset.until(MINE, "the wearer points")
+    since_ns = await page.evaluate(SITE_NS)
+    for thing in [each for each in SHELF.things if each.id in ("nuts", "bolts", "washers")]:
+        await point(headset, trigger, eyes_m, np.array(thing.center_m))
+        fired = f"({FIRED})({[thing.id, user, since_ns]})"
+        await headset.until(fired, f"{thing.id} fires", 2 * PATIENCE_S)
+    cursor: Any = await page.evaluate(f"window.pointit.site.people.get('{user}').cursor.origin_m")
+    assert np.linalg.norm(np.array(cursor) - eyes_m) < 0.02
+    await page.evaluate("headset.activeSession.end()")
+    await headset.until(f"!{MINE}", "the arm is their own again")

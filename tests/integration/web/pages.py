@@ -43,9 +43,9 @@ class Server:
 
     @asynccontextmanager
     async def page(
-        self, token: str = OPERATOR, *, acknowledges: bool = True, path: str = "/ws"
+        self, token: str = OPERATOR, *, acknowledges: bool = True, path: str = "/ws", cookies: str = ""
     ) -> AsyncGenerator["Page"]:
-        async with self.connect(await self.cookie(token), path) as socket:
+        async with self.connect(await self.cookie(token) + cookies, path) as socket:
             page = Page(socket, acknowledges=acknowledges)
             reading = asyncio.create_task(page.read())
             try:

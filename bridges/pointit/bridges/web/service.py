@@ -40,7 +40,7 @@ from pointit.bridges.web.server.download import Downloads
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.link_file import announced_link
 from pointit.bridges.web.server.listener import Listener, bind, url
-from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, Play, Role, Status
+from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, Play, Role, Status, Worn
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
@@ -233,12 +233,29 @@ class Web(Service[WebConfig]):
 
     async def answer(self, ask: Ask, session: PageSession) -> Answer:
         """Handle a page's request."""
-        return await self._answers.answer(session.page, session.role, ask)
+        return await self._answers.answer(session.page, session.rights(ask.name), ask)
 
     def aim(self, aim: AimAt, session: PageSession) -> None:
         """Point where a page's mouse does."""
         if session.role == "operator":
             self._wrists.aim(session.page, aim)
+
+    def wear(self, worn: Worn, session: PageSession) -> None:
+        """Point as the wearer of a page's headset does, while the page may."""
+        if session.rights(worn.user) == "viewer":  # e.g. the phone's link was revoked
+            if self._wrists.release_from(worn.user, session.page):
+                self._changed()
+            return
+        try:
+            measured = self._wrists.wear(session.page, worn, self.clock.now_ns())
+        except RefusedError as error:
+            self.malformed(f"{worn.kind}: {error}")
+            return
+        if measured is not None:
+            pose, sample = measured
+            if pose is not None:
+                self._people.place(worn.user, pose)
+            self._people.move(worn.user, sample)
 
     def play(self, play: Play) -> None:
         """Count it as malformed: this page shows what happens now."""
@@ -263,7 +280,8 @@ class Web(Service[WebConfig]):
             await self._visits.open(socket)
             return
         await self._past.is_asked.wait()  # a page's first batch contains past events
-        await self._pages.open(socket, role, self, self._on_closed)
+        paired_user = functools.partial(self._phones.paired_user, socket)
+        await self._pages.open(socket, role, self, self._on_closed, paired_user)
 
     def _on_closed(self, page: str) -> None:
         if self._wrists.close(page):

@@ -26,6 +26,7 @@ Page to server, JSON text, `{"kind": ...}`:
   `Hello.requests` and `Hello.deeds` have those that the role may ask for; `Status.services` tells whether
   the server of a request is present.
 - `AimAt`, many a second, not answered: where the mouse points to, of the person whose wrist this page has.
+- `Worn`, the same of a headset: head and hand of the person.
 
 A page with a playback, at `/ws` of `pointit page` or at `/ws/past` of a running site, gets the
 same, with the site's time and speed being those of the playback (speed 0: paused), and besides:
@@ -43,7 +44,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Vec3
+from pointit.schemas.base import Fraction, Name, QuaternionXyzw, Real, Vec3
 
 IN_FLIGHT = 3
 """Batches that a page may have been sent and not acknowledged."""
@@ -60,8 +61,8 @@ MAX_TOLD = 200
 Role = Literal["operator", "viewer", "wrist"]
 """Operator (control), viewer, or one person's phone."""
 
-Mover = Literal["own", "mouse", "phone"]
-"""Mover of a person's wrist: their own device or the simulation, a page's mouse, a phone."""
+Mover = Literal["own", "mouse", "phone", "headset"]
+"""Mover of a person's wrist: their own device or the simulation, a page's mouse or headset, a phone."""
 
 Deed = Annotated[str, Field(max_length=64)]
 """Name of an action of this server that a page can request: a row of `ACTIONS` in `pages/page_requests.py`,
@@ -88,7 +89,7 @@ class Hello(WireModel):
     role: Role
     requests: Annotated[tuple[str, ...], Field(description="keys of the requests that this page may make")]
     deeds: tuple[Deed, ...]
-    user: Annotated[str, Field(description="of a phone: whose wrist it is")] = ""
+    user: Annotated[str, Field(description="of a phone, or a page in its browser: whose wrist it is")] = ""
     lamps: Annotated[tuple[str, ...], Field(description="of a phone: lamps of the map")] = ()
     speaks: Annotated[
         bool, Field(description="names of things are spoken here, unless the person chose otherwise")
@@ -269,6 +270,27 @@ class AimAt(WireModel):
     at_m: Vec3
 
 
+class SpaceInRoom(WireModel):
+    """The space of a headset's session, z up, in {W}."""
+
+    yaw_rad: Annotated[Real, Field(description="azimuth of its x axis")]
+    origin_m: Vec3
+
+
+class Worn(WireModel):
+    """Head and hand of a headset's wearer, in the space of its session, z up."""
+
+    kind: Literal["worn"] = "worn"
+    user: Name
+    alignment: Annotated[
+        SpaceInRoom | None, Field(description="empty before the alignment; then nothing moves")
+    ] = None
+    eyes_m: Vec3
+    tip_m: Annotated[
+        Vec3 | None, Field(description="tip of the hand or controller; empty if it is not tracked")
+    ] = None
+
+
 class Turn(WireModel):
     """The orientation of a phone."""
 
@@ -279,8 +301,8 @@ class Turn(WireModel):
     battery: Fraction | None = None
 
 
-Received = Annotated[Ack | Ask | AimAt | Play | Turn, Field(discriminator="kind")]
+Received = Annotated[Ack | Ask | AimAt | Play | Turn | Worn, Field(discriminator="kind")]
 """Messages that a page or phone may send."""
 
-MODELS = (Hello, Status, Answer, Cue, Timeline, Playing, Ack, Ask, AimAt, Play, Turn)
+MODELS = (Hello, Status, Answer, Cue, Timeline, Playing, Ack, Ask, AimAt, Play, Turn, Worn)
 """All of them but those of a scan, see `scan/wire.py`."""

@@ -130,15 +130,19 @@ class PageWrist:
         self._epochs[device] = next(self._numbers)
 
 
+def mover_name(sample: WristSample | None) -> str:
+    """Return the name of the device of the page (or ROS) that sent `sample`, or `""` without one."""
+    return "" if sample is None else sample.source or DEVICE_NAMES[sample.device]
+
+
 def figures(page: PageWrist, sample: WristSample | None) -> Iterator[tuple[str, float | None, str]]:
     """Yield name, value and unit of the health metrics of the newest `sample`. None removes a metric.
 
     `sample` is None after the page has released the wrist.
     """
-    device = None if sample is None else sample.device
-    for device_name, name in DEVICE_NAMES.items():
-        yield f"moved by a page's {name}", 1.0 if device_name == device else None, ""
-    battery = None if sample is None or device != "phone" else sample.battery
+    for name in (*DEVICE_NAMES.values(), "headset"):
+        yield f"moved by a page's {name}", 1.0 if name == mover_name(sample) else None, ""
+    battery = None if sample is None or sample.device != "phone" else sample.battery
     yield "battery of the phone", None if battery is None else round(100.0 * battery), "%"
     yield "late samples of a page or ROS", float(page.late) if page.late else None, ""
 

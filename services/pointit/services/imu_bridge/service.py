@@ -29,7 +29,7 @@ from pointit.schemas import (
 )
 from pointit.services.imu_bridge.arm_frame import ArmFrame, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.page_wrist import DEVICE_NAMES, PageWrist, figures, warnings
+from pointit.services.imu_bridge.page_wrist import PageWrist, figures, mover_name, warnings
 from pointit.services.imu_bridge.reading import CueSource, Item, Press, Source, StepGesture
 from pointit.services.imu_bridge.sources import SOURCES
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
@@ -38,8 +38,6 @@ from pointit.services.imu_bridge.wrist.device_wrist import DeviceWrist, SensorSa
 log = logging.getLogger(__name__)
 REPORT_S = 1.0
 """Time between two reports on the device, s."""
-MOVED_FROM_OUTSIDE = f"page {DEVICE_NAMES['arm']}"
-"""Mounting of an arm that is not moved by a device on it, as in `ImuSample`."""
 EXPLANATIONS = ("link", "port", "silent", "sensor", "number")
 """Topics of sources' warnings with the reason that nothing comes."""
 
@@ -195,7 +193,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
                 device_time_ns=turned.device_time_ns,
                 battery=sample.battery,
                 yaw_epoch=turned.yaw_epoch,
-                mounting=MOVED_FROM_OUTSIDE if sample.device == "arm" else self._phone.label,
+                mounting=self._phone.label if sample.device == "phone" else f"page {mover_name(sample)}",
             )
         )
 
@@ -215,7 +213,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self._report(None)
 
     def _report(self, sample: WristSample | None) -> None:
-        moved_by = "" if sample is None else DEVICE_NAMES[sample.device]
+        moved_by = mover_name(sample)
         if moved_by != self._moved_by:
             what = f"{moved_by} moves" if moved_by else f"{self._moved_by} has released"
             log.info("%s: a page's %s the wrist", self.user, what)

@@ -1,4 +1,4 @@
-"""People present, and what this server publishes for them: button presses, words and wrist samples."""
+"""People present, and what this server publishes for them: presses, words, wrist samples, poses."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -10,8 +10,8 @@ from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import NS_PER_S, ButtonEvent, Speech, Step, Word, WristSample
-from pointit.schemas.topics import BUTTON, SPEECH, STEP, WRIST
+from pointit.schemas import NS_PER_S, ButtonEvent, Speech, Step, UserPose, Word, WristSample
+from pointit.schemas.topics import BUTTON, POSE, SPEECH, STEP, WRIST
 
 Gesture = Literal["press", "double", "hold"]
 BROWSER = "browser"
@@ -35,6 +35,8 @@ class People:
         self._clock = clock
         self._writers: dict[str, Writers] = {}
         self._presses = self._steps = 0
+        self._poses: dict[str, Publisher[UserPose]] = {}
+        """Of people who wear a headset."""
         self.states: dict[str, str] = {}
         """State of the interaction by user, where known."""
 
@@ -57,6 +59,8 @@ class People:
     def on_leave(self, user: str) -> None:
         """Remove `user`."""
         self.states.pop(user, None)
+        if (pose := self._poses.pop(user, None)) is not None:
+            pose.close_nowait()
         for writer in self._writers.pop(user, ()):
             writer.close_nowait()
 
@@ -70,18 +74,18 @@ class People:
             there = ", ".join(self.names) or "nobody"
             raise RefusedError(f"{user} is not there; there: {there}")
 
-    def press(self, user: str, gesture: Gesture = "press") -> None:
+    def press(self, user: str, gesture: Gesture = "press", *, source: str = "page") -> None:
         """Press the button of `user`, who must be present."""
         self._presses += 1
         self._writers[user].button.put(
-            ButtonEvent(stamp_ns=self._clock.now_ns(), seq=self._presses, gesture=gesture, source="page")
+            ButtonEvent(stamp_ns=self._clock.now_ns(), seq=self._presses, gesture=gesture, source=source)
         )
 
-    def step(self, user: str, by: Literal[-1, 1]) -> None:
+    def step(self, user: str, by: Literal[-1, 1], *, source: str = "page") -> None:
         """Move `user`, who must be present, to the thing beside the announced one."""
         self._steps += 1
         self._writers[user].step.put(
-            Step(stamp_ns=self._clock.now_ns(), seq=self._steps, by=by, source="page")
+            Step(stamp_ns=self._clock.now_ns(), seq=self._steps, by=by, source=source)
         )
 
     def speak(self, user: str, words: Sequence[Mapping[str, Any]]) -> None:
@@ -100,6 +104,18 @@ class People:
         writers = self._writers.get(user)
         if writers is not None:
             writers.wrist.put(sample)
+
+    def place(self, user: str, pose: UserPose) -> None:
+        """Publish the pose of `user`, who wears a headset, if they are present."""
+        if user in self._writers:
+            if user not in self._poses:
+                self._poses[user] = self._bus.publisher(POSE, user)
+            self._poses[user].put(pose)
+
+    def withdraw_poses(self, is_worn: Callable[[str], bool]) -> None:
+        """Withdraw the poses of people who wear no headset any more."""
+        for user in [user for user in self._poses if not is_worn(user)]:
+            self._poses.pop(user).close()
 
 
 @dataclass(kw_only=True)
@@ -127,6 +143,7 @@ class WristMotion:
             samples = self.wrists.step(self.clock.now_ns(), self.clock.speed)
             for user, sample in samples:
                 self.people.move(user, sample)
+            self.people.withdraw_poses(lambda user: self.wrists.holder(user)[1] == "headset")
             if not self._is_needed:
                 self._moving.clear()
                 self.ended()

@@ -68,17 +68,28 @@ class Pages:
     def __len__(self) -> int:
         return len(self._sessions) + self._elsewhere
 
-    async def open(self, socket: WebSocket, role: Role, host: Host, closed: Callable[[str], None]) -> None:
+    async def open(
+        self,
+        socket: WebSocket,
+        role: Role,
+        host: Host,
+        closed: Callable[[str], None],
+        paired_user: Callable[[], str] = str,
+    ) -> None:
         """Serve a page until it ends; then call `closed` with its name."""
         if self.is_full:
             await self.refuse(socket)
             return
         self._count += 1
-        session = PageSession(f"page{self._count}", role, socket, self._hub.open(self._rate_hz), host)
+        feed = self._hub.open(self._rate_hz)
+        session = PageSession(f"page{self._count}", role, socket, feed, host)
+        session.paired_user = paired_user
         self._sessions.add(session)
         self._count_viewers()
         try:
-            hello = greeting(role, version=self._version, site=self._bus.site, speaks=self._speaks)
+            hello = greeting(
+                role, version=self._version, site=self._bus.site, speaks=self._speaks, user=paired_user()
+            )
             await session.run(hello.model_dump_json())
         finally:
             self._sessions.discard(session)

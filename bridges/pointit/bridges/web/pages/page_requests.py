@@ -5,8 +5,8 @@ the query's fields. Actions of this server are the rows of `ACTIONS`, at the end
 
 - `press`, `{"gesture": "press" | "double" | "hold"}`: press the person's button.
 - `step`, `{"by": -1 | 1}`: from the announced thing to the one left or right of it.
-- `take`: move the person's arm by this page's mouse; an idle person begins to point. `give`: give it back,
-  whichever page moves it.
+- `take`, `{"by": "mouse" | "headset"}`: move the person's arm by this page's mouse or its headset; an idle
+  person begins to point. `give`: give it back, whichever page moves it.
 - `tremor`, `{"rms_deg": number}`: tremor of that arm.
 - `pair`: a QR code for the person's phone; the reply has `url`, `qr_svg`, `expires_s`, `fingerprint`.
   `{"off": true}`: unpair their phone and revoke codes shown before.
@@ -41,7 +41,7 @@ from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Hello, Role
 from pointit.bridges.web.wrists.pairing import Pairing, offer
 from pointit.bridges.web.wrists.phone import Phones
-from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG, WristControl
+from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG, Hold, WristControl
 from pointit.maps.edit.edits import Edit
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Bus
 from pointit.runtime.errors import RefusedError
@@ -109,6 +109,12 @@ class StepBeside(_Extras):
     """Direction of a step."""
 
     by: Literal[-1, 1]
+
+
+class Take(_Extras):
+    """Device of the page that is to move the arm; a phone's page has only the phone."""
+
+    by: Literal["mouse", "headset"] = "mouse"
 
 
 class Tremor(_Extras):
@@ -276,28 +282,34 @@ class RequestDispatcher:
         return cast("JsonObject", reply.model_dump(mode="json"))
 
 
+def _source_of(dispatcher: RequestDispatcher, sender: PageSender) -> str:
+    """Return the name of the device in messages."""
+    is_worn = dispatcher.wrists.holder(sender.user) == (sender.page, "headset")
+    return "headset" if is_worn else "page"
+
+
 async def _press(dispatcher: RequestDispatcher, sender: PageSender, press: Press) -> JsonObject:
-    dispatcher.people.press(sender.user, press.gesture)
+    dispatcher.people.press(sender.user, press.gesture, source=_source_of(dispatcher, sender))
     return {"message": f"{sender.user}'s button was pressed"}
 
 
 async def _step(dispatcher: RequestDispatcher, sender: PageSender, step: StepBeside) -> JsonObject:
-    dispatcher.people.step(sender.user, step.by)
+    dispatcher.people.step(sender.user, step.by, source=_source_of(dispatcher, sender))
     return {"message": ""}
 
 
-async def _take(dispatcher: RequestDispatcher, sender: PageSender, _: NoParameters) -> JsonObject:
+async def _take(dispatcher: RequestDispatcher, sender: PageSender, take: Take) -> JsonObject:
     user = sender.user
     if instance_of(IMU_BRIDGE, user) not in dispatcher.present():
         raise RefusedError(
             f"no service turns the page's messages into wrist samples: start it with "
             f"`pointit service run {IMU_BRIDGE} --user {user} --source page`"
         )
-    mover: Literal["phone", "mouse"] = "phone" if sender.role == "wrist" else "mouse"
+    mover: Hold = "phone" if sender.role == "wrist" and take.by == "mouse" else take.by
     loser = dispatcher.wrists.acquire(user, sender.page, mover)
     dispatcher.notify_loser(user, loser, sender.page)
     if dispatcher.people.states.get(user) == "idle":
-        dispatcher.people.press(user)
+        dispatcher.people.press(user, source=_source_of(dispatcher, sender))
     dispatcher.changed()
     return {"message": f"{user}'s arm follows this {mover}"}
 
@@ -370,7 +382,7 @@ _LOOK: tuple[Role, ...] = ("operator", "viewer")
 ACTIONS: tuple[Action[Any], ...] = (
     Action("press", "person", Press, _WRIST, _press),
     Action("step", "person", StepBeside, _WRIST, _step),
-    Action("take", "person", NoParameters, _WRIST, _take),
+    Action("take", "person", Take, _WRIST, _take),
     Action("give", "person", NoParameters, _WRIST, _give),
     Action("tremor", "person", Tremor, _CONTROL, _set_tremor),
     Action("pair", "person", Pair, _CONTROL, _pair),
@@ -407,14 +419,15 @@ ACTIONS: tuple[Action[Any], ...] = (
 """All actions. One more is a row here, with the model of its parameters and its handler above."""
 
 
-def greeting(role: Role, *, version: str, site: str, speaks: bool = False) -> Hello:
-    """Return the greeting of a page of this role."""
+def greeting(role: Role, *, version: str, site: str, speaks: bool = False, user: str = "") -> Hello:
+    """Return the greeting of a page of this role; `user`: the person whom its headset may move."""
     return Hello(
         version=version,
         site=site,
         role=role,
         requests=tuple(request.key for request in REQUESTS[role]),
         deeds=tuple(action.name for action in ACTIONS if role in action.roles),
+        user=user,
         speaks=speaks,
     )
 

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -11,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.pages.latest_values import PageFeed
 from pointit.bridges.web.pages.rate_limit import TokenBucket
-from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Play, Received, Role, Turn
+from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Play, Received, Role, Turn, Worn
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import PointItError
 from pointit.schemas import SchemaError, summarize_validation_error
@@ -36,7 +37,7 @@ MAX_ANSWERS = 16
 MALFORMED, NORMAL = 1008, 1000
 """Close codes (RFC 6455): policy violation, and a normal end."""
 
-_RECEIVED: TypeAdapter[Ack | Ask | AimAt | Play | Turn] = TypeAdapter(Received)
+_RECEIVED: TypeAdapter[Ack | Ask | AimAt | Play | Turn | Worn] = TypeAdapter(Received)
 
 
 class Host(Protocol):
@@ -56,6 +57,10 @@ class Host(Protocol):
 
     def aim(self, aim: AimAt, session: "PageSession") -> None:
         """Point where the page's mouse does."""
+        ...
+
+    def wear(self, worn: Worn, session: "PageSession") -> None:
+        """Point as the wearer of the page's headset does."""
         ...
 
     def play(self, play: Play) -> None:
@@ -85,6 +90,8 @@ class PageSession:
     def __init__(self, page: str, role: Role, socket: WebSocket, feed: PageFeed, host: Host) -> None:
         self.page = page
         self.role: Role = role
+        self.paired_user: Callable[[], str] = str
+        """Returns the person whose phone's link this browser has opened, or `""`."""
         self.feed = feed
         self.counts = Counts()
         self._socket = socket
@@ -182,16 +189,12 @@ class PageSession:
                     return
             elif isinstance(said, Ack):
                 self._on_ack(said)
-            elif isinstance(said, AimAt):
-                self._on_aim(said)
             elif isinstance(said, Ask):
                 await self._begin_answer(said)
-            elif isinstance(said, Play):
-                self._host.play(said)
             else:
-                self._on_malformed("Turn", "is for phones, at their own address")
+                self._on_motion(said)
 
-    def _understood(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | None:
+    def _understood(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | Worn | None:
         if text is None:
             self._on_malformed("page", "binary messages are not accepted")
             return None
@@ -202,6 +205,21 @@ class PageSession:
         except (ValueError, RecursionError) as error:
             self._on_malformed("page", str(error))
         return None
+
+    def _on_motion(self, said: AimAt | Play | Turn | Worn) -> None:
+        if isinstance(said, AimAt):
+            self._on_aim(said)
+        elif isinstance(said, Play):
+            self._host.play(said)
+        elif isinstance(said, Turn):
+            self._on_malformed("Turn", "is for phones, at their own address")
+        elif self._aims.take(self._loop.time()):  # the next one of a headset comes soon
+            self._host.wear(said, self)
+
+    def rights(self, user: str) -> Role:
+        """Return the role with which this page may act for `user`."""
+        is_own = self.role != "operator" and user != "" and self.paired_user() == user
+        return "wrist" if is_own else self.role
 
     def _on_ack(self, ack: Ack) -> None:
         if not self.feed.ack(ack.n):

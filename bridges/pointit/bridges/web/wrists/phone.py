@@ -136,6 +136,11 @@ class Phones:
         """Return True if a request comes from a paired phone."""
         return self._phone(connection) is not None
 
+    def paired_user(self, connection: HTTPConnection) -> str:
+        """Return the person whose phone's link the browser of a request has opened, or `""`."""
+        phone = self._phone(connection)
+        return "" if phone is None else phone.user
+
     def feedback(self, user: str, feedback: Announced | Feedback | Understood) -> None:
         """Send a cue, a name to speak, or what became of their words, to the phone of `user`."""
         self._tell(user, self._cues.get(user, PhoneCues()).feedback(feedback))  # may be of an unknown person

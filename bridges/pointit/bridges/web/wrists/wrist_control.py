@@ -1,4 +1,4 @@
-"""Control of each person's wrist by a page's mouse or a phone, and the resulting samples."""
+"""Control of each person's wrist by a page's mouse, a headset or a phone, and the resulting samples."""
 
 import itertools
 import math
@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.bridges.web.config import Place, WebConfig
-from pointit.bridges.web.wire import AimAt, AssumedPlace, Mover, PersonLine, Turn
+from pointit.bridges.web.wire import AimAt, AssumedPlace, Mover, PersonLine, Turn, Worn
+from pointit.bridges.web.wrists.headset import WornPose
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -188,6 +189,11 @@ class MouseArm:
             self._position_m, self._yaw_rad = position_m, yaw_rad
             self._turn()
 
+    @property
+    def eyes_height_m(self) -> float:
+        """Return the height of the eyes above the feet, m."""
+        return self._profile.body.footprint_to_neck_m + self._profile.body.neck_to_eyes_m
+
     def aim(self, at_m: Vec3) -> None:
         """Point at `at_m`, {W}, from now on."""
         self._at_m = at_m
@@ -249,7 +255,7 @@ MAX_TREMOR_DEG = 5.0
 MAX_SESSIONS = 16
 """Maximum number of distinct phone sessions per person; the oldest are forgotten."""
 
-Hold = Literal["mouse", "phone"]
+Hold = Literal["mouse", "phone", "headset"]
 
 
 @dataclass(slots=True)
@@ -272,6 +278,8 @@ class _Person:
     """By page id."""
     lost: set[str] = field(default_factory=set[str])
     """Phones that have lost the wrist to another page; they must request it again."""
+    worn: WornPose = field(default_factory=WornPose)
+    """Pose by a headset."""
     sessions: dict[tuple[str, int], int] = field(default_factory=dict[tuple[str, int], int])
     """Own session ids by page and the phone's session: time of the first sample, so that none repeats."""
 
@@ -323,6 +331,9 @@ class WristControl:
             person.lost.add(loser)
         person.lost.discard(page)
         person.page, person.by, person.sent_ns = page, by, 0
+        if by == "headset":
+            person.worn = WornPose(yaw_rad=person.standing.at[1])
+            person.arm.set_tremor(0.0)
         return loser
 
     def release_from(self, user: str, page: str) -> bool:
@@ -391,10 +402,26 @@ class WristControl:
             return None
         return self._sample(person, now_ns)
 
-    def step(self, now_ns: int, speed: float = 1.0) -> list[tuple[str, WristSample]]:
-        """Return the samples that are due, of arms moved by mice and of phones held still.
+    def wear(self, page: str, worn: Worn, now_ns: int) -> tuple[UserPose | None, WristSample] | None:
+        """Process a headset's head and hand, and return what to publish if `page` has the wrist, else None.
 
-        Silent phones release the wrist. `speed`: of the site's time relative to the wall's, by which people
+        The pose is None if that before is good enough.
+
+        Raises:
+            RefusedError: If the headset is not aligned, or is too far from the map.
+        """
+        person = self._people.get(worn.user)
+        if person is None or (person.page, person.by) != (page, "headset"):
+            return None
+        pose = person.worn.update(worn, person.arm.eyes_height_m, now_ns)
+        person.arm.set_pose(person.worn.feet_m, person.worn.yaw_rad)
+        person.arm.aim(person.worn.target_m)
+        return pose, self._sample(person, now_ns)
+
+    def step(self, now_ns: int, speed: float = 1.0) -> list[tuple[str, WristSample]]:
+        """Return the samples that are due, of arms moved by mice and of phones and headsets held still.
+
+        Silent ones release the wrist. `speed`: of the site's time relative to the wall's, by which people
         live.
         """
         due: list[tuple[str, WristSample]] = []
@@ -405,9 +432,12 @@ class WristControl:
                 due.append((user, self._sample(person, now_ns)))
                 continue
             phone = person.phones.get(person.page)
-            if phone is None or now_ns - phone.heard_ns > SILENT_S * speed * NS_PER_S:
+            heard_ns = 0 if phone is None else phone.heard_ns
+            if person.by == "headset":
+                heard_ns = person.worn.last_heard_ns(now_ns)
+            if now_ns - heard_ns > SILENT_S * speed * NS_PER_S:
                 self._free(person)
-            elif now_ns - person.sent_ns >= STILL_S * NS_PER_S:
+            elif now_ns - person.sent_ns >= STILL_S * NS_PER_S and (person.sent_ns or phone is not None):
                 due.append((user, self._sample(person, now_ns)))
         return due
 
@@ -451,8 +481,9 @@ class WristControl:
     def _sample(self, person: _Person, now_ns: int) -> WristSample:
         person.sent_ns = now_ns
         person.seq += 1
-        if person.by == "mouse":
-            return WristSample(stamp_ns=now_ns, seq=person.seq, orientation_xyzw=person.arm.step(now_ns))
+        if person.by != "phone":
+            source, arm_xyzw = "headset" if person.by == "headset" else "", person.arm.step(now_ns)
+            return WristSample(stamp_ns=now_ns, seq=person.seq, orientation_xyzw=arm_xyzw, source=source)
         phone = person.phones[person.page]
         return WristSample(
             stamp_ns=now_ns,

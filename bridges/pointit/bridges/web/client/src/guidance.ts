@@ -2,6 +2,7 @@
 
 import type { Hover, Interaction, TrackedObject } from "./messages";
 import { robotStep, type RobotSituation } from "./robot_guidance";
+import type { PersonLine } from "./wire";
 
 /** What there is to do: point at something, stay on it, press; or it does what was asked, or cannot. */
 export type Step = "aim" | "hold" | "press" | "following" | "stopped";
@@ -13,7 +14,7 @@ export interface Situation {
   mayPair: boolean;
   /** The person is simulated. */
   isSimulated: boolean;
-  movedBy: "own" | "mouse" | "phone";
+  movedBy: PersonLine["moved_by"];
   isMine: boolean;
   interaction: Interaction | null;
   hover: Hover | null;
@@ -98,7 +99,7 @@ export function guidance(now: Situation): Guidance {
   const none: Guidance = { mode: "none", step: "aim", title: "", text: "", press: "", progress: null };
   if (now.passed) return { ...none, mode: "passed", title: now.passed };
   if (!now.isMine) {
-    if (now.movedBy === "phone") return { ...none, mode: "phone", title: "A phone points.", text: now.interaction?.next_step ?? "" };
+    if (now.movedBy === "phone" || now.movedBy === "headset") return { ...none, mode: "phone", title: `A ${now.movedBy} points.`, text: now.interaction?.next_step ?? "" };
     if (now.movedBy === "mouse") return now.mayTake ? { ...none, mode: "other", title: `Another page points as ${now.user}. Take over:` } : none;
     if (!now.isSimulated || !(now.mayTake || now.mayPair)) return none;
     return { ...none, mode: "invite", title: "This is a simulation. Take over:" };

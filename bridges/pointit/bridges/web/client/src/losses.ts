@@ -3,7 +3,7 @@
 import type { Controls } from "./controls";
 import { steeredBy } from "./site/robots";
 
-const MOVERS = { mouse: "a mouse", phone: "a phone", own: "their own device" } as const;
+const MOVERS = { mouse: "a mouse", phone: "a phone", headset: "a headset", own: "their own device" } as const;
 
 /** Sentences about what would be lost. Empty if nothing is lost. */
 export function losses(controls: Controls): string[] {

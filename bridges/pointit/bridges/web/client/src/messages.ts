@@ -242,7 +242,7 @@ export interface ButtonEvent {
    */
   seq: number;
   /**
-   * device, page, keyboard, joypad, simulated
+   * device, page, headset, keyboard, joypad, simulated
    */
   source: string;
   /**
@@ -1133,7 +1133,7 @@ export interface ImuSample {
    */
   stamp_ns: number;
   /**
-   * number of resets of the yaw origin, by a request, a new mounting or a restarted device
+   * number of resets of the yaw origin: a request, another mounting, a restart
    */
   yaw_epoch: number;
 }
@@ -2011,7 +2011,7 @@ export interface Step {
    */
   seq: number;
   /**
-   * device, page, keyboard, simulated
+   * device, page, headset, keyboard, simulated
    */
   source: string;
   /**
@@ -2336,6 +2336,10 @@ export interface WristSample {
    * another number: the device may have another yaw origin than before
    */
   session: number;
+  /**
+   * measures an arm: headset; empty: a mouse, or ROS
+   */
+  source: string;
   /**
    * time of capture, Unix ns; derived data keep it
    */

@@ -86,7 +86,7 @@ export class Mouse {
     const line = person?.line;
     if (!this.wanted || user || !line || !site.connected || this.isAsking) return;
     if (line.moved_by !== "own") {
-      if (this.hadIt) controls.toasts.show("info", `${line.moved_by === "phone" ? "A phone" : "Another page"} points as ${this.wanted} now.`);
+      if (this.hadIt) controls.toasts.show("info", `${line.moved_by === "mouse" ? "Another page" : `A ${line.moved_by}`} points as ${this.wanted} now.`);
       this.wanted = "";
     } else if (this.hadIt && controls.isPresent("imu-bridge", this.wanted) && person?.interaction) {
       this.hadIt = false; // after a lost connection, or a restarted server, which knows by now whether the person rests

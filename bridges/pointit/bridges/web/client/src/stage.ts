@@ -11,7 +11,7 @@ import type { Vec3 } from "./geometry/vec";
 import { PlanList } from "./plan/list";
 import { makePlan } from "./plan/plan";
 import { isDark } from "./theme";
-import type { Camera, MakeView, View } from "./view";
+import type { Arm, Camera, MakeView, View } from "./view";
 
 const CAMERAS: Record<Camera, { label: string; icon: string }> = {
   room: { label: "Room", icon: "cube" }, top: { label: "Top", icon: "map" }, eyes: { label: "Eyes", icon: "eye" },
@@ -53,11 +53,12 @@ export class Stage {
    * @param edgeCards those that the scene is framed between, with the choice of cameras.
    * @param onAim the mouse points there, {W}.
    * @param onNew a new view is there.
+   * @param arm what the wearer of a headset may move.
    * @param turn draws a frame of the page if anything has changed.
    */
   constructor(
     private readonly host: HTMLElement, cameras: HTMLElement, private readonly chip: HTMLElement,
-    private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void, turn: () => void,
+    private readonly cards: readonly HTMLElement[], private readonly edgeCards: readonly HTMLElement[], private readonly controls: Controls, private readonly onAim: (at: Vec3) => void, private readonly onNew: () => void, private readonly arm: Arm, turn: () => void,
   ) {
     this.cameras.element.classList.add("bare");
     host.parentElement!.append(this.list.element);
@@ -183,7 +184,7 @@ export class Stage {
     this.view?.dispose();
     this.view = null;
     this.host.replaceChildren();
-    this.view = make(this.host, { onAim: (at) => {
+    this.view = make(this.host, { arm: this.arm, onAim: (at) => {
       if (this.followed) this.follow("");
       this.onAim(at);
     }, onLost: () => this.giveWay(), onImmersed: () => this.immersion.update() });

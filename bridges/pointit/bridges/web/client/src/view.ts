@@ -5,6 +5,7 @@ import type { Edges } from "./geometry/framing";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
 import type { Site } from "./site/site";
+import type { Worn } from "./wire";
 
 /** From where a view looks; `eyes` are those of the chosen person. A view may lack some. */
 export type Camera = "room" | "top" | "eyes";
@@ -22,6 +23,20 @@ export interface ViewStats {
   readonly note?: string;
 }
 
+/** The arm that the wearer of a headset may move. Requests return the reason of a refusal, or "". */
+export interface Arm {
+  /** Person whom the wearer points as, or "". */
+  readonly pointing: string;
+  /** That person, or else the one whom `take` is for; "" if the page may move nobody. */
+  readonly user: string;
+  take(): Promise<string>;
+  give(): void;
+  press(): Promise<string>;
+  /** From the announced thing to the one left or right of it. */
+  step(by: -1 | 1): Promise<string>;
+  move(measured: Pick<Worn, "alignment" | "eyes_m" | "tip_m">): void;
+}
+
 /** A view in the viewer's own room, through a headset or a phone (WebXR). */
 export interface Immersion {
   readonly isActive: boolean;
@@ -37,6 +52,7 @@ export interface Immersion {
 }
 
 export interface ViewOptions {
+  readonly arm: Arm;
   /** Called while the mouse (or a finger, or the arrow keys) points: a point in {W} on the surface below it. */
   onAim(at: Vec3): void;
   /** The view cannot go on (its graphics context is gone and did not come back): another should take over. */

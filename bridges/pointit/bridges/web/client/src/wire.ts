@@ -26,9 +26,11 @@ export interface Everything {
   ScanUndo: ScanUndo;
   ScanView: ScanView;
   ServiceLine: ServiceLine;
+  SpaceInRoom: SpaceInRoom;
   Status: Status;
   Timeline: Timeline;
   Turn: Turn;
+  Worn: Worn;
 }
 /**
  * Acknowledgement that a batch was shown.
@@ -247,7 +249,7 @@ export interface Hello {
    */
   speaks: boolean;
   /**
-   * of a phone: whose wrist it is
+   * of a phone, or a page in its browser: whose wrist it is
    */
   user: string;
   /**
@@ -282,7 +284,7 @@ export interface PersonLine {
    * by this page
    */
   is_mine: boolean;
-  moved_by: "own" | "mouse" | "phone";
+  moved_by: "own" | "mouse" | "phone" | "headset";
   /**
    * state of the paired phone; empty if none is paired
    */
@@ -506,6 +508,20 @@ export interface ServiceLine {
   since_s: number;
 }
 /**
+ * The space of a headset's session, z up, in {W}.
+ */
+export interface SpaceInRoom {
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  origin_m: [number, number, number];
+  /**
+   * azimuth of its x axis
+   */
+  yaw_rad: number;
+}
+/**
  * Status of the site beyond its topics.
  */
 export interface Status {
@@ -564,4 +580,24 @@ export interface Turn {
    * the phone's own clock
    */
   t_ms: number;
+}
+/**
+ * Head and hand of a headset's wearer, in the space of its session, z up.
+ */
+export interface Worn {
+  /**
+   * empty before the alignment; then nothing moves
+   */
+  alignment: SpaceInRoom | null;
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  eyes_m: [number, number, number];
+  kind: "worn";
+  /**
+   * tip of the hand or controller; empty if it is not tracked
+   */
+  tip_m: [number, number, number] | null;
+  user: string;
 }

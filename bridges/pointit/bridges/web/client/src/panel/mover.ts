@@ -1,4 +1,4 @@
-/** Who moves the person's wrist: their own device or the simulation, this page's mouse, a phone. */
+/** Who moves the person's wrist: their own device or the simulation, a mouse, a phone, a headset. */
 
 import { choice } from "../choice";
 import type { Controls } from "../controls";
@@ -12,7 +12,7 @@ export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): P
   const who = choice("Who points", (value) => {
     if (value === "mouse") void mouse.take();
     else if (value === "phone") pairing.open();
-    else void release();
+    else if (value === "own") void release();
     controls.changed();
   });
   who.element.classList.add("bare");
@@ -46,6 +46,7 @@ export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): P
       ];
       if (controls.mayDo("take")) options.push({ value: "mouse", label: "Mouse", icon: "mouse" });
       if (controls.mayDo("pair")) options.push({ value: "phone", label: "Phone", icon: "phone" });
+      if (moved === "headset") options.push({ value: "headset", label: "Headset", icon: "headset" });
       who.offer(options);
       show(element, user !== "" && options.length > 1);
       const isMine = person?.line?.is_mine ?? false;
@@ -57,7 +58,7 @@ export function moverPart(controls: Controls, mouse: Mouse, pairing: Pairing): P
         ? controls.isSimulated(user) ? `${user} is simulated and points by themself.` : `${user} points with their own device.`
         : moved === "mouse"
           ? isMine ? "You point with this mouse; arrow keys too." : "Another page's mouse points."
-          : `A phone points${phone ? ` (${phone}${charge == null ? "" : `, battery ${Math.round(charge * 100)} %`})` : ""}.`);
+          : moved === "headset" ? "A headset points." : `A phone points${phone ? ` (${phone}${charge == null ? "" : `, battery ${Math.round(charge * 100)} %`})` : ""}.`);
       show(tremor.element, moved === "mouse" && isMine && controls.mayDo("tremor"));
       tremor.set(mouse.tremor);
       show(pair, controls.mayDo("pair") && phone === "" && moved === "phone");

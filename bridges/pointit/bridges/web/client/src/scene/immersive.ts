@@ -6,12 +6,13 @@ import {
 } from "../geometry/alignment";
 import { add, scale, subtract, turn, type Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
-import type { Immersion } from "../view";
+import type { Arm, Immersion } from "../view";
 import { keepAnchor, keptAnchor, type KeptAnchor } from "./kept_anchor";
 import type { Theme } from "./mesh_factory";
 import type { Picture } from "./picture";
 import { SessionTime } from "./session_time";
 import { disposeSprite, inLines, Sprites, textSprite, type Text } from "./sprites";
+import { WornInput } from "./worn_input";
 
 /** A press that lasts longer skips a position, or starts the alignment again, ms. */
 const HOLD_MS = 1500;
@@ -53,13 +54,15 @@ export class Immersive implements Immersion {
   private readonly rig = new THREE.Group();
   private readonly eye = new THREE.PerspectiveCamera(42, 1, 0.05, 200);
   private readonly sprites: Sprites;
+  private readonly input: WornInput;
   private theme: Theme | null = null;
 
-  /** @param map returns the current map. @param draw draws a frame of the scene. @param changed called when a session has begun or ended. */
-  constructor(private readonly picture: Picture, private readonly map: () => Environment, private readonly draw: () => void, private readonly changed: () => void) {
+  /** @param map returns the current map. @param draw draws a frame of the scene. @param arm what the wearer may move. @param changed called when a session has begun or ended. */
+  constructor(private readonly picture: Picture, private readonly map: () => Environment, private readonly draw: () => void, private readonly arm: Arm, private readonly changed: () => void) {
     this.rig.rotation.order = "ZYX";
     this.rig.add(this.eye);
     this.sprites = new Sprites(picture.scene);
+    this.input = new WornInput(arm);
   }
 
   get isActive(): boolean {
@@ -133,6 +136,7 @@ export class Immersive implements Immersion {
     this.session = null;
     this.alignment = null;
     this.anchor = null;
+    this.arm.give();
     this.presses.clear();
     this.tips.clear();
     this.say("");
@@ -149,6 +153,7 @@ export class Immersive implements Immersion {
     this.alignment = this.anchor = this.anchored = null;
     this.touches = [];
     this.next = 0;
+    this.arm.give();
     this.ask(reason);
   }
 
@@ -169,6 +174,8 @@ export class Immersive implements Immersion {
     }
     this.follow(frame);
     if (this.alignment) {
+      const head = frame.getViewerPose(this.space);
+      if (head) this.input.update(now, this.session?.inputSources ?? [], leveled(head.transform.position), (source) => this.tracked(frame, source), this.alignment);
       this.rig.position.set(...(this.alignment.origin as Vec3));
       this.rig.rotation.set(Math.PI / 2, 0, this.alignment.yaw);
     }
@@ -190,7 +197,7 @@ export class Immersive implements Immersion {
     }
     const pose = this.anchor && frame.trackedAnchors?.has(this.anchor.anchor) ? frame.getPose(this.anchor.anchor.anchorSpace, this.space) : null;
     if (!pose || !this.anchor) return;
-    if (!alignment) this.say("The alignment of your last visit is used. Check that the names stand at their things. A press of 1.5 s starts a new alignment.", RESULT_MS);
+    if (!alignment) this.say(`The alignment of your last visit is used. Check that the names stand at their things. A press of 1.5 s starts a new alignment.${this.invitation}`, RESULT_MS);
     const { at, yaw } = this.anchor.kept;
     this.alignment = alignmentFrom(at, yaw, leveled(pose.transform.position), headingOf(pose.transform.orientation));
   }
@@ -245,6 +252,7 @@ export class Immersive implements Immersion {
     const isLong = this.time.ms - press.began > HOLD_MS;
     if (this.alignment) {
       if (isLong) this.restart();
+      else void this.point(source);
       return;
     }
     if (!landmark) return;
@@ -256,13 +264,27 @@ export class Immersive implements Immersion {
     else this.ask();
   }
 
+  /** A short press of the aligned wearer: it is the person's button, or begins to point. */
+  private async point({ handedness }: XRInputSource): Promise<void> {
+    const { arm } = this, { user } = arm;
+    if (!user || handedness === "none") return;
+    this.input.hand = handedness;
+    const isBeginning = !arm.pointing, problem = await (isBeginning ? arm.take() : arm.press());
+    if (problem) this.say(problem, RESULT_MS);
+    else if (isBeginning) this.say(`You point as ${user}: look over your finger or the tip of the controller. A press is the button, the thumbstick goes to the thing beside. A press of 1.5 s ends it and aligns again.`, RESULT_MS);
+  }
+
+  private get invitation(): string {
+    return this.arm.user && ` Press to point as ${this.arm.user}.`;
+  }
+
   private align(): void {
     const { alignment, residual_m, fault, caution } = assess(this.touches);
     if (fault) return this.restart(fault);
     this.alignment = alignment;
     this.anchor = null;
     this.anchored = scale(this.touches.reduce<Vec3>((sum, { at }) => add(sum, at), [0, 0, 0]), 1 / this.touches.length);
-    this.say(`Aligned: your touches agree with the map within ${Math.max(0.1, 100 * residual_m).toFixed(1)} cm. ${caution} An error that all touches share does not show: check that the names stand at their things. A press of 1.5 s starts again.`, RESULT_MS);
+    this.say(`Aligned: your touches agree with the map within ${Math.max(0.1, 100 * residual_m).toFixed(1)} cm. ${caution} An error that all touches share does not show: check that the names stand at their things. A press of 1.5 s starts again.${this.invitation}`, RESULT_MS);
   }
 
   /** Position that `source` touches, levelled; null: it is not tracked. */
@@ -275,6 +297,11 @@ export class Immersive implements Immersion {
     }
     const pose = frame.getPose(source.targetRayMode === "tracked-pointer" ? source.targetRaySpace : this.viewer!, this.space);
     return pose ? leveled(pose.transform.position) : null; // `emulatedPosition` is true of some tracked controllers, too
+  }
+
+  /** Position of the tip of a hand or controller now, levelled; null: it is not tracked. */
+  private tracked(frame: XRFrame, source: XRInputSource): Vec3 | null {
+    return source.hand ? this.tip(frame, source) : this.touched(frame, source);
   }
 
   private tip(frame: XRFrame, source: XRInputSource): Vec3 | null {

@@ -78,7 +78,7 @@ class Scene implements View {
       if (this.camera.mode === "eyes") this.camera.drag(dx, dy);
     }, () => this.isOverAnother());
     this.aim.set(false);
-    this.immersion = new Immersive(this.picture, () => this.site?.map ?? NOTHING, () => this.frame(performance.now()), () => {
+    this.immersion = new Immersive(this.picture, () => this.site?.map ?? NOTHING, () => this.frame(performance.now()), options.arm, () => {
       if (this.asked > 0) this.asked = 0; // a headset may never give that frame
       this.wake();
       options.onImmersed();
@@ -269,7 +269,7 @@ class Scene implements View {
     }
     if (site.connected) moves = world.belts.run(passed) || moves;
     const at = site.speed ? now : this.toldAt; // nobody grows old in a past that is paused
-    moves = world.people.draw(site, at, seconds, this.camera.mode === "eyes" && !this.picture.isImmersed ? this.camera.user : "") || moves;
+    moves = world.people.draw(site, at, seconds, this.picture.isImmersed ? this.options.arm.pointing : this.camera.mode === "eyes" ? this.camera.user : "") || moves;
     moves = world.robots.draw(site) || moves;
     state(site, world.things, world.marks, this.labels, world.factory.theme.dark);
     counts(site, world.bays, this.labels);

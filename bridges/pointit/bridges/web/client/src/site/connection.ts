@@ -11,10 +11,13 @@ import type { Site } from "./site";
 /** Where pages find the present, and the last minutes of a running site. */
 const PRESENT = "/ws", PAST = "/ws/past";
 import { LatencyHistory, SiteClock } from "./timing";
-import type { Ack, AimAt, Answer, Ask, Hello, Play, Playing, Status, Timeline } from "../wire";
+import type { Ack, AimAt, Answer, Ask, Hello, Play, Playing, Status, Timeline, Worn } from "../wire";
 
 /** Waiting times between attempts to connect, ms; a little is added at random, so that pages do not storm. */
 const BACK_OFF_MS = [250, 500, 1000, 2000, 4000, 8000];
+
+/** Maximum number of unsent bytes at which an aim is sent: late ones are useless. */
+const MOST_BUFFERED = 16_384;
 
 /** What the connection needs of a WebSocket. */
 export type Socket = Pick<WebSocket, "readyState" | "bufferedAmount" | "binaryType" | "onopen" | "onmessage" | "onclose" | "send" | "close">;
@@ -104,9 +107,14 @@ export class Connection {
   /** Tell where the mouse points, at most as often as the screen shows; not answered. */
   aim(user: string, at: Vec3): void {
     const now = performance.now();
-    if (now - this.lastAimed < 4 || (this.socket?.bufferedAmount ?? 0) > 16_384) return;
+    if (now - this.lastAimed < 4 || (this.socket?.bufferedAmount ?? 0) > MOST_BUFFERED) return;
     this.lastAimed = now;
     this.send({ kind: "aim", user, at_m: at } satisfies AimAt);
+  }
+
+  /** Tell where the wearer of a headset points; not answered. */
+  wear(worn: Worn): void {
+    if ((this.socket?.bufferedAmount ?? 0) <= MOST_BUFFERED) this.send(worn);
   }
 
   /** Apply batches since the frame before; called at the start of an animation frame. */
@@ -272,7 +280,7 @@ export class Connection {
     this.events.onUpdate();
   }
 
-  private send(part: Ack | Ask | AimAt | (Partial<Play> & { kind: "play" })): boolean {
+  private send(part: Ack | Ask | AimAt | Worn | (Partial<Play> & { kind: "play" })): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(part));
     return true;

@@ -1,0 +1,48 @@
+/** Eyes, hand and thumbstick of a headset's wearer, as the input of an arm. */
+
+import type { Alignment } from "../geometry/alignment";
+import type { Vec3 } from "../geometry/vec";
+import type { Arm } from "../view";
+
+/** Minimum time between two messages, ms: 60 a second, with some play. */
+const LEAST_MS = 12;
+/** Time for which a hand stays where it was tracked last, ms. Then the arm hangs. */
+const LOST_MS = 400;
+/** Deflections of a thumbstick from which it steps, and below which it may step again. */
+const STEP_AT = 0.7, REST_AT = 0.3;
+/** Index of the axis of a thumbstick from left to right (WebXR Gamepads, `xr-standard`). */
+const STICK_AXIS = 2;
+
+export class WornInput {
+  /** The hand that points. */
+  hand: XRHandedness = "right";
+  private sentAt = -Infinity;
+  private tip: Vec3 | null = null;
+  private trackedAt = -Infinity;
+  private deflected = 0;
+
+  constructor(private readonly arm: Arm) {}
+
+  /**
+   * Send where the wearer points now, ms.
+   *
+   * @param eyes position of the eyes in the session's space, levelled
+   * @param tipOf returns the same of the tip of a hand or controller, null if it is not tracked
+   */
+  update(now: number, sources: Iterable<XRInputSource>, eyes: Vec3, tipOf: (source: XRInputSource) => Vec3 | null, { yaw, origin }: Alignment): void {
+    if (!this.arm.pointing) return;
+    const source = [...sources].find(({ handedness }) => handedness === this.hand), tip = source ? tipOf(source) : null;
+    if (tip || now - this.trackedAt > LOST_MS) this.tip = tip;
+    if (tip) this.trackedAt = now;
+    this.steer(source?.gamepad?.axes[STICK_AXIS] ?? 0);
+    if (now - this.sentAt < LEAST_MS) return;
+    this.sentAt = now;
+    this.arm.move({ alignment: { yaw_rad: yaw, origin_m: [...origin] }, eyes_m: eyes, tip_m: this.tip });
+  }
+
+  private steer(deflection: number): void {
+    const by = Math.abs(deflection) > STEP_AT ? Math.sign(deflection) : Math.abs(deflection) < REST_AT ? 0 : this.deflected;
+    if (by && by !== this.deflected) void this.arm.step(by < 0 ? -1 : 1);
+    this.deflected = by;
+  }
+}

@@ -1,0 +1,90 @@
+"""A headset as a wrist: the pose of its wearer, and the point that the arm points at, in {W}. Pure.
+
+The wearer points as with every wrist: along the line from the eyes over the fingertip. A headset measures
+both, so the arm is that for which the pointing model has this line, whatever the length of the wearer's arm.
+"""
+
+import math
+from dataclasses import dataclass
+
+from pointit.bridges.web.wire import SpaceInRoom, Worn
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import RefusedError
+from pointit.schemas import NS_PER_S, UserPose
+
+MIN_REACH_M, MAX_REACH_M = 0.1, 1.5
+"""Distances of a pointing hand from the eyes. A controller beyond them lies somewhere: the arm hangs."""
+MAX_AWAY_M = 1000.0
+"""Maximum distance of the wearer from the origin of the map, m."""
+TARGET_M = 3.0
+"""Distance of the aimed-at point from the eyes. It matters to ray models that do not begin at the eyes."""
+MOVED_M = 0.01
+"""Distance at which a pose is published again."""
+POSE_NS, MAX_POSE_NS = NS_PER_S // 10, NS_PER_S // 2
+"""Least and greatest time between two poses, ns."""
+POSITION_SIGMA_M = 0.02
+YAW_SIGMA_RAD = math.radians(0.3)
+"""1 sigma of an alignment by three touches (docs/how-to/headset.md)."""
+COVARIANCE = (
+    *(POSITION_SIGMA_M**2, 0.0, 0.0),
+    *(0.0, POSITION_SIGMA_M**2, 0.0),
+    *(0.0, 0.0, YAW_SIGMA_RAD**2),
+)
+
+
+@dataclass(slots=True)
+class WornPose:
+    """Pose of one wearer. Times are the site's, ns."""
+
+    yaw_rad: float = 0.0
+    """Azimuth of {H}'s x axis in {W}, which stays the same while the headset is worn."""
+    feet_m: Vec3 = (0.0, 0.0, 0.0)
+    """Below the eyes by the person's measures, so that the ray begins at the wearer's eyes."""
+    target_m: Vec3 = (0.0, 0.0, 0.0)
+    """Point on the line from the eyes over the tip, or the feet if the hand does not point."""
+    _heard_ns: int = 0
+    _published_ns: int = 0
+    _published_m: Vec3 = (0.0, 0.0, 0.0)
+
+    def update(self, worn: Worn, eyes_height_m: float, now_ns: int) -> UserPose | None:
+        """Update from head and hand. Return the pose if it is to be published, else None.
+
+        Raises:
+            RefusedError: If the headset is not aligned, or is too far from the map.
+        """
+        if worn.alignment is None:
+            raise RefusedError("the headset is not aligned with the room: touch three lamps or things first")
+        eyes_m = _in_room(worn.alignment, worn.eyes_m)
+        if (away_m := vector.norm(eyes_m)) > MAX_AWAY_M:
+            raise RefusedError(
+                f"the headset is {away_m:.0f} m from the map, limit {MAX_AWAY_M:.0f} m: align it again"
+            )
+        self._heard_ns = now_ns
+        self.feet_m = vector.subtract(eyes_m, (0.0, 0.0, eyes_height_m))
+        self.target_m = self.feet_m
+        if worn.tip_m is not None:
+            line = vector.subtract(_in_room(worn.alignment, worn.tip_m), eyes_m)
+            if MIN_REACH_M <= (length_m := vector.norm(line)) <= MAX_REACH_M:
+                self.target_m = vector.add(eyes_m, vector.scale(line, TARGET_M / length_m))
+        age_ns = now_ns - self._published_ns
+        has_moved = math.dist(self.feet_m, self._published_m) > MOVED_M
+        if age_ns < (POSE_NS if has_moved else MAX_POSE_NS):
+            return None
+        self._published_ns, self._published_m = now_ns, self.feet_m
+        return UserPose(
+            stamp_ns=now_ns,
+            position_m=self.feet_m,
+            yaw_rad=self.yaw_rad,
+            covariance=COVARIANCE,
+            method="external",
+        )
+
+    def last_heard_ns(self, now_ns: int) -> int:
+        """Return the time of the last update, or of the first call before it: a page takes, then sends."""
+        self._heard_ns = self._heard_ns or now_ns
+        return self._heard_ns
+
+
+def _in_room(alignment: SpaceInRoom, at_m: Vec3) -> Vec3:
+    return vector.add(vector.rotate_z(at_m, alignment.yaw_rad), alignment.origin_m)

@@ -88,7 +88,7 @@ class WristSample(Message):
     ] = 0
     device_time_ns: Annotated[Ns | None, Field(description="the device's own clock, ns")] = None
     battery: Annotated[Fraction | None, Field(description="charge left, 0 to 1")] = None
-    source: Annotated[Id, Field(description="measures an arm: headset; empty: a mouse, or ROS")] = ""
+    source: Annotated[Id, Field(description="headset, which measures the arm; a mouse or ROS if empty")] = ""
 
 
 class ButtonEvent(Message):

@@ -10,15 +10,15 @@ from pydantic import TypeAdapter, ValidationError
 
 import pointit.schemas as models
 from pointit.bridges.web.config import Place, WebConfig
-from pointit.bridges.web.wire import Received, SpaceInRoom, Worn
+from pointit.bridges.web.wire import Received, SpaceAlignment, Worn
 from pointit.bridges.web.wrists.wrist_control import WristControl
-from pointit.geometry import vector
+from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.services.pointing.pointer import ArmRay
 
 START = 1_700_000_000 * models.NS_PER_S
-ROOM = SpaceInRoom(yaw_rad=2.1, origin_m=(1.5, -0.7, 0.04))
+ROOM = SpaceAlignment(yaw_rad=2.1, origin_m=(1.5, -0.7, 0.04))
 EYES_M: Vec3 = (0.4, -0.9, 1.52)
 """Eyes in {W}, 12 cm lower than by the measures of the profile."""
 RECEIVED: TypeAdapter[Any] = TypeAdapter(Received)
@@ -153,15 +153,20 @@ def test_only_the_page_that_has_the_wrist_moves_it_and_two_people_are_apart(wris
     assert wrists.wear("page1", worn(), START) is None
 
 
-def test_a_headset_that_rests_repeats_its_sample_and_a_silent_one_lets_go(wrists: WristControl) -> None:
+def test_a_headset_that_rests_repeats_its_sample_and_of_a_silent_one_the_arm_hangs_and_is_released(
+    wrists: WristControl,
+) -> None:
     assert wrists.step(START) == []  # it was taken just now, and has sent nothing yet
     assert wrists.holder("anna") == ("page1", "headset")
     _, sample = wear(wrists, worn(tip_m=towards((4.0, 2.0, 1.0))), at(0.5))
     ((user, again),) = wrists.step(at(0.8))
     assert (user, again.source, again.orientation_xyzw) == ("anna", "headset", sample.orientation_xyzw)
-    assert wrists.step(at(1.6)) == []
+    ((_, _),), ((_, hanging),) = wrists.step(at(1.6)), wrists.step(at(4.0))
+    assert rotation.rotate(hanging.orientation_xyzw, (1.0, 0.0, 0.0))[2] < -0.99
+    assert wrists.holder("anna") == ("page1", "headset")
+    assert wrists.step(at(5.6)) == []
     assert wrists.holder("anna") == ("", "own")
-    assert wrists.wear("page1", worn(), at(1.7)) is None
+    assert wrists.wear("page1", worn(), at(5.7)) is None
 
 
 def test_a_tremor_of_the_mouse_does_not_shake_the_headset() -> None:

@@ -270,7 +270,7 @@ class AimAt(WireModel):
     at_m: Vec3
 
 
-class SpaceInRoom(WireModel):
+class SpaceAlignment(WireModel):
     """The space of a headset's session, z up, in {W}."""
 
     yaw_rad: Annotated[Real, Field(description="azimuth of its x axis")]
@@ -283,7 +283,7 @@ class Worn(WireModel):
     kind: Literal["worn"] = "worn"
     user: Name
     alignment: Annotated[
-        SpaceInRoom | None, Field(description="empty before the alignment; then nothing moves")
+        SpaceAlignment | None, Field(description="empty before the alignment; then nothing moves")
     ] = None
     eyes_m: Vec3
     tip_m: Annotated[

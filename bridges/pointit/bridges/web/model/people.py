@@ -36,7 +36,7 @@ class People:
         self._writers: dict[str, Writers] = {}
         self._presses = self._steps = 0
         self._poses: dict[str, Publisher[UserPose]] = {}
-        """Of people who wear a headset."""
+        """Poses of people who wear a headset."""
         self.states: dict[str, str] = {}
         """State of the interaction by user, where known."""
 

@@ -206,15 +206,15 @@ class PageSession:
             self._on_malformed("page", str(error))
         return None
 
-    def _on_motion(self, said: AimAt | Play | Turn | Worn) -> None:
-        if isinstance(said, AimAt):
-            self._on_aim(said)
-        elif isinstance(said, Play):
-            self._host.play(said)
-        elif isinstance(said, Turn):
+    def _on_motion(self, message: AimAt | Play | Turn | Worn) -> None:
+        if isinstance(message, AimAt):
+            self._on_aim(message)
+        elif isinstance(message, Play):
+            self._host.play(message)
+        elif isinstance(message, Turn):
             self._on_malformed("Turn", "is for phones, at their own address")
         elif self._aims.take(self._loop.time()):  # the next one of a headset comes soon
-            self._host.wear(said, self)
+            self._host.wear(message, self)
 
     def rights(self, user: str) -> Role:
         """Return the role with which this page may act for `user`."""

@@ -7,7 +7,7 @@ both, so the arm is that for which the pointing model has this line, whatever th
 import math
 from dataclasses import dataclass
 
-from pointit.bridges.web.wire import SpaceInRoom, Worn
+from pointit.bridges.web.wire import SpaceAlignment, Worn
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
@@ -15,6 +15,8 @@ from pointit.schemas import NS_PER_S, UserPose
 
 MIN_REACH_M, MAX_REACH_M = 0.1, 1.5
 """Distances of a pointing hand from the eyes. A controller beyond them lies somewhere: the arm hangs."""
+TIMEOUT_S = 5.0
+"""Silence after which a headset has released the wrist, s: it draws few frames while it is busy."""
 MAX_AWAY_M = 1000.0
 """Maximum distance of the wearer from the origin of the map, m."""
 TARGET_M = 3.0
@@ -43,7 +45,7 @@ class WornPose:
     """Below the eyes by the person's measures, so that the ray begins at the wearer's eyes."""
     target_m: Vec3 = (0.0, 0.0, 0.0)
     """Point on the line from the eyes over the tip, or the feet if the hand does not point."""
-    _heard_ns: int = 0
+    _received_ns: int = 0
     _published_ns: int = 0
     _published_m: Vec3 = (0.0, 0.0, 0.0)
 
@@ -60,7 +62,7 @@ class WornPose:
             raise RefusedError(
                 f"the headset is {away_m:.0f} m from the map, limit {MAX_AWAY_M:.0f} m: align it again"
             )
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self.feet_m = vector.subtract(eyes_m, (0.0, 0.0, eyes_height_m))
         self.target_m = self.feet_m
         if worn.tip_m is not None:
@@ -80,11 +82,11 @@ class WornPose:
             method="external",
         )
 
-    def last_heard_ns(self, now_ns: int) -> int:
+    def last_received_ns(self, now_ns: int) -> int:
         """Return the time of the last update, or of the first call before it: a page takes, then sends."""
-        self._heard_ns = self._heard_ns or now_ns
-        return self._heard_ns
+        self._received_ns = self._received_ns or now_ns
+        return self._received_ns
 
 
-def _in_room(alignment: SpaceInRoom, at_m: Vec3) -> Vec3:
+def _in_room(alignment: SpaceAlignment, at_m: Vec3) -> Vec3:
     return vector.add(vector.rotate_z(at_m, alignment.yaw_rad), alignment.origin_m)

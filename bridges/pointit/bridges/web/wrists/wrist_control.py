@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt, AssumedPlace, Mover, PersonLine, Turn, Worn
-from pointit.bridges.web.wrists.headset import WornPose
+from pointit.bridges.web.wrists.headset import TIMEOUT_S, WornPose
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -431,13 +431,14 @@ class WristControl:
             if person.by == "mouse":
                 due.append((user, self._sample(person, now_ns)))
                 continue
-            phone = person.phones.get(person.page)
-            heard_ns = 0 if phone is None else phone.heard_ns
-            if person.by == "headset":
-                heard_ns = person.worn.last_heard_ns(now_ns)
-            if now_ns - heard_ns > SILENT_S * speed * NS_PER_S:
+            is_worn, phone = person.by == "headset", person.phones.get(person.page)
+            received_ns = person.worn.last_received_ns(now_ns) if is_worn else phone.heard_ns if phone else 0
+            silence_s = (now_ns - received_ns) / (speed * NS_PER_S)
+            if silence_s > (TIMEOUT_S if is_worn else SILENT_S):
                 self._free(person)
-            elif now_ns - person.sent_ns >= STILL_S * NS_PER_S and (person.sent_ns or phone is not None):
+            elif now_ns - person.sent_ns >= STILL_S * NS_PER_S and (person.sent_ns or not is_worn):
+                if is_worn and silence_s > SILENT_S:
+                    person.arm.aim(person.worn.feet_m)
                 due.append((user, self._sample(person, now_ns)))
         return due
 

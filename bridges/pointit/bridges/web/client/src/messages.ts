@@ -2337,7 +2337,7 @@ export interface WristSample {
    */
   session: number;
   /**
-   * measures an arm: headset; empty: a mouse, or ROS
+   * headset, which measures the arm; a mouse or ROS if empty
    */
   source: string;
   /**

@@ -26,7 +26,7 @@ export interface Everything {
   ScanUndo: ScanUndo;
   ScanView: ScanView;
   ServiceLine: ServiceLine;
-  SpaceInRoom: SpaceInRoom;
+  SpaceAlignment: SpaceAlignment;
   Status: Status;
   Timeline: Timeline;
   Turn: Turn;
@@ -510,7 +510,7 @@ export interface ServiceLine {
 /**
  * The space of a headset's session, z up, in {W}.
  */
-export interface SpaceInRoom {
+export interface SpaceAlignment {
   /**
    * @minItems 3
    * @maxItems 3
@@ -588,7 +588,7 @@ export interface Worn {
   /**
    * empty before the alignment; then nothing moves
    */
-  alignment: SpaceInRoom | null;
+  alignment: SpaceAlignment | null;
   /**
    * @minItems 3
    * @maxItems 3

@@ -121,8 +121,8 @@ class Pages:
 
     async def refuse(self, socket: WebSocket) -> None:
         """Refuse a page, as there are too many."""
-        refusal = PlainTextResponse(f"{self._most} pages are open, which is the most (most_viewers)", 503)
-        await socket.send_denial_response(refusal)
+        response = PlainTextResponse(f"{self._most} pages are open, which is the most (most_viewers)", 503)
+        await socket.send_denial_response(response)
 
     def notify_pages(self, *, now: bool = False) -> None:
         """Send pages what is new, after a few ms for related messages, or at once if `now`."""

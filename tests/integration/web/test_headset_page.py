@@ -42,15 +42,15 @@ async def wear(page: Page, user: str = "anna", x_m: float = 0.0, **changed: Any)
 
 
 async def test_a_wearer_is_a_person_until_the_arm_is_given_back(bench: Bench, page: Page) -> None:
-    collected = [bench.collect(topic, "anna") for topic in (topics.WRIST, topics.POSE)]
-    pressed, stepped = (bench.collect(topic, "anna") for topic in (topics.BUTTON, topics.STEP))
+    samples, poses = bench.collect(topics.WRIST, "anna"), bench.collect(topics.POSE, "anna")
+    pressed, stepped = bench.collect(topics.BUTTON, "anna"), bench.collect(topics.STEP, "anna")
     await people(bench, page, "anna")
     assert await take(page) == ""
     await wear(page)
     await until(lambda: (POSE, "anna") in page.states, what="the pose")
-    await until(lambda: all(collected), what="the wrist")
+    await until(lambda: bool(samples and poses), what="the wrist")
     assert page.states[POSE, "anna"]["position_m"][:2] == pytest.approx([1.0, 2.0])
-    assert {sample.source for sample in collected[0]} == {"headset"}
+    assert {sample.source for sample in samples} == {"headset"}
     await page.ask(deed="press", name="anna")
     await page.ask(deed="step", name="anna", query={"by": 1})
     assert [message.source for message in (*pressed, *stepped)] == ["headset", "headset"]
@@ -102,7 +102,7 @@ async def test_a_page_that_only_looks_on_moves_the_person_of_its_phone_link_alon
             await wear(viewer)
             assert "only looks on" in (await viewer.ask(deed="press", name="anna"))["error"]
         await operator.ask(deed="open_lan")
-        link = urlsplit((await operator.ask(deed="pair", name="anna"))["reply"]["url"])
+        link = urlsplit(str((await operator.ask(deed="pair", name="anna"))["reply"]["url"]))
         async with server.client() as client:
             cookie = (await client.get(f"{link.path}?{link.query}")).headers["set-cookie"].partition(";")[0]
         async with server.page(VIEWER, cookies=f"; {cookie}") as wearer:

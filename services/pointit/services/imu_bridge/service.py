@@ -213,8 +213,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             self._report(None)
 
     def _report(self, sample: WristSample | None) -> None:
-        moved_by = mover_name(sample)
-        if moved_by != self._moved_by:
+        if (moved_by := mover_name(sample)) != self._moved_by:
             what = f"{moved_by} moves" if moved_by else f"{self._moved_by} has released"
             log.info("%s: a page's %s the wrist", self.user, what)
             self._moved_by = moved_by

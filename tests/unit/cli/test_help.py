@@ -146,7 +146,7 @@ async def test_a_long_wait_is_told_of_and_a_short_one_is_not(
     with notify_if_slow("waiting for the map …"):
         await asyncio.sleep(0)
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr("pointit.cli.common.progress.SILENT_S", 0.01)
+    monkeypatch.setattr("pointit.cli.common.site_link.SILENT_S", 0.01)
     with notify_if_slow("waiting for the map …"):
         await asyncio.sleep(0.1)
     assert capsys.readouterr().err == "waiting for the map …\n"

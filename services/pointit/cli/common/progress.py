@@ -1,6 +1,5 @@
 """Long work: a bar or a spinner on a terminal, else a line every few seconds; and its interruption."""
 
-import asyncio
 import signal
 import time
 from collections.abc import Callable, Generator
@@ -19,9 +18,6 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-
-SILENT_S = 1.0
-"""Wait after which a notice is printed, s."""
 
 LINE_EVERY_S = 10.0
 """Interval of lines without a terminal."""
@@ -95,17 +91,3 @@ def interruptible() -> Generator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def notify_if_slow(text: str) -> Generator[None]:
-    """Print `text` to standard error if the block takes longer than `SILENT_S`."""
-
-    def tell() -> None:
-        click.echo(text, err=True)
-
-    handle = asyncio.get_running_loop().call_later(SILENT_S, tell)
-    try:
-        yield
-    finally:
-        handle.cancel()

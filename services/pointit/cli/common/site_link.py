@@ -3,14 +3,14 @@
 import asyncio
 import contextlib
 import socket
-from collections.abc import AsyncGenerator, Callable, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from contextlib import asynccontextmanager, contextmanager
+from functools import partial
 from typing import Generic, TypedDict, TypeVar
 
 import click
 from click.core import ParameterSource
 
-from pointit.cli.common.progress import notify_if_slow as notify_if_slow  # noqa: PLC0414 - where commands expect it
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConnectError, PointItError
 from pointit.runtime.host.threads import in_daemon_thread
@@ -33,6 +33,9 @@ PROBE_S = 1.0
 TIMEOUT_S = 2.0
 """Timeout of a site's first message, s."""
 
+SILENT_S = 1.0
+"""Wait after which a notice is printed, s."""
+
 M = TypeVar("M", bound=Message)
 
 
@@ -46,6 +49,16 @@ class AtSite(TypedDict):
 def site_options() -> list[click.Parameter]:
     """Return the options --credentials, --site and --connect."""
     return [option for option in link_options() if option.name != "listen"]
+
+
+@contextmanager
+def notify_if_slow(text: str) -> Generator[None]:
+    """Print `text` to standard error if the block takes longer than `SILENT_S`."""
+    handle = asyncio.get_running_loop().call_later(SILENT_S, partial(click.echo, text, err=True))
+    try:
+        yield
+    finally:
+        handle.cancel()
 
 
 @asynccontextmanager

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
 
-from pointit.cli.common.progress import notify_if_slow
+from pointit.cli.common.site_link import notify_if_slow
 from pointit.cli.people.pose_text import missing_reason
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError

@@ -104,7 +104,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
     "Start": (
         ours("run", "start a scenario: its services, simulated people, a live view", "run.run:run"),
         ours("dashboard", "open the page of a site that runs elsewhere, in the browser", "page.dashboard"),
-        ours("list", "list scenarios, maps, plug-ins and services", "run.list"),
+        ours("list", "list scenarios, maps, plug-ins and services", "inspect.listings"),
     ),
     "On a running site": (
         ours("doctor", "show services, outdated reports, problems and remedies", "inspect.doctor"),
@@ -157,7 +157,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "service",
             "list services, run one, send a request to one",
             SERVICE,
-            ours("list", "list the services with their topics", "run.list:list_services"),
+            ours("list", "list the services with their topics", "inspect.listings:list_services"),
             ours("run", "run one service; its --help documents every parameter", "run.service"),
             ours("call", "send a request to a service; without arguments, list requests", "inspect.call"),
         ),
@@ -186,7 +186,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             ours("point", "find lamps and boxes by pointing from two places", "maps.point"),
             ours("import", "make a map of a file of WLED or xLights", "maps.exchange:import_"),
             ours("export", "write the pixels of a map for WLED or xLights", "maps.exchange:export"),
-            ours("list", "list the shipped maps", "run.list:list_maps"),
+            ours("list", "list the shipped maps", "inspect.listings:list_maps"),
         ),
         noun(
             "output",
@@ -202,7 +202,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             PLUGIN,
             ours("new", "write a package with a plug-in that works, and its tests", "plugins.new"),
             ours("check", "check that plug-ins keep the promises of their kind", "plugins.check"),
-            ours("list", "list plug-ins, their packages, what is wrong", "run.list:list_plugins"),
+            ours("list", "list plug-ins, their packages, what is wrong", "inspect.listings:list_plugins"),
         ),
     ),
     "Several machines": (

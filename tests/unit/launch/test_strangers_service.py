@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from pointit.access.rights import rights_of
+from pointit.cli.inspect.listings import plugins
 from pointit.cli.inspect.topic_names import resolve
-from pointit.cli.run.list import plugins
 from pointit.diagnosis.writers import silence_reason, start_command
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario

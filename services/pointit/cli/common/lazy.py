@@ -130,10 +130,9 @@ def command(name: str, about: str, target: str) -> LazyEntry:
     """Return the command at `target`, `module:attribute`."""
 
     def load() -> click.Command:
-        from pointit.runtime.host.extras import import_room  # noqa: PLC0415 - not for help
+        from pointit.runtime.host.extras import load_object  # noqa: PLC0415 - not for help
 
-        module, _, attribute = target.partition(":")
-        command: click.Command = getattr(import_room(module, "this command"), attribute)
+        command: click.Command = load_object(target, "this command")
         return command
 
     return LazyEntry(name=name, about=about, load=load)

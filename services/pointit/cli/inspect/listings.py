@@ -7,11 +7,11 @@ import click
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, json_option, show
-from pointit.cli.parts import PLUGIN_GROUPS
+from pointit.plugins import GROUPS
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.extras import present
 from pointit.services.registry import PROCESSES, add_installed
+from pointit.speech.recogniser import RECOGNISERS
 
 
 def services() -> OutputSection:
@@ -84,8 +84,7 @@ OPTIONS = {
 def plugins() -> OutputSection:
     """Return the plug-ins of all installed packages, ours among them."""
     rows: list[dict[str, Any]] = []
-    groups = {kind: group for part in present(PLUGIN_GROUPS) for kind, group in part.items()}
-    for kind, group in groups.items():
+    for kind, group in {**GROUPS, "recogniser": RECOGNISERS}.items():
         option = OPTIONS[kind]
         for name in group.names:
             try:

@@ -2,24 +2,43 @@
 
 import functools
 import importlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
-from typing import TypeAlias, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from pointit.runtime.errors import ConfigError
 
 T = TypeVar("T")
 
-Part: TypeAlias = tuple[Sequence[str], Callable[[], T]]
-"""Required packages, and a function that imports and returns the part."""
+
+class Part(NamedTuple, Generic[T]):
+    """An object of an optional room: `MODULE:ATTRIBUTE`, and further packages that it needs."""
+
+    target: str
+    rooms: tuple[str, ...] = ()
 
 
 def present(parts: Iterable[Part[T]]) -> list[T]:
     """Return those of `parts` whose packages are installed, in their order. Imports no others."""
-    return [load() for rooms, load in parts if all(map(is_there, rooms))]
+    return [
+        load_object(part.target, "a part")
+        for part in parts
+        if all(map(is_there, (part.target.partition(":")[0], *part.rooms)))
+    ]
+
+
+def load_object(target: str, part: str) -> Any:
+    """Return the object at `target`, `MODULE:ATTRIBUTE`, imported for `part`.
+
+    Raises:
+        ConfigError: If its module or package is not part of this build.
+    """
+    module, _, attribute = target.partition(":")
+    return attrgetter(attribute)(import_room(module, part))
 
 
 def is_there(room: str) -> bool:

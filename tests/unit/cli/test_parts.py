@@ -1,0 +1,33 @@
+"""The tables of what optional rooms bring name objects that exist, of the type that the table states."""
+
+import inspect
+
+import pytest
+
+from pointit.cli.common.run_part import RunPart
+from pointit.cli.display.display_part import DisplayPart
+from pointit.cli.parts import DISPLAY_PARTS, PERSON_CHECKS, RUN_PARTS
+from pointit.launch.parts import WATCHERS
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import Part, load_object, present
+
+
+def test_each_part_is_there_and_of_the_type_of_its_table() -> None:
+    run, display = present(RUN_PARTS), present(DISPLAY_PARTS)
+    assert [len(run), len(display)] == [len(RUN_PARTS), len(DISPLAY_PARTS)]
+    assert all(isinstance(part, RunPart) for part in run)
+    assert all(isinstance(part, DisplayPart) for part in display)
+    (check,), (watcher,) = present(PERSON_CHECKS), present(WATCHERS)
+    assert len(inspect.signature(check).parameters) == 1
+    assert len(inspect.signature(watcher).parameters) == 1
+
+
+def test_part_without_one_of_its_rooms_is_left_out() -> None:
+    target = "pointit.runtime.host.extras:present"
+    assert present([Part[object](target), Part[object](target, ("pointit.absent",))]) == [present]
+    assert present([Part[object]("pointit.absent.module:PART")]) == []
+
+
+def test_object_of_an_absent_room_is_refused_in_one_sentence() -> None:
+    with pytest.raises(ConfigError, match=r"this command is not part of this build .* no pointit\.absent"):
+        load_object("pointit.absent:command", "this command")

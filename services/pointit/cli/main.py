@@ -104,7 +104,7 @@ class RootGroup(LazyGroup):
         formatter.write_text("More on a command: pointit COMMAND --help")
         if lab := [f"pointit {entry.name}" for entry in self.parts.get(LABORATORY, ())]:
             formatter.write_text(f"To measure, from the laboratory: {', '.join(lab)}")
-        for sentence in self._installed.refused:
+        for sentence in self._installed.refused.values():
             formatter.write_paragraph()
             formatter.write_text(sentence)
 

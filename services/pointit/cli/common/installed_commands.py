@@ -41,13 +41,13 @@ class Installed:
         pairs = {(each.name, each.package) for each in found}
         ours = {entry.name: entry.package for part in table.values() for entry in part}
         added: dict[str, LazyEntry] = {}
-        self.refused: list[str] = []
+        self.refused: dict[DeclaredCommand, str] = {}
         """A sentence for each command that is not added."""
         for each in found:
             if ours.get(each.name) == each.package:
                 continue
             if each.name in ours or each.name in taken:
-                self.refused.append(
+                self.refused[each] = (
                     f"{each.package} adds no command {each.name!r}, which is a name of PointIt's own: "
                     "rename its entry point."
                 )

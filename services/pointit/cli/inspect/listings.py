@@ -1,39 +1,46 @@
 """Listings of scenarios, maps, plug-ins and services: `pointit list`, and `list` below each noun."""
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
 import click
 
+from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
+from pointit.cli.common.installed_commands import Installed, declared
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.plugins import GROUPS
+from pointit.plugins.declaration import read_service, read_summary
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError
-from pointit.services.registry import PROCESSES, add_installed
-from pointit.speech.recogniser import RECOGNISERS
+from pointit.services.registry import PROCESSES, Process, process
+from pointit.services.service_plugin import SERVICES
 
 
 def services() -> OutputSection:
-    """Return the process table."""
-    add_installed()
+    """Return the process table. Services of other packages are imported only if their source lacks a row."""
+    rows = {row.name: _service_row(row) for row in PROCESSES if row.plugin is None}
+    for name in SERVICES.names:
+        with contextlib.suppress(ConfigError):  # reported if it is named
+            rows.setdefault(name, read_service(name) or _service_row(process(name)))
     return OutputSection(
         name="services",
         about="run one with `pointit service run NAME`",
-        rows=tuple(
-            {
-                "name": row.name,
-                "scope": row.scope,
-                "extra": row.extra,
-                "reads": [topic.key for topic in row.reads],
-                "writes": [topic.key for topic in row.writes],
-                "serves": [request.key for request in row.serves],
-                "about": row.about,
-            }
-            for row in PROCESSES
-        ),
+        rows=tuple({"name": name, **row} for name, row in rows.items()),
         roomy=frozenset({"extra", "reads", "writes", "serves"}),
     )
+
+
+def _service_row(row: Process) -> dict[str, Any]:
+    return {
+        "scope": row.scope,
+        "extra": row.extra,
+        "reads": [topic.key for topic in row.reads],
+        "writes": [topic.key for topic in row.writes],
+        "serves": [request.key for request in row.serves],
+        "about": row.about,
+    }
 
 
 def scenarios() -> OutputSection:
@@ -71,30 +78,42 @@ def maps() -> OutputSection:
 
 
 OPTIONS = {
-    "imu-source": "--imu",
-    "led-output": "--output",
-    "recogniser": "listen --recogniser",
+    "imu-source": "--imu ",
+    "led-output": "--output ",
+    "recogniser": "listen --recogniser ",
     "robot": "--set robot.driver=",
-    "selection-method": "--method",
-    "service": "--with",
+    "selection-method": "--method ",
+    "service": "--with ",
 }
 """Options of `pointit run`, or of another command, that choose a plug-in, by its kind."""
 
 
 def plugins() -> OutputSection:
-    """Return the plug-ins of all installed packages, ours among them."""
+    """Return the plug-ins of all installed packages, ours among them. Imports those with unusual sources."""
     rows: list[dict[str, Any]] = []
-    for kind, group in {**GROUPS, "recogniser": RECOGNISERS}.items():
+    for kind, group in GROUPS.items():
         option = OPTIONS[kind]
         for name in group.names:
             try:
-                plugin = group.get(name)
-                use, about = f"{option} {name}{plugin.value}", plugin.summary
+                plugin = read_summary(group, name)
+                use, about = f"{option}{name}{plugin.value}", plugin.summary
             except ConfigError as error:
-                use, about = f"{option} {name}", str(error)
+                use, about = f"{option}{name}", str(error)
             rows.append({"name": name, "use": use, "package": group.package(name), "about": about})
+    refused = Installed(COMMANDS, OLD_SPELLINGS).refused
+    rows += [
+        {
+            "name": each.name,
+            "use": f"pointit {each.name}",
+            "package": each.package,
+            "about": refused.get(each, each.summary),
+        }
+        for each in declared()
+    ]
     return OutputSection(
-        name="plugins", about="parts for `pointit run`, `person add` and `listen`", rows=tuple(rows)
+        name="plugins",
+        about="parts for `pointit run`, `person add` and `listen`, and commands",
+        rows=tuple(rows),
     )
 
 

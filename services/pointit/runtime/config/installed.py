@@ -15,9 +15,12 @@ P = TypeVar("P")
 
 def installed_entry_points(group: str) -> EntryPoints:
     """Return the entry points of `group` of all installed packages."""
-    every = _all_entry_points(tuple((folder, _changed_ns(folder)) for folder in sys.path))
-    found: EntryPoints = every.select(group=group)
+    found: EntryPoints = _all_entry_points(_folders()).select(group=group)
     return found
+
+
+def _folders() -> tuple[tuple[str, int], ...]:
+    return tuple((folder, _changed_ns(folder)) for folder in sys.path)
 
 
 @lru_cache(maxsize=1)  # reads a file of each package
@@ -45,7 +48,7 @@ class InstalledGroup(Generic[P]):
         self.kind = group.rpartition(".")[2]
         """Last part of the group's name, such as `imu_sources`."""
         self.noun = noun
-        self._type = kind
+        self.type = kind
 
     @cached_property
     def _entries(self) -> dict[str, tuple[EntryPoint, ...]]:
@@ -78,21 +81,30 @@ class InstalledGroup(Generic[P]):
         """Return the names of all installed ones, without importing any."""
         return tuple(self._entries)
 
-    def get(self, name: str) -> P:
-        """Import and return the object `name`.
+    def entry(self, name: str) -> EntryPoint:
+        """Return the entry point of the object `name`, without importing it.
 
         Raises:
-            ConfigError: If none is installed under that name, or several, or it cannot be imported.
+            ConfigError: If none is installed under that name, or several.
         """
         entry, *others = self._entries.get(name, (None,))
         if entry is None:
-            known = ", ".join(self.names) or "none"
+            known = f"{', '.join(self.names) or 'none'}; {self._remedy(name)}"
             raise ConfigError(f"no {self.noun} {name!r} is installed; there are {known}")
         if others:
             raise ConfigError(
                 f"{self.noun} {name!r} is in two packages: uninstall {_package(entry)} or "
                 f"{_package(others[0])}"
             )
+        return entry
+
+    def get(self, name: str) -> P:
+        """Import and return the object `name`.
+
+        Raises:
+            ConfigError: If none is installed under that name, or several, or it cannot be imported.
+        """
+        entry = self.entry(name)
         try:
             loaded = entry.load()
         except (Exception, SystemExit) as error:  # code of others, which may raise anything when imported
@@ -101,9 +113,24 @@ class InstalledGroup(Generic[P]):
             remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
             reason = f"{type(error).__name__}: {error}"
             raise ConfigError(f"{self.label(name)} cannot be imported ({reason}); {remedy}") from error
-        if not isinstance(loaded, self._type):
-            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
+        if not isinstance(loaded, self.type):
+            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self.type.__name__}")
         return loaded
+
+    def check_name(self, name: str, *others: str) -> None:
+        """Check that `name` is installed, or one of `others`.
+
+        Raises:
+            ValueError: If it is not. The message names those that are, and the package that has `name`.
+        """
+        if name not in (*others, *self.names):
+            raise ValueError(f"use one of {', '.join((*others, *self.names))}; {self._remedy(name)}")
+
+    def _remedy(self, name: str) -> str:
+        for entry in _all_entry_points(_folders()).select(name=name):
+            if entry.group.startswith("pointit.") and not entry.group.endswith(".fake_devices"):
+                return f"{name!r} of {_package(entry)} is of another kind, {entry.group}"
+        return f"another one comes from a package with an entry point {name!r} of {self.group}"
 
     def label(self, name: str) -> str:
         """Return the name of an object in messages, with its package, without importing it."""

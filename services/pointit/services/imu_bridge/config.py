@@ -77,8 +77,7 @@ class ImuBridgeConfig(PluginConfig):
     @field_validator("source")
     @classmethod
     def _installed(cls, source: str) -> str:
-        if source not in SOURCES.names:
-            raise ValueError(f"use one of {', '.join(SOURCES.names)}")
+        SOURCES.check_name(source)
         return source
 
     @model_validator(mode="after")

@@ -119,8 +119,7 @@ def validate_output(value: object) -> object:
     kind = str(values.get("kind", NONE))
     if kind == NONE:
         return UnusedOutput.model_validate(values)
-    if kind not in OUTPUTS.names:
-        raise ValueError(f"kind: use one of {', '.join((NONE, *OUTPUTS.names))}")
+    OUTPUTS.check_name(kind, NONE)
     return OUTPUTS.validate(kind, values)
 
 

@@ -108,6 +108,5 @@ class RobotConfig(PluginConfig):
     @field_validator("driver")
     @classmethod
     def _installed(cls, driver: str) -> str:
-        if driver not in ROBOTS.names:
-            raise ValueError(f"use one of {', '.join(ROBOTS.names)}")
+        ROBOTS.check_name(driver)
         return driver

@@ -212,8 +212,7 @@ class SelectorConfig(PluginConfig):
     @field_validator("method")
     @classmethod
     def _installed(cls, method: str) -> str:
-        if method not in METHODS.names:
-            raise ValueError(f"use one of {', '.join(METHODS.names)}")
+        METHODS.check_name(method)
         return method
 
     @model_validator(mode="after")

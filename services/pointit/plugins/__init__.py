@@ -65,9 +65,11 @@ from pointit.schemas import (
     Query,
     Reply,
     SelectionEvent,
+    Speech,
     Strip,
     StripFrame,
     StripsFrame,
+    Word,
     topics,
 )
 from pointit.schemas.topics import Delivery, Request, Topic
@@ -116,7 +118,7 @@ from pointit.services.selector.selection_methods import (
 )
 from pointit.services.service_plugin import SERVICES, ServicePlugin
 from pointit.speech.grammar import Vocabulary
-from pointit.speech.recogniser import Audio, Recogniser, RecogniserPlugin
+from pointit.speech.recogniser import RECOGNISERS, Audio, Recogniser, RecogniserPlugin
 
 __all__ = [
     "GROUPS",
@@ -185,6 +187,7 @@ __all__ = [
     "ServicePlugin",
     "Signal",
     "Source",
+    "Speech",
     "StateFile",
     "StepGesture",
     "Stop",
@@ -198,6 +201,7 @@ __all__ = [
     "Topic",
     "View",
     "Vocabulary",
+    "Word",
     "format_address",
     "rotation",
     "sleep",
@@ -207,6 +211,7 @@ __all__ = [
 GROUPS: dict[str, PluginGroup[Any]] = {
     "imu-source": SOURCES,
     "led-output": OUTPUTS,
+    "recogniser": RECOGNISERS,
     "robot": ROBOTS,
     "selection-method": METHODS,
     "service": SERVICES,

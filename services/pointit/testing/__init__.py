@@ -28,6 +28,7 @@ from pointit.testing.devices import FakeDevice, PtyDevice, TcpDevice, UdpDevice
 from pointit.testing.imu import IMU_SUITE, ImuHarness
 from pointit.testing.led import LED_SUITE, LedHarness
 from pointit.testing.methods import METHOD_SUITE, MethodHarness
+from pointit.testing.recogniser import RECOGNISER_SUITE, RecogniserHarness
 from pointit.testing.robot import ROBOT_SUITE, RobotHarness
 from pointit.testing.service import SERVICE_SUITE, ServiceHarness, ServiceTrial
 from pointit.testing.trial import DeviceHarness
@@ -44,6 +45,7 @@ __all__ = [
     "ManualClock",
     "MethodHarness",
     "PtyDevice",
+    "RecogniserHarness",
     "RobotHarness",
     "ServiceHarness",
     "ServiceTrial",
@@ -60,6 +62,7 @@ SUITES: dict[type[Harness[Any]], Suite[Any]] = {
     ImuHarness: IMU_SUITE,
     LedHarness: LED_SUITE,
     MethodHarness: METHOD_SUITE,
+    RecogniserHarness: RECOGNISER_SUITE,
     RobotHarness: ROBOT_SUITE,
     ServiceHarness: SERVICE_SUITE,
 }

@@ -16,11 +16,13 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
+import pointit
 from pointit.cli.plugins import check, new
 from pointit.plugins import GROUPS, Config
 from pointit.runtime.errors import ConfigError
 from pointit.testing import Harness, checks, run_checks
 from pointit.testing.check import Check, problem
+from pointit.testing.templates import command as command_template
 from tests.support import strangers
 
 
@@ -101,6 +103,52 @@ def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     assert "add an entry point 'my-bare-wrist' of the group pointit.fake_devices" in row["problem"]
 
 
+def test_new_command_is_found_and_checked(tmp_path: Path, stack: contextlib.ExitStack) -> None:
+    package = written("command", "my-report", tmp_path)
+    assert not (package / "src/my_report/fake.py").exists()
+    install(package, stack)
+    result = invoke(check.command, "my-report")
+    assert result.exit_code == 0, result.output
+    assert "kept   command my-report: describes itself and its options" in result.output
+    with pytest.raises(ConfigError, match="`pointit my-report` is a command: choose another name"):
+        invoke(new.command, "command", "my-report", "--folder", str(tmp_path / "again"))
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "said"),
+    [
+        (
+            "my-mute",
+            ('help="time to watch, s  [default: no end]"', 'help=""'),
+            "without a help text: seconds",
+        ),
+        (
+            "my-bare",
+            ('"""Print each selection of', '"" + """Print each'),
+            "it has no help: give its function",
+        ),
+        ("my-broken", ("import pointit\n", "import pointit.lost\n"), "No module named 'pointit.lost'"),
+    ],
+)
+def test_command_without_help_or_that_cannot_be_imported_is_named(
+    name: str, wrong: tuple[str, str], said: str, tmp_path: Path, stack: contextlib.ExitStack
+) -> None:
+    package = written("command", name, tmp_path)
+    module = package / "src" / name.replace("-", "_") / "__init__.py"
+    assert wrong[0] in module.read_text()
+    module.write_text(module.read_text().replace(*wrong))
+    install(package, stack)
+    result = invoke(check.command, name)
+    assert result.exit_code == 1
+    assert said in result.output
+
+
+def test_output_of_a_new_command_has_the_selections(capsys: pytest.CaptureFixture[str]) -> None:
+    with pointit.run("scenario_3", virtual=True) as site:
+        command_template.print_selections(site, 40, as_json=False)
+    assert "user1 selected " in capsys.readouterr().out
+
+
 def test_harness_that_raises_is_named() -> None:
     def fail() -> None:
         raise ZeroDivisionError
@@ -137,6 +185,9 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
     [
         ("imu-source", "serial", "IMU source 'serial' of pointit is installed"),
         ("imu-source", "source", "'source' is a parameter"),
+        ("recogniser", "pocketsphinx", "recogniser 'pocketsphinx' of pointit is installed"),
+        ("command", "doctor", "`pointit doctor` is a command"),
+        ("command", "echo", "`pointit echo` is a command"),
     ],
 )
 def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_path: Path) -> None:
@@ -147,8 +198,8 @@ def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_p
 
 WITHOUT_STRIPS = {"spotlight"}
 """LED outputs without strips and lamps, which are what the kit checks."""
-ELSEWHERE = {"ros2"}
-"""Robot drivers whose promises are checked beside their other tests: the kit must not import bridges."""
+ELSEWHERE = {"ros2", "pocketsphinx"}
+"""Plug-ins that are checked beside their other tests: the kit imports no bridge, and has no spoken words."""
 OURS = [
     pytest.param(check.installed_harness(name, group.get(name)), id=f"{kind} {name}", marks=pytest.mark.slow)
     for kind, group in GROUPS.items()
@@ -157,7 +208,8 @@ OURS = [
 ]
 TEMPLATES = [
     pytest.param(import_module(f"{new.TEMPLATES}.{template}.fake").DEVICE, id=template)
-    for template, *_ in new.KINDS.values()
+    for kind, (template, *_) in new.KINDS.items()
+    if kind != new.COMMAND
 ]
 
 

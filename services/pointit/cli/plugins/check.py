@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.installed_commands import LAB
+from pointit.cli.common.installed_commands import LAB, declared, load
 from pointit.commands import UnknownNameError, json_option, nearest, print_json, remedy
 from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, ServicePlugin
 from pointit.runtime.config.installed import OURS
@@ -20,6 +20,7 @@ from pointit.testing.requirements import require_parameters
 from pointit.testing.service import ServiceHarness
 
 FAKE_DEVICES = "pointit.fake_devices"
+COMMAND = "command"
 
 
 @dataclass(frozen=True)
@@ -70,11 +71,12 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
     Raises:
         UnknownNameError: If there are none.
     """
-    everyone = [(kind, each) for kind, group in GROUPS.items() for each in group.names]
+    packages = {(kind, each): group.package(each) for kind, group in GROUPS.items() for each in group.names}
+    packages |= {(COMMAND, each.name): each.package for each in declared()}
     found = [
         (kind, each)
-        for kind, each in everyone
-        if each == name or (name is None and GROUPS[kind].package(each) not in OURS)
+        for (kind, each), package in packages.items()
+        if each == name or (name is None and package not in OURS)
     ]
     if found:
         return found
@@ -82,7 +84,9 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
         raise UnknownNameError(
             "no other package has plug-ins; check one of ours, `pointit plugin check hold`"
         )
-    raise UnknownNameError(f"no plug-in {name!r} is installed; {nearest(name, [row for _, row in everyone])}")
+    raise UnknownNameError(
+        f"no plug-in {name!r} is installed; {nearest(name, [each for _, each in packages])}"
+    )
 
 
 def examined(kind: str, name: str) -> Iterator[CheckResult]:
@@ -92,6 +96,9 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         ConfigError: If it is one of ours, and the laboratory, which has their devices, is not installed.
     """
     title = f"{kind} {name}"
+    if kind == COMMAND:
+        yield from examined_command(title, name)
+        return
     try:
         plugin: Plugin = GROUPS[kind].get(name)
         harness = installed_harness(name, plugin)
@@ -117,6 +124,26 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         f"none is declared: add an entry point {name!r} of the group {FAKE_DEVICES}, see docs/how-to/"
         "write-a-plug-in.md",
     )
+
+
+def examined_command(title: str, name: str) -> Iterator[CheckResult]:
+    """Yield the results of the checks of the command `name`."""
+    (package,) = (each.package for each in declared() if each.name == name)
+    try:
+        command = load(package, name)
+    except ConfigError as error:
+        yield CheckResult(title, "import", "can be imported", str(error))
+        return
+    context = click.Context(command, info_name=f"pointit {name}")
+    lacking = [
+        each.name
+        for each in command.get_params(context)
+        if isinstance(each, click.Option) and not each.help and not each.hidden
+    ]
+    problem = "" if (command.help or "").strip() else "it has no help: give its function a docstring"
+    if lacking and not problem:
+        problem = f"options without a help text: {', '.join(filter(None, lacking))}"
+    yield CheckResult(title, "help", "describes itself and its options", problem)
 
 
 def installed_harness(name: str, plugin: Plugin) -> Harness[Any] | None:

@@ -9,14 +9,19 @@ from string import Template
 
 import click
 
+from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
+from pointit.cli.common.installed_commands import Installed
 from pointit.commands import replaced_file
 from pointit.plugins import GROUPS, ConfigError
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.selector.config import SelectorConfig
 
+COMMAND = "command"
 KINDS = {
+    COMMAND: ("command", "pointit.commands", "command", "$name"),
     "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
     "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --output $name:HOST"),
+    "recogniser": ("recogniser", "pointit.recognisers", "RECOGNISER", "listen anna --recogniser $name"),
     "selection-method": ("selection_method", "pointit.selection_methods", "METHOD", "run --method $name"),
     "service": ("service", "pointit.services", "SERVICE", "run --with $name"),
 }
@@ -26,8 +31,12 @@ PARAMETERS = {"imu-source": ImuBridgeConfig.model_fields, "selection-method": Se
 """Parameters beside which those of a plug-in have a section, by kind."""
 
 TEMPLATES = "pointit.testing.templates"
-COMMON = ("pyproject.toml", "README.md", ".github/workflows/test.yml", "tests/test_promises.py")
+COMMON = ("pyproject.toml", "README.md", ".github/workflows/test.yml")
 """Files of every package."""
+FAKE_DEVICE = """[project.entry-points."pointit.fake_devices"]
+$name = "$module.fake:DEVICE"
+
+"""
 NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
 
 
@@ -40,10 +49,10 @@ NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
     help="folder of the package [default: ./NAME]",
 )
 def command(*, kind: str, name: str, folder: Path | None) -> None:
-    """Write a package with a plug-in NAME of a KIND that works, its fake device, and tests that pass.
+    """Write a package with a plug-in NAME of a KIND that works, and tests that pass.
 
-    A device of the example is reached by TCP. Change how it is connected and what it sends; the tests show
-    broken promises.
+    A device of the example is reached by TCP, and simulated in tests. Change how it is connected and what it
+    sends; the tests show broken promises.
 
     Example: pointit plugin new imu-source my-wrist
     """
@@ -80,6 +89,12 @@ def check_free(kind: str, name: str) -> None:
     Raises:
         ConfigError: If it cannot.
     """
+    if kind == COMMAND:
+        installed = Installed(COMMANDS, OLD_SPELLINGS)
+        taken = {*OLD_SPELLINGS, *(entry.name for part in installed.parts.values() for entry in part)}
+        if name in taken:
+            raise ConfigError(f"`pointit {name}` is a command: choose another name")
+        return
     group = GROUPS[kind]
     if name in group.names:
         raise ConfigError(f"{group.label(name)} is installed: choose another name")
@@ -90,27 +105,33 @@ def check_free(kind: str, name: str) -> None:
 def package(kind: str, name: str, module: str) -> dict[str, str]:
     """Return the text of each file of a package, by its path in the package's folder."""
     template, group, thing, use = KINDS[kind]
+    article = "an" if kind[0] in "aeio" else "a"
+    has_device = kind != COMMAND
     words = {
         "name": name,
         "module": module,
         "kind": kind,
-        "article": "an" if kind[0] in "aeio" else "a",
+        "article": article,
         "group": group,
         "thing": thing,
         "use": Template(use).substitute(name=name),
+        "tests": f"each promise of {article} {kind} is a test" if has_device else "its help and its output",
+        "fake": f", `src/{module}/fake.py` what stands for its device in tests" if has_device else "",
+        "fake_device": Template(FAKE_DEVICE).substitute(name=name, module=module) if has_device else "",
     }
     sources = importlib.resources.files(TEMPLATES)
     texts = {
         path: Template(
             (sources / "package" / f"{Path(path).name}.txt").read_text(encoding="utf-8")
         ).substitute(words)
-        for path in COMMON
+        for path in (*COMMON, f"tests/test_{'promises' if has_device else 'command'}.py")
     }
-    for file in ("__init__.py", "fake.py"):
+    for file in ("__init__.py", "fake.py") if has_device else ("__init__.py",):
         text = (sources / template / file).read_text(encoding="utf-8")
         for word, own in (
             (f"{TEMPLATES}.{template}", module),
             ("template-service", name),
+            ("template-command", name),
             ("template_service", module),
         ):
             text = text.replace(word, own)

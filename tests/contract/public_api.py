@@ -159,7 +159,9 @@ def signature(function: Any) -> str:
         shown.append(f"{name}: {types.get(name, '')}{default}")
     result = ast.unparse(node.returns).strip("'") if node.returns else ""
     awaited = "async " if isinstance(node, ast.AsyncFunctionDef) else ""
-    if hasattr(function, "__wrapped__"):  # a method of `Site` as `SyncSite` has it
+    if (
+        hasattr(function, "__wrapped__") and function.__code__.co_name != "accepting"
+    ):  # of `SyncSite`, by `Site`
         result, awaited = without_modules(inspect.signature(function).return_annotation), ""
     return f"({', '.join(shown)}) -> {awaited}{result}"
 

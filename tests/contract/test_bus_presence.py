@@ -264,7 +264,7 @@ async def test_only_retained_topics_are_delivered_and_only_on_request(site: Site
     for bus, sink in zip(site.buses, sinks, strict=True):
         bus.subscribe(topics.POSE, sink)
         bus.subscribe(topics.IMU, sink)
-        bus.subscribe(topics.PROFILE, sink, kept=False)
+        bus.subscribe(topics.PROFILE, sink, retained=False)
     site.c.subscribe(topics.PROFILE, wanted)
     await until(lambda: seen_by_all([wanted], ("anna", 2)))
     assert seen_by_all(sinks)

@@ -36,8 +36,8 @@ class BadLink(MemoryBus):
         handler: Callable[[M, str], None],
         name: str = ANY,
         *,
-        kept: bool = True,
-        every: bool = False,
+        retained: bool = True,
+        queue_all: bool = False,
     ) -> Subscription:
         loop = asyncio.get_running_loop()
         may_be_lost = any(row.key == topic.key and row.delivery is Delivery.LATEST for row in TOPICS)
@@ -54,4 +54,4 @@ class BadLink(MemoryBus):
                 late_s += self._random.uniform(-self.JITTER_S, self.JITTER_S)
             loop.call_later(late_s, deliver, message, its_name)
 
-        return super().subscribe(topic, on_arrival, name, kept=kept, every=every)
+        return super().subscribe(topic, on_arrival, name, retained=retained, queue_all=queue_all)

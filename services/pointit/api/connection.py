@@ -13,6 +13,7 @@ from pointit.api.requests import listed
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.bus.site_clock import SiteClock
+from pointit.runtime.config.renamed_arguments import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteError
 from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
@@ -27,12 +28,13 @@ TIMEOUT_S = 2.0
 """Time limit of finding a site, s."""
 
 
+@accept_old_names(patience_s="timeout_s")
 def connect(
     address: str | Sequence[str] = (),
     *,
     site: str = "",
     credentials: str | Path | None = None,
-    patience_s: float | None = TIMEOUT_S,
+    timeout_s: float | None = TIMEOUT_S,
 ) -> contextlib.AbstractAsyncContextManager[Site]:
     """Join a running site: `async with pointit.connect() as site`.
 
@@ -42,7 +44,7 @@ def connect(
             command that runs there.
         site: name of the site. Default: that of the credentials, else `lab`.
         credentials: folder of an identity on a secured site. Default: `$POINTIT_CREDENTIALS`, if set.
-        patience_s: timeout, s. None: wait without limit.
+        timeout_s: timeout, s. None: wait without limit.
 
     Raises:
         ConnectError: If no site answers at the address, or the router refuses the credentials.
@@ -50,15 +52,16 @@ def connect(
         AccessDeniedError: If this identity was revoked.
         ConfigError: If the address or the credentials cannot be used.
     """
-    return _join(address, site, credentials, patience_s)
+    return _join(address, site, credentials, timeout_s)
 
 
+@accept_old_names(patience_s="timeout_s")
 def open(  # noqa: A001 - `pointit.open`
     address: str | Sequence[str] = (),
     *,
     site: str = "",
     credentials: str | Path | None = None,
-    patience_s: float | None = TIMEOUT_S,
+    timeout_s: float | None = TIMEOUT_S,
 ) -> SyncSite:
     """Join a running site without asyncio: in a script, a notebook or a shell.
 
@@ -66,17 +69,17 @@ def open(  # noqa: A001 - `pointit.open`
     `connect`.
     """
     thread = LoopThread()
-    return SyncSite(_join(address, site, credentials, patience_s), thread)
+    return SyncSite(_join(address, site, credentials, timeout_s), thread)
 
 
 @contextlib.asynccontextmanager
 async def _join(
-    address: str | Sequence[str], site: str, credentials: str | Path | None, patience_s: float | None
+    address: str | Sequence[str], site: str, credentials: str | Path | None, timeout_s: float | None
 ) -> AsyncGenerator[Site]:
     if is_virtual():
         raise ConfigError("a site that runs elsewhere cannot be joined in virtual time; start one with `run`")
     link = _link(listed(address), site, credentials)
-    bus = await ZenohBus.open(link, patience_s=patience_s)
+    bus = await ZenohBus.open(link, patience_s=timeout_s)
     try:
         await _check_site(bus)
         if not (address or site or link.credentials):

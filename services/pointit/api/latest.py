@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 from pointit.api.feed import unreadable
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.config.renamed_arguments import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, VersionError
 from pointit.schemas import Message, topics
 from pointit.schemas.topics import ANY, Topic
@@ -58,18 +59,19 @@ class Newest(Mapping[str, M], Generic[M]):
         """The newest message of a topic that has one writer, such as the map. Raises as `[name]` does."""
         return self[""]
 
-    async def wait(self, name: str = "", *, patience_s: float = TIMEOUT_S) -> M:
+    @accept_old_names(patience_s="timeout_s")
+    async def wait(self, name: str = "", *, timeout_s: float = TIMEOUT_S) -> M:
         """Return the newest message of `name`, or of the one writer, as soon as there is one.
 
         Raises:
-            NoMessageError: If none has come within `patience_s`.
+            NoMessageError: If none has come within `timeout_s`.
             AccessDeniedError: If none has come since this identity may not read it.
             VersionError: If no received message can be decoded.
             BusClosedError: If the site is closed.
         """
         subscription = self._receive(name)
         with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(patience_s):
+            async with asyncio.timeout(timeout_s):
                 while name not in self._values:
                     self._changed.clear()
                     await self._changed.wait()
@@ -81,7 +83,7 @@ class Newest(Mapping[str, M], Generic[M]):
         if subscription.traffic.invalid and not self._values:
             raise VersionError(unreadable(subscription.traffic))
         key = self._topic.at(name)
-        raise NoMessageError(f"nothing came on {key} within {patience_s:g} s; see `pointit doctor`")
+        raise NoMessageError(f"nothing came on {key} within {timeout_s:g} s; see `pointit doctor`")
 
     def _receive(self, name: str) -> Subscription:
         self._check_open()

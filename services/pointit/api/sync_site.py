@@ -22,6 +22,7 @@ from pointit.api.reactions import F
 from pointit.api.requests import Lamp
 from pointit.api.site import Site
 from pointit.api.tracker import Tracker
+from pointit.runtime.config.renamed_arguments import accept_old_names
 from pointit.schemas import (
     AddPackageReply,
     Done,
@@ -282,9 +283,10 @@ class SyncNewest(Mapping[str, M], Generic[M]):
         """The newest message of a topic with one writer, as soon as there is one; see `wait`."""
         return self.wait()
 
-    def wait(self, name: str = "", *, patience_s: float = TIMEOUT_S) -> M:
+    @accept_old_names(patience_s="timeout_s")
+    def wait(self, name: str = "", *, timeout_s: float = TIMEOUT_S) -> M:
         """Return the newest message of `name`, as soon as there is one. Raises what `Newest.wait` raises."""
-        return self._thread.run(self._newest.wait(name, patience_s=patience_s))
+        return self._thread.run(self._newest.wait(name, timeout_s=timeout_s))
 
 
 class SyncLatest:

@@ -265,3 +265,11 @@ OLD_SPELLINGS = {
     "leds": ("output",),
 }
 """First words of version 0.1, which are understood until the next version. `service NAME` is one, too."""
+
+OLD_PAIRS = {
+    ("new", "room"): ("map", "new"),
+    ("list", "maps"): ("map", "list"),
+    ("list", "plugins"): ("plugin", "list"),
+    ("list", "services"): ("service", "list"),
+}
+"""First two words of earlier versions, which are understood until the next minor version."""

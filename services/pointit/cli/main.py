@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import click
 
-from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
+from pointit.cli.commands import COMMANDS, OLD_PAIRS, OLD_SPELLINGS
 from pointit.cli.common.installed_commands import LABORATORY, Installed
 from pointit.cli.common.lazy import COMPLETE, LazyEntry, LazyGroup, print_help_without_action, walk
 from pointit.runtime.host.text_output import escape_unencodable
@@ -120,8 +120,8 @@ GROUPS = {path[:-1] for path in PATHS}
 def renamed(arguments: Sequence[str]) -> tuple[int, tuple[str, ...]]:
     """Return the number of first words that are an old spelling, and the new one, or `(0, ())`."""
     word, following = arguments[0], arguments[1] if len(arguments) > 1 else ""
-    if (word, following) == ("new", "room"):
-        return 2, ("map", "new")
+    if (word, following) in OLD_PAIRS:
+        return 2, OLD_PAIRS[word, following]
     if word in OLD_SPELLINGS:
         return 1, OLD_SPELLINGS[word]
     if word != "service" or not following:

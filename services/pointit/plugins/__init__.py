@@ -22,7 +22,7 @@ The object says what it is, in one line, which parameters it has, and how it is 
     WAVING = ImuSource(summary="an arm that waves", config=WavingConfig, make=Waving)
 
 Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` sets its parameter, and
-`pointit list plugins` shows it. The kinds, with the group of their entry points:
+`pointit plugin list` shows it. The kinds, with the group of their entry points:
 
 - `ImuSource` (`pointit.imu_sources`): a device that gives the orientation of a person's arm.
 - `LedOutput` (`pointit.led_outputs`): a controller of strips (`Output`), of single lamps (`LampOutput`), or

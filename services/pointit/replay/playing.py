@@ -129,7 +129,9 @@ class Collector:
         self._clock = clock
         self._take = take
         self._declared = [
-            bus.subscribe(topic, self._reader(topic), every=True) for topic in TOPICS if topic is not SERVED
+            bus.subscribe(topic, self._reader(topic), queue_all=True)
+            for topic in TOPICS
+            if topic is not SERVED
         ]
         self._declared.append(bus.subscribe(SERVED, self._on_served))
         self._watched = [bus.watch(presence, self._watcher(presence)) for presence in PRESENCES]

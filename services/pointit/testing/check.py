@@ -2,10 +2,11 @@
 
 import asyncio
 import traceback
+import warnings
 from collections.abc import Callable, Coroutine, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -17,7 +18,7 @@ H = TypeVar("H", bound="Harness[Any]")
 AT_ONCE = 16
 """Checks that run at the same time: most of them wait."""
 TIMEOUT_FACTORS = 6.0
-"""A check that has not come to an end within this many times the harness's patience hangs."""
+"""A check that has not come to an end within this many times the harness's timeout hangs."""
 CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
 
 
@@ -30,8 +31,19 @@ class Harness(Generic[P]):
     """Parameters that the plug-in must refuse."""
     virtual_time: bool = False
     """True if plug-in and device wait for timers of the event loop alone: checks then take no time."""
-    patience_s: float = 10.0
+    timeout_s: float = 10.0
     """Time that the plug-in may take to start, to connect, to notice a loss, and to warn, s."""
+    patience_s: InitVar[float | None] = None
+    """Old name of `timeout_s`."""
+
+    def __post_init__(self, patience_s: float | None) -> None:
+        """Take the old name of `timeout_s`."""
+        if patience_s is not None:
+            sentence = (
+                "Harness(patience_s=) is now timeout_s=; the next minor version takes the new name only"
+            )
+            warnings.warn(sentence, DeprecationWarning, stacklevel=3)
+            object.__setattr__(self, "timeout_s", patience_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +155,7 @@ class Suite(Generic[H]):
 
 
 def _run(function: CheckFunction[H], harness: H) -> None:
-    limit_s = TIMEOUT_FACTORS * harness.patience_s
+    limit_s = TIMEOUT_FACTORS * harness.timeout_s
     raised: list[BaseException] = []
 
     def on_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

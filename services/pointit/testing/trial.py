@@ -106,7 +106,7 @@ class Trial(ABC):
 
     def __init__(self, harness: DeviceHarness[Any]) -> None:
         self.device = harness.device()
-        self.patience_s = harness.patience_s
+        self.timeout_s = harness.timeout_s
         self.config = harness.plugin.config.model_validate(dict(harness.parameters(self.device)))
         self.clock = TrialClock()
         self.health = TrialHealth()
@@ -191,11 +191,11 @@ class Trial(ABC):
             CheckFailedError: If it does not come true, or `run` ends.
         """
         loop = asyncio.get_running_loop()
-        end_s = loop.time() + self.patience_s
+        end_s = loop.time() + self.timeout_s
         while not condition():
             self.require_running()
             if loop.time() > end_s:
-                raise CheckFailedError(f"{failure} (waited {self.patience_s:g} s)")
+                raise CheckFailedError(f"{failure} (waited {self.timeout_s:g} s)")
             if act is not None:
                 await act()
             await asyncio.sleep(LOOK_S)
@@ -208,7 +208,7 @@ class Trial(ABC):
         loop = asyncio.get_running_loop()
         began_s = loop.time()
         task.cancel()
-        await asyncio.wait([task], timeout=max(self.patience_s, 2 * CANCEL_S))
+        await asyncio.wait([task], timeout=max(self.timeout_s, 2 * CANCEL_S))
         if not task.done():
             raise CheckFailedError(f"`run` was cancelled and still ran {loop.time() - began_s:.1f} s later")
         error = failure_of(task)

@@ -53,7 +53,7 @@ async def home(endpoint: str) -> AsyncIterator[ZenohBus]:
 async def test_a_whole_site_is_joined_and_answers(endpoint: str) -> None:
     async with (
         pointit.run("scenario_2", listen=endpoint),
-        pointit.connect(endpoint, patience_s=PATIENCE_S) as site,
+        pointit.connect(endpoint, timeout_s=PATIENCE_S) as site,
     ):
         assert await anext(site.people()) == {"user1"}
         assert (await anext(site.cursors("user1"))).seq > 0
@@ -64,7 +64,7 @@ async def test_a_whole_site_is_joined_and_answers(endpoint: str) -> None:
 
 
 async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: str) -> None:
-    async with pointit.connect(endpoint, patience_s=PATIENCE_S) as site:
+    async with pointit.connect(endpoint, timeout_s=PATIENCE_S) as site:
         events = site.selections()
         await home.close()
         await until(lambda: site.problem.startswith("router at "), what="the loss to be known")
@@ -82,10 +82,10 @@ async def test_loops_go_on_after_the_router_was_lost(home: ZenohBus, endpoint: s
 
 async def test_nobody_there_is_one_sentence(endpoint: str) -> None:
     with pytest.raises(ConnectError, match=f"nobody answers at {endpoint}; is `pointit run` or"):
-        async with pointit.connect(endpoint, patience_s=0.0):
+        async with pointit.connect(endpoint, timeout_s=0.0):
             pass
     with pytest.raises(ConnectError, match=f"nobody answers at {endpoint}"):
-        await asyncio.to_thread(pointit.open, endpoint, patience_s=0.0)
+        await asyncio.to_thread(pointit.open, endpoint, timeout_s=0.0)
     with pytest.raises(ConfigError, match=r"'here' is no address; write one like tcp/127.0.0.1:7447"):
         async with pointit.connect("here"):
             pass
@@ -96,10 +96,10 @@ async def test_the_run_that_is_joined_without_a_name_is_told_once(
 ) -> None:
     monkeypatch.setattr("pointit.api.connection.DEFAULT_ENDPOINT", endpoint)
     home.announce(USER_ALIVE, "anna")
-    async with pointit.connect(endpoint, patience_s=PATIENCE_S), pointit.connect(site="lab"):
+    async with pointit.connect(endpoint, timeout_s=PATIENCE_S), pointit.connect(site="lab"):
         assert "joined" not in caplog.text
     for _ in range(2):
-        async with pointit.connect(patience_s=PATIENCE_S):
+        async with pointit.connect(timeout_s=PATIENCE_S):
             pass
     assert caplog.text.count(f"joined site lab at {endpoint}, with anna; for another run give") == 1
 
@@ -107,12 +107,12 @@ async def test_the_run_that_is_joined_without_a_name_is_told_once(
 @pytest.mark.usefixtures("home")
 async def test_another_site_is_named(endpoint: str) -> None:
     with pytest.raises(WrongSiteError, match=r"nothing runs on site plant at .*; there is site lab"):
-        async with pointit.connect(endpoint, site="plant", patience_s=PATIENCE_S):
+        async with pointit.connect(endpoint, site="plant", timeout_s=PATIENCE_S):
             pass
 
 
 async def test_messages_of_another_version_are_one_sentence(home: ZenohBus, endpoint: str) -> None:
-    async with pointit.connect(endpoint, patience_s=PATIENCE_S) as site:
+    async with pointit.connect(endpoint, timeout_s=PATIENCE_S) as site:
         cursors = site.cursors("anna")
         async with repeated(PERIOD_S, lambda: home.session.put(CURSOR.at("anna"), b"\x81\xa1x\x01")):
             with pytest.raises(VersionError, match=r"none could be read .*install the same version"):
@@ -129,7 +129,7 @@ async def test_who_may_not_is_told(
         with pytest.raises(ConfigError, match=r"^tcp/host:1: credentials are for encrypted addresses only"):
             await asyncio.to_thread(pointit.open, "tcp/host:1")
         assert "the credentials of dashboard1 end on" in caplog.text
-        async with pointit.connect(patience_s=PATIENCE_S) as site:
+        async with pointit.connect(timeout_s=PATIENCE_S) as site:
             assert site.name == "lab"
             with pytest.raises(AccessDeniedError, match=r"dashboard1.* may not read users/anna/ray"):
                 await anext(site.rays("anna"))
@@ -146,7 +146,7 @@ async def test_who_may_not_is_told(
                 pass
         folder.revoke("guest")
     with routed(folder), pytest.raises(AccessDeniedError, match="it was revoked"):
-        async with pointit.connect(credentials=folder.identity_folder("guest"), patience_s=PATIENCE_S):
+        async with pointit.connect(credentials=folder.identity_folder("guest"), timeout_s=PATIENCE_S):
             pass
 
 
@@ -163,12 +163,12 @@ async def test_objects_of_others_are_taken_over_by_operators_only(tmp_path: Path
         try:
             services.serve(RELEASE_OBJECT, release)
             async with pointit.connect(
-                credentials=folder.identity_folder("operator"), patience_s=PATIENCE_S
+                credentials=folder.identity_folder("operator"), timeout_s=PATIENCE_S
             ) as site:
                 given = await site.select.release("anna", "box", take_over=True)
             assert given.message == "box is anna's"
             async with pointit.connect(
-                credentials=folder.identity_folder("anna"), patience_s=PATIENCE_S
+                credentials=folder.identity_folder("anna"), timeout_s=PATIENCE_S
             ) as site:
                 with pytest.raises(AccessDeniedError, match=r"anna.* may not ask selector/anna/release"):
                     await site.select.release("anna", "box", take_over=True)
@@ -183,16 +183,16 @@ async def test_a_person_has_the_latest_of_their_own_on_a_secured_site(tmp_path: 
         ray = PointingRay(stamp_ns=1, origin_m=(0, 0, 1), direction=(1, 0, 0))
         try:
             async with (
-                pointit.connect(credentials=folder.identity_folder("anna"), patience_s=PATIENCE_S) as site,
+                pointit.connect(credentials=folder.identity_folder("anna"), timeout_s=PATIENCE_S) as site,
                 repeated(PERIOD_S, partial(wrist.publisher(RAY, "anna").put, ray)),
             ):
-                assert await site.latest.ray.wait("anna", patience_s=60) == site.latest.ray["anna"]
+                assert await site.latest.ray.wait("anna", timeout_s=60) == site.latest.ray["anna"]
         finally:
             await wrist.close()
 
 
 def update_twice_without_rights() -> None:
-    with pointit.open(patience_s=PATIENCE_S) as site, contextlib.closing(site.tracker("camera")) as tracker:
+    with pointit.open(timeout_s=PATIENCE_S) as site, contextlib.closing(site.tracker("camera")) as tracker:
         tracker.update([])
         with pytest.raises(AccessDeniedError, match="may not write objects/camera"):
             tracker.update([])

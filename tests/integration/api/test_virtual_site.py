@@ -86,7 +86,7 @@ def test_a_script_sees_people_point_and_sends_requests() -> None:
         assert "nobody" not in site.latest.cursor
         assert set(site.latest.cursor) == {"user1", "user2"}
         assert site.now_ns() == waited_ns
-        assert site.latest.pose.wait("user1", patience_s=5.0).stamp_ns > 0
+        assert site.latest.pose.wait("user1", timeout_s=5.0).stamp_ns > 0
         with pytest.raises(RefusedError, match="nothing to take back"):
             site.select.undo("nobody")
         with pytest.raises(SchemaError, match="brightness: must be at most 1"):

@@ -60,7 +60,7 @@ async def allowed(folder: SiteFolder, name: str) -> dict[str, bool]:
         "stop": ("stop_robot", {"robot": "rover"}),
     }
     identity = folder.identity_folder(name)
-    door = SiteConnection(lambda: pointit.connect(credentials=identity, patience_s=None), "site lab")
+    door = SiteConnection(lambda: pointit.connect(credentials=identity, timeout_s=None), "site lab")
     tools = Tools(door, AuditFile(site_folder("lab", FOLDER)), "operator")
 
     def is_joined() -> bool:

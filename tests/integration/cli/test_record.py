@@ -42,7 +42,7 @@ async def test_recording_that_is_killed_has_all_but_the_last_second(site: Site, 
         launches += user_launches(scenario, choices, user, index)
     site.launch(*launches)
     seen: dict[str, list[int]] = {user: [] for user in PEOPLE}
-    site.bus.subscribe(IMU, lambda sample, user: seen[user].append(sample.stamp_ns), every=True)
+    site.bus.subscribe(IMU, lambda sample, user: seen[user].append(sample.stamp_ns), queue_all=True)
     async with site.command("record", str(path)) as process:
         assert "recording to" in await next_line(process.stderr)
         await site.arrived("recorder")

@@ -263,7 +263,7 @@ async def test_a_run_goes_on_while_somebody_looks_on(monkeypatch: pytest.MonkeyP
         await until(run.run._is_looked_on, PATIENCE_S, "somebody")
         run.stage.plan = replace(run.stage.plan, duration_s=0.0)  # over, as the page's next report shows
         reports: list[Health] = []
-        run.bus.subscribe(HEALTH, lambda health, _name: reports.append(health), "web", kept=False)
+        run.bus.subscribe(HEALTH, lambda health, _name: reports.append(health), "web", retained=False)
         await until(lambda: run.task.done() or len(reports) > 2, PATIENCE_S, "reports")
         assert not run.task.done()
         monkeypatch.setattr("pointit.launch.run.run_site.VIEWER_SILENT_S", 0.0)

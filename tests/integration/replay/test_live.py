@@ -37,7 +37,7 @@ async def test_a_site_gets_the_messages_and_the_time_of_the_recording() -> None:
     maps: list[models.Environment] = []
     async with site_of("zenoh-peer") as site:
         site.b.subscribe(topics.IMU, lambda sample, _user: samples.append(sample))
-        site.b.subscribe(topics.CLOCK, lambda tick, _name: ticks.append(tick), every=True)
+        site.b.subscribe(topics.CLOCK, lambda tick, _name: ticks.append(tick), queue_all=True)
         site.b.subscribe(topics.MAP, lambda room, _name: maps.append(room))
         await site.settle()
         with Recording.open(RECORDING) as recording:

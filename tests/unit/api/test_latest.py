@@ -28,7 +28,7 @@ async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Si
     assert dict(site.latest.pose).keys() == {"anna"}
     assert site.latest.pose.get("ben") is None
     with pytest.raises(NoMessageError, match=r"nothing came on users/ben/pose within 0\.01 s"):
-        await site.latest.pose.wait("ben", patience_s=0.01)
+        await site.latest.pose.wait("ben", timeout_s=0.01)
     with pytest.raises(NoMessageError, match="nothing has come on selection yet"):
         _ = site.latest.selection.value
     bus.publisher(SELECTION).put(Selection(stamp_ns=1))
@@ -62,18 +62,18 @@ async def test_the_latest_says_that_nothing_can_be_read(bus: MemoryBus, site: Si
     assert len(rays) == 0
     rays._subscriptions[ANY].traffic.invalid = 3
     with pytest.raises(VersionError, match="3 messages came and none could be read"):
-        await rays.wait("anna", patience_s=0.01)
+        await rays.wait("anna", timeout_s=0.01)
     ray = PointingRay(stamp_ns=1, origin_m=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0))
     bus.publisher(RAY, "ben").put(ray)
     assert await rays.wait("ben") == ray
     with pytest.raises(NoMessageError):
-        await rays.wait("anna", patience_s=0.01)
+        await rays.wait("anna", timeout_s=0.01)
 
 
 @pytest.mark.usefixtures("denied")
 async def test_the_latest_says_that_nothing_may_be_read(site: Site) -> None:
     with pytest.raises(AccessDeniedError, match="reads users/anna/ray"):
-        await site.latest.ray.wait("anna", patience_s=0.01)
+        await site.latest.ray.wait("anna", timeout_s=0.01)
 
 
 ROOM = Environment(stamp_ns=1, name="room", frames=(Frame(id="optitrack", position_m=(1.0, 2.0, 0.0)),))

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from pointit.cli.inspect.declaration import read_service, read_summary
 from pointit.cli.inspect.listings import plugins, services
 from pointit.plugins import GROUPS
-from pointit.plugins.declaration import read_service, read_summary
 from pointit.schemas import topics
 from pointit.services import registry
 from tests.support import strangers

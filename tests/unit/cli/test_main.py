@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
+from pointit.cli.commands import COMMANDS, OLD_PAIRS, OLD_SPELLINGS
 from pointit.cli.common import installed_commands
 from pointit.cli.common.installed_commands import HEADING, LAB
 from pointit.cli.common.lazy import LazyEntry, LazyGroup
@@ -97,7 +97,7 @@ def test_the_front_page_loads_no_command() -> None:
 @pytest.mark.parametrize(
     ("line", "heavy"),
     [
-        *((line, {"zenoh", "scipy", "numpy", "serial", "yaml"}) for line in ("topic list", "list services")),
+        *((line, {"zenoh", "scipy", "numpy", "serial", "yaml"}) for line in ("topic list", "service list")),
         *((line, {"matplotlib"}) for line in ("map list", "map check lab", "map plot --help")),
     ],
 )
@@ -212,6 +212,9 @@ def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
         ("user", "person add", "--help"),
         ("calibrate", "person calibrate", "mounting --help"),
         ("new room", "map new", "--lamps 0 --strips 0"),
+        ("list maps", "map list", "--json"),
+        ("list plugins", "plugin list", "--json"),
+        ("list services", "service list", "--json"),
         ("service", "service run", "pui --help"),
         ("service", "service run", "puj"),
         ("service", "service list", "--json"),
@@ -224,7 +227,8 @@ def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: 
 
 
 def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itself() -> None:
-    assert set(OLD_SPELLINGS.values()) <= set(PATHS)
+    assert {*OLD_SPELLINGS.values(), *OLD_PAIRS.values()} <= set(PATHS)
+    assert not set(OLD_PAIRS) & set(PATHS)
     assert not {(word,) for word in OLD_SPELLINGS} & set(PATHS)
     renamed = {old: new[-1] for old, new in OLD_SPELLINGS.items() if old != new[-1]}
     assert renamed == {"topics": "list", "user": "add", "leds": "output"}

@@ -31,7 +31,7 @@ class CaughtBy:
         self._template = template
 
     def __call__(
-        self, check: str, words: str, /, *, patience_s: float = 5.0, **changes: Any
+        self, check: str, words: str, /, *, timeout_s: float = 5.0, **changes: Any
     ) -> Callable[[C], C]:
         """Return a decorator for what makes the plug-in, which says that `check` reports `words` of it."""
 
@@ -39,7 +39,7 @@ class CaughtBy:
             plugin = replace(self._template.plugin, make=make, **changes)
             name = f"{type(plugin).__name__}-{make.__name__}-{check}-{words}"
             assert name not in FAULTS
-            FAULTS[name] = Fault(check, words, replace(self._template, plugin=plugin, patience_s=patience_s))
+            FAULTS[name] = Fault(check, words, replace(self._template, plugin=plugin, timeout_s=timeout_s))
             return make
 
         return seeded

@@ -212,7 +212,7 @@ class Polls(OwnLoop):
             line.cancel()
 
 
-@caught_by("waits_for_device", r"come to an end .*Event", patience_s=0.5)
+@caught_by("waits_for_device", r"come to an end .*Event", timeout_s=0.5)
 class Hangs(Source):
     async def run(self, deliver: Deliver) -> None:
         threading.Event().wait(8.0)

@@ -28,7 +28,7 @@ def reports_of(names: Iterable[str], patience: float = 1.0) -> dict[str, str]:
         replace(check, name=name)
         for name in names
         for check in checks(
-            replace(FAULTS[name].harness, patience_s=patience * FAULTS[name].harness.patience_s)
+            replace(FAULTS[name].harness, timeout_s=patience * FAULTS[name].harness.timeout_s)
         )
         if check.name == FAULTS[name].check
     ]

@@ -51,7 +51,7 @@ async def _serve(
     from pointit.assistants.site_door import SiteConnection  # noqa: PLC0415
     from pointit.assistants.tools import Tools  # noqa: PLC0415
 
-    connection = SiteConnection(lambda: join(connect, site=site, patience_s=None), address(site, connect))
+    connection = SiteConnection(lambda: join(connect, site=site, timeout_s=None), address(site, connect))
     audit = AuditFile(site_folder(site, FOLDER))
     server = make_server(Tools(connection, audit, most, is_remote=listen is not None))
     async with contextlib.AsyncExitStack() as stack:

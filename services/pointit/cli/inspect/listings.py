@@ -10,20 +10,20 @@ from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
 from pointit.cli.common.installed_commands import Installed, declared
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, json_option, show
-from pointit.plugins import GROUPS
-from pointit.plugins.declaration import read_service, read_summary
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError
-from pointit.services.registry import PROCESSES, Process, process
-from pointit.services.service_plugin import SERVICES
+from pointit.services.registry import PROCESSES, Process, names, process
 
 
 def services() -> OutputSection:
     """Return the process table. Services of other packages are imported only if their source lacks a row."""
     rows = {row.name: _service_row(row) for row in PROCESSES if row.plugin is None}
-    for name in SERVICES.names:
-        with contextlib.suppress(ConfigError):  # reported if it is named
-            rows.setdefault(name, read_service(name) or _service_row(process(name)))
+    for name in names():
+        if name not in rows:
+            from pointit.cli.inspect.declaration import read_service  # noqa: PLC0415 - only if there is one
+
+            with contextlib.suppress(ConfigError):  # reported if it is named
+                rows[name] = read_service(name) or _service_row(process(name))
     return OutputSection(
         name="services",
         about="run one with `pointit service run NAME`",
@@ -90,6 +90,9 @@ OPTIONS = {
 
 def plugins() -> OutputSection:
     """Return the plug-ins of all installed packages, ours among them. Imports those with unusual sources."""
+    from pointit.cli.inspect.declaration import read_summary  # noqa: PLC0415 - not for other listings
+    from pointit.plugins import GROUPS  # noqa: PLC0415 - as above
+
     rows: list[dict[str, Any]] = []
     for kind, group in GROUPS.items():
         option = OPTIONS[kind]

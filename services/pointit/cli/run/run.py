@@ -67,7 +67,7 @@ def _explain(context: click.Context, _parameter: click.Parameter, wanted: bool) 
     metavar="METHOD",
     help="selection method. hold: on the object at every timestep of a window; fraction: at "
     "most of them; gauge: a gauge fills during steady pointing, and drains otherwise; "
-    "`pointit list plugins` lists others  [default: the scenario's]",
+    "`pointit plugin list` lists others  [default: the scenario's]",
 )
 @click.option(
     "--output",

@@ -91,7 +91,7 @@ def shared_options(function: Any) -> Any:
                 "services",
                 multiple=True,
                 metavar="SERVICE",
-                help="also start this service, such as one of an installed package; `pointit list services` "
+                help="also start this service, such as one of an installed package; `pointit service list` "
                 "lists them. Repeatable",
             ),
             click.option(

@@ -54,7 +54,7 @@ class DeploymentPublisher:
         if self._publisher is None or self._name != name:
             self.retract()
             self._publisher, self._name = self._bus.publisher(DEPLOYMENT, name), name
-            self._subscription = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, kept=False)
+            self._subscription = self._bus.subscribe(DEPLOYMENT, self._on_deployment, name, retained=False)
         self._stamp_ns, self._is_anothers = time.time_ns(), False
         services = tuple(
             ExpectedService(service=launch.service.NAME, user=launch.user, name=launch.name, command=command)

@@ -163,14 +163,20 @@ class Bus(Protocol):
         ...
 
     def subscribe(
-        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True, every: bool = False
+        self,
+        topic: Topic[M],
+        handler: Handler[M],
+        name: str = ANY,
+        *,
+        retained: bool = True,
+        queue_all: bool = False,
     ) -> Subscription:
         """Call `handler(message, name)` for each message on `topic` (of one `name`, or of all).
 
         *latest* and *state* queue the newest message per key. *event* queues `EVENT_CAPACITY` messages in
-        order, and so do the others if `every` is true. A reader of *state* gets the last value at once, from
-        the writer if it is present, or else from the keeper (see `serve_retained`) unless `kept` is false. A
-        reader of *event* gets only messages that are put from now on.
+        order, and so do the others if `queue_all`. A reader of *state* gets the last value at once, from the
+        writer if it is present, or else from the keeper (see `serve_retained`) if `retained`. A reader of
+        *event* gets only messages that are put from now on.
         """
         ...
 
@@ -187,7 +193,7 @@ class Bus(Protocol):
 
         Each reader gets the states that `recall` yields once: present readers now, later ones when they
         subscribe. The value of a living writer has precedence, whichever arrives first. The keeper itself
-        subscribes to a topic with `kept=False`.
+        subscribes to a topic with `retained=False`.
         """
         ...
 

@@ -37,13 +37,13 @@ class Mailbox:
         dispatcher: Dispatcher,
         unpack: Callable[[Any], Message] | None = None,
         *,
-        kept: bool = True,
-        every: bool = False,
+        retained: bool = True,
+        queue_all: bool = False,
     ) -> None:
         """Create a buffer for `topic`. `handler` gets its messages in the loop of `dispatcher`.
 
-        `unpack` decodes items of other processes in the loop. `kept`: accept retained states, whose writers
-        may be gone. `every`: queue all messages of the other classes like events, instead of the newest only.
+        `unpack` decodes items of other processes in the loop. `retained`: accept retained states, whose
+        writers may be gone. `queue_all`: queue all messages like events, instead of the newest only.
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
@@ -54,7 +54,7 @@ class Mailbox:
         self._unpack = unpack
         self._lock = threading.Lock()
         self._closed = False
-        self._keeps_newest = topic.delivery is not Delivery.EVENT and not every
+        self._keeps_newest = topic.delivery is not Delivery.EVENT and not queue_all
         self._newest_here: dict[str, Message] = {}
         self._queue_here: collections.deque[tuple[str, Message]] = collections.deque(maxlen=EVENT_CAPACITY)
         self._newest: dict[str, Any] = {}
@@ -63,7 +63,7 @@ class Mailbox:
         """Number of items from other threads in these two since the last drain."""
         self._overflowed = 0
         """Number of overflows at the last report."""
-        self._accepts_retained = kept and topic.delivery is Delivery.STATE
+        self._accepts_retained = retained and topic.delivery is Delivery.STATE
         self._looks = self._accepts_retained or not self._keeps_newest
         """True if items of this process are also filtered before they are handled."""
         self._live: set[str] = set()
@@ -187,8 +187,8 @@ class Mailbox:
         return bool(self._recalled) and self._recalled.pop(name, None) == message
 
     def _drain_retained(self) -> None:
-        kept, self._retained = self._retained, {}
-        for name, message in kept.items():
+        retained, self._retained = self._retained, {}
+        for name, message in retained.items():
             if self._closed:
                 return
             if name not in self._live:

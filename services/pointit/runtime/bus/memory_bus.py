@@ -62,11 +62,17 @@ class MemoryBus(Participant):
         return MemoryPublisher(self, topic, name)
 
     def subscribe(
-        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True, every: bool = False
+        self,
+        topic: Topic[M],
+        handler: Handler[M],
+        name: str = ANY,
+        *,
+        retained: bool = True,
+        queue_all: bool = False,
     ) -> Subscription:
         """Call `handler(message, name)` for each message."""
         self._check_open()
-        mailbox = Mailbox(topic, handler, self.dispatcher, kept=kept, every=every)
+        mailbox = Mailbox(topic, handler, self.dispatcher, retained=retained, queue_all=queue_all)
         return MailboxSubscription(self, topic, mailbox, name)
 
     def tap(self, topic: AnyTopic, handler: Tap, name: str = ANY) -> Subscription:

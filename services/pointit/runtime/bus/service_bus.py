@@ -34,6 +34,7 @@ from pointit.runtime.bus.instrumented import (
 )
 from pointit.runtime.bus.metrics import DurationWindow, ReaderCounts, TopicMeter, steady_time
 from pointit.runtime.clock import Clock
+from pointit.runtime.config.renamed_arguments import accept_old_names
 from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
@@ -98,29 +99,30 @@ class ServiceBus:
         """Record the age of captured data when it leaves the service by another way than the bus."""
         self._latency.add(latency_s * self._latency.per_s)
 
+    @accept_old_names(kept="retained", every="queue_all")
     def subscribe(
         self,
         topic: Topic[M],
         handler: Handler[M],
         name: str = ANY,
         *,
-        kept: bool = True,
-        every: bool = False,
+        retained: bool = True,
+        queue_all: bool = False,
         drops_late: Callable[[M], object] | None = None,
     ) -> MeteredSubscription:
         """Call `handler(message, name)` for each arriving message.
 
-        `kept`: accept retained states, whose writers may be gone. `every`: accept also replaced messages and
-        those older than the newest, for recordings. `drops_late` selects messages that are dropped and
-        reported if they arrive much later than earlier ones: services must not act on messages that a bad
-        link has delayed.
+        `retained`: accept retained states, whose writers may be gone. `queue_all`: accept also replaced
+        messages and those older than the newest, for recordings. `drops_late` selects messages that are
+        dropped and reported if they arrive much later than earlier ones: services must not act on messages
+        that a bad link has delayed.
         """
         meter = self._meter(topic, "in")
         counts = ReaderCounts()
         counted = instrument_handler(
-            handler, meter, self._steps, self._clock, drops_late, counts=counts, in_order=not every
+            handler, meter, self._steps, self._clock, drops_late, counts=counts, in_order=not queue_all
         )
-        subscription = self._bus.subscribe(topic, counted, name, kept=kept, every=every)
+        subscription = self._bus.subscribe(topic, counted, name, retained=retained, queue_all=queue_all)
         return MeteredSubscription(subscription, self._declared, meter, counts)
 
     def tap(self, topic: AnyTopic, handler: Tap, name: str = ANY) -> Subscription:

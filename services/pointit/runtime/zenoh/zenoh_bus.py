@@ -281,7 +281,13 @@ class ZenohBus(MemoryBus):
         return ZenohPublisher(self, self.session, topic, name)
 
     def subscribe(
-        self, topic: Topic[M], handler: Handler[M], name: str = ANY, *, kept: bool = True, every: bool = False
+        self,
+        topic: Topic[M],
+        handler: Handler[M],
+        name: str = ANY,
+        *,
+        retained: bool = True,
+        queue_all: bool = False,
     ) -> Subscription:
         """Call `handler(message, name)` for what arrives."""
         self._check_open()
@@ -292,20 +298,22 @@ class ZenohBus(MemoryBus):
             handler(message, map_name)
 
         taken = on_map if topic is MAP else handler
-        mailbox = Mailbox(topic, taken, self.dispatcher, EncodedMessage.decode, kept=kept, every=every)
-        return self._read(topic, mailbox, name, kept=kept)
+        mailbox = Mailbox(
+            topic, taken, self.dispatcher, EncodedMessage.decode, retained=retained, queue_all=queue_all
+        )
+        return self._read(topic, mailbox, name, retained=retained)
 
     def tap(self, topic: AnyTopic, handler: Tap, name: str = ANY) -> Subscription:
         """Call `handler` for every message at once, on the loop's thread or Zenoh's."""
         self._check_open()
-        return self._read(topic, TapMailbox(topic, handler, self.dispatcher), name, kept=True)
+        return self._read(topic, TapMailbox(topic, handler, self.dispatcher), name, retained=True)
 
-    def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, kept: bool) -> Subscription:
+    def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, retained: bool) -> Subscription:
         self._want("reads", topic.at(name))
         subscription = ZenohSubscription(
             self, self.session, topic, mailbox, name, inputs=self._inputs, places=self._places
         )
-        if topic.delivery is Delivery.STATE and kept:
+        if topic.delivery is Delivery.STATE and retained:
             if self._state_fetcher is None:
                 self._state_fetcher = RetainedStateFetcher(self, self.session)
             self._state_fetcher.fetch(topic, name, mailbox)

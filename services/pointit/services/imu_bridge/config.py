@@ -22,7 +22,7 @@ class ImuBridgeConfig(PluginConfig):
     source: str = Field(
         default="simulated",
         description="kind of device: simulated, replay, serial, page (only samples of a page, which every "
-        "source accepts), or that of an installed package; `pointit list plugins` shows them",
+        "source accepts), or that of an installed package; `pointit plugin list` shows them",
     )
     mounting: MountingName = Field(
         default="plus_x",

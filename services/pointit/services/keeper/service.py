@@ -57,7 +57,7 @@ class Keeper(Service[KeeperConfig]):
         self.bus.watch(USER_ALIVE, self._on_user)
         self.bus.watch(SERVICE_ALIVE, self._on_service)
         for topic in self._topics:
-            self.bus.subscribe(topic, functools.partial(self._on_state, topic), kept=False)
+            self.bus.subscribe(topic, functools.partial(self._on_state, topic), retained=False)
         self.bus.subscribe(HEALTH, self._on_health)
 
     async def run(self) -> None:

@@ -58,7 +58,7 @@ class Segment(Config):
 class OutputConfig(Config):
     """Parameters of every kind of controller."""
 
-    kind: str = Field(default=NONE, description="kind of controller (`pointit list plugins`), or none")
+    kind: str = Field(default=NONE, description="kind of controller (`pointit plugin list`), or none")
     gamma: float = Field(
         default=2.2,
         ge=1,

@@ -34,7 +34,7 @@ class RobotConfig(PluginConfig):
     driver: str = Field(
         default="sim",
         description="connection to the robot: sim (a simulated one), or another installed driver; "
-        "`pointit list plugins` shows them",
+        "`pointit plugin list` shows them",
     )
     frame: str = Field(
         default="", description="frame of the map in which the driver gives and takes places; empty for {W}"

@@ -103,7 +103,7 @@ class SelectorConfig(PluginConfig):
         default="gauge",
         description="gauge: fills during steady pointing at an object; hold: the same object at "
         "every timestep of the window; fraction: the same object at a share of them; or a method of an "
-        "installed package; `pointit list plugins` shows them",
+        "installed package; `pointit plugin list` shows them",
     )
     mode: Literal["toggle", "select_only"] = Field(
         default="toggle", description="toggle: staying on an own selected object deselects it"

@@ -19,7 +19,7 @@ from pointit.testing.trial import ABSENT_S, absent, connected
 IMU_SUITE = Suite[ImuHarness]()
 
 
-@IMU_SUITE.check("Operators see them in `pointit list plugins` and in the help of imu-bridge")
+@IMU_SUITE.check("Operators see them in `pointit plugin list` and in the help of imu-bridge")
 async def parameters(harness: ImuHarness) -> None:
     """Has a summary of one line and a description for each parameter."""
     requirements.require_parameters(harness.plugin)

@@ -23,7 +23,7 @@ FRAMES = 300
 
 
 @LED_SUITE.check(
-    "Derive the parameters from pointit.plugins.OutputConfig; operators see them in `pointit list plugins`"
+    "Derive the parameters from pointit.plugins.OutputConfig; operators see them in `pointit plugin list`"
 )
 async def parameters(harness: LedHarness) -> None:
     """Has a summary of one line, a description for each parameter, and those of every output."""

@@ -18,7 +18,7 @@ SLOWEST_HZ = 5.0
 """Least rate of reports: they are promised at 10 Hz, and other processes may take time meanwhile, Hz."""
 
 
-@ROBOT_SUITE.check("Operators see the summary and the parameters in `pointit list plugins` and in helps")
+@ROBOT_SUITE.check("Operators see the summary and the parameters in `pointit plugin list` and in helps")
 async def parameters(harness: RobotHarness) -> None:
     """Has a summary of one line, and a description for each parameter."""
     requirements.require_parameters(harness.plugin)

@@ -143,7 +143,7 @@ class ServiceTrial(Trial):
         if query is None:
             return
         try:
-            await self.bus.call(request, query, self._name(request), timeout_s=self.patience_s)
+            await self.bus.call(request, query, self._name(request), timeout_s=self.timeout_s)
         except RefusedError as refusal:
             fault = refusal.__cause__
             if fault is not None:

@@ -21,6 +21,8 @@ from pointit.runtime.service.service import Scope
 from pointit.services.service_plugin import SERVICES, ServicePlugin
 
 P = TypeVar("P", bound=Plugin)
+PUBLIC = "pointit.plugins"
+"""Module of names for plug-ins, which is read, too: it takes as long to import as all kinds of plug-ins."""
 _STATEMENTS = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
@@ -141,10 +143,10 @@ class _Module:
             raise UnreadableError(name)
         module, attribute = self._imports[name]
         top = module.partition(".")[0]
-        if top == "pointit":
+        if top == "pointit" and module != PUBLIC:
             ours = importlib.import_module(module)
             return getattr(ours, attribute) if attribute else sys.modules[top if name == top else module]
-        if top != self._top:
+        if top not in (self._top, "pointit"):
             raise UnreadableError(name)
         loaded = _Module(module)
         if not attribute:

@@ -13,7 +13,7 @@ from pointit.api.requests import listed
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.bus.site_clock import SiteClock
-from pointit.runtime.config.renamed_arguments import accept_old_names
+from pointit.runtime.config.old_names import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteError
 from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link

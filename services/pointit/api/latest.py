@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 from pointit.api.feed import unreadable
 from pointit.runtime.bus.contract import Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.config.renamed_arguments import accept_old_names
+from pointit.runtime.config.old_names import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, VersionError
 from pointit.schemas import Message, topics
 from pointit.schemas.topics import ANY, Topic

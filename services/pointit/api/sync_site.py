@@ -22,7 +22,7 @@ from pointit.api.reactions import F
 from pointit.api.requests import Lamp
 from pointit.api.site import Site
 from pointit.api.tracker import Tracker
-from pointit.runtime.config.renamed_arguments import accept_old_names
+from pointit.runtime.config.old_names import accept_old_names
 from pointit.schemas import (
     AddPackageReply,
     Done,

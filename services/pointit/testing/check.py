@@ -37,7 +37,7 @@ class Harness(Generic[P]):
     """Old name of `timeout_s`."""
 
     def __post_init__(self, patience_s: float | None) -> None:
-        """Take the old name of `timeout_s`."""
+        """Set `timeout_s` from its old name, with a warning."""
         if patience_s is not None:
             sentence = (
                 "Harness(patience_s=) is now timeout_s=; the next minor version takes the new name only"

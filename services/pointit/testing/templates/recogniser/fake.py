@@ -6,16 +6,16 @@ from pointit.testing import RecogniserHarness
 from pointit.testing.templates.recogniser import RATE_HZ, RECOGNISER
 
 
-def sound(length_s: float, level: float) -> bytes:
+def fake_sound(length_s: float, level: float) -> bytes:
     """Return samples of a tone of 440 Hz."""
     times_s = np.arange(round(length_s * RATE_HZ)) / RATE_HZ
     return (level * 32767 * np.sin(2 * np.pi * 440 * times_s)).astype("<i2").tobytes()
 
 
-SILENCE = sound(0.5, 0.0)
+SILENCE = fake_sound(0.5, 0.0)
 DEVICE = RecogniserHarness(
     plugin=RECOGNISER,
-    samples=SILENCE + sound(0.4, 0.5) + SILENCE + sound(0.4, 0.5) + SILENCE,
+    samples=SILENCE + fake_sound(0.4, 0.5) + SILENCE + fake_sound(0.4, 0.5) + SILENCE,
     words=("this", "this"),
     wrong_parameters=({"loudness": 0.0}, {"gap_s": -1.0}),
 )

@@ -6,12 +6,12 @@ from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, ParamSpec, TypeVar
 
+from pointit import run_virtually
 from pointit.plugins import Clock, Config
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.service.service import AnyService, Launch, run_service
-from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, Topic
 

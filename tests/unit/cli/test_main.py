@@ -126,7 +126,7 @@ def test_garbage_is_collected_again_once_the_command_is_loaded() -> None:
         "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 1000, file=sys.stderr))\n"
         "begin()"
     )
-    done = python("-c", script, "list", "services", check=True)
+    done = python("-c", script, "service", "list", check=True)
     assert done.stderr.split() == ["True", "True"]
 
 

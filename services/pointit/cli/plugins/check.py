@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.installed_commands import LAB, declared, load
+from pointit.cli.common import installed_commands
 from pointit.commands import UnknownNameError, json_option, nearest, print_json, remedy
 from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, ServicePlugin
 from pointit.runtime.config.installed import OURS
@@ -72,7 +72,7 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
         UnknownNameError: If there are none.
     """
     packages = {(kind, each): group.package(each) for kind, group in GROUPS.items() for each in group.names}
-    packages |= {(COMMAND, each.name): each.package for each in declared()}
+    packages |= {(COMMAND, each.name): each.package for each in installed_commands.declared()}
     found = [
         (kind, each)
         for (kind, each), package in packages.items()
@@ -109,9 +109,9 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         for check, problem in run_checks(checks(harness)):
             yield CheckResult(title, check.name, check.promise, problem)
         return
-    if GROUPS[kind].package(name) in OURS and find_spec(LAB.replace("-", "_")) is None:
+    if GROUPS[kind].package(name) in OURS and find_spec(installed_commands.LAB.replace("-", "_")) is None:
         raise ConfigError(
-            f"{title}: ours are checked with devices of {LAB}, which is not installed; run {remedy('lab')}"
+            f"{title}: ours are checked with devices of {installed_commands.LAB}, which is not installed; run {remedy('lab')}"
         )
     try:
         require_parameters(plugin)
@@ -128,9 +128,9 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
 
 def examined_command(title: str, name: str) -> Iterator[CheckResult]:
     """Yield the results of the checks of the command `name`."""
-    (package,) = (each.package for each in declared() if each.name == name)
+    (package,) = (each.package for each in installed_commands.declared() if each.name == name)
     try:
-        command = load(package, name)
+        command = installed_commands.load(package, name)
     except ConfigError as error:
         yield CheckResult(title, "import", "can be imported", str(error))
         return

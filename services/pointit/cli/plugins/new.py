@@ -9,8 +9,8 @@ from string import Template
 
 import click
 
-from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
-from pointit.cli.common.installed_commands import Installed
+from pointit.cli import commands
+from pointit.cli.common import installed_commands
 from pointit.commands import replaced_file
 from pointit.plugins import GROUPS, ConfigError
 from pointit.services.imu_bridge.config import ImuBridgeConfig
@@ -90,8 +90,11 @@ def check_free(kind: str, name: str) -> None:
         ConfigError: If it cannot.
     """
     if kind == COMMAND:
-        installed = Installed(COMMANDS, OLD_SPELLINGS)
-        taken = {*OLD_SPELLINGS, *(entry.name for part in installed.parts.values() for entry in part)}
+        installed = installed_commands.Installed(commands.COMMANDS, commands.OLD_SPELLINGS)
+        taken = {
+            *commands.OLD_SPELLINGS,
+            *(entry.name for part in installed.parts.values() for entry in part),
+        }
         if name in taken:
             raise ConfigError(f"`pointit {name}` is a command: choose another name")
         return

@@ -111,7 +111,8 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         return
     if GROUPS[kind].package(name) in OURS and find_spec(installed_commands.LAB.replace("-", "_")) is None:
         raise ConfigError(
-            f"{title}: ours are checked with devices of {installed_commands.LAB}, which is not installed; run {remedy('lab')}"
+            f"{title}: ours are checked with devices of {installed_commands.LAB}, which is not installed; "
+            f"run {remedy('lab')}"
         )
     try:
         require_parameters(plugin)

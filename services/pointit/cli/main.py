@@ -36,6 +36,11 @@ class RootGroup(LazyGroup):
         return Installed(super().parts, OLD_SPELLINGS)
 
     @property
+    def refused(self) -> Mapping[tuple[str, ...], str]:
+        """Return a sentence for each command of other packages that is not added."""
+        return self._installed.refused
+
+    @property
     def parts(self) -> Mapping[str, Sequence[LazyEntry]]:
         """Return the commands of this and of other installed packages, by heading."""
         return self._installed.parts

@@ -5,10 +5,12 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 
 from pointit.cli.inspect.declaration import read_service, read_summary
 from pointit.cli.inspect.listings import plugins, services
+from pointit.cli.main import front
 from pointit.plugins import GROUPS
 from pointit.schemas import topics
 from pointit.services import registry
@@ -62,7 +64,7 @@ ENTRIES = {
     "selection_methods": "plain-way = strangers_plain:WAY",
     "recognisers": "plain-ears = strangers_plain:EARS",
     "services": "tally = strangers_plain:TALLY_SERVICE",
-    "commands": "my-report = strangers_plain:report\nrun = strangers_plain:run",
+    "commands": "my-tally = strangers_plain:report\nrun = strangers_plain:run",
 }
 
 UNUSUAL = """
@@ -85,14 +87,16 @@ def plain(tmp_path: Path) -> Iterator[None]:
 
 @pytest.mark.usefixtures("plain")
 def test_plug_ins_of_each_kind_are_listed_without_importing_their_modules() -> None:
-    rows = {row["use"]: row for row in plugins().rows if row["package"] == "strangers-parts"}
+    group = front()
+    with click.Context(group):
+        rows = {row["use"]: row for row in plugins().rows if row["package"] == "strangers-parts"}
     assert {use: row["about"] for use, row in rows.items() if row["name"] != "run"} == {
         "--imu plain-wave[:50]": "an arm that waves, on the wrist",
         "--output plain-lamp:HOST": "one lamp",
         "--method plain-way": "at once",
         "listen --recogniser plain-ears": "words of a radio",
         "--with tally": "counts selections",
-        "pointit my-report": "",
+        "pointit my-tally": "",
     }
     assert (
         "strangers-parts adds no command 'run', which is a name of PointIt's own"

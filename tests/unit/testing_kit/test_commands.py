@@ -17,12 +17,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 import pointit
-from pointit.cli.plugins import check, new
+from pointit.cli.main import front
+from pointit.cli.plugins import check, command_template, new
 from pointit.plugins import GROUPS, Config
 from pointit.runtime.errors import ConfigError
 from pointit.testing import Harness, checks, run_checks
 from pointit.testing.check import Check, problem
-from pointit.testing.templates import command as command_template
 from tests.support import strangers
 
 
@@ -110,8 +110,10 @@ def test_new_command_is_found_and_checked(tmp_path: Path, stack: contextlib.Exit
     result = invoke(check.command, "my-report")
     assert result.exit_code == 0, result.output
     assert "kept   command my-report: describes itself and its options" in result.output
-    with pytest.raises(ConfigError, match="`pointit my-report` is a command: choose another name"):
+    with pytest.raises(ConfigError, match="is a command: choose another name"):
         invoke(new.command, "command", "my-report", "--folder", str(tmp_path / "again"))
+    with pytest.raises(ConfigError, match="`pointit doctor` is a command: choose another name"):
+        invoke(front(), "plugin", "new", "command", "doctor", "--folder", str(tmp_path / "again"))
 
 
 @pytest.mark.parametrize(
@@ -186,8 +188,6 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
         ("imu-source", "serial", "IMU source 'serial' of pointit is installed"),
         ("imu-source", "source", "'source' is a parameter"),
         ("recogniser", "pocketsphinx", "recogniser 'pocketsphinx' of pointit is installed"),
-        ("command", "doctor", "`pointit doctor` is a command"),
-        ("command", "echo", "`pointit echo` is a command"),
     ],
 )
 def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_path: Path) -> None:

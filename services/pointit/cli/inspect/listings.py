@@ -6,8 +6,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.commands import COMMANDS, OLD_SPELLINGS
-from pointit.cli.common.installed_commands import Installed, declared
+from pointit.cli.common.installed_commands import declared
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.runtime.config.nearest_name import nearest
@@ -103,7 +102,8 @@ def plugins() -> OutputSection:
             except ConfigError as error:
                 use, about = f"{option}{name}", str(error)
             rows.append({"name": name, "use": use, "package": group.package(name), "about": about})
-    refused = Installed(COMMANDS, OLD_SPELLINGS).refused
+    context = click.get_current_context(silent=True)
+    refused = getattr(context and context.find_root().command, "refused", {})
     rows += [
         {
             "name": each.name,

@@ -9,7 +9,6 @@ from string import Template
 
 import click
 
-from pointit.cli import commands
 from pointit.cli.common import installed_commands
 from pointit.commands import replaced_file
 from pointit.plugins import GROUPS, ConfigError
@@ -18,7 +17,7 @@ from pointit.services.selector.config import SelectorConfig
 
 COMMAND = "command"
 KINDS = {
-    COMMAND: ("command", "pointit.commands", "command", "$name"),
+    COMMAND: ("command_template", "pointit.commands", "command", "$name"),
     "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
     "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --output $name:HOST"),
     "recogniser": ("recogniser", "pointit.recognisers", "RECOGNISER", "listen anna --recogniser $name"),
@@ -90,12 +89,9 @@ def check_free(kind: str, name: str) -> None:
         ConfigError: If it cannot.
     """
     if kind == COMMAND:
-        installed = installed_commands.Installed(commands.COMMANDS, commands.OLD_SPELLINGS)
-        taken = {
-            *commands.OLD_SPELLINGS,
-            *(entry.name for part in installed.parts.values() for entry in part),
-        }
-        if name in taken:
+        root: object = click.get_current_context().find_root().command
+        ours = [entry.name for entry in getattr(root, "entries", ())]
+        if name in ours or name in [each.name for each in installed_commands.declared()]:
             raise ConfigError(f"`pointit {name}` is a command: choose another name")
         return
     group = GROUPS[kind]
@@ -129,12 +125,15 @@ def package(kind: str, name: str, module: str) -> dict[str, str]:
         ).substitute(words)
         for path in (*COMMON, f"tests/test_{'promises' if has_device else 'command'}.py")
     }
-    for file in ("__init__.py", "fake.py") if has_device else ("__init__.py",):
-        text = (sources / template / file).read_text(encoding="utf-8")
+    files = {file: sources / template / file for file in ("__init__.py", "fake.py")}
+    if not has_device:
+        files = {"__init__.py": importlib.resources.files(__package__) / f"{template}.py"}
+    for file, source in files.items():
+        text = source.read_text(encoding="utf-8")
         for word, own in (
             (f"{TEMPLATES}.{template}", module),
             ("template-service", name),
-            ("template-command", name),
+            ("pointit NAME", f"pointit {name}"),
             ("template_service", module),
         ):
             text = text.replace(word, own)

@@ -14,7 +14,7 @@ from pointit.commands import json_option, print_json, say
 def command(*, seconds: float | None, as_json: bool) -> None:
     """Print each selection of a running site.
 
-    Example: pointit template-command --seconds 60
+    Example: pointit NAME --seconds 60
     """
     with pointit.open() as site:
         print_selections(site, seconds, as_json=as_json)

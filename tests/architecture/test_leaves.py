@@ -12,7 +12,7 @@ LEAVES = {
     "foxglove": (("pointit.bridges.foxglove",), 6),
     "speech": (("pointit.speech", "pointit.services.listener"), 12),
     "studies": (("pointit.study", "pointit.study_report", "pointit.cli.study"), 38),
-    "testing": (("pointit.testing", "pointit.cli.plugins"), 17),
+    "testing": (("pointit.testing", "pointit.cli.plugins"), 16),
     "vda5050": (("pointit.vda5050", "pointit.services.robot.vda5050", "pointit.bridges.agv_tracker"), 9),
 }
 """Modules of each part, and the largest number of names from others."""

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 import click
 
 from pointit.cli.commands import COMMANDS, OLD_PAIRS, OLD_SPELLINGS
-from pointit.cli.common.installed_commands import LABORATORY, Installed
+from pointit.cli.common.installed_commands import LABORATORY, DeclaredCommand, Installed
 from pointit.cli.common.lazy import COMPLETE, LazyEntry, LazyGroup, print_help_without_action, walk
 from pointit.runtime.host.text_output import escape_unencodable
 
@@ -36,7 +36,7 @@ class RootGroup(LazyGroup):
         return Installed(super().parts, OLD_SPELLINGS)
 
     @property
-    def refused(self) -> Mapping[tuple[str, ...], str]:
+    def refused(self) -> Mapping[DeclaredCommand, str]:
         """Return a sentence for each command of other packages that is not added."""
         return self._installed.refused
 

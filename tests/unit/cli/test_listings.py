@@ -16,6 +16,7 @@ from pointit.schemas import topics
 from pointit.services import registry
 from tests.support import strangers
 
+COMMAND = "my-tally"
 PLAIN = """
 from __future__ import annotations
 from typing import ClassVar
@@ -64,7 +65,7 @@ ENTRIES = {
     "selection_methods": "plain-way = strangers_plain:WAY",
     "recognisers": "plain-ears = strangers_plain:EARS",
     "services": "tally = strangers_plain:TALLY_SERVICE",
-    "commands": "my-tally = strangers_plain:report\nrun = strangers_plain:run",
+    "commands": f"{COMMAND} = strangers_plain:report\nrun = strangers_plain:run",
 }
 
 UNUSUAL = """
@@ -96,7 +97,7 @@ def test_plug_ins_of_each_kind_are_listed_without_importing_their_modules() -> N
         "--method plain-way": "at once",
         "listen --recogniser plain-ears": "words of a radio",
         "--with tally": "counts selections",
-        "pointit my-tally": "",
+        f"pointit {COMMAND}": "",
     }
     assert (
         "strangers-parts adds no command 'run', which is a name of PointIt's own"

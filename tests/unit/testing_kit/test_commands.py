@@ -18,7 +18,7 @@ from click.testing import CliRunner, Result
 
 import pointit
 from pointit.cli.main import front
-from pointit.cli.plugins import check, command_template, new
+from pointit.cli.plugins import check, new, print_selections
 from pointit.plugins import GROUPS, Config
 from pointit.runtime.errors import ConfigError
 from pointit.testing import Harness, checks, run_checks
@@ -147,7 +147,7 @@ def test_command_without_help_or_that_cannot_be_imported_is_named(
 
 def test_output_of_a_new_command_has_the_selections(capsys: pytest.CaptureFixture[str]) -> None:
     with pointit.run("scenario_3", virtual=True) as site:
-        command_template.print_selections(site, 40, as_json=False)
+        print_selections.print_selections(site, 40, as_json=False)
     assert "user1 selected " in capsys.readouterr().out
 
 

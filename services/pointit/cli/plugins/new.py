@@ -17,7 +17,7 @@ from pointit.services.selector.config import SelectorConfig
 
 COMMAND = "command"
 KINDS = {
-    COMMAND: ("command_template", "pointit.commands", "command", "$name"),
+    COMMAND: ("print_selections", "pointit.commands", "command", "$name"),
     "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
     "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --output $name:HOST"),
     "recogniser": ("recogniser", "pointit.recognisers", "RECOGNISER", "listen anna --recogniser $name"),

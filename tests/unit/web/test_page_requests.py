@@ -155,7 +155,9 @@ def test_whatever_is_asked_is_understood_or_refused(
 
 
 CLIENT = Path(wire.__file__).with_name("client") / "wire.json"
-RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Play | wire.Turn] = TypeAdapter(wire.Received)
+RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Worn | wire.Play | wire.Turn] = TypeAdapter(
+    wire.Received
+)
 
 
 @pytest.mark.skipif(not CLIENT.parent.is_dir(), reason="the client's sources are not installed")

@@ -51,13 +51,13 @@ def event(name: Any, cause: Any = "dwell") -> SelectionEvent:
     [
         ("button", "selected", "dwell", {"pointed"}),
         ("button", "selected", "button", {"pointed", "pressed"}),
-        ("button", "deselected", "", set()),
+        ("button", "deselected", "", set[str]()),
         ("claim", "selected", "dwell", {"pointed"}),
         ("claim", "deselected", "button", {"released"}),
-        ("claim", "refused", "button", set()),
+        ("claim", "refused", "button", set[str]()),
         ("switch", "selected", "button", {"pointed", "pressed"}),
         ("switch", "deselected", "dwell", {"pointed"}),
-        ("switch", "selected", "", set()),
+        ("switch", "selected", "", set[str]()),
     ],
 )
 def test_triggers_fire_when_a_person_points_presses_or_lets_go(

@@ -1,7 +1,7 @@
 """The bridge beside a Home Assistant in memory, in virtual time: many entities, names that are spoken."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @asynccontextmanager
 async def bridge(
     home: MemoryHome, folder: Path, monkeypatch: pytest.MonkeyPatch, *things: Any, **parameters: Any
-) -> AsyncIterator[tuple[Bench, HomeSite, list[Any]]]:
+) -> AsyncGenerator[tuple[Bench, HomeSite, list[Any]]]:
     """Yield a bench with the bridge to `home`, its site, and the reports on its health."""
     monkeypatch.setattr(service, "connected", home.connected)
     async with memory_bench() as bench:

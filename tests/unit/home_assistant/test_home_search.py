@@ -55,7 +55,11 @@ def test_url_of_another_machine_is_one_word_of_a_shell() -> None:
 
 def test_found_home_assistant_is_listed_with_the_next_command(monkeypatch: pytest.MonkeyPatch) -> None:
     result = SearchResult(kind="home-assistant", name="home-assistant", found=(announced_home(announced()),))
-    monkeypatch.setattr(devices, "search", lambda *_: [result])
+
+    def search(*_: object) -> list[SearchResult]:
+        return [result]
+
+    monkeypatch.setattr(devices, "search", search)
     shown = CliRunner().invoke(command, ["devices"], env={"COLUMNS": "200"}).output
     assert "Home assistants: `pointit map import home-assistant --url …` uses one" in " ".join(shown.split())
     assert "--url http://192.168.1.5:8123 --token-file ~/ha.token" in shown

@@ -127,7 +127,7 @@ def package(kind: str, name: str, module: str) -> dict[str, str]:
     }
     files = {file: sources / template / file for file in ("__init__.py", "fake.py")}
     if not has_device:
-        files = {"__init__.py": importlib.resources.files(__package__) / f"{template}.py"}
+        files = {"__init__.py": importlib.resources.files("pointit.cli.plugins") / f"{template}.py"}
     for file, source in files.items():
         text = source.read_text(encoding="utf-8")
         for word, own in (

@@ -125,6 +125,7 @@ ROOMS = {
         ),
         (
             *("tests/unit/cli_run", "tests/unit/launch", "tests/unit/ros2", "tests/unit/testing_kit"),
+            "tests/unit/runtime/test_missing_plugins.py",
             *("tests/integration/ros2", "tests/integration/scenario/steered_robots.py"),
             "tests/integration/scenario/test_send_a_robot.py",
             "tests/integration/access/test_bridges.py",

@@ -20,6 +20,7 @@ OWN_WAY = {
     "services/pointit/cli/shell/completion.py": "a line appended to the start file of a shell",
     "services/pointit/conversion/bag_file.py": "temporary",
     "services/pointit/conversion/columns.py": "files of a folder, all replaced at the end",
+    "services/pointit/conversion/export_bids.py": "files of a folder, all replaced at the end",
     "services/pointit/launch/run/service_group.py": "temporary",
     "services/pointit/maps/edit/new_file.py": "complete before it has its name",
     "services/pointit/replay/room.py": "temporary",

@@ -128,12 +128,12 @@ def test_more_recordings_join_a_dataset_and_keep_what_people_wrote_there(tmp_pat
     export_bids(session("anna"), tmp_path)
     participants = tmp_path / "participants.tsv"
     participants.write_text("participant_id\tage\nsub-anna\t31\n", encoding="utf-8")
-    (tmp_path / "README.md").write_text("ours\n", encoding="utf-8")
+    (tmp_path / "README").with_suffix(".md").write_text("ours\n", encoding="utf-8")
     export_bids(session("bob"), tmp_path)
     export_bids(session("anna"), tmp_path, session="second day")
     export_bids(session("anna"), tmp_path, task="waving")
     assert table(participants) == [["participant_id", "age"], ["sub-anna", "31"], ["sub-bob", "n/a"]]
-    assert (tmp_path / "README.md").read_text(encoding="utf-8") == "ours\n"
+    assert (tmp_path / "README").with_suffix(".md").read_text(encoding="utf-8") == "ours\n"
     assert len(motion(tmp_path, "anna", "imu", "secondday")["latency"]) == 40
     (scans,) = tmp_path.glob("sub-anna/*_scans.tsv")
     files = [row[0] for row in table(scans)[1:]]

@@ -6,7 +6,6 @@ from typing import Any
 import click
 
 from pointit.bridges.mocap.mocap_systems import MOCAP_SYSTEMS
-from pointit.bridges.mocap.qtm.client import PORT
 from pointit.commands import (
     Finite,
     OutputSection,
@@ -92,7 +91,7 @@ def rows(results: list[SearchResult], kind: str) -> list[dict[str, Any]]:
 def _words(result: SearchResult, device: FoundDevice, option: str) -> str:
     if result.kind == MOCAP:
         system = "" if result.name == "natnet" else f"--system {result.name} "
-        port = f" --port {device.details['port']}" if device.details.get("port", PORT) != PORT else ""
+        port = f" --port {device.details['port']}" if "port" in device.details else ""
         return f"{system}{option} {shlex.quote(device.address)}{port}"
     if result.kind == HOME:
         return import_options(device)

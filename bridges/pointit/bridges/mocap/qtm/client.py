@@ -226,12 +226,13 @@ def discovery_packet(port: int) -> bytes:
 
 
 def _read_answer(data: bytes, address: str) -> FoundDevice | None:
-    """Return the server of an answer: name, version and cameras as a text, and the base port."""
+    """Return the server of an answer: name, version and cameras as a text, and its port if it is unusual."""
     if len(data) < _HEADER.size + 3 or _HEADER.unpack_from(data)[0] != len(data):
         return None
     base_port = int.from_bytes(data[-2:], "big")
     label = _text(data[_HEADER.size : -2])
-    return FoundDevice(address, label, {"port": base_port + 1}) if label and base_port else None
+    details = {} if base_port + 1 == PORT else {"port": base_port + 1}
+    return FoundDevice(address, label, details) if label and base_port else None
 
 
 def _ignore(_frame: object) -> None:

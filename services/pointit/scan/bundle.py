@@ -232,7 +232,7 @@ def vec3(values: Array) -> Vec3:
 
 
 def _pinhole(log_focal: float, distortion: float, camera: Array) -> Array:
-    """Return the images of points in the camera's frame (n x 3), n x 2 from the centre, image pixels."""
+    """Return the pixels (n x 2, from the image's centre) of points in the camera's frame (n x 3)."""
     flat = np.clip(camera[:, :2] / np.maximum(camera[:, 2:], NEAREST_M), -5.0, 5.0)
     square = np.minimum(np.sum(flat**2, axis=1, keepdims=True), 2.0)
     return np.asarray(np.exp(log_focal) * flat * (1.0 + distortion * square))

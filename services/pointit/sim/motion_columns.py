@@ -37,7 +37,7 @@ SUGGESTED_UNITS = {TIME: ("s", "ms", "us", "ns", "min", "hours", "days"), "": ("
 
 
 class MotionColumn(NamedTuple):
-    """One column that is used."""
+    """A column of a recorded motion: its index, name and unit in the file."""
 
     position: int
     """Index in the rows."""

@@ -166,7 +166,7 @@ def _line_ends(text: str) -> set[str]:
 
 
 def _split(path: Path, text: str, columns: Iterable[str]) -> tuple[str, _Record | None, list[_Record]]:
-    """Return the separator, the header (None if there is none) and the other lines that are not empty.
+    """Return the separator, the header (None if the file is empty) and the other lines that are not empty.
 
     Raises: ConfigError: If a column is missing or there twice, or a quote is not closed.
     """

@@ -71,7 +71,7 @@ PROGRAM_PORTS = range(10_000, 15_000)
 
 
 class PtyDevice(FakeDevice):
-    """A pseudo-terminal; the program opens `path`, which stays the same when it is plugged in again."""
+    """A serial device on a pseudo-terminal. Its `path` stays the same after it was unplugged."""
 
     can_stall: ClassVar[bool] = True
 

@@ -24,7 +24,7 @@ LINE_EVERY_S = 10.0
 
 
 class ProgressCallback(Protocol):
-    """Receives the current step, and the number of finished pieces if they can be counted."""
+    """Shows the current activity and, if they can be counted, the number of finished pieces of work."""
 
     def __call__(self, activity: str, done: int | None = None, /) -> None:
         """Report progress."""

@@ -431,7 +431,10 @@ def _reply_fields(reply: SetMountingReply) -> dict[str, Any]:
 
 
 async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
-    """Show or delete the mounting: by imu-bridge if it runs, else in the file on this machine."""
+    """Show the stored mounting, or delete it with `erase`, and return the exit code.
+
+    The request goes to imu-bridge if it runs, else the file on this machine is read or changed.
+    """
     # an identity rotation queries the mounting in use
     query = SetMounting() if erase else SetMounting(sensor_from_arm_xyzw=IDENTITY, is_relative=True)
     reply = await query_site(lambda bus: bus.call(SET_MOUNTING, query, user), site_link.join_site(**at))

@@ -211,7 +211,7 @@ def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
 async def _say(
     bus: Bus, user: str, asked: _Asked, latest_pose: site_link.LatestMessage[UserPose]
 ) -> list[str]:
-    """Request the changes from the localizer, and return its messages."""
+    """Request the changes of the pose from the localizer, and return its answers as sentences."""
     sentences: list[str] = []
     before = latest_pose.value
     if asked.place is not None:

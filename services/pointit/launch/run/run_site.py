@@ -138,7 +138,7 @@ async def check_names(bus: Bus, people: Collection[str]) -> None:
 
 
 def free_place(colors: Collection[Rgb]) -> int:
-    """Return the first place, from 1, whose cursor colour is unused, or the one after the last."""
+    """Return the number, from 1, of the first cursor colour that is not in `colors`, or `len(colors) + 1`."""
     free = (place for place, color in enumerate(CURSOR_COLORS, 1) if color not in colors)
     return next(free, len(colors) + 1)
 

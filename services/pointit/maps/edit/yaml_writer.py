@@ -14,7 +14,7 @@ _Dumper: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), 
 
 
 def quoted(text: str) -> str:
-    """Return `text` as YAML on one line, in quotes unless all readers take it for the same text without."""
+    """Return `text` as a YAML scalar on one line, quoted if YAML 1.1 or 1.2 would read another value."""
     if _PLAIN.fullmatch(text) and dump_yaml([text], default_flow_style=True) == f"[{text}]\n":
         return text
     return dump_yaml(text, default_style='"', width=2**30).rstrip("\n")

@@ -178,7 +178,7 @@ def _with_names(header: _Header, names: Sequence[str], wanted: Sequence[str | in
 
 
 def _indices(wanted: Sequence[str | int], header: _Header, count: int) -> tuple[int, int, int] | tuple[()]:
-    """Return the columns of x, y and z in a row of `count` cells, empty if `wanted` are not there."""
+    """Return the indices of x, y and z in rows of `count` cells, or `()` if a wanted column is missing."""
     with contextlib.suppress(ConfigError):
         columns = named_columns(wanted, header.cells, count) if wanted else header.columns
         return (columns or FIRST_THREE).indices

@@ -14,7 +14,10 @@ class CueFactory:
     def make(
         self, cue: Cue, text: str, now_ns: int, place_m: Vec3 | None = None, *, sign_of: Cue | None = None
     ) -> Feedback:
-        """Return a cue that looks, sounds and feels like `sign_of`, or as usual; `place_m` is in {W}."""
+        """Return the message of a cue. It looks, sounds and feels like `sign_of`, by default like `cue`.
+
+        `place_m` is the position in {W} that the cue concerns.
+        """
         self._count += 1
         sign = SIGNS[sign_of or cue]._asdict()
         return Feedback(stamp_ns=now_ns, seq=self._count, cue=cue, text=text, point_m=place_m, **sign)

@@ -52,7 +52,7 @@ class Room:
         self.poses.pop(user, None)
 
     def targets(self, user: str, at_ns: int, now_ns: int) -> list[Target]:
-        """Return all targets of `user` where they were at `at_ns`; positions are predicted by velocities."""
+        """Return the targets for words of `user`, at their positions at `at_ns`, extrapolated by velocity."""
         targets = [*self._objects(at_ns, now_ns), *self._robots(at_ns, now_ns)]
         targets += [
             Target(kind="person", name=name, center_m=_raised(pose.position_m, CHEST_M), size_m=PERSON_M)

@@ -154,7 +154,7 @@ class DriftConfig(Config):
     )
 
     def settings(self) -> DriftSettings:
-        """Return the settings of the filter."""
+        """Return the settings of the filter that tracks the drift of the yaw."""
         return DriftSettings(**_in_radians(self, "max_yaw_sigma_deg"))
 
 

@@ -187,7 +187,7 @@ class Pointer:
             self._smoothing.reset()
 
     def set_yaw(self, yaw_rad: float) -> None:
-        """Set the azimuth in {W} of {H}'s x axis, on which the offset may depend."""
+        """Set the azimuth in {W} of the person's x axis. The person's pointing offset may depend on it."""
         self._yaw_rad = yaw_rad
 
     def ray(self, sample: ImuSample, now_ns: int) -> PointingRay | None:

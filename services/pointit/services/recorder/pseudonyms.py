@@ -45,7 +45,7 @@ class Pseudonyms:
             self._learn_in(_parsed(body.parameters))
 
     def replace(self, found: Entry) -> Entry:
-        """Return `found` without the names already stored, and without commands."""
+        """Return an entry with pseudonyms for the known names, and without command lines of services."""
         time_ns, _, row, name, body = found
         if isinstance(body, Configuration):
             body = body.model_copy(update={"parameters": json.dumps(self._in(_parsed(body.parameters)))})

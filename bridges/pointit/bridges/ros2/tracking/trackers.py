@@ -170,7 +170,7 @@ class FrameLookup(NamedTuple):
     """Maximum age of moving transforms."""
 
     def pose(self, name: str) -> Pose | str:
-        """Return the pose of the frame `name`, `""` for the first known one, or the rejection."""
+        """Return the pose of the frame `name` in {W} (`""`: the room's), or why it is unknown."""
         name = frame_name(name)
         if not name:
             return AT_ORIGIN

@@ -54,7 +54,7 @@ class Piece:
         return self.to_m - self.from_m
 
     def point(self, offset_m: float) -> Vec3:
-        """Return the position in {W} at `offset_m`."""
+        """Return the position in {W} at `offset_m` from the start of this piece of a belt."""
         return self.line.point_at(self.start_m + offset_m)
 
     def direction(self, offset_m: float) -> Array:

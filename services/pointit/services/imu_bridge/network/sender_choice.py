@@ -37,7 +37,7 @@ class SenderChoice:
         """Senders that were heard side by side with the one in use."""
 
     def name(self, address: Address) -> Address:
-        """Return `address`, or its machine with the port 0 if it sends each datagram from another port."""
+        """Return a sender's identity: `address`, or port 0 of a machine that always changes its port."""
         return (address[0], 0) if address[0] == self._roaming else address
 
     def is_used(self, address: Address) -> bool:

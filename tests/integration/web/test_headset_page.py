@@ -8,7 +8,7 @@ import pytest
 import pointit.schemas as models
 from pointit.schemas import topics
 from tests.integration.web.pages import VIEWER, Page, Server, serving
-from tests.support.bench import START_NS, Bench, memory_bench, until
+from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 
 ROOM = {"yaw_rad": 0.5, "origin_m": [1.0, 2.0, 0.0]}
 POSE = topics.POSE.key
@@ -63,14 +63,16 @@ async def test_a_wearer_is_a_person_until_the_arm_is_given_back(bench: Bench, pa
     assert (pressed[-1].source, page.person("anna")["moved_by"]) == ("page", "own")
 
 
-async def test_two_wearers_are_apart_and_one_whose_page_closes_leaves(server: Server, bench: Bench) -> None:
-    async with server.page() as one:
+async def test_two_wearers_are_apart_and_one_whose_page_closes_leaves() -> None:
+    clock = ManualClock()
+    async with memory_bench(clock) as bench, serving(bench) as server, server.page() as one:
         await people(bench, one, "anna", "ben")
         async with server.page() as two:
             assert (await take(one, "anna"), await take(two, "ben")) == ("", "")
             await wear(one, "anna")
             await wear(two, "ben", 1.0)
             await until(lambda: {(POSE, "anna"), (POSE, "ben")} <= set(one.states))
+            clock.advance(0.2)  # poses are 0.1 s apart at least
             await wear(two, "anna", 3.0)  # whom this page does not move
             await two.ask(deed="press", name="ben")
         await until(lambda: one.person("ben")["moved_by"] == "own")
@@ -110,7 +112,10 @@ async def test_a_page_that_only_looks_on_moves_the_person_of_its_phone_link_alon
             assert (wearer.hello["role"], wearer.hello["user"]) == ("viewer", "anna")
             assert "only looks on" in await take(wearer, "ben")
             assert "only looks on" in (await wearer.ask(deed="open_lan"))["error"]
+            assert "as a headset only" in (await wearer.ask(deed="take", name="anna"))["error"]
+            assert "does not move" in (await wearer.ask(deed="centre", name="anna"))["error"]
             assert await take(wearer) == ""
+            assert "align it again" in (await wearer.ask(deed="centre", name="anna"))["error"]
             await wear(wearer)
             await until(lambda: (POSE, "anna") in operator.states)
             await operator.ask(deed="pair", name="anna", query={"off": True})  # revokes the link

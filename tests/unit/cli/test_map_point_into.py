@@ -88,6 +88,18 @@ async def test_imported_things_get_their_centers_and_the_site_uses_them_at_once(
     assert b"  c: {home_assistant: light.c, label: Lamp c}" in content_of(file)
 
 
+async def test_a_site_that_uses_a_shipped_map_is_said_not_to_use_the_file(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def use_map(_query: UseMap, _name: str) -> UseMapReply:
+        return UseMapReply(message="used", path="shelf")
+
+    async with memory_bench() as bench, pointing_person(bench) as session:
+        bench.bus.serve(USE_MAP, use_map)
+        assert await place_things(["a"], file)(session) == ("", 0)
+    assert "which the site does not use: it uses shelf" in capsys.readouterr().out
+
+
 async def test_placed_things_may_be_placed_again_and_keep_their_size(
     file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -114,6 +114,19 @@ def test_poses_are_few_and_samples_are_many(wrists: WristControl) -> None:
     assert sum(each is not None and each[0] is not None for each in moved) == 10
 
 
+def test_poses_go_on_after_the_clock_was_set_back(wrists: WristControl) -> None:
+    wear(wrists, worn(), at(60.0))
+    pose, _ = wear(wrists, worn((EYES_M[0] + 1.0, *EYES_M[1:])), at(0.0))
+    assert pose.position_m[0] == pytest.approx(EYES_M[0] + 1.0)
+
+
+def test_a_phone_that_has_sent_nothing_is_released_also_when_time_begins_at_0() -> None:
+    wrists = WristControl(WebConfig())
+    wrists.acquire("anna", "phone1", "phone")
+    assert wrists.step(models.NS_PER_S // 2) == []
+    assert wrists.holder("anna") == ("", "own")
+
+
 def test_a_headset_that_is_not_aligned_or_far_away_moves_nothing(wrists: WristControl) -> None:
     with pytest.raises(RefusedError, match="touch three lamps or things first"):
         wrists.wear("page1", Worn(user="anna", eyes_m=(0.0, 0.0, 1.6)), START)

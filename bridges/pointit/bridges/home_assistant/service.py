@@ -277,7 +277,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             elif self._is_unavailable(entity):
                 unavailable.append(f"{entity} {use}")
         if self.config.speaker and not any(each.startswith("tts.") for each in self._states):
-            missing.append("any text-to-speech entity, for `speaker`")
+            missing.append("any text-to-speech entity, for `speaker` (add one there, e.g. Piper)")
         remedies = (
             ("entities", missing, "not in Home Assistant", "correct `home_assistant` in the map or site"),
             ("unavailable", unavailable, "unavailable in Home Assistant", "look into the integration there"),

@@ -31,7 +31,7 @@ SUPERVISOR = ("supervisor.press_while_pointing=confirms",)
 
 def _speaking_device(_context: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
     """Return `value` if it is one of `DEVICES` or a media player of Home Assistant."""
-    if value is None or value in DEVICES or re.fullmatch(rf"{PLAYER}[a-z0-9_]+", value):
+    if value is None or value in DEVICES or re.fullmatch(rf"{re.escape(PLAYER)}[a-z0-9_]+", value):
         return value
     raise click.BadParameter(f"{value!r}: choose {', '.join(DEVICES)}, or {PLAYER}NAME of Home Assistant")
 

@@ -305,7 +305,10 @@ async def _take(dispatcher: RequestDispatcher, sender: PageSender, take: Take) -
             f"no service turns the page's messages into wrist samples: start it with "
             f"`pointit service run {IMU_BRIDGE} --user {user} --source page`"
         )
-    mover: Hold = "phone" if sender.role == "wrist" and take.by == "mouse" else take.by
+    is_phone = sender.page == dispatcher.pairing.paired(user, time.monotonic())
+    if sender.role == "wrist" and is_phone is (take.by == "headset"):
+        raise RefusedError(f"this page moves {user}'s arm as a {'phone' if is_phone else 'headset'} only")
+    mover: Hold = "phone" if is_phone else take.by
     loser = dispatcher.wrists.acquire(user, sender.page, mover)
     dispatcher.notify_loser(user, loser, sender.page)
     if dispatcher.people.states.get(user) == "idle":
@@ -352,6 +355,11 @@ async def _pair(dispatcher: RequestDispatcher, sender: PageSender, wanted: Pair)
 
 
 async def _centre(dispatcher: RequestDispatcher, sender: PageSender, _: NoParameters) -> JsonObject:
+    page, mover = dispatcher.wrists.holder(sender.user)
+    if mover == "headset":
+        raise RefusedError(f"a headset knows where {sender.user} points: align it again if that is wrong")
+    if sender.role == "wrist" and page != sender.page:
+        raise RefusedError(f"this page does not move {sender.user}'s arm: take it first")
     query = SetYawOrigin(yaw_rad=dispatcher.wrists.ahead(sender.user))
     reply = await dispatcher.bus.call(topics.SET_YAW_ORIGIN, query, sender.user)
     dispatcher.phones.centred(sender.user)

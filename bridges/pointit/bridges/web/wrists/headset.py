@@ -71,7 +71,7 @@ class WornPose:
                 self.target_m = vector.add(eyes_m, vector.scale(line, TARGET_M / length_m))
         age_ns = now_ns - self._published_ns
         has_moved = math.dist(self.feet_m, self._published_m) > MOVED_M
-        if age_ns < (POSE_NS if has_moved else MAX_POSE_NS):
+        if 0 <= age_ns < (POSE_NS if has_moved else MAX_POSE_NS):  # below 0: the clock was set back
             return None
         self._published_ns, self._published_m = now_ns, self.feet_m
         return UserPose(

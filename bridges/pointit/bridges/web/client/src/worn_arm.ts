@@ -5,11 +5,16 @@ import { Refusal, type Wish } from "./site/asks";
 import type { Arm } from "./view";
 import type { Worn } from "./wire";
 
+/** Time after the consent in which a status tells of it, ms; there is one a second. */
+const CONFIRM_MS = 3000;
+
 export class WornArm implements Arm {
   /** Person whom the wearer points as, from the server's consent on; or "". */
   pointing = "";
   /** The server's status has told of it. */
   private isConfirmed = false;
+  private isAsking = false;
+  private takenAt = -Infinity;
 
   constructor(private readonly controls: Controls) {}
 
@@ -19,8 +24,11 @@ export class WornArm implements Arm {
   }
 
   async take(): Promise<string> {
-    const { user } = this, problem = await this.ask({ deed: "take", name: user, query: { by: "headset" } });
+    if (this.isAsking) return "The server has not answered yet: wait a moment.";
+    this.isAsking = true;
+    const { user } = this, problem = await this.ask({ deed: "take", name: user, query: { by: "headset" } }).finally(() => (this.isAsking = false));
     this.isConfirmed = false;
+    this.takenAt = performance.now();
     this.pointing = problem ? "" : user;
     return problem;
   }
@@ -46,7 +54,7 @@ export class WornArm implements Arm {
   update(): void {
     const line = this.controls.site.people.get(this.pointing)?.line, isMine = line?.moved_by === "headset" && line.is_mine;
     if (isMine) this.isConfirmed = true;
-    else if (this.isConfirmed || !line) this.pointing = "";
+    else if (this.isConfirmed || !line || performance.now() - this.takenAt > CONFIRM_MS) this.pointing = "";
   }
 
   /** Ask, and return the reason of a refusal, or "". */

@@ -270,6 +270,7 @@ export class Immersive implements Immersion {
     if (!user || handedness === "none") return;
     this.input.hand = handedness;
     const isBeginning = !arm.pointing, problem = await (isBeginning ? arm.take() : arm.press());
+    if (isBeginning && !this.alignment) return arm.give(); // the wearer has left, or aligns again
     if (problem) this.say(problem, RESULT_MS);
     else if (isBeginning) this.say(`You point as ${user}: look over your finger or the tip of the controller. A press is the button, the thumbstick goes to the thing beside. A press of 1.5 s ends it and aligns again.`, RESULT_MS);
   }

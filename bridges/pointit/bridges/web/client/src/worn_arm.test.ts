@@ -1,0 +1,30 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Controls } from "./controls";
+import { emptyPerson, emptySite } from "./site/site";
+import { WornArm } from "./worn_arm";
+
+const LINE = { user: "ada", moved_by: "own", is_mine: false, assumed: null, phone: "", battery: null };
+
+test("an arm that another page took before any status told of it is not pointed with, and presses ask once", async (t) => {
+  let now = 0;
+  t.mock.method(performance, "now", () => now);
+  const site = emptySite(), asked: string[] = [];
+  const connection = { ask: (wish: { deed: string; name: string }) => (asked.push(`${wish.deed} ${wish.name}`), Promise.resolve({})) };
+  const controls = new Controls(site, {} as never, connection as never, {} as never, () => {});
+  const arm = new WornArm(controls);
+  const appears = (line: object) => {
+    site.people.set("ada", Object.assign(emptyPerson("ada"), { line: { ...LINE, ...line } }));
+    arm.update();
+  };
+  Object.assign(site, { connected: true, hello: { deeds: ["take"], requests: [] } });
+  appears({});
+  const [problem, second] = await Promise.all([arm.take(), arm.take()]);
+  assert.deepEqual([problem, second !== "", asked], ["", true, ["take ada"]]);
+  appears({ moved_by: "mouse" }); // may be older than the consent
+  assert.equal(arm.pointing, "ada");
+  now = 4000;
+  appears({ moved_by: "mouse" });
+  arm.give();
+  assert.deepEqual([arm.pointing, asked], ["", ["take ada"]]);
+});

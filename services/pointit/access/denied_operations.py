@@ -3,7 +3,7 @@
 At level TRACE its access control writes a line for every decision. Decisions that it caches for a new key
 (`caching permissions`, then one line for each kind of message) are not attempts. A message that is allowed
 and dropped right after is too long for its key, or one of its readers has just left: then it goes out to
-others, if there are any. The only reader of a self-test is its second session, and its messages are empty.
+others, if there are any. The only reader of a self-test is its second session, and its messages are short.
 Writers with excessive rates are reported, too.
 
 A key may hold anything but the first bytes of colours, which Zenoh writes as text. So a line that does not
@@ -159,6 +159,7 @@ class DeniedOperations:
             with self._lock:
                 if times:  # lines in between are missing
                     self._let_in.clear()
+                    self._dropped.clear()
                 self._take(line, max(times, 1), in_order=not times)
 
     def take_sentences(self, elapsed_s: float) -> dict[str, str]:

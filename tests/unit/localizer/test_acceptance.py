@@ -152,6 +152,8 @@ def test_near_things_and_things_side_by_side_need_a_more_certain_pose() -> None:
     assert close < far
     assert packed > 0.5  # light tells things apart that nobody can: they do not refuse each pose
     assert right(()) == right(around(1, 6.0, 0.0)) == right(((0.0, 0.0), (0.1, 0.0)))
+    beside = dataclasses.replace(SURE, covariance=np.diag([0.2, 0.2, 0.02]), scatter=0.0)  # 3 to 5 lamps
+    assert SolverSettings(things_m=((0.6, 0.0), (0.0, 3.0), (3.0, 3.0))).accepts(beside)
     # two things opposite one another are not met by a cursor that is nearest to one of them, 80° beside
     lost = dataclasses.replace(SURE, covariance=np.diag([0.1, 0.1, 1.0]))
     assert SolverSettings(things_m=around(2, 3.0, math.pi)).right_probability(lost) < 0.6

@@ -134,6 +134,16 @@ def test_landings_teach_the_elevation_of_the_person(anchors: bool | None) -> Non
     assert bool(person.anchors) is bool(anchors)
 
 
+def test_landings_before_a_new_pose_do_not_count_in_its_elevation() -> None:
+    person = Listener(anchors=None)
+    for _ in range(8):
+        person.select(4.0)
+    pose = SetPose(position_m=(0.0, 0.0, 0.0), covariance=COVARIANCE, method="static_targets")
+    assert not isinstance(person.core.set_pose(pose, person.arm.now_ns), Refusal)
+    person.select(4.0)
+    assert person.bias_deg == pytest.approx(2.0, abs=0.1)
+
+
 def test_without_anchors_landings_change_neither_the_yaw_nor_the_place() -> None:
     person = Listener(anchors=None)
     person.select(4.0)

@@ -309,6 +309,6 @@ def test_health_does_not_warn_of_what_localization_accepts() -> None:
         manager.set_pose(pose, 0)
         return manager.problem(0)
 
-    assert warned(13.5, DriftConfig()) == ""
-    assert "uncertain by 15°" in warned(15.4, DriftConfig())
+    assert warned(22.5, DriftConfig()) == ""
+    assert "uncertain by 26°" in warned(26.0, DriftConfig())
     assert "uncertain by 13°" in warned(13.0, DriftConfig(max_yaw_sigma_deg=8.0))

@@ -196,6 +196,17 @@ def test_a_late_press_has_the_name_spoken_again_and_the_next_one_confirms(
     assert len(room.announced) == names + 1
 
 
+def test_what_was_stepped_to_is_announced_again_after_a_gap_without_cursors() -> None:
+    room = Listener()
+    room.point(0.0, 1.0)
+    assert room.step(1) == "right"
+    room.point(0.0, 1.9)  # the name, and its repetition
+    room.time_s += 0.6
+    room.point(0.0, 0.9)
+    assert [name for _, name, _ in room.announced] == ["middle", "right", "right", "right"]
+    assert room.press() == [("selected", "right")]
+
+
 def test_a_second_press_before_the_name_was_heard_again_selects_nothing() -> None:
     room = Listener()
     room.point(0.0, 4.0)

@@ -7,6 +7,7 @@ imports of the same package, and names of PointIt itself.
 import ast
 import importlib
 import sys
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.machinery import ModuleSpec
@@ -105,8 +106,9 @@ class _Module:
         self._top = name.partition(".")[0]
         self._package = name if path.name == "__init__.py" else name.rpartition(".")[0]
         try:
-            body = ast.parse(path.read_bytes()).body
-        except (OSError, SyntaxError, ValueError) as error:
+            with warnings.catch_warnings(action="ignore"):  # `"\\d"`: that is for its author
+                body = ast.parse(path.read_bytes()).body
+        except (OSError, SyntaxError, ValueError, MemoryError) as error:  # too deep
             raise UnreadableError(name) from error
         self._values: dict[str, Any] = {}
         self._imports: dict[str, tuple[str, str]] = {}

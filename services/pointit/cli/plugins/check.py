@@ -129,7 +129,12 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
 
 def examined_command(title: str, name: str) -> Iterator[CheckResult]:
     """Yield the results of the checks of the command `name`."""
-    (package,) = (each.package for each in installed_commands.declared() if each.name == name)
+    root = click.get_current_context().find_root().command
+    refused: dict[Any, str] = getattr(root, "refused", {})
+    if reason := next((text for each, text in refused.items() if each.name == name), ""):
+        yield CheckResult(title, "name", "has a name of its own", reason)
+        return
+    package = next(each.package for each in installed_commands.declared() if each.name == name)
     try:
         command = installed_commands.load(package, name)
     except ConfigError as error:

@@ -150,7 +150,10 @@ class DriftConfig(Config):
         description="1 sigma of one pointing at a lamp, sideways, degrees",
     )
     max_yaw_sigma_deg: float = Field(
-        default=15.0, gt=0, le=180, description="health warns if the yaw is less certain than this, degrees"
+        default=25.0,
+        gt=0,
+        le=180,
+        description="health warns if the yaw is less certain than this, degrees; up to 23 are accepted",
     )
 
     def settings(self) -> DriftSettings:

@@ -16,8 +16,8 @@ DIRECTIONS: Complex = np.asarray(3.0 * np.exp(0.25j * math.pi * np.arange(8)), d
 MAX_THINGS = 16
 """Number of things that are judged, the nearest ones."""
 
-NEAREST_M = 0.5
-"""Smallest distance of a thing that has a direction."""
+NEAREST_M = 0.95
+"""Smallest distance of a thing by which a pose is judged: no pose is certain enough for nearer ones."""
 
 MIN_ANGLE_RAD, MAX_ANGLE_RAD = math.radians(10.0), math.radians(30.0)
 """A ray this near to a thing selects it: light tells neighbours apart. One farther away selects nothing."""

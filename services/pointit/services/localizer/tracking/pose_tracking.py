@@ -409,6 +409,7 @@ class PoseTracker:
     def _set(self, pose: UserPose, *, follow: bool) -> None:
         self._base = pose
         self._bias.set(pose)
+        self._landings = 1
         self._filter = None
         self._is_estimated = self._is_outside = self._has_lost_yaw = False
         self._follows = follow

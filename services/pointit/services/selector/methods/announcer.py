@@ -137,12 +137,15 @@ class Announcer:
 
     def announce(self, object_id: str, label: str, stamp_ns: int) -> Announced | None:
         """Return the message that is due while `object_id` is hovered, `""` for none. None if none is due."""
-        if object_id != self._hovered:
+        name = self._names.get(object_id)
+        is_lost = name is not None and stamp_ns - name.hovered_ns > RECENT_NS  # no press can mean it any more
+        if is_lost:
+            del self._names[object_id]
+        elif name is not None:
+            self._names[object_id] = name._replace(hovered_ns=stamp_ns)
+        if is_lost or object_id != self._hovered:
             self._hovered, self._hovered_ns = object_id, stamp_ns
             self._spoken, self._repeat_ns = ("", 0), None
-        name = self._names.get(object_id)
-        if name is not None and stamp_ns - name.hovered_ns <= RECENT_NS:
-            self._names[object_id] = name._replace(hovered_ns=stamp_ns)
         if self._announced.seq and stamp_ns - self._announced.stamp_ns < MIN_PERIOD_NS:
             return None
         is_first = not self._spoken[0] and stamp_ns - self._hovered_ns >= FIRST_NS

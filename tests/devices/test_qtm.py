@@ -84,6 +84,16 @@ async def test_a_measurement_may_begin_later_and_bodies_may_be_renamed() -> None
         await until(lambda: watcher.sees("mug"))
 
 
+async def test_a_server_that_waits_for_a_trigger_stays_connected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client, "PROBE_S", 1.0)
+    qtm = server(is_measuring=False, says_no_data=False)
+    async with serving(qtm) as port, running(port, system="qtm") as (watcher, _):
+        await until(lambda: qtm.commands.count("qtmversion") > 1, what="it has got the first answer")
+        assert qtm.commands.count("version 1.8") == 1, "the connection went on"
+        qtm.is_measuring = True
+        await until(lambda: watcher.sees("cup"))
+
+
 async def test_a_damaged_packet_costs_itself_only() -> None:
     qtm = server()
     async with serving(qtm) as port, running(port, system="qtm") as (watcher, _):
@@ -195,7 +205,7 @@ class Discovered(asyncio.DatagramProtocol):
 async def test_servers_are_found_by_a_search_with_the_options_that_choose_them() -> None:
     loop = asyncio.get_running_loop()
     transport, _ = await loop.create_datagram_endpoint(Discovered, local_addr=("127.0.0.1", 0))
-    found = await client.find_servers(0.5, [transport.get_extra_info("sockname")])
+    found = await client.find_servers(3.0, [transport.get_extra_info("sockname")])
     transport.close()
     (device,) = found
     assert (device.label, device.details) == ("LAB-PC, QTM 2.3 (build 464), 5 cameras", {"port": 30001})

@@ -4,6 +4,7 @@ import itertools
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from math import isnan, nan
+from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -85,6 +86,12 @@ class BidsTable:
             return 0.0, 0.0
         effective = (len(stamps) - 1) * NS_PER_S / (stamps[-1] - stamps[0])
         return round(NS_PER_S / median(steps), 3), round(effective, 3)
+
+
+def motion_folder(begin: str) -> Path:
+    """Return the folder in a dataset of files whose names begin with `begin`, subject and session."""
+    subject, _, session = begin.partition("_task-")[0].partition("_")
+    return Path(subject, session, "motion")
 
 
 def motion_json(system: str, task: str, channels: Sequence[BidsChannel], table: BidsTable) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from pointit.conversion.bids_table import (
     BidsTable,
     channel_lines,
     channels_json,
+    motion_folder,
     motion_json,
 )
 from pointit.conversion.export_csv import Exported
@@ -83,8 +84,12 @@ def export_bids(
             for person, begin in begins.items():
                 rows |= recorded.write(person, begin, task, staging, folder)
             _write_dataset(staging, folder, [begin.partition("_")[0] for begin in begins.values()])
-            prefixes = tuple(f"{begin}_" for begin in begins.values())
-            outdated = {path for path in existing if path.name.startswith(prefixes)}
+            outdated = {  # files of other modalities and derivatives begin the same
+                path
+                for begin in begins.values()
+                for path in existing
+                if path.parent == motion_folder(begin) and path.name.startswith(f"{begin}_")
+            }
             if outdated and not overwrite:
                 raise ConfigError(
                     f"{folder}: has {min(outdated)}; give --session a label, another folder, or --overwrite"
@@ -185,7 +190,7 @@ class _RecordedMotion:
     def write(self, person: str, begin: str, task: str, staging: Path, folder: Path) -> dict[Path, int]:
         """Write the files of one person for the dataset in `folder`, and return their rows."""
         subject, _, session = begin.partition("_task-")[0].partition("_")
-        place = staging / subject / session / "motion"
+        place = staging / motion_folder(begin)
         place.mkdir(parents=True)
         onset_ns = min(
             [min(table.stamps_ns) for table in self._tables.values() if table.stamps_ns]
@@ -210,9 +215,12 @@ class _RecordedMotion:
         acquired = datetime.fromtimestamp(onset_ns / NS_PER_S, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
         prefix = f"{subject}_{session}" if session else subject
         scans = place.parent.relative_to(staging) / f"{prefix}_scans.tsv"
-        others = {name: line for name, line in _table(folder / scans).items() if f"{begin}_" not in name}
-        new = [f"motion/{path.name}\t{acquired}" for path in rows]
-        _write_lines(staging / scans, ["filename\tacq_time", *list(others.values())[1:], *new])
+        known = _table(folder / scans) or {"filename": "filename\tacq_time"}
+        header, *others = (line for name, line in known.items() if not name.startswith(f"motion/{begin}_"))
+        columns = header.split("\t")
+        cells = ({"filename": f"motion/{path.name}", "acq_time": acquired} for path in rows)
+        new = ["\t".join(each.get(column, MISSING) for column in columns) for each in cells]
+        _write_lines(staging / scans, [header, *others, *new])
         return rows
 
 

@@ -99,6 +99,7 @@ class ForearmYaw:
         self._recent: deque[tuple[int, Array, Array]] = deque(maxlen=5)
         self._pairs: deque[_Pair] = deque(maxlen=MAX_PAIRS)
         self._estimate: ForearmYawEstimate | None = None
+        self._arm_ns = 0
         self._solved_ns = 0
         self._moved_ns = 0
         self._is_known = False
@@ -125,9 +126,10 @@ class ForearmYaw:
         if epoch != self._epoch:
             self._clear()
             self._epoch = epoch
-        if self._arms and stamp_ns < self._arms[-1][0] - NS_PER_S:  # the clock was set back
+        if stamp_ns < self._arm_ns - NS_PER_S:  # the clock was set back
             self._clear()
-        if not self._arms or stamp_ns > self._arms[-1][0]:
+        if stamp_ns > self._arm_ns:
+            self._arm_ns = stamp_ns
             self._arms.append((stamp_ns, np.array(orientation)))
         self._match()
 

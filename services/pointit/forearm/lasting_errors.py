@@ -84,7 +84,10 @@ def solve_lasting(problem: Linearization) -> YawStep | None:
         whitened = solve_triangular(root, means[:, :-1], lower=True, check_finite=False)
         matrix, residuals = whitened[:, :-3].reshape(3 * count, -1), whitened[:, -3:].ravel()
         information = matrix.T @ matrix + problem.precision
-        inverse = np.linalg.inv(information)
+        try:
+            inverse = np.linalg.inv(information)
+        except np.linalg.LinAlgError:  # level turns without any noise, of simulations: the yaw does not show
+            return None
         step = inverse @ (matrix.T @ residuals - problem.precision @ problem.offset)
         left, offset = residuals - matrix @ step, problem.offset + step
         misfit = float(left @ left) + float(offset @ problem.precision @ offset)

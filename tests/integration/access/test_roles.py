@@ -77,7 +77,13 @@ def may_write(me: str, topic: object, name: str) -> bool:
         others = ("web", "ros2", "mocap", "home-assistant")  # have identities of their own
         shared_writers = any(row.scope == "site" and row.name not in others for row in writers)
         return shared_writers or topic in (topics.CLOCK, topics.DEPLOYMENT)
-    return role == "web" and topic in (topics.WRIST, topics.BUTTON, topics.STEP, topics.SPEECH)
+    return role == "web" and topic in (
+        topics.WRIST,
+        topics.BUTTON,
+        topics.STEP,
+        topics.SPEECH,
+        topics.POSE,  # of those who wear a headset
+    )
 
 
 OF_PEOPLE = (topics.FIND_REFERENTS,)

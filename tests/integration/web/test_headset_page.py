@@ -7,7 +7,7 @@ import pytest
 
 import pointit.schemas as models
 from pointit.schemas import topics
-from tests.integration.web.pages import VIEWER, Page, Server, serving
+from tests.integration.web.pages import VIEWER, Page, serving
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 
 ROOM = {"yaw_rad": 0.5, "origin_m": [1.0, 2.0, 0.0]}

@@ -340,3 +340,25 @@ async def test_command_that_is_cancelled_again_leaves_no_process(started: Path) 
         with pytest.raises(asyncio.CancelledError):
             await running
         assert {*psutil.Process().children()} <= others, rounds
+
+
+async def test_process_is_ended_when_all_tasks_are_cancelled_once_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As a loop that closes does while the process is slow to end."""
+    stubborn = (
+        "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
+    )
+    monkeypatch.setattr(process, "BEGIN", stubborn)
+    before, others = asyncio.all_tasks(), {*psutil.Process().children()}
+    told: list[object] = []
+    running = asyncio.create_task(process.run_command([], lambda _line: None, told.append))
+    await until(lambda: bool(told))
+    running.cancel()
+    for _ in range(5):
+        await asyncio.sleep(0)
+    for task in asyncio.all_tasks() - before:
+        task.cancel()
+    done, _ = await asyncio.wait({running}, timeout=30.0)
+    assert done
+    assert {*psutil.Process().children()} <= others

@@ -26,7 +26,7 @@ from pointit.services.registry import PROCESSES
 def invoke(*arguments: str) -> str:
     result = CliRunner().invoke(command, list(arguments))
     assert result.exit_code == 0, result.output
-    return result.output
+    return result.stdout
 
 
 def records(*arguments: str) -> dict[str, list[dict[str, Any]]]:
@@ -284,6 +284,7 @@ def test_localized_people_are_compared_with_their_true_poses(capsys: pytest.Capt
     assert "localized pose less the true one" in capsys.readouterr().out
     show(tracking, 3.0, as_json=True)
     assert [row["person"] for row in json.loads(capsys.readouterr().out)["truth"]] == ["anna", "ben", "cleo"]
+    assert meters.take(6.0, 3.0).truth == (), "the tracker is silent: nothing is known to be true"
 
 
 def test_without_a_tracker_the_remedy_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -154,6 +154,25 @@ def test_a_file_that_is_there_is_replaced_with_overwrite_only(tmp_path: Path) ->
     }
 
 
+def test_recordings_of_other_modalities_and_their_scans_stay(tmp_path: Path) -> None:
+    export_bids(session("anna"), tmp_path)
+    others = [
+        tmp_path / "sub-anna" / "eeg" / "sub-anna_task-pointing_eeg.edf",
+        tmp_path / "derivatives" / "clean" / "sub-anna" / "sub-anna_task-pointing_eeg.edf",
+    ]
+    for other in others:
+        other.parent.mkdir(parents=True)
+        other.write_text("EEG", encoding="utf-8")
+    (scans,) = tmp_path.glob("sub-anna/*_scans.tsv")
+    eeg = ["eeg/sub-anna_task-pointing_eeg.edf", "2026-01-01T10:00:00", "Bea"]
+    scans.write_text("filename\tacq_time\toperator\n" + "\t".join(eeg) + "\n", encoding="utf-8")
+    export_bids(session("anna"), tmp_path, overwrite=True)
+    assert all(other.read_text(encoding="utf-8") == "EEG" for other in others)
+    header, first, *new = table(scans)
+    assert (header, first) == (["filename", "acq_time", "operator"], eeg)
+    assert [row[2] for row in new] == ["n/a"] * 4
+
+
 def test_a_folder_with_other_files_and_a_recording_without_people_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="has no motion of a person"):
         export_bids([], tmp_path / "new")

@@ -191,6 +191,25 @@ def test_nothing_is_paired_over_a_gap_of_the_cameras() -> None:
     assert arm.error_rad() < math.radians(1.0)
 
 
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, -2.1])
+def test_level_turns_without_any_noise_show_no_yaw(yaw_rad: float) -> None:
+    estimator = ForearmYaw()
+    for tick in range(400):
+        time_ns = START_NS + tick * NS_PER_S // 50
+        arm = rotation.from_yaw(0.8 * math.sin(tick / 25))
+        estimator.add_body(time_ns, rotation.multiply(rotation.from_yaw(yaw_rad), arm))
+        estimator.add_arm(time_ns, arm, 0)
+        assert estimator.estimate(time_ns) is None
+
+
+def test_clocks_of_both_that_are_set_back_begin_anew() -> None:
+    before, after = Arm(7), Arm(8)
+    before.time_s, after.estimator = 3600.0, before.estimator
+    before.move(waving(before.dice), 4.0)
+    after.move(waving(after.dice), 4.0)
+    assert after.error_rad() < math.radians(1.5)
+
+
 def test_a_clock_of_the_wrist_that_is_set_back_begins_anew() -> None:
     estimator = ForearmYaw()
     body = (0.0, 0.0, 0.0, 1.0)

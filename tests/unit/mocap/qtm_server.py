@@ -52,6 +52,8 @@ class QtmServer:
     bodies: Callable[[int], Sequence[QtmBody]]
     state: int = CONNECTED
     is_measuring: bool = True
+    says_no_data: bool = True
+    """False: it waits for a trigger, and answers `StreamFrames` with the first frame."""
     up: str = "+Z"
     greeting: bytes = text(COMMAND, "QTM RT Interface connected")
     versions: Sequence[str] = ("1.8", "1.25")
@@ -92,7 +94,7 @@ class QtmServer:
             writer.write(text(XML, settings(self.names, self.up)))
         elif word == "streamframes":
             self.streaming.add(writer)
-            if not self.is_measuring:
+            if not self.is_measuring and self.says_no_data:
                 writer.write(packet(NO_DATA, b""))
         else:
             writer.write(text(ERROR, "Parse error"))

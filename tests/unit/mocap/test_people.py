@@ -32,6 +32,8 @@ def test_truth_shows_the_error_of_the_pose_in_force_as_the_person_moves() -> Non
         worn.on_body(BodyPose("cap", now_ns, (x, 2.0, 1.75), (0.0, 0.0, 0.0, 1.0), 0.001))
         errors_m.append(worn.figures(now_ns)["position error of anna"][0])
     assert errors_m == pytest.approx([0.25, 1.0])
+    assert [each.id for each in worn.objects(now_ns, now_ns)] == ["anna"]
+    assert worn.objects(now_ns, now_ns + NS_PER_S // 5) == [], "newer frames do not have the cap"
     later_ns = START_NS + 10 * NS_PER_S  # nobody is seen any more
     assert worn.figures(later_ns)["position error of anna"][0] is None
     assert worn.figures(later_ns)["yaw error of anna"][0] is None

@@ -168,8 +168,23 @@ def test_a_file_that_qtm_plays_is_not_used_until_cameras_measure() -> None:
     talk.stream(1)
     assert not talk.used
     talk.session.set_event(3)
+    talk.session.set_parameters(settings(["cup"]).encode())
     talk.stream(1)
     assert len(talk.used) == 1
+
+
+def test_frames_are_not_used_under_the_names_of_settings_that_have_changed() -> None:
+    talk = QtmConversation("cup")
+    talk.stream(1)
+    talk.session.set_event(11)
+    talk.stream(1)
+    assert len(talk.used) == 1
+    talk.session.set_parameters(settings(["plate"]).encode())
+    talk.stream(1)
+    assert [name for name, _ in talk.used[-1].bodies] == ["plate"]
+    talk.session.restart(talk.now_ns, is_connected=True)  # another QTM may have other bodies
+    talk.stream(1)
+    assert len(talk.used) == 2
 
 
 def test_frames_that_stand_still_are_not_used_and_reported() -> None:

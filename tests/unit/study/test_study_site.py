@@ -77,3 +77,4 @@ async def test_a_declared_truth_is_followed_and_its_absence_is_a_problem() -> No
     assert study_site.quality.endswith("; true error 25 cm, -2.9°")
     site.time_ns += 10 * NS_PER_S
     assert study_site.truth_problem != ""
+    assert "true error" not in study_site.quality

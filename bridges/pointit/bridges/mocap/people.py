@@ -12,6 +12,8 @@ from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, UserPose
 
 FRESH_NS = NS_PER_S // 2
 """Age at which a head's position is none of now."""
+TRUE_HEAD_NS = NS_PER_S // 20
+"""Time before the newest frame at which a head that is not in it is no truth of that frame, ns."""
 HEAD_SIGMA_M = 0.02
 """1 sigma of the way from the head's body to the point above the feet, m."""
 MAX_METRIC = 64
@@ -92,12 +94,19 @@ class WornBodies:
             poses.append((person, pose))
         return poses
 
-    def objects(self, now_ns: int) -> list[TrackedObject]:
-        """Return the people who have no pose here, with the yaw of {H} if they are truth and it is known."""
+    def objects(self, now_ns: int, frame_ns: int) -> list[TrackedObject]:
+        """Return the people who have no pose here, with the yaw of {H} if they are truth and it is known.
+
+        Args:
+            now_ns: time of the site, ns.
+            frame_ns: time of the newest frame, with which the objects are stamped, ns.
+        """
         objects: list[TrackedObject] = []
         for person, worn in self._people.items():
             head, yaw = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns)
             if head is None or (yaw is not None and not self._is_truth):
+                continue
+            if self._is_truth and frame_ns - head.stamp_ns > TRUE_HEAD_NS:
                 continue
             objects.append(
                 TrackedObject(
@@ -144,4 +153,4 @@ class WornBodies:
 
     def _fresh_head(self, worn: _Worn, now_ns: int) -> BodyPose | None:
         head = worn.head_pose
-        return head if head is not None and now_ns - head.stamp_ns <= FRESH_NS else None
+        return head if head is not None and abs(now_ns - head.stamp_ns) <= FRESH_NS else None

@@ -90,9 +90,8 @@ class Mocap(Service[MocapConfig]):
 
     def _publish(self, now_ns: int) -> None:
         is_fresh = now_ns - self._used_ns < FRESH_NS
-        objects = (
-            (*self._bodies.objects(self._stamp_ns), *self._worn_bodies.objects(now_ns)) if is_fresh else ()
-        )
+        people = self._worn_bodies.objects(now_ns, self._stamp_ns)
+        objects = (*self._bodies.objects(self._stamp_ns), *people) if is_fresh else ()
         if objects or self._had_objects:
             stamp_ns = self._stamp_ns if objects else now_ns
             self._objects.put(

@@ -135,7 +135,8 @@ class StudySite:
         if pose is None or not any(pose.covariance):
             return ""
         text = f"position ±{position_sigma_m(pose) * 100:.0f} cm, yaw ±{yaw_sigma_deg(pose):.1f}°"
-        error = None if self._true_pose is None else self._true_pose.error_of(pose)
+        true_pose = None if self.truth_problem else self._true_pose
+        error = None if true_pose is None else true_pose.error_of(pose)
         if error is not None:
             text += f"; true error {error.position_m * 100:.0f} cm"
             text += "" if error.yaw_rad is None else f", {math.degrees(error.yaw_rad):+.1f}°"

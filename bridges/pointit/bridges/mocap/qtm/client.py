@@ -37,7 +37,7 @@ MAX_COMPONENTS = 32
 RATE = "frequency:100"
 """Frames that are asked for. Cameras with a higher rate would only cost time."""
 _HEADER, _COMPONENTS_AT = struct.Struct("<II"), 12
-_ERROR, _DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 6, 7, 9
+_ERROR, _DATA, _NO_DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 4, 6, 7, 9
 
 
 def check_qtm_rt() -> None:
@@ -82,7 +82,9 @@ class QtmClient(asyncio.Protocol):
         self._protocol: Any = None
         """Sends commands, and gives their answers."""
         self._transport: Any = None
-        self._end = asyncio.Event()
+        self._end, self._changed = asyncio.Event(), asyncio.Event()
+        self._is_starting = False
+        """True while frames, or that there are none yet, are the answer to `StreamFrames`."""
         self._end_reason = self._refusal = ""
         self._has_packets = False
         """True if a packet came since the last probe."""
@@ -134,6 +136,7 @@ class QtmClient(asyncio.Protocol):
                 answer.set_exception(ConnectionResetError(self._end_reason))
                 answer.exception()  # nobody may wait for it
         self._end.set()
+        self._changed.set()
 
     def _use(self, kind: int, packet: bytes) -> None:
         try:
@@ -141,10 +144,12 @@ class QtmClient(asyncio.Protocol):
                 self._use_frame(packet[_HEADER.size :])
             elif kind == _EVENT:
                 self._session.set_event(packet[_HEADER.size])
+                self._changed.set()
                 return
             elif kind == _ERROR:
                 self._refusal = _text(packet[_HEADER.size :])
-            self._protocol.data_received(packet)  # the first frame answers `StreamFrames`
+            if self._is_starting or kind not in (_DATA, _NO_DATA):  # else it would answer another command
+                self._protocol.data_received(packet)
         except (ValueError, IndexError, struct.error):
             self._session.note_damage(self._now_ns())
 
@@ -175,13 +180,19 @@ class QtmClient(asyncio.Protocol):
         self._warn("")
         await self._protocol.send_command("getstate", callback=False)
         await self._update_settings(connection)
-        with contextlib.suppress(TimeoutError):  # a QTM that waits for a trigger answers with the first frame
+        self._is_starting = True
+        try:
             await connection.stream_frames(RATE, components=["6dres"], on_packet=_ignore)
+        except TimeoutError:  # a QTM that waits for a trigger sends its first frame as the answer
+            self._protocol.request_queue.clear()  # else `StreamFrames` would get the next command's answer
+        finally:
+            self._is_starting = False
         idle_s = 0.0
         while not self._end.is_set():
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(POLL_S):
-                    await self._end.wait()
+                    await self._changed.wait()
+            self._changed.clear()
             idle_s, self._has_packets = (0.0 if self._has_packets else idle_s + POLL_S), False
             if idle_s >= PROBE_S and not self._end.is_set():
                 await connection.qtm_version()

@@ -137,6 +137,8 @@ class QtmSession:
             return (
                 f"its frames have {count} bodies, its settings {len(self._names)}: enable all bodies in QTM"
             )
+        if self.are_settings_stale:
+            return "QTM has not named its bodies yet: start a measurement there (File, New)"
         return ""
 
     def _stamp(self, time_us: int, now_ns: int) -> tuple[int, int]:

@@ -113,13 +113,16 @@ async def _objects(stream: asyncio.StreamReader | None, on_told: Callable[[JsonO
 
 
 async def _end(child: asyncio.subprocess.Process) -> None:
+    """End the process and close its pipes, even if this task is cancelled meanwhile: a loop closes."""
     if child.returncode is None:
         child.terminate()
-        try:
+        with contextlib.suppress(TimeoutError, asyncio.CancelledError):
             async with asyncio.timeout(STOP_PATIENCE_S):
                 await child.wait()
-        except TimeoutError:
+    while child.returncode is None:
+        with contextlib.suppress(ProcessLookupError):
             child.kill()
+        with contextlib.suppress(asyncio.CancelledError):
             await child.wait()
     if child.stdin is not None:
         child.stdin.close()  # left to the garbage collector, it may outlive the loop, which it needs

@@ -6,9 +6,10 @@ import { WornArm } from "./worn_arm";
 
 const LINE = { user: "ada", moved_by: "own", is_mine: false, assumed: null, phone: "", battery: null };
 
-test("an arm that another page took before any status told of it is not pointed with, and presses ask once", async (t) => {
+test("an arm that another page took before any status told of it is not pointed with, and presses ask once", async () => {
   let now = 0;
-  t.mock.method(performance, "now", () => now);
+  const clock = performance.now;
+  performance.now = () => now;
   const site = emptySite(), asked: string[] = [];
   const connection = { ask: (wish: { deed: string; name: string }) => (asked.push(`${wish.deed} ${wish.name}`), Promise.resolve({})) };
   const controls = new Controls(site, {} as never, connection as never, {} as never, () => {});
@@ -26,5 +27,6 @@ test("an arm that another page took before any status told of it is not pointed 
   now = 4000;
   appears({ moved_by: "mouse" });
   arm.give();
+  performance.now = clock;
   assert.deepEqual([arm.pointing, asked], ["", ["take ada"]]);
 });

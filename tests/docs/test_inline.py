@@ -24,7 +24,9 @@ def problems(text: str) -> Iterator[str]:
             if inner is None:
                 break  # a placeholder; names of commands have a test in tests/architecture
             command, words = inner, words[1:]
-        options = {option for each in command.get_params(context) for option in each.opts} | {"--help"}
+        options = {"--help"}.union(
+            *((*each.opts, *each.secondary_opts) for each in command.get_params(context))
+        )
         for word in words:
             if word.startswith("--") and word.partition("=")[0] not in options:
                 yield f"{written}: no option {word}"

@@ -43,7 +43,7 @@ def test_placeholders_are_those_of_what_a_row_stands_for(table: Routes) -> None:
         *((row.ros, (row.request,)) for row in table.served),
     ]
     for ros, ours in stands_for:
-        if "{" in ros:
+        if "{" in ros and ours:  # one route only adds to what another one publishes
             assert {"{" + each.placeholder + "}" for each in ours} == {
                 ros[ros.index("{") : ros.index("}") + 1]
             }

@@ -13,7 +13,6 @@ from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.frames import frame_name, holds_frame
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
-from pointit.forearm.forearm_yaw import ForearmYaw
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, ButtonEvent, SetPose, UserPose, WristSample
 from pointit.schemas.topics import BUTTON, POSE, SET_POSE, WRIST
@@ -126,6 +125,8 @@ class Poses:
         stamp_ns, problem = checks.stamp(value.header.stamp, context, label)
         person = context.state.person(context.name)
         if person.forearm_yaw is None:
+            from pointit.forearm.forearm_yaw import ForearmYaw  # noqa: PLC0415 - SciPy, for few people
+
             person.forearm_yaw = ForearmYaw()
         person.forearm_yaw.add_body(stamp_ns, orientation)
         return (ConversionWarning(problem),) if problem else ()

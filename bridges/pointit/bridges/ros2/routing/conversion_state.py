@@ -3,12 +3,11 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pointit.bridges.ros2.routing.frames import Frames, RosNames
 from pointit.bridges.ros2.routing.uids import Kinds, Uids
 from pointit.bridges.ros2.types.types import Types
-from pointit.forearm.forearm_yaw import ForearmYaw
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
@@ -32,6 +31,9 @@ from pointit.schemas import (
 )
 from pointit.schemas.pointing import SurfaceKind
 from pointit.schemas.topics import Topic
+
+if TYPE_CHECKING:  # it loads SciPy
+    from pointit.forearm.forearm_yaw import ForearmYaw
 
 KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
 """Kinds by the ROS toolkit's numbers: 0 and 1 as in its feeders, the others arbitrary."""
@@ -83,7 +85,7 @@ class Person:
     """True until a message says otherwise."""
     tf_until_ns: int = 0
     """Until then another ROS node is expected to publish their frame."""
-    forearm_yaw: ForearmYaw | None = None
+    forearm_yaw: "ForearmYaw | None" = None
     """Yaw of {H} by a marker body on the forearm, None if no such body is published."""
 
     def hear(self, message: PersonSays, now_ns: int) -> None:

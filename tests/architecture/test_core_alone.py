@@ -26,7 +26,7 @@ SIMULATION = ("pointit.services.conveyor_sim", "pointit.services.user_sim", "poi
 
 SCENARIOS = ("scenario_1", "scenario_4")
 
-DURATION_S = 10
+DURATION_S = 20
 """Time in which a run has its first cursor also on a busy machine; without one it fails."""
 
 FROM_PYTHON = """

@@ -108,7 +108,7 @@ def test_the_height_is_found_when_it_is_left_free_and_believed_otherwise() -> No
     assert free.z_m == pytest.approx(0.4, abs=0.05)
     assert position_error_m(free, person) < 0.05
     assert free.z_sigma_m > 0.03
-    assert abs(solved(raised, SolverSettings()).z_m) < 0.1
+    assert abs(solved(raised, SolverSettings(max_position_sigma_m=1.0)).z_m) < 0.1
 
 
 def test_clean_pointing_at_targets_in_a_row_is_no_miss() -> None:
@@ -203,8 +203,7 @@ def test_poses_of_people_who_exaggerate_are_within_their_uncertainty(slope: floa
 def test_less_known_about_a_person_is_less_known_about_their_pose(name: str) -> None:
     known: list[dict[str, Any]] = [{name: sigma} for sigma in (0.0001, 0.05, 0.3)]
     for rays in (pointings(Person(0.6, -0.4, 1.0), CORNERS), pointings(Person(), WAY, each=1)):
-        poses = [solved(rays, dataclasses.replace(UNLIMITED, **each)) for each in known]
-        sigmas_m = [math.sqrt(np.linalg.eigvalsh(pose.assumed[:2, :2])[-1]) for pose in poses]
+        sigmas_m = [solved(rays, dataclasses.replace(UNLIMITED, **each)).position_sigma_m for each in known]
         assert sigmas_m == sorted(sigmas_m)
         assert sigmas_m[-1] > sigmas_m[0]
 

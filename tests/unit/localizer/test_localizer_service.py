@@ -5,7 +5,6 @@ import itertools
 import math
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
-from typing import Any
 
 import pytest
 
@@ -24,10 +23,11 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.schemas import topics as at
-from pointit.services.localizer.certainty import UNSURE_DEG
-from pointit.services.localizer.config import DriftConfig, LocalizerConfig
+from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
+from pointit.services.localizer.config import DriftConfig, LocalizerConfig, TrustConfig
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
+from pointit.services.localizer.estimation.solution import MAX_MISS_RATIO
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
@@ -198,27 +198,12 @@ async def test_silence_is_refused_and_shown_in_health_until_it_works() -> None:
         await until(lambda: not room.health[-1].warnings, what="the warning to go")
 
 
-@pytest.mark.parametrize(
-    ("values", "names"),
-    [
-        ({}, []),
-        ({"remember": False}, ["remember"]),
-        ({"remember": True}, ["remember"]),
-        (
-            {"trust": {"max_position_sigma_m": 1.5, "max_yaw_sigma_deg": 30}},
-            ["trust.max_position_sigma_m", "trust.max_yaw_sigma_deg"],
-        ),
-        ({"trust": {"max_yaw_sigma_deg": 14.0, "min_right_probability": 0.5}}, ["trust.max_yaw_sigma_deg"]),
-    ],
-)
-async def test_options_without_effect_are_accepted_with_a_note(
-    values: dict[str, Any], names: list[str]
-) -> None:
-    """Older files have them."""
-    async with room_of(LocalizerConfig.model_validate(values)) as room:
+@pytest.mark.parametrize("remember", [None, False, True])
+async def test_the_option_of_a_memory_that_is_gone_is_accepted_with_a_note(*, remember: bool | None) -> None:
+    async with room_of(LocalizerConfig(remember=remember)) as room:
         await until(lambda: bool(room.health), what="health")
-        notes = [text for text in room.health[-1].warnings if "has no effect any more; leave it out" in text]
-        assert [text.split()[2] for text in notes] == [f"localizer.{name}" for name in names]
+        noted = [text for text in room.health[-1].warnings if "localizer.remember has no effect" in text]
+        assert len(noted) == (remember is not None)
         assert len(room.poses) == 1
 
 
@@ -297,18 +282,21 @@ def test_defaults_of_configuration_and_cores_are_equal() -> None:
     drift, settings = config.drift.settings(), DriftSettings()
     assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
-    assert config.drift.max_yaw_sigma_deg == UNSURE_DEG
+    assert (MAX_MISS_RATIO * want.max_position_sigma_m, config.trust.max_yaw_sigma_deg) == (
+        UNSURE_M,
+        UNSURE_DEG,
+    )
 
 
 def test_health_does_not_warn_of_what_localization_accepts() -> None:
-    def warned(sigma_deg: float, drift: DriftConfig) -> str:
-        config = LocalizerConfig(drift=drift)
+    def warned(sigma_deg: float, trust: TrustConfig) -> str:
+        config = LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=8.0), trust=trust)
         manager = PoseManager("anna", config)
         covariance = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, math.radians(sigma_deg) ** 2)
         pose = SetPose(position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, method="moving_target", covariance=covariance)
         manager.set_pose(pose, 0)
         return manager.problem(0)
 
-    assert warned(22.5, DriftConfig()) == ""
-    assert "uncertain by 26°" in warned(26.0, DriftConfig())
-    assert "uncertain by 13°" in warned(13.0, DriftConfig(max_yaw_sigma_deg=8.0))
+    assert warned(13.5, TrustConfig()) == ""
+    assert "uncertain by 15°" in warned(15.0, TrustConfig())
+    assert "uncertain by 13°" in warned(13.0, TrustConfig(max_yaw_sigma_deg=8.0))

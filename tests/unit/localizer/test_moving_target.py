@@ -17,8 +17,8 @@ from pointit.services.localizer.procedures.time_sync import RayWindow, Track
 from tests.unit.localizer.person import START_NS, Person, config, poses, told, yaw_difference
 
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
-NEAR_M = 0.12
-"""Limit of the error of a pose after 2 to 3 s of exact following: 0.04 to 0.09 m at five places."""
+NEAR_M = 0.08
+"""Limit of the error of a pose that comes after 3 s of exact following: 0.04 to 0.07 m at five places."""
 
 
 def place(t_s: float, phase_rad: float = 0.0) -> Vec3:

@@ -4,7 +4,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
@@ -15,13 +15,12 @@ from pointit.services.localizer.estimation.estimator import (
 )
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.estimation.sample_blocks import blocks
-from pointit.services.localizer.procedures.moving_target import MIN_SPAN_S
 from pointit.services.localizer.verification.following import followed
 from pointit.services.localizer.verification.holds import held
 from pointit_lab.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m
 from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
-from pointit_lab.evaluation.localization.trial import SLACK_S, LocalizationTrial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.parallel import map_parallel
 from pointit_lab.evaluation.recordings.row import Row, arranged
 
@@ -33,7 +32,7 @@ STATED = SolverSettings().unlimited()
 """The localizer's settings, but poses of any stated sigma are accepted: errors of certain poses alone would
 be too optimistic."""
 
-ANY = STATED.any_fit()
+ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
 """Accepts the best fit, as the baselines do."""
 
 LIMITS = SolverSettings()
@@ -179,8 +178,6 @@ def judged(pointings: Pointings, settings: SolverSettings = LIMITS) -> Solution 
         return solve(pointings, settings)
     if blocks(pointings).is_still:
         return held(pointings, settings)
-    if pointings.span_s < MIN_SPAN_S - SLACK_S:
-        return Refusal("keep following the robot with the arm straight")
     found = followed(pointings, settings)
     wrong = mounting_fault(pointings, found, settings, 0.0)
     return Refusal(wrong, found.residual_rad) if wrong else found

@@ -52,7 +52,10 @@ CURSOR_COLORS = (
 PATTERNS = ("solid", "dashed", "striped", "dotted", "hollow", "tailed")
 """Patterns of selected objects by person index: a second cue beside the colour."""
 
-OF_TWO_LAMPS: dict[str, Any] = {"trust": {"min_right_probability": 0.5}, "drift": {"max_yaw_sigma_deg": 35.0}}
+OF_TWO_LAMPS: dict[str, Any] = {
+    "trust": {"max_position_sigma_m": 1.5, "max_yaw_sigma_deg": 30.0},
+    "drift": {"max_yaw_sigma_deg": 35.0},
+}
 """With two lamps, as in the paper, poses are uncertain but still accepted."""
 FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 10.0, "give_up_s": 60.0}
 """Localization by a robot: people follow it with the arm, s."""

@@ -1,23 +1,19 @@
 """Parameters of the localizer."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
 from pointit.runtime.config.config import Config
-from pointit.schemas import Thing, UserPose
+from pointit.schemas import UserPose
 from pointit.schemas.base import Real, Vec3
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
 
 FREE_HEIGHT_M = 10.0
 """Standard deviation of an unknown height."""
-
-REPLACED_LIMITS = ("max_position_sigma_m", "max_yaw_sigma_deg")
-_REPLACED = "without effect, accepted in older files: min_right_probability replaces it"
 
 _SETTINGS = SolverSettings()
 _DRIFT = DriftSettings()
@@ -105,19 +101,22 @@ class TrustConfig(Config):
         le=10,
         description="sigmas of the elevation bias beyond which the person did not point",
     )
-    min_right_probability: float = Field(
-        default=_SETTINGS.min_right_probability,
-        ge=0,
-        lt=1,
-        description="a pose is refused if the cursor is nearest to the thing that is meant with a lower "
-        "probability: of the map's things, or if it has fewer than two, of eight things 3 m away all round",
+    max_position_sigma_m: float = Field(
+        default=_SETTINGS.max_position_sigma_m,
+        gt=0,
+        le=10,
+        description="poses less certain than this are refused, m; of following, cursors by 1.2 times it",
     )
-    max_position_sigma_m: float | None = Field(default=None, description=_REPLACED)
-    max_yaw_sigma_deg: float | None = Field(default=None, description=_REPLACED)
+    max_yaw_sigma_deg: float = Field(
+        default=_degrees(_SETTINGS.max_yaw_sigma_rad),
+        gt=0,
+        le=90,
+        description="poses less certain than this are refused, degrees",
+    )
 
     def settings(self, *, free_height: bool = False) -> SolverSettings:
         """Return the settings of the solver."""
-        settings = SolverSettings(**_in_radians(self, *REPLACED_LIMITS))
+        settings = SolverSettings(**_in_radians(self))
         return replace(settings, height_sigma_m=FREE_HEIGHT_M) if free_height else settings
 
 
@@ -150,10 +149,10 @@ class DriftConfig(Config):
         description="1 sigma of one pointing at a lamp, sideways, degrees",
     )
     max_yaw_sigma_deg: float = Field(
-        default=25.0,
+        default=15.0,
         gt=0,
         le=180,
-        description="health warns if the yaw is less certain than this, degrees; up to 23 are accepted",
+        description="health warns if the yaw is less certain than this and trust.max_yaw_sigma_deg, degrees",
     )
 
     def settings(self) -> DriftSettings:
@@ -269,7 +268,6 @@ class LocalizerConfig(Config):
         """Return the configured pose."""
         return UserPose(stamp_ns=stamp_ns, position_m=self.position_m, yaw_rad=math.radians(self.yaw_deg))
 
-    def believed(self, things: Sequence[Thing] = ()) -> SolverSettings:
-        """Return weights and limits of the solver; `things` are those of the map."""
-        places_m = tuple(thing.center_m[:2] for thing in things)
-        return replace(self.trust.settings(free_height=self.free_height), things_m=places_m)
+    def believed(self) -> SolverSettings:
+        """Return weights and limits of the solver."""
+        return self.trust.settings(free_height=self.free_height)

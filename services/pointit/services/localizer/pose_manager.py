@@ -4,6 +4,7 @@ Pure: messages, requests and the time go in; outputs to publish come out.
 """
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -34,17 +35,19 @@ from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.procedures.next_target import EYES_M
-from pointit.services.localizer.procedures.time_sync import RayWindow
 from pointit.services.localizer.tracking.landing import LandingDetector
 from pointit.services.localizer.tracking.pose_tracking import PoseTracker
 
-RECENT_S = 0.5
+RECENT_NS = NS_PER_S // 2
 """Time over which rays are averaged."""
 
 FRESH_RAY_S = 0.3
 """Largest age of the newest ray."""
 
 MIN_RAYS = 5
+
+MAX_RAYS = 1024
+"""Largest number of rays, whatever their rate."""
 
 MAX_SPREAD_RAD = math.radians(2.0)
 """Largest rms by which an arm that is held still may wander."""
@@ -53,11 +56,20 @@ MAX_ELEVATION_RAD = math.radians(60.0)
 """Largest elevation at which an arm has a direction."""
 
 
-class HeadingWindow(RayWindow):
-    """Rays of the last `RECENT_S`."""
+class HeadingWindow:
+    """Keeps the newest rays."""
 
     def __init__(self) -> None:
-        super().__init__(RECENT_S)
+        self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)
+
+    def add(self, ray: PointingRay) -> None:
+        """Add `ray` unless it is not newer than the last one."""
+        rays, stamp_ns = self._rays, ray.stamp_ns
+        if rays and stamp_ns <= rays[-1].stamp_ns:
+            return
+        rays.append(ray)
+        while rays[0].stamp_ns < stamp_ns - RECENT_NS:
+            rays.popleft()
 
     @property
     def eyes_m(self) -> float:
@@ -329,7 +341,7 @@ class PoseManager:
                 f"(`pointit person pose {user} --facing …`)"
             )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
-        if sigma_deg <= self._config.drift.max_yaw_sigma_deg:
+        if sigma_deg <= max(self._config.drift.max_yaw_sigma_deg, self._config.trust.max_yaw_sigma_deg):
             return ""
         return (
             f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}° because the IMU drifts; have them "

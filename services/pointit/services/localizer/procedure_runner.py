@@ -8,6 +8,7 @@ Pure: messages, requests and the time go in; outputs to publish come out.
 
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pointit.schemas import (
@@ -170,19 +171,24 @@ class Anchoring(LampProcedure):
         return [anchor, self._localization(now_ns, "solved", progress=1.0, reason=anchor.reason)]
 
 
+@dataclass(frozen=True)
+class _Seen:
+    stamp_ns: int
+    robot: TrackedObject
+
+
 class KnownRobots:
     """The newest report of every robot."""
 
     def __init__(self) -> None:
-        self._seen: dict[str, tuple[TrackedObject, int]] = {}
-        """With the stamp of the report."""
+        self._seen: dict[str, _Seen] = {}
 
     def on_objects(self, message: TrackedObjects) -> None:
         """Update the robots of a tracker."""
         for item in message.objects:
             if item.kind == ROBOT:
                 self._seen.pop(item.id, None)
-                self._seen[item.id] = (item, message.stamp_ns)
+                self._seen[item.id] = _Seen(message.stamp_ns, item)
         while len(self._seen) > MAX_ROBOTS:
             del self._seen[next(iter(self._seen))]
 
@@ -192,17 +198,18 @@ class KnownRobots:
 
     def target(self, robot: str, now_ns: int) -> Lamp | Refusal:
         """Return the place of `robot`, or a refusal if it is unknown or moves."""
-        seen, stamp_ns = self._seen.get(robot, (None, now_ns))
-        if seen is None or now_ns - stamp_ns > FRESH_S * NS_PER_S:
+        seen = self._seen.get(robot)
+        if seen is None or now_ns - seen.stamp_ns > FRESH_S * NS_PER_S:
             return Refusal(f"robot {robot} is not tracked now; start its tracker, or point at a lamp")
-        if math.hypot(*seen.velocity_mps) > STANDS_MPS:
+        if math.hypot(*seen.robot.velocity_mps) > STANDS_MPS:
             return Refusal(f"robot {robot} moves; let it stand, then point at it")
-        if (sigma_m := seen.position_sigma_m or 0.0) > MAX_SIGMA_M:
+        if (sigma_m := seen.robot.position_sigma_m or 0.0) > MAX_SIGMA_M:
             return Refusal(
-                f"the place of robot {robot} is uncertain by {round_beyond(sigma_m, MAX_SIGMA_M)} m and at "
-                f"most {MAX_SIGMA_M:g} m is accepted; point at a lamp"
+                f"the place of robot {robot} is uncertain by {round_beyond(sigma_m, MAX_SIGMA_M)} m and "
+                "at most "
+                f"{MAX_SIGMA_M:g} m is accepted; point at a lamp"
             )
-        return Lamp(id=robot, position_m=seen.position_m)
+        return Lamp(id=robot, position_m=seen.robot.position_m)
 
     def standing(self, now_ns: int) -> list[Lamp]:
         """Return the places of all robots that stand."""
@@ -220,6 +227,7 @@ class KnownRobots:
 
 REPUBLISH_NS = NS_PER_S
 """Period at which progress or waiting is published again, from which led-driver knows that it goes on."""
+
 
 ARBITER_TIMEOUT_NS = 10 * NS_PER_S
 """Time for led-driver to come back, before people who wait begin as if alone, ns."""
@@ -277,8 +285,6 @@ class ProcedureRunner:
         """
         self._room = room
         running = self._running
-        if running is not None:
-            running.settings = self._config.believed(room.fixed_things)
         if isinstance(running, QueuedPointing):
             made = running.make(now_ns)
             if isinstance(made, Refusal):
@@ -352,10 +358,11 @@ class ProcedureRunner:
 
     def start_moving_target(self, now_ns: int) -> list[Output]:
         """Start following a robot; stop the procedure that runs."""
-        out, procedure = self.stop(now_ns), MovingTarget(self._config)
-        procedure.wrist_sigma_s = self._wrist_sigma_s
+        out = self.stop(now_ns)
+        self._running = MovingTarget(self._config)
+        self._running.wrist_sigma_s = self._wrist_sigma_s
         self._tracking.end_rest()
-        return [*out, *self._begin(procedure, now_ns, now_ns)]
+        return [*out, *self._running.start(now_ns)]
 
     def start_static_targets(self, now_ns: int) -> list[Output] | Refusal:
         """Start pointing at lamps, or wait for them, instead of the running procedure; or refuse."""
@@ -407,8 +414,6 @@ class ProcedureRunner:
 
     def _begin(self, procedure: Procedure, since_ns: int, now_ns: int) -> list[Output]:
         self._running, self._published_ns = procedure, now_ns
-        if self._room is not None:
-            procedure.settings = self._config.believed(self._room.fixed_things)
         return procedure.start(now_ns, since_ns)
 
     def _wait_on(self, waiting: QueuedPointing, ahead: tuple[str, ...], now_ns: int) -> list[Output]:

@@ -31,7 +31,7 @@ from pointit.schemas import (
     UserPose,
     topics,
 )
-from pointit.services.localizer.config import REPLACED_LIMITS, LocalizerConfig
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.pose_manager import PoseManager, Response
@@ -95,11 +95,8 @@ class Localizer(Service[LocalizerConfig]):
         self.bus.serve(topics.SET_POSE, self._set_pose, self.user)
         self.bus.serve(topics.SET_HEADING, self._set_heading, self.user)
         self.bus.serve(topics.POINT_ANCHOR, self._point_anchor, self.user)
-        options = {"remember": config.remember}
-        options |= {f"trust.{name}": getattr(config.trust, name) for name in REPLACED_LIMITS}
-        for name, value in options.items():
-            if value is not None:
-                self.bus.warn(name, f"the option localizer.{name} has no effect any more; leave it out")
+        if config.remember is not None:
+            self.bus.warn("remember", "the option localizer.remember has no effect any more; leave it out")
 
     async def run(self) -> None:
         """Step procedures and track the pose. The procedure that runs is cancelled at the end."""

@@ -175,7 +175,7 @@ class SupervisorConfig(Config):
         "only holding the button ends it",
     )
     unsure_yaw_deg: float = Field(
-        default=25.0,
+        default=15.0,
         gt=0,
         le=180,
         description="standard deviation of the yaw of the pose above which the person is asked to point at a "

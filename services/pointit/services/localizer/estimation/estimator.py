@@ -18,11 +18,11 @@ from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_c
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
 from pointit.services.localizer.estimation.solution import (
-    KNOWN,
+    AWAY_M,
+    MAX_MISS_RATIO,
     Refusal,
     Solution,
     SolverSettings,
-    stated_scatter,
 )
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
@@ -109,12 +109,10 @@ def solve(
         late_rad = _missed_rad(late, _pose_of(solution, np.zeros(3), settings))
         missed = min(missed, late_rad, key=lambda each: float(each @ each))
     residual_rad = math.sqrt(float(np.mean(missed * missed)))
-    limit_rad = settings.max_act_residual_rad if summary.is_still else settings.max_residual_rad
+    limit_rad = settings.residual_limit_rad(is_still=summary.is_still)
     if residual_rad > limit_rad and settings.trims:
         kept = missed <= np.quantile(missed, 1.0 - TRIMMED)
-        lower = replace(settings, trims=False, max_residual_rad=LESS * settings.max_residual_rad)
-        lower = replace(lower, max_act_residual_rad=LESS * settings.max_act_residual_rad)
-        again = solve(pointings.only(kept), lower, floor_m=floor_m, start=start)
+        again = solve(pointings.only(kept), settings.trimmed(LESS), floor_m=floor_m, start=start)
         if isinstance(again, Solution):
             return again
     solution = replace(
@@ -150,9 +148,6 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
         spread += share * (covariance + np.outer(off, off))
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
-    scatter = 0.0 if summary.is_still else found[0][2]
-    late = spread[:3, LATENCY] / max(sigma[LATENCY], KNOWN)
-    spread[:3, :3] += (stated_scatter(scatter) - 1.0) * (spread[:3, :3] - np.outer(late, late))
     return Solution(
         x_m=x_m,
         y_m=y_m,
@@ -167,9 +162,9 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
         latency_s=settings.latency_s + latency_s,
         late_s=latency_s if abs(latency_s) > 2.0 * sigma[LATENCY] else 0.0,
         latency_sigma_s=sigma[LATENCY],
-        by_latency=late,
+        of_latency=spread[:3, LATENCY],
         alternative=float(1.0 - probabilities[0]),
-        scatter=scatter,
+        scatter=0.0 if summary.is_still else found[0][2],
     )
 
 
@@ -228,27 +223,32 @@ def _missed(residual_rad: float, rays: Rays, limit_rad: float) -> str:
 
 
 def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
-    sigma_m, yaw_deg = min(solution.position_sigma_m, 99.0), math.degrees(solution.yaw_sigma_rad)
-    right, min_right = 100.0 * settings.right_probability(solution), 100.0 * settings.min_right_probability
-    stated = f"the pose is uncertain by {sigma_m:.2f} m and {min(yaw_deg, 180.0):.0f}°"
-    if right < min_right:
-        stated += (
-            f", so that pointing would select the thing that is meant in {round_beyond(right, min_right)} % "
-            f"and at least {min_right:.3g} % are needed"
-        )
+    stated = _stated(solution, settings)
     if _is_one_view(rays):
         return f"{stated}: the targets lie in one direction; add one far to the side"
     if float(np.max(np.abs(rays.heights))) < LEVEL_M:
         return f"{stated}: all targets are at the height of the eyes; add one below the waist"
     if solution.alternative > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
-    if settings.accepts(replace(solution, covariance=solution.timely, by_latency=np.zeros(3))):
+    if settings.accepts(replace(solution, covariance=solution.timely, of_latency=np.zeros(3))):
         return (
             f"{stated}: the latency of what tracks the target is uncertain by "
             f"{settings.latency_sigma_s:.2f} s; have the tracker state its `latency_sigma_s`, or the target "
             "move slower"
         )
     return f"{stated}; point longer or at one more target, below the waist or far to the side"
+
+
+def _stated(solution: Solution, settings: SolverSettings) -> str:
+    what, sigma_m, limit_m = "the pose", solution.position_sigma_m, settings.max_position_sigma_m
+    if solution.scatter:
+        what, sigma_m, limit_m = f"a cursor {AWAY_M:g} m away", solution.miss_m, MAX_MISS_RATIO * limit_m
+    yaw_deg, limit_deg = math.degrees(solution.yaw_sigma_rad), math.degrees(settings.max_yaw_sigma_rad)
+    return (
+        f"{what} is uncertain by {round_beyond(min(sigma_m, 99.0), limit_m, 2)} m and "
+        f"{round_beyond(min(yaw_deg, 180.0), limit_deg)}° and at most {limit_m:.3g} m, {limit_deg:.3g}° "
+        "are accepted"
+    )
 
 
 def _is_one_view(rays: Rays) -> bool:

@@ -78,9 +78,8 @@ def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
 def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[Array, Array, float]:
     """Return state (`STATES`), covariance and scatter of `pose` (5) of the descent, refined.
 
-    The scatter is the variance of the innovations, what a block misses by beyond the one before, over the
-    assumed one. Targets at rest leave the pose as it is: refined ones of recorded people were no better. The
-    covariance is `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw.
+    Targets at rest leave the pose as it is: refined ones of recorded people were no better. The covariance is
+    `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw of pointing.
     """
     likeness, share = _correlation(blocks, noise.independent_hz)
     samples = effective_samples(blocks, noise.independent_hz)
@@ -92,8 +91,7 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
         weight, variance = _scatter(angles, samples, noise)
         unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
         flat = _independent(jacobian * unit, likeness, share).reshape(STATES, -1)
-        innovations = _independent(angles * unit, likeness, share)
-        information, slope = flat @ flat.T, flat @ innovations.ravel()
+        information, slope = flat @ flat.T, flat @ _independent(angles * unit, likeness, share).ravel()
         if not np.isfinite(information).all():
             break
         prior, moved = noise.prior.copy(), np.zeros(STATES)
@@ -113,22 +111,19 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
     out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
     out[0, 0] += noise.body_sigma_m**2
     out[1, 1] += noise.body_sigma_m**2
-    sizes = np.hypot(*innovations) * max(variance, 1.0) ** 0.5
-    scatter = _student_variance(sizes, np.ones(len(sizes)))
-    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), scatter
+    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), variance
 
 
 def _scatter(angles: Array, sample_weights: Array, noise: NoiseModel) -> tuple[Array, float]:
-    """Return the Huber weights (m) of `angles` (2 x m) and their variance, 1 if it is as assumed."""
+    """Return the Huber weights (m) of `angles` (2 x m) and their variance, 1 if it is as assumed.
+
+    The size of a person's errors is the same share of both sigmas and is estimated (Student's variance).
+    """
     sizes = np.hypot(*(angles / noise.sigma_rad[:, None]))
-    return huber_weight(sizes), _student_variance(sizes, sample_weights)
-
-
-def _student_variance(sizes: Array, sample_weights: Array) -> float:
-    """Return the variance of errors of `sizes` sigmas (m): the same share of both sigmas is estimated."""
+    weight = huber_weight(sizes)
     squares = float((sample_weights * np.minimum(sizes, GROSS) ** 2).sum())
     freedom = max(2.0 * float(sample_weights.sum()) - PARAMETERS, 0.0)
-    return (BELIEF + squares) / (BELIEF + freedom - 2.0)
+    return weight, (BELIEF + squares) / (BELIEF + freedom - 2.0)
 
 
 def _correlation(blocks: Blocks, independent_hz: float) -> tuple[Array, Array]:

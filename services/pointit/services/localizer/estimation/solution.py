@@ -6,22 +6,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays
-from pointit.services.localizer.estimation.levenberg_marquardt import Weights
+from pointit.services.localizer.estimation.levenberg_marquardt import SAME_POSE, Weights
 from pointit.services.localizer.estimation.refinement import NoiseModel
-from pointit.services.localizer.estimation.right_probability import right_probability, things_around
 from pointit.services.localizer.estimation.sample_blocks import Pointings
 
 KNOWN = 1e-4
 """Standard deviation (m, s, rad) of what is known."""
 
-MAX_LATE_M = 0.46
-"""Largest sigma of the position by the latency alone: 3 % are more than 1 m off."""
+AWAY_M = 3.0
+"""Distance of the cursors by which a pose of following is judged: robots are 2 to 4 m away."""
 
-MIN_SCATTER = 0.5
-"""Least scatter by which a covariance is stated: constant errors, as a person's slopes, show in none."""
-
-HOLD_SCATTER = 0.5
-"""Scatter of pointing at lamps: squared errors of recorded people are 0.2 to 0.4 of the variance, median."""
+MAX_MISS_RATIO, MAX_LATENCY_RATIO = 1.2, 0.46
+"""Largest expected miss of them, and largest sigma of the position by the latency alone (3 % are off by more
+than the limit), as multiples of the limit of the position.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,34 +62,32 @@ class SolverSettings:
     """Rms angle above which the person did not point at targets at rest."""
     bias_sigma_limit: float = 2.5
     """Standard deviations of the elevation bias from the expected one beyond which it is not pointing."""
-    min_right_probability: float = 0.88
-    """Probability that the thing that is meant is selected, below which a pose is refused. 0: none is."""
-    things_m: tuple[tuple[float, float], ...] = ()
-    """Places of the map's things in {W}; if fewer than two, things in eight directions count."""
+    max_position_sigma_m: float = 1.0
+    """Poses of recorded people are off by 0.2 to 0.4 m in the median where 0.5 to 1 m are stated."""
+    max_yaw_sigma_rad: float = math.radians(14.0)
     trims: bool = True
     """True to try rays that miss by more again without the worst of them."""
 
+    def trimmed(self, share: float) -> "SolverSettings":
+        """Return the settings for rays without the worst, whose rms is `share` of that of all."""
+        return replace(
+            self,
+            max_residual_rad=share * self.max_residual_rad,
+            max_act_residual_rad=share * self.max_act_residual_rad,
+            trims=False,
+        )
+
     def unlimited(self) -> "SolverSettings":
         """Return the settings that accept poses of any uncertainty."""
-        return replace(self, min_right_probability=0.0)
+        return replace(self, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
 
-    def any_fit(self) -> "SolverSettings":
-        """Return the settings that accept the best fit, however far the rays miss."""
-        inf = math.inf
-        return replace(self.unlimited(), max_residual_rad=inf, max_act_residual_rad=inf, bias_sigma_limit=inf)
-
-    def accepts(self, solution: "Solution") -> bool:
-        """Return True if `solution` is certain enough to be used: pointing selects what is meant."""
-        if self.min_right_probability <= 0.0:
-            return True
-        is_timely = float(np.linalg.norm(solution.by_latency[:2])) <= MAX_LATE_M
-        return is_timely and self.right_probability(solution) >= self.min_right_probability
-
-    def right_probability(self, solution: "Solution") -> float:
-        """Return the probability that a person at the pose `solution` selects the thing that they mean."""
-        scatter, late = solution.scatter or HOLD_SCATTER, solution.by_latency
-        things = things_around(self.things_m, complex(solution.x_m, solution.y_m))
-        return right_probability(scatter * solution.assumed + np.outer(late, late), things)
+    def accepts(self, pose: "Solution") -> bool:
+        """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
+        place_m = pose.position_sigma_m
+        if pose.scatter:
+            late_m = float(np.linalg.norm(pose.of_latency[:2])) / max(pose.latency_sigma_s, KNOWN)
+            place_m = max(pose.miss_m / MAX_MISS_RATIO, late_m / MAX_LATENCY_RATIO)
+        return place_m <= self.max_position_sigma_m and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
 
     def weights(self) -> Weights:
         """Return the weights of the descent."""
@@ -102,8 +98,11 @@ class SolverSettings:
     def noise_model(self, *, is_still: bool) -> NoiseModel:
         """Return the noise model for targets at rest or moving."""
         sideways = self.act_sigma_rad if is_still else self.ray_sigma_rad
-        latency_sigma_s = 0.0 if is_still else self.latency_sigma_s
-        sigmas = (self.bias_sigma_rad, self.height_sigma_m, self.rate_sigma_radps, latency_sigma_s)
+        sigmas = (
+            *(self.bias_sigma_rad, self.height_sigma_m),
+            self.rate_sigma_radps,
+            0.0 if is_still else self.latency_sigma_s,
+        )
         return NoiseModel(
             sigma_rad=np.array([sideways, self.elevation_sigma_rad]),
             independent_hz=0.0 if is_still else self.independent_hz,  # a reach errs until the next one
@@ -119,6 +118,10 @@ class SolverSettings:
         rays = Rays.of(pointings.origins_m, pointings.directions, pointings.targets_m - centre)
         return replace(rays, elevations_rad=rays.elevations_rad - self.bias_rad) if self.bias_rad else rays
 
+    def residual_limit_rad(self, *, is_still: bool) -> float:
+        """Return the rms angle up to which the person pointed at the targets, at rest or moving."""
+        return self.max_act_residual_rad if is_still else self.max_residual_rad
+
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
@@ -131,7 +134,7 @@ class Solution:
     bias_rad: float
     """Elevation of the person's rays above the targets."""
     covariance: Array
-    """3 x 3, of x, y, yaw, by the scatter, with constant errors of the rays and other poses that fit as well.
+    """3 x 3, of x, y, yaw, with constant errors of the rays and other poses that fit about as well.
 
     The yaw is that of pointing: an error that turns all of a person's rays equally is part of it.
     """
@@ -150,9 +153,9 @@ class Solution:
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
     scatter: float = 0.0
-    """Variance of the errors of following over the assumed one, by their innovations; 0 at rest."""
-    by_latency: Array = field(default_factory=lambda: np.zeros(3))
-    """Change of x, y and yaw by one sigma of the latency of the tracker."""
+    """Variance of the errors of following over the assumed one, as the rays show it; 0 at rest."""
+    of_latency: Array = field(default_factory=lambda: np.zeros(3))
+    """Covariance of x, y and yaw with the latency of the tracker."""
 
     @property
     def position_sigma_m(self) -> float:
@@ -163,12 +166,20 @@ class Solution:
     @property
     def timely(self) -> Array:
         """Return the covariance if the latency of the tracker were known."""
-        return self.covariance - np.outer(self.by_latency, self.by_latency)
+        of_latency = self.of_latency / max(self.latency_sigma_s, KNOWN)
+        return self.covariance - np.outer(of_latency, of_latency)
 
     @property
-    def assumed(self) -> Array:
-        """Return the timely covariance of errors of the assumed size, whatever the scatter."""
-        return self.timely / stated_scatter(self.scatter)
+    def miss_m(self) -> float:
+        """Return the rms miss of cursors `AWAY_M` away all round, by the scatter; without latency."""
+        xx, yy, turned = np.diag(self.timely).tolist()
+        return math.sqrt(max(0.0, self.scatter * (xx + yy + AWAY_M**2 * turned)))
+
+    def is_near(self, other: "Solution") -> bool:
+        """Return True if the two poses are the same for practical purposes."""
+        away_m = math.hypot(self.x_m - other.x_m, self.y_m - other.y_m)
+        turned_rad = abs(math.remainder(self.yaw_rad - other.yaw_rad, math.tau))
+        return away_m <= SAME_POSE and turned_rad <= SAME_POSE
 
     def differs(self, other: "Solution", drift_rad: float = 0.0) -> float:
         """Return the squared Mahalanobis distance by both covariances; `drift_rad`: 1 sigma of turns between.
@@ -177,7 +188,7 @@ class Solution:
         """
         off = np.array([self.x_m - other.x_m, self.y_m - other.y_m, 0.0])
         off[2] = math.remainder(self.yaw_rad - other.yaw_rad, math.tau)
-        both = self.assumed + other.assumed
+        both = self.timely + other.timely
         both[2, 2] += drift_rad**2
         return float(off @ np.linalg.solve(both, off))
 
@@ -185,11 +196,6 @@ class Solution:
     def yaw_sigma_rad(self) -> float:
         """Return the standard deviation of the yaw."""
         return math.sqrt(max(0.0, float(self.covariance[2, 2])))
-
-
-def stated_scatter(scatter: float) -> float:
-    """Return the factor on the covariance of errors of the assumed size by which it is stated."""
-    return max(scatter, MIN_SCATTER) if scatter else 1.0
 
 
 @dataclass(frozen=True)

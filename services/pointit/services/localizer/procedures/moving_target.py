@@ -21,7 +21,6 @@ from pointit.services.localizer.estimation.estimator import (
     Solution,
     SolverSettings,
 )
-from pointit.services.localizer.estimation.levenberg_marquardt import SAME_POSE
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.outputs import Output, Phase, pose_message
 from pointit.services.localizer.procedures.procedure import Procedure
@@ -132,10 +131,7 @@ def _undecided(object_id: str, other: RobotFit) -> Refusal:
 
 
 def _are_near(one: Solution | Refusal, other: Solution | Refusal) -> bool:
-    if isinstance(one, Refusal) or isinstance(other, Refusal):
-        return False
-    turned_rad = abs(math.remainder(one.yaw_rad - other.yaw_rad, math.tau))
-    return max(math.hypot(one.x_m - other.x_m, one.y_m - other.y_m), turned_rad) <= SAME_POSE
+    return isinstance(one, Solution) and isinstance(other, Solution) and one.is_near(other)
 
 
 def _fit_order(fit: RobotFit) -> tuple[bool, float]:
@@ -157,6 +153,7 @@ CONTRADICTED = (
 
 MAX_TRACKS = 256
 """Largest number of robots; those reported last are kept."""
+
 
 MIN_SPAN_S = 1.5
 """Time of pointing before the first solution."""
@@ -199,6 +196,7 @@ class MovingTarget(Procedure):
         super().__init__(config)
         self.wrist_sigma_s: float | None = None
         """1 sigma of the time of the rays, as the wrist states it. None if it does not."""
+        self._settings = config.believed()
         self._clear(0)
 
     @property
@@ -277,7 +275,7 @@ class MovingTarget(Procedure):
             return Refusal("no rays come; check that the IMU is on and sends")
         self._forget_left(self._newest_ray_ns)
         self._span_s = 0.0
-        settings = self._rays.believed(self.settings)
+        settings = self._rays.believed(self._settings)
         solved = [(key[1], track, self._solve(key, track, settings)) for key, track in self._tracks.items()]
         if not solved:
             return Refusal("the robot is not tracked any more; check its tracker")

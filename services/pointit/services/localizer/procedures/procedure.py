@@ -19,8 +19,6 @@ class Procedure(ABC):
 
     def __init__(self, config: LocalizerConfig) -> None:
         self._config = config
-        self.settings = config.believed()
-        """Weights and limits; `ProcedureRunner` adds the things of the map."""
         self._running = False
         self.since_ns = 0
         """Time of the request."""

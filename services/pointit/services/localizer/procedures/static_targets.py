@@ -36,10 +36,11 @@ class StaticTargets(LampProcedure):
     def __init__(self, lamps: Sequence[Lamp], config: LocalizerConfig) -> None:
         """Create the procedure for `lamps`, at least one, in the order of lighting."""
         self._lamps = tuple(lamps)
+        self._settings = config.believed()
         self._max_holds = max_holds(config, len(self._lamps))
         shared = self._max_holds if config.order == "given" or config.targets else MIN_LAMPS
         super().__init__(
-            (lamp.id for lamp in lamps), config, -(-config.trust.min_samples // shared), "start again"
+            (lamp.id for lamp in lamps), config, -(-self._settings.min_samples // shared), "start again"
         )
 
     @property
@@ -60,7 +61,7 @@ class StaticTargets(LampProcedure):
     def _next_lamp(self) -> Lamp:
         if self._config.order == "given":
             return self._lamps[len(self._holds)]
-        settings, rays, solution = self.settings, self._rays, self._solution
+        settings, rays, solution = self._settings, self._rays, self._solution
         observation_model = ObservationModel(
             ray_sigma_rad=settings.act_sigma_rad,
             elevation_sigma_rad=settings.elevation_sigma_rad,
@@ -85,9 +86,7 @@ class StaticTargets(LampProcedure):
                 return self._light(now_ns)
             return self._finish(now_ns, self._solve())
         result = self._solve() if count >= MIN_LAMPS else None
-        sofar = result
-        if isinstance(result, Refusal):  # the pose however uncertain it is, to choose the next lamp
-            sofar = solve(self._pointings(), self._believed().unlimited(), floor_m=self._config.floor_m)
+        sofar = self._so_far() if isinstance(result, Refusal) else result
         self._solution = sofar if isinstance(sofar, Solution) else None
         if result is None or (count < self._max_holds and self._goes_on(result)):
             return self._light(now_ns)
@@ -111,8 +110,12 @@ class StaticTargets(LampProcedure):
     def _solve(self) -> Solution | Refusal:
         return held(self._pointings(), self._believed(), floor_m=self._config.floor_m, lamps=self._lit)
 
+    def _so_far(self) -> Solution | Refusal:
+        """Return the pose however uncertain it is, to choose the next lamp."""
+        return solve(self._pointings(), self._believed().unlimited(), floor_m=self._config.floor_m)
+
     def _believed(self) -> SolverSettings:
-        return ray_math.believed(self.settings, self._rays)
+        return ray_math.believed(self._settings, self._rays)
 
     def _pointings(self) -> Pointings:
         rays = self._rays

@@ -120,7 +120,7 @@ class TrackerMeters:
     def take(self, now_s: float, window_s: float) -> Tracking:
         """Return the last `window_s` until `now_s`, and start the next window."""
         trackers: list[TrackerRow] = []
-        heard = {tracker: self._newest[tracker] for tracker, ages_s in self._ages_s.items() if ages_s}
+        received = {tracker: self._newest[tracker] for tracker, ages_s in self._ages_s.items() if ages_s}
         for tracker, message in sorted(self._newest.items()):
             ages_s = self._ages_s[tracker]
             trackers.append(
@@ -142,7 +142,7 @@ class TrackerMeters:
         return Tracking(
             trackers=tuple(trackers),
             objects=tuple(_object_rows(self._newest)),
-            truth=tuple(_truth_rows(heard, self._poses)),
+            truth=tuple(_truth_rows(received, self._poses)),
             twins=tuple(twin.sentence for twin in duplicates),
         )
 

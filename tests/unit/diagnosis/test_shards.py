@@ -129,5 +129,5 @@ def test_silence_is_explained() -> None:
     assert "`pointit service run pointing --user eve`" in silence_reason(RAY, "eve", PRESENT)
     assert "`pointit service run pointing --user NAME`" in silence_reason(RAY, "*", ())
     assert "`pointit service run pui`" in silence_reason(MAP, "", ())
-    assert "(localizer or mocap or ros2 or external)" in silence_reason(POSE, "anna", ())
+    assert "(localizer or mocap or ros2 or web or external)" in silence_reason(POSE, "anna", ())
     assert silence_reason(CLOCK, "", ()) == "it is written by cli or ros2"

@@ -426,16 +426,15 @@ class WristControl:
         """
         due: list[tuple[str, WristSample]] = []
         for user, person in self._people.items():
-            if not person.page:
-                continue
-            if person.by == "mouse":
+            if person.by == "mouse" and person.page:
                 due.append((user, self._sample(person, now_ns)))
+            if person.by == "mouse" or not person.page:
                 continue
             is_worn, phone = person.by == "headset", person.phones.get(person.page)
-            received_ns = person.worn.last_received_ns(now_ns) if is_worn else phone.heard_ns if phone else 0
-            silence_s = (now_ns - received_ns) / (speed * NS_PER_S)
-            is_absent = not is_worn and phone is None  # simulated time may begin at 0
-            if is_absent or silence_s > (TIMEOUT_S if is_worn else SILENT_S):
+            heard_ns = phone.heard_ns if phone else -math.inf  # simulated time may begin at 0
+            silent_ns = now_ns - (person.worn.last_received_ns(now_ns) if is_worn else heard_ns)
+            silence_s = silent_ns / (speed * NS_PER_S)
+            if silence_s > (TIMEOUT_S if is_worn else SILENT_S):
                 self._free(person)
             elif now_ns - person.sent_ns >= STILL_S * NS_PER_S and (person.sent_ns or not is_worn):
                 if is_worn and silence_s > SILENT_S:

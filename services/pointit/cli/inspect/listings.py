@@ -1,6 +1,5 @@
 """Listings of scenarios, maps, plug-ins and services: `pointit list`, and `list` below each noun."""
 
-import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -11,28 +10,29 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError
-from pointit.services.registry import PROCESSES, Process, names, process
+from pointit.services.registry import PROCESSES, Process, names
 
 
 def services() -> OutputSection:
-    """Return the process table. Services of other packages are imported only if their source lacks a row."""
-    rows = {row.name: _service_row(row) for row in PROCESSES if row.plugin is None}
-    for name in names():
-        if name not in rows:
-            from pointit.cli.inspect.declaration import read_service  # noqa: PLC0415 - only if there is one
+    """Return the process table. Services of other packages are not imported, so their topics are unknown."""
+    rows = [_service_row(row) for row in PROCESSES]
+    unknown = dict.fromkeys(("scope", "extra", "reads", "writes", "serves"))
+    for name in names()[len(PROCESSES) :]:
+        from pointit.services.service_plugin import SERVICES  # noqa: PLC0415 - only if there is one
 
-            with contextlib.suppress(ConfigError):  # reported if it is named
-                rows[name] = read_service(name) or _service_row(process(name))
+        about = f"{SERVICES.foreign_summary(name) or ''} ({SERVICES.package(name)})".strip()
+        rows.append({"name": name, **unknown, "about": about})
     return OutputSection(
         name="services",
         about="run one with `pointit service run NAME`",
-        rows=tuple({"name": name, **row} for name, row in rows.items()),
+        rows=tuple(rows),
         roomy=frozenset({"extra", "reads", "writes", "serves"}),
     )
 
 
 def _service_row(row: Process) -> dict[str, Any]:
     return {
+        "name": row.name,
         "scope": row.scope,
         "extra": row.extra,
         "reads": [topic.key for topic in row.reads],
@@ -88,19 +88,20 @@ OPTIONS = {
 
 
 def plugins() -> OutputSection:
-    """Return the plug-ins of all installed packages, ours among them. Imports those with unusual sources."""
-    from pointit.cli.inspect.declaration import read_summary  # noqa: PLC0415 - not for other listings
-    from pointit.plugins import GROUPS  # noqa: PLC0415 - as above
+    """Return the plug-ins of all installed packages. Those of other packages are not imported."""
+    from pointit.plugins import GROUPS  # noqa: PLC0415 - not for other listings
 
     rows: list[dict[str, Any]] = []
     for kind, group in GROUPS.items():
         option = OPTIONS[kind]
         for name in group.names:
-            try:
-                plugin = read_summary(group, name)
-                use, about = f"{option}{name}{plugin.value}", plugin.summary
-            except ConfigError as error:
-                use, about = f"{option}{name}", str(error)
+            use, about = f"{option}{name}", group.foreign_summary(name)
+            if about is None:
+                try:
+                    plugin = group.get(name)
+                    use, about = f"{use}{plugin.value}", plugin.summary
+                except ConfigError as error:
+                    about = str(error)
             rows.append({"name": name, "use": use, "package": group.package(name), "about": about})
     context = click.get_current_context(silent=True)
     refused = getattr(context and context.find_root().command, "refused", {})

@@ -48,7 +48,7 @@ class InstalledGroup(Generic[P]):
         self.kind = group.rpartition(".")[2]
         """Last part of the group's name, such as `imu_sources`."""
         self.noun = noun
-        self.type = kind
+        self._type = kind
 
     @cached_property
     def _entries(self) -> dict[str, tuple[EntryPoint, ...]]:
@@ -81,11 +81,11 @@ class InstalledGroup(Generic[P]):
         """Return the names of all installed ones, without importing any."""
         return tuple(self._entries)
 
-    def entry(self, name: str) -> EntryPoint:
-        """Return the entry point of the object `name`, without importing it.
+    def get(self, name: str) -> P:
+        """Import and return the object `name`.
 
         Raises:
-            ConfigError: If none is installed under that name, or several.
+            ConfigError: If none is installed under that name, or several, or it cannot be imported.
         """
         entry, *others = self._entries.get(name, (None,))
         if entry is None:
@@ -96,15 +96,6 @@ class InstalledGroup(Generic[P]):
                 f"{self.noun} {name!r} is in two packages: uninstall {_package(entry)} or "
                 f"{_package(others[0])}"
             )
-        return entry
-
-    def get(self, name: str) -> P:
-        """Import and return the object `name`.
-
-        Raises:
-            ConfigError: If none is installed under that name, or several, or it cannot be imported.
-        """
-        entry = self.entry(name)
         try:
             loaded = entry.load()
         except (Exception, SystemExit) as error:  # code of others, which may raise anything when imported
@@ -113,8 +104,8 @@ class InstalledGroup(Generic[P]):
             remedy = f"install {package}[{extras}]" if extras else f"update or uninstall {package}"
             reason = f"{type(error).__name__}: {error}"
             raise ConfigError(f"{self.label(name)} cannot be imported ({reason}); {remedy}") from error
-        if not isinstance(loaded, self.type):
-            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self.type.__name__}")
+        if not isinstance(loaded, self._type):
+            raise ConfigError(f"{self.noun} {name!r}: {entry.value} is no {self._type.__name__}")
         return loaded
 
     def check_name(self, name: str, *others: str) -> None:
@@ -143,6 +134,11 @@ class InstalledGroup(Generic[P]):
     def package(self, name: str) -> str:
         """Return the package that brings the object `name`, without importing it."""
         return _package(self._entries[name][0])
+
+    def foreign_summary(self, name: str) -> str | None:
+        """Return the line that describes the package of the object `name`, or None if it is one of ours."""
+        dist = self._entries[name][0].dist
+        return None if dist is None or _name(dist) in OURS else dist.metadata["Summary"] or ""
 
 
 def _package(entry: EntryPoint) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
-from pointit.runtime.host.extras import Part
+from pointit.runtime.host.extras import OptionalPart
 
 if TYPE_CHECKING:  # the listings need none of them
     from pointit.cli.common.run_part import RunPart
@@ -15,29 +15,29 @@ PersonCheck: TypeAlias = Callable[[str], None]
 _ROBOT_ROOMS = ("pointit.launch.robots", "pointit.services.user_sim")
 _NAMES_ROOMS = ("pointit.speech", "pointit.services.selector.methods.estimate")
 
-RUN_PARTS: tuple[Part["RunPart"], ...] = (
-    Part("pointit.cli.page.run_page:PAGE_PART", ("pointit.launch.page", "pointit.bridges.web")),
-    Part(
+RUN_PARTS: tuple[OptionalPart["RunPart"], ...] = (
+    OptionalPart("pointit.cli.page.run_page:PAGE_PART", ("pointit.launch.page", "pointit.bridges.web")),
+    OptionalPart(
         "pointit.cli.recordings.run_recorder:RECORDER_PART",
         ("pointit.launch.recorder", "pointit.services.recorder"),
     ),
-    Part("pointit.cli.things.run_things:THINGS_PART"),
-    Part("pointit.cli.things.run_names:NAMES_PART", _NAMES_ROOMS),
+    OptionalPart("pointit.cli.things.run_things:THINGS_PART"),
+    OptionalPart("pointit.cli.things.run_names:NAMES_PART", _NAMES_ROOMS),
 )
 """Panels of options of `run`, in the order of its help."""
 
-DISPLAY_PARTS: tuple[Part["DisplayPart"], ...] = (
-    Part(
+DISPLAY_PARTS: tuple[OptionalPart["DisplayPart"], ...] = (
+    OptionalPart(
         "pointit.cli.robots.robots_view:ROBOTS_DISPLAY",
         ("pointit.launch.robots", "pointit.services.user_sim"),
     ),
-    Part("pointit.cli.inspect.truth_view:TRUTH_DISPLAY"),
-    Part("pointit.cli.things.run_things:THINGS_DISPLAY"),
-    Part("pointit.cli.things.run_names:NAMES_DISPLAY", _NAMES_ROOMS),
+    OptionalPart("pointit.cli.inspect.truth_view:TRUTH_DISPLAY"),
+    OptionalPart("pointit.cli.things.run_things:THINGS_DISPLAY"),
+    OptionalPart("pointit.cli.things.run_names:NAMES_DISPLAY", _NAMES_ROOMS),
 )
 """Parts of the view and the summary of a run, in their order."""
 
-PERSON_CHECKS: tuple[Part[PersonCheck], ...] = (
-    Part("pointit.cli.site.person_check:check_person", ("pointit.access",)),
+PERSON_CHECKS: tuple[OptionalPart[PersonCheck], ...] = (
+    OptionalPart("pointit.cli.site.person_check:check_person", ("pointit.access",)),
 )
 """Checks before a person joins a site."""

@@ -38,7 +38,7 @@ async def no_pose(bench: Bench, user: str) -> None:
 
 async def wear(page: Page, user: str = "anna", x_m: float = 0.0, **changed: Any) -> None:
     part = {"alignment": ROOM, "eyes_m": [x_m, 0.0, 1.6], "tip_m": [x_m + 0.4, 0.0, 1.5]}
-    await page.say(kind="worn", user=user, **(part | changed))
+    await page.say(kind="headset", user=user, **(part | changed))
 
 
 async def test_a_wearer_is_a_person_until_the_arm_is_given_back(bench: Bench, page: Page) -> None:

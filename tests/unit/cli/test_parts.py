@@ -9,7 +9,7 @@ from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.parts import DISPLAY_PARTS, PERSON_CHECKS, RUN_PARTS
 from pointit.launch.parts import WATCHERS
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.extras import Part, load_object, present
+from pointit.runtime.host.extras import OptionalPart, load_object, present
 
 
 def test_each_part_is_there_and_of_the_type_of_its_table() -> None:
@@ -24,8 +24,10 @@ def test_each_part_is_there_and_of_the_type_of_its_table() -> None:
 
 def test_part_without_one_of_its_rooms_is_left_out() -> None:
     target = "pointit.runtime.host.extras:present"
-    assert present([Part[object](target), Part[object](target, ("pointit.absent",))]) == [present]
-    assert present([Part[object]("pointit.absent.module:PART")]) == []
+    assert present([OptionalPart[object](target), OptionalPart[object](target, ("pointit.absent",))]) == [
+        present
+    ]
+    assert present([OptionalPart[object]("pointit.absent.module:PART")]) == []
 
 
 def test_object_of_an_absent_room_is_refused_in_one_sentence() -> None:

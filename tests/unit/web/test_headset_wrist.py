@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 import pointit.schemas as models
 from pointit.bridges.web.config import Place, WebConfig
-from pointit.bridges.web.wire import Received, SpaceAlignment, Worn
+from pointit.bridges.web.wire import HeadsetMotion, Received, SpaceAlignment
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
@@ -33,9 +33,9 @@ def in_session(at_m: Vec3) -> Vec3:
     return vector.rotate_z(vector.subtract(at_m, ROOM.origin_m), -ROOM.yaw_rad)
 
 
-def worn(eyes_m: Vec3 = EYES_M, tip_m: Vec3 | None = None, *, user: str = "anna") -> Worn:
+def motion(eyes_m: Vec3 = EYES_M, tip_m: Vec3 | None = None, *, user: str = "anna") -> HeadsetMotion:
     tip = None if tip_m is None else in_session(tip_m)
-    return Worn(user=user, alignment=ROOM, eyes_m=in_session(eyes_m), tip_m=tip)
+    return HeadsetMotion(user=user, alignment=ROOM, eyes_m=in_session(eyes_m), tip_m=tip)
 
 
 def towards(target_m: Vec3, reach_m: float = 0.5, eyes_m: Vec3 = EYES_M) -> Vec3:
@@ -51,8 +51,10 @@ def wrists() -> WristControl:
     return wrists
 
 
-def wear(wrists: WristControl, part: Worn, now_ns: int = START) -> tuple[models.UserPose, models.WristSample]:
-    measured = wrists.wear("page1", part, now_ns)
+def wear(
+    wrists: WristControl, part: HeadsetMotion, now_ns: int = START
+) -> tuple[models.UserPose, models.WristSample]:
+    measured = wrists.move_by_headset("page1", part, now_ns)
     assert measured is not None
     assert measured[0] is not None
     return measured[0], measured[1]
@@ -77,7 +79,7 @@ def test_the_ray_goes_from_the_eyes_over_the_tip_whatever_the_body(
     profile = models.UserProfile(stamp_ns=0, body=body, hand=hand)
     wrists.profile("anna", profile)
     for number, target_m in enumerate([(4.0, 2.0, 1.0), (-3.0, 0.4, 2.5), (0.4, -4.0, 0.3)]):
-        pose, sample = wear(wrists, worn(tip_m=towards(target_m, reach_m)), at(10.0 * number))
+        pose, sample = wear(wrists, motion(tip_m=towards(target_m, reach_m)), at(10.0 * number))
         assert error_rad(pose, sample, profile, target_m) < 1e-6
         assert (pose.method, sample.device, sample.source) == ("external", "arm", "headset")
         assert pose.yaw_rad == pytest.approx(math.radians(30.0))  # who takes over later has the same {H}
@@ -89,7 +91,7 @@ def test_rays_of_the_arm_meet_the_line_of_sight_at_3_m(
 ) -> None:
     profile = models.UserProfile(stamp_ns=0, ray_model=ray_model)
     wrists.profile("anna", profile)
-    pose, sample = wear(wrists, worn(tip_m=towards((4.0, 2.0, 1.0))))
+    pose, sample = wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))))
     assert error_rad(pose, sample, profile, towards((4.0, 2.0, 1.0), 3.0)) < 1e-6
 
 
@@ -97,8 +99,8 @@ def test_rays_of_the_arm_meet_the_line_of_sight_at_3_m(
 def test_an_arm_hangs_while_no_hand_is_tracked_near_the_eyes(
     wrists: WristControl, tip_m: Vec3 | None
 ) -> None:
-    wear(wrists, worn(tip_m=towards((4.0, 2.0, 1.0))))
-    pose, sample = wear(wrists, worn(tip_m=tip_m), at(2.0))
+    wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))))
+    pose, sample = wear(wrists, motion(tip_m=tip_m), at(2.0))
     ray = ArmRay().ray(sample.orientation_xyzw)
     assert ray is not None
     assert vector.elevation(ray[1]) < math.radians(-80.0)
@@ -106,17 +108,20 @@ def test_an_arm_hangs_while_no_hand_is_tracked_near_the_eyes(
 
 
 def test_poses_are_few_and_samples_are_many(wrists: WristControl) -> None:
-    measured = [wrists.wear("page1", worn(tip_m=towards((4.0, 2.0, 1.0))), at(k / 60.0)) for k in range(120)]
+    measured = [
+        wrists.move_by_headset("page1", motion(tip_m=towards((4.0, 2.0, 1.0))), at(k / 60.0))
+        for k in range(120)
+    ]
     assert [each is not None for each in measured] == [True] * 120
     assert sum(each is not None and each[0] is not None for each in measured) == 4
-    steps = [worn((EYES_M[0] + 0.02 * k, *EYES_M[1:])) for k in range(1, 61)]
-    moved = [wrists.wear("page1", step, at(3.0 + k / 60.0)) for k, step in enumerate(steps)]
+    steps = [motion((EYES_M[0] + 0.02 * k, *EYES_M[1:])) for k in range(1, 61)]
+    moved = [wrists.move_by_headset("page1", step, at(3.0 + k / 60.0)) for k, step in enumerate(steps)]
     assert sum(each is not None and each[0] is not None for each in moved) == 10
 
 
 def test_poses_go_on_after_the_clock_was_set_back(wrists: WristControl) -> None:
-    wear(wrists, worn(), at(60.0))
-    pose, _ = wear(wrists, worn((EYES_M[0] + 1.0, *EYES_M[1:])), at(0.0))
+    wear(wrists, motion(), at(60.0))
+    pose, _ = wear(wrists, motion((EYES_M[0] + 1.0, *EYES_M[1:])), at(0.0))
     assert pose.position_m[0] == pytest.approx(EYES_M[0] + 1.0)
 
 
@@ -129,10 +134,10 @@ def test_a_phone_that_has_sent_nothing_is_released_also_when_time_begins_at_0() 
 
 def test_a_headset_that_is_not_aligned_or_far_away_moves_nothing(wrists: WristControl) -> None:
     with pytest.raises(RefusedError, match="touch three lamps or things first"):
-        wrists.wear("page1", Worn(user="anna", eyes_m=(0.0, 0.0, 1.6)), START)
-    far = Worn(user="anna", alignment=ROOM, eyes_m=(9e5, 0.0, 1.6))
+        wrists.move_by_headset("page1", HeadsetMotion(user="anna", eyes_m=(0.0, 0.0, 1.6)), START)
+    far = HeadsetMotion(user="anna", alignment=ROOM, eyes_m=(9e5, 0.0, 1.6))
     with pytest.raises(RefusedError, match="limit 1000 m: align it again"):
-        wrists.wear("page1", far, START)
+        wrists.move_by_headset("page1", far, START)
 
 
 number = st.floats(allow_nan=True, allow_infinity=True) | st.integers() | st.none() | st.text(max_size=3)
@@ -148,22 +153,22 @@ def test_bad_values_end_nothing(
     space = {"yaw_rad": yaw_rad, "origin_m": origin_m}
     try:
         part = RECEIVED.validate_python(
-            {"kind": "worn", "user": user, "eyes_m": eyes_m, "tip_m": tip_m, "alignment": space}
+            {"kind": "headset", "user": user, "eyes_m": eyes_m, "tip_m": tip_m, "alignment": space}
         )
-        wrists.wear("page1", part, START)
+        wrists.move_by_headset("page1", part, START)
     except (ValidationError, RefusedError):
         return
 
 
 def test_only_the_page_that_has_the_wrist_moves_it_and_two_people_are_apart(wrists: WristControl) -> None:
     wrists.acquire("ben", "page2", "headset")
-    assert wrists.wear("page2", worn(), START) is None
-    assert wrists.wear("page1", worn(user="ben"), START) is None
-    assert wrists.wear("page1", worn(user="nobody"), START) is None
-    assert wrists.wear("page2", worn((3.0, 1.0, 1.7), user="ben"), START) is not None
-    assert wear(wrists, worn())[0].position_m[:2] == pytest.approx(EYES_M[:2])
+    assert wrists.move_by_headset("page2", motion(), START) is None
+    assert wrists.move_by_headset("page1", motion(user="ben"), START) is None
+    assert wrists.move_by_headset("page1", motion(user="nobody"), START) is None
+    assert wrists.move_by_headset("page2", motion((3.0, 1.0, 1.7), user="ben"), START) is not None
+    assert wear(wrists, motion())[0].position_m[:2] == pytest.approx(EYES_M[:2])
     assert wrists.acquire("anna", "page3", "mouse") == "page1"
-    assert wrists.wear("page1", worn(), START) is None
+    assert wrists.move_by_headset("page1", motion(), START) is None
 
 
 def test_a_headset_that_rests_repeats_its_sample_and_of_a_silent_one_the_arm_hangs_and_is_released(
@@ -171,7 +176,7 @@ def test_a_headset_that_rests_repeats_its_sample_and_of_a_silent_one_the_arm_han
 ) -> None:
     assert wrists.step(START) == []  # it was taken just now, and has sent nothing yet
     assert wrists.holder("anna") == ("page1", "headset")
-    _, sample = wear(wrists, worn(tip_m=towards((4.0, 2.0, 1.0))), at(0.5))
+    _, sample = wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))), at(0.5))
     ((user, again),) = wrists.step(at(0.8))
     assert (user, again.source, again.orientation_xyzw) == ("anna", "headset", sample.orientation_xyzw)
     ((_, _),), ((_, hanging),) = wrists.step(at(1.6)), wrists.step(at(4.0))
@@ -179,7 +184,7 @@ def test_a_headset_that_rests_repeats_its_sample_and_of_a_silent_one_the_arm_han
     assert wrists.holder("anna") == ("page1", "headset")
     assert wrists.step(at(5.6)) == []
     assert wrists.holder("anna") == ("", "own")
-    assert wrists.wear("page1", worn(), at(5.7)) is None
+    assert wrists.move_by_headset("page1", motion(), at(5.7)) is None
 
 
 def test_a_tremor_of_the_mouse_does_not_shake_the_headset() -> None:
@@ -187,5 +192,5 @@ def test_a_tremor_of_the_mouse_does_not_shake_the_headset() -> None:
     wrists.acquire("anna", "page0", "mouse")
     wrists.set_tremor("anna", "page0", 3.0)
     wrists.acquire("anna", "page1", "headset")
-    measured = [wear(wrists, worn(tip_m=towards((4.0, 2.0, 1.0))), at(k)) for k in range(3)]
+    measured = [wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))), at(k)) for k in range(3)]
     assert len({sample.orientation_xyzw for _, sample in measured}) == 1

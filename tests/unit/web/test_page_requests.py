@@ -155,8 +155,8 @@ def test_whatever_is_asked_is_understood_or_refused(
 
 
 CLIENT = Path(wire.__file__).with_name("client") / "wire.json"
-RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.Worn | wire.Play | wire.Turn] = TypeAdapter(
-    wire.Received
+RECEIVED: TypeAdapter[wire.Ack | wire.Ask | wire.AimAt | wire.HeadsetMotion | wire.Play | wire.Turn] = (
+    TypeAdapter(wire.Received)
 )
 
 

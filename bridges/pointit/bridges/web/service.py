@@ -40,7 +40,7 @@ from pointit.bridges.web.server.download import Downloads
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.link_file import announced_link
 from pointit.bridges.web.server.listener import Listener, bind, url
-from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, Play, Role, Status, Worn
+from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, HeadsetMotion, Play, Role, Status
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.phone_connection import PhoneHost
@@ -242,22 +242,22 @@ class Web(Service[WebConfig]):
         if session.role == "operator":
             self._wrists.aim(session.page, aim)
 
-    def wear(self, worn: Worn, session: PageSession) -> None:
+    def move_by_headset(self, motion: HeadsetMotion, session: PageSession) -> None:
         """Point as the wearer of a page's headset does, while the page may."""
-        if session.rights(worn.user) == "viewer":  # e.g. the phone's link was revoked
-            if self._wrists.release_from(worn.user, session.page):
+        if session.rights(motion.user) == "viewer":  # e.g. the phone's link was revoked
+            if self._wrists.release_from(motion.user, session.page):
                 self._changed()
             return
         try:
-            measured = self._wrists.wear(session.page, worn, self.clock.now_ns())
+            measured = self._wrists.move_by_headset(session.page, motion, self.clock.now_ns())
         except RefusedError as error:
-            self.malformed(f"{worn.kind}: {error}")
+            self.malformed(f"{motion.kind}: {error}")
             return
         if measured is not None:
             pose, sample = measured
             if pose is not None:
-                self._people.place(worn.user, pose)
-            self._people.move(worn.user, sample)
+                self._people.place(motion.user, pose)
+            self._people.move(motion.user, sample)
 
     def play(self, play: Play) -> None:
         """Count it as malformed: this page shows what happens now."""

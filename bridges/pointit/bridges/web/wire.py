@@ -26,7 +26,7 @@ Page to server, JSON text, `{"kind": ...}`:
   `Hello.requests` and `Hello.deeds` have those that the role may ask for; `Status.services` tells whether
   the server of a request is present.
 - `AimAt`, many a second, not answered: where the mouse points to, of the person whose wrist this page has.
-- `Worn`, the same of a headset: head and hand of the person.
+- `HeadsetMotion`, the same of a headset: head and hand of the person.
 
 A page with a playback, at `/ws` of `pointit page` or at `/ws/past` of a running site, gets the
 same, with the site's time and speed being those of the playback (speed 0: paused), and besides:
@@ -277,10 +277,10 @@ class SpaceAlignment(WireModel):
     origin_m: Vec3
 
 
-class Worn(WireModel):
+class HeadsetMotion(WireModel):
     """Head and hand of a headset's wearer, in the space of its session, z up."""
 
-    kind: Literal["worn"] = "worn"
+    kind: Literal["headset"] = "headset"
     user: Name
     alignment: Annotated[
         SpaceAlignment | None, Field(description="empty before the alignment; then nothing moves")
@@ -301,8 +301,8 @@ class Turn(WireModel):
     battery: Fraction | None = None
 
 
-Received = Annotated[Ack | Ask | AimAt | Play | Turn | Worn, Field(discriminator="kind")]
+Received = Annotated[Ack | Ask | AimAt | Play | Turn | HeadsetMotion, Field(discriminator="kind")]
 """Messages that a page or phone may send."""
 
-MODELS = (Hello, Status, Answer, Cue, Timeline, Playing, Ack, Ask, AimAt, Play, Turn, Worn)
+MODELS = (Hello, Status, Answer, Cue, Timeline, Playing, Ack, Ask, AimAt, Play, Turn, HeadsetMotion)
 """All of them but those of a scan, see `scan/wire.py`."""

@@ -15,14 +15,14 @@ from pointit.runtime.errors import ConfigError
 T = TypeVar("T")
 
 
-class Part(NamedTuple, Generic[T]):
+class OptionalPart(NamedTuple, Generic[T]):
     """An object of an optional room: `MODULE:ATTRIBUTE`, and further packages that it needs."""
 
     target: str
     rooms: tuple[str, ...] = ()
 
 
-def present(parts: Iterable[Part[T]]) -> list[T]:
+def present(parts: Iterable[OptionalPart[T]]) -> list[T]:
     """Return those of `parts` whose packages are installed, in their order. Imports no others."""
     return [
         load_object(part.target, "a part")

@@ -112,9 +112,9 @@ class People:
                 self._poses[user] = self._bus.publisher(POSE, user)
             self._poses[user].put(pose)
 
-    def withdraw_poses(self, is_worn: Callable[[str], bool]) -> None:
+    def withdraw_poses(self, is_headset: Callable[[str], bool]) -> None:
         """Withdraw the poses of people who wear no headset any more."""
-        for user in [user for user in self._poses if not is_worn(user)]:
+        for user in [user for user in self._poses if not is_headset(user)]:
             self._poses.pop(user).close()
 
 

@@ -111,7 +111,7 @@ class StepBeside(_Extras):
     by: Literal[-1, 1]
 
 
-class Take(_Extras):
+class TakeArm(_Extras):
     """Device of the page that is to move the arm; a phone's page has only the phone."""
 
     by: Literal["mouse", "headset"] = "mouse"
@@ -284,8 +284,8 @@ class RequestDispatcher:
 
 def _source_of(dispatcher: RequestDispatcher, sender: PageSender) -> str:
     """Return the name of the device in messages."""
-    is_worn = dispatcher.wrists.holder(sender.user) == (sender.page, "headset")
-    return "headset" if is_worn else "page"
+    is_headset = dispatcher.wrists.holder(sender.user) == (sender.page, "headset")
+    return "headset" if is_headset else "page"
 
 
 async def _press(dispatcher: RequestDispatcher, sender: PageSender, press: Press) -> JsonObject:
@@ -298,7 +298,7 @@ async def _step(dispatcher: RequestDispatcher, sender: PageSender, step: StepBes
     return {"message": ""}
 
 
-async def _take(dispatcher: RequestDispatcher, sender: PageSender, take: Take) -> JsonObject:
+async def _take(dispatcher: RequestDispatcher, sender: PageSender, take: TakeArm) -> JsonObject:
     user = sender.user
     if instance_of(IMU_BRIDGE, user) not in dispatcher.present():
         raise RefusedError(
@@ -390,7 +390,7 @@ _LOOK: tuple[Role, ...] = ("operator", "viewer")
 ACTIONS: tuple[Action[Any], ...] = (
     Action("press", "person", Press, _WRIST, _press),
     Action("step", "person", StepBeside, _WRIST, _step),
-    Action("take", "person", Take, _WRIST, _take),
+    Action("take", "person", TakeArm, _WRIST, _take),
     Action("give", "person", NoParameters, _WRIST, _give),
     Action("tremor", "person", Tremor, _CONTROL, _set_tremor),
     Action("pair", "person", Pair, _CONTROL, _pair),

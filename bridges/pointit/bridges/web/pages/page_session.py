@@ -12,7 +12,18 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.pages.latest_values import PageFeed
 from pointit.bridges.web.pages.rate_limit import TokenBucket
-from pointit.bridges.web.wire import OWN_FAULT, Ack, AimAt, Answer, Ask, Play, Received, Role, Turn, Worn
+from pointit.bridges.web.wire import (
+    OWN_FAULT,
+    Ack,
+    AimAt,
+    Answer,
+    Ask,
+    HeadsetMotion,
+    Play,
+    Received,
+    Role,
+    Turn,
+)
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import PointItError
 from pointit.schemas import SchemaError, summarize_validation_error
@@ -37,7 +48,7 @@ MAX_ANSWERS = 16
 MALFORMED, NORMAL = 1008, 1000
 """Close codes (RFC 6455): policy violation, and a normal end."""
 
-_RECEIVED: TypeAdapter[Ack | Ask | AimAt | Play | Turn | Worn] = TypeAdapter(Received)
+_RECEIVED: TypeAdapter[Ack | Ask | AimAt | Play | Turn | HeadsetMotion] = TypeAdapter(Received)
 
 
 class Host(Protocol):
@@ -59,7 +70,7 @@ class Host(Protocol):
         """Point where the page's mouse does."""
         ...
 
-    def wear(self, worn: Worn, session: "PageSession") -> None:
+    def move_by_headset(self, motion: HeadsetMotion, session: "PageSession") -> None:
         """Point as the wearer of the page's headset does."""
         ...
 
@@ -194,7 +205,7 @@ class PageSession:
             else:
                 self._on_motion(said)
 
-    def _understood(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | Worn | None:
+    def _understood(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | HeadsetMotion | None:
         if text is None:
             self._on_malformed("page", "binary messages are not accepted")
             return None
@@ -206,7 +217,7 @@ class PageSession:
             self._on_malformed("page", str(error))
         return None
 
-    def _on_motion(self, message: AimAt | Play | Turn | Worn) -> None:
+    def _on_motion(self, message: AimAt | Play | Turn | HeadsetMotion) -> None:
         if isinstance(message, AimAt):
             self._on_aim(message)
         elif isinstance(message, Play):
@@ -214,7 +225,7 @@ class PageSession:
         elif isinstance(message, Turn):
             self._on_malformed("Turn", "is for phones, at their own address")
         elif self._aims.take(self._loop.time()):  # the next one of a headset comes soon
-            self._host.wear(message, self)
+            self._host.move_by_headset(message, self)
 
     def rights(self, user: str) -> Role:
         """Return the role with which this page may act for `user`."""

@@ -11,7 +11,7 @@ from pointit.bridges.web.pages.page_session import PageSession
 from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.playback.playback import Playback
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, Hello, Play, Playing, Worn
+from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, HeadsetMotion, Hello, Play, Playing
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S
@@ -71,7 +71,7 @@ class PastPage:
     def aim(self, aim: AimAt, session: PageSession) -> None:
         """Ignore it: no arm can be moved."""
 
-    def wear(self, worn: Worn, session: PageSession) -> None:
+    def move_by_headset(self, motion: HeadsetMotion, session: PageSession) -> None:
         """Ignore it: no arm can be moved."""
 
     def play(self, play: Play) -> None:

@@ -7,7 +7,7 @@ both, so the arm is that for which the pointing model has this line, whatever th
 import math
 from dataclasses import dataclass
 
-from pointit.bridges.web.wire import SpaceAlignment, Worn
+from pointit.bridges.web.wire import HeadsetMotion, SpaceAlignment
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
@@ -36,7 +36,7 @@ COVARIANCE = (
 
 
 @dataclass(slots=True)
-class WornPose:
+class HeadsetPose:
     """Pose of one wearer. Times are the site's, ns."""
 
     yaw_rad: float = 0.0
@@ -49,15 +49,15 @@ class WornPose:
     _published_ns: int = 0
     _published_m: Vec3 = (0.0, 0.0, 0.0)
 
-    def update(self, worn: Worn, eyes_height_m: float, now_ns: int) -> UserPose | None:
+    def update(self, motion: HeadsetMotion, eyes_height_m: float, now_ns: int) -> UserPose | None:
         """Update from head and hand. Return the pose if it is to be published, else None.
 
         Raises:
             RefusedError: If the headset is not aligned, or is too far from the map.
         """
-        if worn.alignment is None:
+        if motion.alignment is None:
             raise RefusedError("the headset is not aligned with the room: touch three lamps or things first")
-        eyes_m = _in_room(worn.alignment, worn.eyes_m)
+        eyes_m = _in_room(motion.alignment, motion.eyes_m)
         if (away_m := vector.norm(eyes_m)) > MAX_AWAY_M:
             raise RefusedError(
                 f"the headset is {away_m:.0f} m from the map, limit {MAX_AWAY_M:.0f} m: align it again"
@@ -65,8 +65,8 @@ class WornPose:
         self._received_ns = now_ns
         self.feet_m = vector.subtract(eyes_m, (0.0, 0.0, eyes_height_m))
         self.target_m = self.feet_m
-        if worn.tip_m is not None:
-            line = vector.subtract(_in_room(worn.alignment, worn.tip_m), eyes_m)
+        if motion.tip_m is not None:
+            line = vector.subtract(_in_room(motion.alignment, motion.tip_m), eyes_m)
             if MIN_REACH_M <= (length_m := vector.norm(line)) <= MAX_REACH_M:
                 self.target_m = vector.add(eyes_m, vector.scale(line, TARGET_M / length_m))
         age_ns = now_ns - self._published_ns

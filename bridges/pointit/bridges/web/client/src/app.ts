@@ -43,7 +43,7 @@ import { Stage } from "./stage";
 import { applyTheme, watchSystem } from "./theme";
 import { Toasts } from "./toasts";
 import type { ViewStats } from "./view";
-import { WornArm } from "./worn_arm";
+import { HeadsetArm } from "./headset_arm";
 import { called, friendly, outcome, plainly, stateTitle } from "./words";
 
 declare global {
@@ -85,7 +85,7 @@ const connection = new Connection(site, recording ? await import("./past/recorde
   onStatus: () => {
     controls.follow();
     mouse.update();
-    wornArm.update();
+    headsetArm.update();
     pairing.update();
     refresh();
   },
@@ -96,11 +96,11 @@ const connection = new Connection(site, recording ? await import("./past/recorde
 });
 const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const wornArm = new WornArm(controls);
+const headsetArm = new HeadsetArm(controls);
 const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "ended", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), ["guide", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
-}, wornArm, () => {
+}, headsetArm, () => {
   if (awake) frame();
 });
 const pairing = pairingDialog(controls);

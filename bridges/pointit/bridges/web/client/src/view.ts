@@ -5,7 +5,7 @@ import type { Edges } from "./geometry/framing";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
 import type { Site } from "./site/site";
-import type { Worn } from "./wire";
+import type { HeadsetMotion } from "./wire";
 
 /** From where a view looks; `eyes` are those of the chosen person. A view may lack some. */
 export type Camera = "room" | "top" | "eyes";
@@ -34,7 +34,7 @@ export interface Arm {
   press(): Promise<string>;
   /** From the announced thing to the one left or right of it. */
   step(by: -1 | 1): Promise<string>;
-  move(measured: Pick<Worn, "alignment" | "eyes_m" | "tip_m">): void;
+  move(measured: Pick<HeadsetMotion, "alignment" | "eyes_m" | "tip_m">): void;
 }
 
 /** A view in the viewer's own room, through a headset or a phone (WebXR). */

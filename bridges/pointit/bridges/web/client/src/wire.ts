@@ -9,6 +9,7 @@ export interface Everything {
   Cue: Cue;
   DeviceLine: DeviceLine;
   FindingLine: FindingLine;
+  HeadsetMotion: HeadsetMotion;
   Hello: Hello;
   Lane: Lane;
   PersonLine: PersonLine;
@@ -30,7 +31,6 @@ export interface Everything {
   Status: Status;
   Timeline: Timeline;
   Turn: Turn;
-  Worn: Worn;
 }
 /**
  * Acknowledgement that a batch was shown.
@@ -207,6 +207,40 @@ export interface FindingLine {
   sentence: string;
   service: string;
   severity: "error" | "warning" | "note";
+}
+/**
+ * Head and hand of a headset's wearer, in the space of its session, z up.
+ */
+export interface HeadsetMotion {
+  /**
+   * empty before the alignment; then nothing moves
+   */
+  alignment: SpaceAlignment | null;
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  eyes_m: [number, number, number];
+  kind: "headset";
+  /**
+   * tip of the hand or controller; empty if it is not tracked
+   */
+  tip_m: [number, number, number] | null;
+  user: string;
+}
+/**
+ * The space of a headset's session, z up, in {W}.
+ */
+export interface SpaceAlignment {
+  /**
+   * @minItems 3
+   * @maxItems 3
+   */
+  origin_m: [number, number, number];
+  /**
+   * azimuth of its x axis
+   */
+  yaw_rad: number;
 }
 /**
  * Greeting: the page's role and rights.
@@ -508,20 +542,6 @@ export interface ServiceLine {
   since_s: number;
 }
 /**
- * The space of a headset's session, z up, in {W}.
- */
-export interface SpaceAlignment {
-  /**
-   * @minItems 3
-   * @maxItems 3
-   */
-  origin_m: [number, number, number];
-  /**
-   * azimuth of its x axis
-   */
-  yaw_rad: number;
-}
-/**
  * Status of the site beyond its topics.
  */
 export interface Status {
@@ -580,24 +600,4 @@ export interface Turn {
    * the phone's own clock
    */
   t_ms: number;
-}
-/**
- * Head and hand of a headset's wearer, in the space of its session, z up.
- */
-export interface Worn {
-  /**
-   * empty before the alignment; then nothing moves
-   */
-  alignment: SpaceAlignment | null;
-  /**
-   * @minItems 3
-   * @maxItems 3
-   */
-  eyes_m: [number, number, number];
-  kind: "worn";
-  /**
-   * tip of the hand or controller; empty if it is not tracked
-   */
-  tip_m: [number, number, number] | null;
-  user: string;
 }

@@ -12,7 +12,7 @@ import type { Theme } from "./mesh_factory";
 import type { Picture } from "./picture";
 import { SessionTime } from "./session_time";
 import { disposeSprite, inLines, Sprites, textSprite, type Text } from "./sprites";
-import { WornInput } from "./worn_input";
+import { HeadsetInput } from "./headset_input";
 
 /** A press that lasts longer skips a position, or starts the alignment again, ms. */
 const HOLD_MS = 1500;
@@ -54,7 +54,7 @@ export class Immersive implements Immersion {
   private readonly rig = new THREE.Group();
   private readonly eye = new THREE.PerspectiveCamera(42, 1, 0.05, 200);
   private readonly sprites: Sprites;
-  private readonly input: WornInput;
+  private readonly input: HeadsetInput;
   private theme: Theme | null = null;
 
   /** @param map returns the current map. @param draw draws a frame of the scene. @param arm what the wearer may move. @param changed called when a session has begun or ended. */
@@ -62,7 +62,7 @@ export class Immersive implements Immersion {
     this.rig.rotation.order = "ZYX";
     this.rig.add(this.eye);
     this.sprites = new Sprites(picture.scene);
-    this.input = new WornInput(arm);
+    this.input = new HeadsetInput(arm);
   }
 
   get isActive(): boolean {

@@ -11,7 +11,7 @@ import type { Site } from "./site";
 /** Where pages find the present, and the last minutes of a running site. */
 const PRESENT = "/ws", PAST = "/ws/past";
 import { LatencyHistory, SiteClock } from "./timing";
-import type { Ack, AimAt, Answer, Ask, Hello, Play, Playing, Status, Timeline, Worn } from "../wire";
+import type { Ack, AimAt, Answer, Ask, Hello, Play, Playing, Status, Timeline, HeadsetMotion } from "../wire";
 
 /** Waiting times between attempts to connect, ms; a little is added at random, so that pages do not storm. */
 const BACK_OFF_MS = [250, 500, 1000, 2000, 4000, 8000];
@@ -113,8 +113,8 @@ export class Connection {
   }
 
   /** Tell where the wearer of a headset points; not answered. */
-  wear(worn: Worn): void {
-    if ((this.socket?.bufferedAmount ?? 0) <= MOST_BUFFERED) this.send(worn);
+  moveByHeadset(motion: HeadsetMotion): void {
+    if ((this.socket?.bufferedAmount ?? 0) <= MOST_BUFFERED) this.send(motion);
   }
 
   /** Apply batches since the frame before; called at the start of an animation frame. */
@@ -280,7 +280,7 @@ export class Connection {
     this.events.onUpdate();
   }
 
-  private send(part: Ack | Ask | AimAt | Worn | (Partial<Play> & { kind: "play" })): boolean {
+  private send(part: Ack | Ask | AimAt | HeadsetMotion | (Partial<Play> & { kind: "play" })): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(part));
     return true;

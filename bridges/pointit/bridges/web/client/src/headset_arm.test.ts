@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Controls } from "./controls";
 import { emptyPerson, emptySite } from "./site/site";
-import { WornArm } from "./worn_arm";
+import { HeadsetArm } from "./headset_arm";
 
 const LINE = { user: "ada", moved_by: "own", is_mine: false, assumed: null, phone: "", battery: null };
 
@@ -13,7 +13,7 @@ test("an arm that another page took before any status told of it is not pointed 
   const site = emptySite(), asked: string[] = [];
   const connection = { ask: (wish: { deed: string; name: string }) => (asked.push(`${wish.deed} ${wish.name}`), Promise.resolve({})) };
   const controls = new Controls(site, {} as never, connection as never, {} as never, () => {});
-  const arm = new WornArm(controls);
+  const arm = new HeadsetArm(controls);
   const appears = (line: object) => {
     site.people.set("ada", Object.assign(emptyPerson("ada"), { line: { ...LINE, ...line } }));
     arm.update();

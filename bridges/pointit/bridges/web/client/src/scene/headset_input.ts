@@ -13,7 +13,7 @@ const STEP_AT = 0.7, REST_AT = 0.3;
 /** Index of the axis of a thumbstick from left to right (WebXR Gamepads, `xr-standard`). */
 const STICK_AXIS = 2;
 
-export class WornInput {
+export class HeadsetInput {
   /** The hand that points. */
   hand: XRHandedness = "right";
   private sentAt = -Infinity;

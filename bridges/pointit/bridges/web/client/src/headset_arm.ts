@@ -3,12 +3,12 @@
 import type { Controls } from "./controls";
 import { Refusal, type Wish } from "./site/asks";
 import type { Arm } from "./view";
-import type { Worn } from "./wire";
+import type { HeadsetMotion } from "./wire";
 
 /** Time after the consent in which a status tells of it, ms; there is one a second. */
 const CONFIRM_MS = 3000;
 
-export class WornArm implements Arm {
+export class HeadsetArm implements Arm {
   /** Person whom the wearer points as, from the server's consent on; or "". */
   pointing = "";
   /** The server's status has told of it. */
@@ -46,8 +46,8 @@ export class WornArm implements Arm {
     return this.ask({ deed: "step", name: this.pointing, query: { by } });
   }
 
-  move(measured: Pick<Worn, "alignment" | "eyes_m" | "tip_m">): void {
-    this.controls.connection.wear({ kind: "worn", user: this.pointing, ...measured });
+  move(measured: Pick<HeadsetMotion, "alignment" | "eyes_m" | "tip_m">): void {
+    this.controls.connection.moveByHeadset({ kind: "headset", user: this.pointing, ...measured });
   }
 
   /** Update from the server's status: another page may have taken the arm, or the connection was lost. */

@@ -189,3 +189,10 @@ def test_the_command_names_the_files_and_what_has_none(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "sub-anna_task-putthatthere_tracksys-imu_motion.tsv: 40 rows" in done.output
     assert "Messages without a table: 1 of users/{user}/hover." in done.output
+
+
+@pytest.mark.parametrize("option", [("--task", "reach"), ("--session", "2")])
+def test_options_of_the_dataset_are_refused_for_tables(option: tuple[str, str], tmp_path: Path) -> None:
+    done = CliRunner().invoke(command, ["export", "any.mcap", "--to", f"{tmp_path}", *option])
+    assert done.exit_code == 2
+    assert "are of --format motion-bids" in done.output

@@ -7,6 +7,8 @@ import click
 
 from pointit.cli.common.progress import interruptible, progress
 
+TASK = "pointing"
+
 
 @click.command("export")
 @click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
@@ -27,7 +29,7 @@ from pointit.cli.common.progress import interruptible, progress
     show_default=True,
     help="tables, or the Brain Imaging Data Structure for motion",
 )
-@click.option("--task", default="pointing", show_default=True, help="task of motion-bids")
+@click.option("--task", default=TASK, show_default=True, help="task of motion-bids")
 @click.option("--session", default="", help="session label of motion-bids; if empty, there is one session")
 def command(*, recording: Path, folder: Path, overwrite: bool, form: str, task: str, session: str) -> int:
     """Write the recording FILE as tidy CSV tables, or as a dataset of Motion-BIDS.
@@ -42,6 +44,8 @@ def command(*, recording: Path, folder: Path, overwrite: bool, form: str, task: 
 
     Example: pointit export session.mcap --to tables
     """
+    if form == "csv" and (session or task != TASK):
+        raise click.UsageError("--task and --session are of --format motion-bids: leave them out, or add it")
     from pointit.conversion.export_bids import export_bids  # noqa: PLC0415 - only what is needed is loaded
     from pointit.conversion.export_csv import export_csv  # noqa: PLC0415 - as above
     from pointit.recording.reader import Recording  # noqa: PLC0415 - needs an extra

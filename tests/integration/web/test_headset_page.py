@@ -75,6 +75,7 @@ async def test_two_wearers_are_apart_and_one_whose_page_closes_leaves() -> None:
             clock.advance(0.2)  # poses are 0.1 s apart at least
             await wear(two, "anna", 3.0)  # whom this page does not move
             await two.ask(deed="press", name="ben")
+            await until(lambda: one.person("ben")["moved_by"] == "headset")
         await until(lambda: one.person("ben")["moved_by"] == "own")
         await no_pose(bench, "ben")
         assert one.states[POSE, "anna"]["position_m"][:2] == pytest.approx([1.0, 2.0])
@@ -118,6 +119,7 @@ async def test_a_page_that_only_looks_on_moves_the_person_of_its_phone_link_alon
             assert "align it again" in (await wearer.ask(deed="centre", name="anna"))["error"]
             await wear(wearer)
             await until(lambda: (POSE, "anna") in operator.states)
+            await until(lambda: operator.person("anna")["moved_by"] == "headset")
             await operator.ask(deed="pair", name="anna", query={"off": True})  # revokes the link
             await wear(wearer)
             await until(lambda: operator.person("anna")["moved_by"] == "own")

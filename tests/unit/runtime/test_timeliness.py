@@ -190,6 +190,13 @@ def test_clock_skew_is_reported_with_machine_and_amount(skew_s: float) -> None:
     assert found[0].exceeds_limit == (abs(skew_s) >= 1.0)
 
 
+def test_delays_of_an_overloaded_machine_are_no_clock_and_a_wireless_link_hides_none() -> None:
+    loaded_s = [0.07 + 0.01 * number for number in range(20)]
+    assert watched({}, {"here": [0.001] * 20, "busy": loaded_s}) == []
+    wireless_s = [0.004 + 0.003 * (number % 10) for number in range(20)]
+    assert [skew.host for skew in watched({"there": -0.06}, {"there": wireless_s})] == ["there"]
+
+
 @pytest.mark.parametrize("skew_s", [0.04, -0.04])
 def test_a_little_apart_is_nothing(skew_s: float) -> None:
     assert not watched({"there": skew_s}, {"there": [0.002] * 10})

@@ -65,13 +65,14 @@ WINDOW_S = 20.0
 MIN_AHEAD = 2
 """Number of reports needed to call a clock ahead."""
 MIN_BEHIND = 8
-"""Number of reports needed to call a clock behind, unless they are steady."""
+"""Number of reports from which `MANY_STEADY` applies."""
 MIN_STEADY = 3
 MIN_REFUSED = 2
 """Numbers of steady reports needed to call a clock behind. The second applies from a skew of `REFUSED_S`."""
 STEADY = 0.25
+MANY_STEADY = 1.0
 """Reports are steady if half of them differ from the fastest by less than this share of its delay. Delays
-under load are not."""
+under load are not: the fastest of many is late, and half of them much later."""
 MAX_HOSTS = 256
 """Maximum number of machines, which bounds memory."""
 LONGEST_HOST = 64
@@ -245,8 +246,7 @@ class ClockSkewMonitor:
 
 def _is_sure(values: list[float]) -> bool:
     """Return True if delays alone cannot explain the sorted `values`, s."""
-    if len(values) >= MIN_BEHIND:
-        return True
     if len(values) < (MIN_REFUSED if values[0] >= REFUSED_S else MIN_STEADY):
         return False
-    return values[len(values) // 2] - values[0] <= STEADY * values[0]
+    share = MANY_STEADY if len(values) >= MIN_BEHIND else STEADY
+    return values[len(values) // 2] - values[0] <= share * values[0]

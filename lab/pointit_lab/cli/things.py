@@ -1,5 +1,6 @@
 """`pointit evaluate things`: simulated people point at things, and elsewhere."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -245,7 +246,8 @@ def _print(
     for row in rows:
         shares = [_share(each) for each in (row.right, row.wrong, row.nothing)]
         times = [f"{row.median_s:.1f}", f"{row.p90_s:.1f}"]
-        table.add_row(row.name, str(row.right.of), *shares, *times, f"{row.stated:.0%}")
+        stated = "-" if math.isnan(row.stated) else f"{row.stated:.0%}"
+        table.add_row(row.name, str(row.right.of), *shares, *times, stated)
     screen = evaluation_console()
     screen.print(table)
     screen.print(Text(NOTES))

@@ -3,6 +3,7 @@
 import fcntl
 import io
 import json
+import math
 import os
 import pty
 import struct
@@ -68,6 +69,14 @@ def test_nothing_is_left_out_of_json_and_bytes_are_hexadecimal() -> None:
     assert json.loads(to_json({"rgb": b"\x00\xff", "none": None})) == {"rgb": "00ff", "none": None}
     with pytest.raises(TypeError, match="object"):
         to_json({"x": object()})
+
+
+def test_numbers_that_json_lacks_are_null() -> None:
+    def refuse(constant: str) -> None:
+        raise ValueError(constant)
+
+    text = to_json({"a": math.nan, "rows": [(math.inf, 1.0), {"b": -math.inf}]}, indent=2)
+    assert json.loads(text, parse_constant=refuse) == {"a": None, "rows": [[None, 1.0], {"b": None}]}
 
 
 def test_a_message_begins_with_its_key() -> None:

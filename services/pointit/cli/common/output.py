@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import re
 import sys
@@ -126,9 +127,13 @@ def print_json(value: Any, *, indent: int | None = 2) -> None:
 
 
 def to_json(value: Any, *, indent: int | None = None) -> str:
-    """Return `value` as JSON; bytes become hexadecimal text."""
+    """Return `value` as JSON. Bytes become hexadecimal text; NaN and infinities, which JSON lacks, null."""
     is_ascii = not (sys.stdout.encoding or "utf-8").lower().startswith("utf")
-    return _escaped(json.dumps(value, indent=indent, default=_plain, ensure_ascii=is_ascii))
+    encoder = json.JSONEncoder(indent=indent, default=_plain, ensure_ascii=is_ascii, allow_nan=False)
+    try:
+        return _escaped(encoder.encode(value))
+    except ValueError:
+        return _escaped(encoder.encode(_without_nan(value)))
 
 
 def to_line(value: Any) -> str:
@@ -179,6 +184,14 @@ def _number(value: float) -> str:
         digits, _, exponent = text.partition("e")
         return f"{digits if '.' in digits else digits + '.0'}e{exponent}"  # YAML requires the point
     return text if "." in text else text + ".0"
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_nan(each) for key, each in cast("Mapping[str, Any]", value).items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(each) for each in cast("Sequence[Any]", value)]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _plain(value: Any) -> Any:

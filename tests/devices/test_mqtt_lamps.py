@@ -9,7 +9,7 @@ import ssl
 import sys
 from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import aiomqtt
 import pytest
@@ -28,7 +28,7 @@ from pointit.testing.trial import TrialHealth
 from tests.examples.running import running
 from tests.support.bench import until
 from tests.support.buses import free_port, is_listening
-from tests.support.mqtt import broker, overheard
+from tests.support.mqtt import Relay, broker, overheard
 from tests.support.pace import Patience
 
 PATIENCE_S = 60.0
@@ -233,47 +233,6 @@ async def test_a_broker_that_comes_late_or_restarts_gets_all_colours(tmp_path: P
                     await until(lambda: len(heard) >= 2, what="both lamps")
                 assert health.warnings == {}
             assert {topic for topic, _ in heard} == {"zigbee2mqtt/desk/set", "zigbee2mqtt/door/set"}
-
-
-class Relay:
-    """A way to the broker that can break."""
-
-    def __init__(self, port: int) -> None:
-        self._broker = port
-        self._near: list[asyncio.StreamWriter] = []
-        self._far: list[asyncio.StreamWriter] = []
-        self._passing: list[asyncio.Task[None]] = []
-        self._is_noticed = True
-        self.port = 0
-
-    def cut(self, *, is_noticed: bool) -> None:
-        """Cut all connections. `is_noticed`: the broker gets to know."""
-        self._is_noticed = is_noticed
-        for link in self._far if is_noticed else self._near:
-            link.transport.abort()
-
-    async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(OSError):
-            while data := await reader.read(1000):
-                writer.write(data)
-        if self._is_noticed:
-            writer.close()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._broker)
-        self._near.append(writer)
-        self._far.append(far_writer)
-        links = (self._pass_on(reader, far_writer), self._pass_on(far_reader, writer))
-        self._passing += [asyncio.create_task(link) for link in links]
-
-    @contextlib.asynccontextmanager
-    async def running(self) -> AsyncGenerator[Self]:
-        async with await asyncio.start_server(self._serve, "127.0.0.1", 0) as server:
-            self.port = server.sockets[0].getsockname()[1]
-            yield self
-            self.cut(is_noticed=False)
-            self.cut(is_noticed=True)
-            await asyncio.gather(*self._passing)
 
 
 async def test_the_last_will_tells_that_the_lamps_are_left_alone(port: int) -> None:

@@ -15,7 +15,7 @@ from pointit.schemas import Done, SelectedObject, Selection, SetThing
 from pointit.schemas.topics import SELECTION, SET_THING
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port
-from tests.support.mqtt import broker, overheard
+from tests.support.mqtt import Relay, broker, overheard
 from tests.support.mqtt_things import ROOM, TRIGGER, announced, found, point, published, room, thing, told
 
 
@@ -70,6 +70,25 @@ async def until_retained(port: int, topic: str, payload: bytes) -> None:
         await until(lambda: bool(heard) and heard[-1][1] == payload, what=f"{topic} to be {payload!r}")
 
 
+async def test_the_broker_retains_that_a_run_which_was_killed_is_offline(
+    port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mqtt_events, "RETRY_S", 600.0)  # as if it did not come back
+    async with (
+        memory_bench() as bench,
+        Relay(port).running() as relay,
+        overheard(port, "#") as heard,
+        published(relay.port, bench) as watcher,
+    ):
+        watcher.on_map(ROOM)
+        await until(lambda: len(found(heard)) == 3, what="announcements")
+        topic = found(heard)["switch radio"]["availability_topic"]
+        await until(lambda: (topic, b"online") in heard, what="availability")
+        relay.cut(is_noticed=True)
+        await until(lambda: (topic, b"offline") in heard, what="the last will")
+        await until_retained(port, topic, b"offline")
+
+
 async def test_a_thing_that_is_gone_is_taken_back_also_after_a_restart(port: int) -> None:
     async with memory_bench() as bench, overheard(port, "homeassistant/#") as heard:
         async with published(port, bench) as watcher:
@@ -80,6 +99,10 @@ async def test_a_thing_that_is_gone_is_taken_back_also_after_a_restart(port: int
         async with published(port, bench) as watcher:
             watcher.on_map(room())
             await until(lambda: not announced(heard), what="all to be taken back")
+    async with overheard(port, "homeassistant/#") as later, aiomqtt.Client("127.0.0.1", port) as client:
+        await client.publish("homeassistant/last", "x", qos=1)
+        await until(lambda: bool(later), what="what the broker retains, then the message")
+    assert [topic for topic, _ in later] == ["homeassistant/last"]
 
 
 async def test_lost_events_are_one_line_of_the_log_and_all_are_counted(

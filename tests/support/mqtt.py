@@ -1,11 +1,12 @@
 """A genuine MQTT broker for one test."""
 
+import asyncio
 import shutil
 import subprocess
 from collections.abc import AsyncGenerator, Callable, Generator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import aiomqtt
 import pytest
@@ -56,3 +57,44 @@ async def overheard(
         await client.subscribe(topic, qos=1)
         async with running(listen()):
             yield heard
+
+
+class Relay:
+    """A way to the broker that can break."""
+
+    def __init__(self, port: int) -> None:
+        self._broker = port
+        self._near: list[asyncio.StreamWriter] = []
+        self._far: list[asyncio.StreamWriter] = []
+        self._passing: list[asyncio.Task[None]] = []
+        self._is_noticed = True
+        self.port = 0
+
+    def cut(self, *, is_noticed: bool) -> None:
+        """Cut all connections. `is_noticed`: the broker gets to know."""
+        self._is_noticed = is_noticed
+        for link in self._far if is_noticed else self._near:
+            link.transport.abort()
+
+    async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(OSError):
+            while data := await reader.read(1000):
+                writer.write(data)
+        if self._is_noticed:
+            writer.close()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._broker)
+        self._near.append(writer)
+        self._far.append(far_writer)
+        links = (self._pass_on(reader, far_writer), self._pass_on(far_reader, writer))
+        self._passing += [asyncio.create_task(link) for link in links]
+
+    @asynccontextmanager
+    async def running(self) -> AsyncGenerator[Self]:
+        async with await asyncio.start_server(self._serve, "127.0.0.1", 0) as server:
+            self.port = server.sockets[0].getsockname()[1]
+            yield self
+            self.cut(is_noticed=False)
+            self.cut(is_noticed=True)
+            await asyncio.gather(*self._passing)

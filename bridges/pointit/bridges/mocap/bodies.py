@@ -4,6 +4,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from pointit.bridges.mocap.config import MAX_BODIES, MocapConfig
 from pointit.bridges.mocap.timed_frame import BodySample, TimedFrame
@@ -24,18 +25,19 @@ REPORT_NS = 10 * NS_PER_S
 MAX_SPEED_MPS, JUMP_M = 10.0, 0.1
 MAX_RATE_RADPS, JUMP_RAD = 30.0, 0.6
 """A body that moves or turns by more than the speed allows, and this much, has jumped."""
+MIN_ALIKE = math.cos(JUMP_RAD / 2.0)
+"""Scalar product of two quaternions below which the turn between them is larger than `JUMP_RAD`."""
 JUMP_NS, SWAP_NS = 3 * NS_PER_S // 10, 3 * NS_PER_S
 """Time after which a body that jumped is used again, and one that jumped to where another body was, ns."""
 MIN_MEASURED = 3
 """Least number of markers that cameras see, below which Motive computes the others by the model."""
-MIN_SIGMA_M = 0.001
-"""Least 1 sigma of a position, m: the error that servers state is that of the fit to the markers."""
+MIN_SIGMA_M, MAX_SIGMA_M = 0.001, 1.0
+"""Limits of 1 sigma of a position, m: the error that servers state is that of the fit to the markers."""
 VELOCITY_NS = NS_PER_S // 10
 """Time over which a velocity is taken, ns."""
 
 
-@dataclass(frozen=True)
-class BodyPose:
+class BodyPose(NamedTuple):
     """A body in {W}."""
 
     name: str
@@ -52,13 +54,23 @@ class _Track:
     pose: BodyPose | None = None
     """The last one that was used."""
     poses: deque[BodyPose] = field(default_factory=deque[BodyPose])
-    velocity_mps: Vec3 = (0.0, 0.0, 0.0)
     seen_ns: int = 0
     """Time at which it was seen last, used or not."""
     jumped_ns: int = 0
     """Time of the jump since which it is not used, or 0."""
     fault: str = ""
     """Reason why it was not used in the last frame, or `""`."""
+
+    @property
+    def velocity_mps(self) -> Vec3:
+        """Return the mean velocity in `poses`, which is 0 if they are too few."""
+        if not self.poses:
+            return (0.0, 0.0, 0.0)
+        first, last = self.poses[0], self.poses[-1]
+        since_ns = last.stamp_ns - first.stamp_ns
+        if since_ns <= VELOCITY_NS / 2:
+            return (0.0, 0.0, 0.0)
+        return vector.scale(vector.subtract(last.position_m, first.position_m), NS_PER_S / since_ns)
 
 
 class Bodies:
@@ -76,13 +88,16 @@ class Bodies:
         self._frame_ns = timed.stamp_ns
         counts = Counter(name for name, _ in timed.bodies)
         used: list[BodyPose] = []
+        is_y_up = (self._config.up or timed.up) == "y"
         for name, body in timed.bodies[:MAX_BODIES]:
-            track = (
-                self._tracks.setdefault(name, _Track()) if len(self._tracks) < 2 * MAX_BODIES else _Track()
-            )
+            track = self._tracks.get(name)
+            if track is None:
+                track = _Track()
+                if len(self._tracks) < 2 * MAX_BODIES:
+                    self._tracks[name] = track
             track.fault = _fault(name, body, counts[name])
             if not track.fault:
-                pose = self._in_world(name, body, timed, frame)
+                pose = _in_world(name, body, timed.stamp_ns, frame, is_y_up=is_y_up)
                 if self._is_plausible(track, pose):
                     _follow(track, pose)
                     used.append(pose)
@@ -131,16 +146,6 @@ class Bodies:
         more = f" ({len(problems) - 1} more)" if problems[1:] else ""
         return f"{problems[0]}{more}" if problems else ""
 
-    def _in_world(self, name: str, body: BodySample, timed: TimedFrame, frame: Frame | None) -> BodyPose:
-        position_m, turn = body.position_m, body.orientation_xyzw
-        if (self._config.up or timed.up) == "y":
-            position_m = (position_m[0], -position_m[2], position_m[1])
-            turn = (turn[0], -turn[2], turn[1], turn[3])
-        if frame is not None:
-            position_m = point_in_world(position_m, frame)
-            turn = rotation.multiply(frame.orientation_xyzw, turn)
-        return BodyPose(name, timed.stamp_ns, position_m, turn, max(MIN_SIGMA_M, min(1.0, body.error_m)))
-
     def _is_plausible(self, track: _Track, pose: BodyPose) -> bool:
         """Return False if the body has just jumped."""
         last, seen_ns, track.seen_ns = track.pose, track.seen_ns, pose.stamp_ns
@@ -184,6 +189,19 @@ def front_azimuth(pose: BodyPose) -> float:
     return vector.azimuth(rotation.rotate(pose.orientation_xyzw, (1.0, 0.0, 0.0)))
 
 
+def _in_world(name: str, body: BodySample, stamp_ns: int, frame: Frame | None, *, is_y_up: bool) -> BodyPose:
+    position_m, turn, sigma_m = body.position_m, body.orientation_xyzw, body.error_m
+    if is_y_up:
+        position_m = (position_m[0], -position_m[2], position_m[1])
+        turn = (turn[0], -turn[2], turn[1], turn[3])
+    if frame is not None:
+        position_m = point_in_world(position_m, frame)
+        turn = rotation.multiply(frame.orientation_xyzw, turn)
+    if not MIN_SIGMA_M <= sigma_m <= MAX_SIGMA_M:
+        sigma_m = MIN_SIGMA_M if sigma_m < MIN_SIGMA_M else MAX_SIGMA_M
+    return BodyPose(name, stamp_ns, position_m, turn, sigma_m)
+
+
 def _fault(name: str, body: BodySample, count: int) -> str:
     """Return the reason why a body cannot be used, or `""`."""
     if count > 1:
@@ -196,20 +214,19 @@ def _fault(name: str, body: BodySample, count: int) -> str:
 
 
 def _has_jumped(last: BodyPose, pose: BodyPose, since_s: float) -> bool:
-    alike = abs(sum(a * b for a, b in zip(last.orientation_xyzw, pose.orientation_xyzw, strict=True)))
-    moved_m, turned_rad = math.dist(last.position_m, pose.position_m), 2.0 * math.acos(min(1.0, alike))
-    return moved_m > MAX_SPEED_MPS * since_s + JUMP_M or turned_rad > MAX_RATE_RADPS * since_s + JUMP_RAD
+    if math.dist(last.position_m, pose.position_m) > MAX_SPEED_MPS * since_s + JUMP_M:
+        return True
+    ax, ay, az, aw = last.orientation_xyzw
+    bx, by, bz, bw = pose.orientation_xyzw
+    alike = abs(ax * bx + ay * by + az * bz + aw * bw)
+    return alike < MIN_ALIKE and 2.0 * math.acos(alike) > MAX_RATE_RADPS * since_s + JUMP_RAD
 
 
 def _follow(track: _Track, pose: BodyPose) -> None:
-    if track.poses and not 0 < pose.stamp_ns - track.poses[-1].stamp_ns <= HOLD_NS:
-        track.poses.clear()
+    poses = track.poses
+    if poses and not 0 < pose.stamp_ns - poses[-1].stamp_ns <= HOLD_NS:
+        poses.clear()
     track.pose = pose
-    track.poses.append(pose)
-    while len(track.poses) > 2 and pose.stamp_ns - track.poses[1].stamp_ns >= VELOCITY_NS:
-        track.poses.popleft()
-    since_s = (pose.stamp_ns - track.poses[0].stamp_ns) / NS_PER_S
-    moved_m = vector.subtract(pose.position_m, track.poses[0].position_m)
-    track.velocity_mps = (
-        vector.scale(moved_m, 1.0 / since_s) if since_s > VELOCITY_NS / 2 / NS_PER_S else (0.0, 0.0, 0.0)
-    )
+    poses.append(pose)
+    while len(poses) > 2 and pose.stamp_ns - poses[1].stamp_ns >= VELOCITY_NS:
+        poses.popleft()

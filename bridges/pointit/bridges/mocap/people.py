@@ -7,7 +7,6 @@ from pointit.bridges.mocap.bodies import BodyPose
 from pointit.bridges.mocap.config import MocapConfig
 from pointit.forearm.forearm_yaw import ForearmYaw
 from pointit.forearm.true_pose import PERSON, PERSON_FRAME, PoseError, TruePose
-from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, UserPose
 
 FRESH_NS = NS_PER_S // 2
@@ -30,7 +29,6 @@ class _Worn:
     has_forearm: bool
     yaw: ForearmYaw = field(default_factory=ForearmYaw)
     head_pose: BodyPose | None = None
-    velocity_mps: Vec3 = (0.0, 0.0, 0.0)
     arm_ns: int = 0
     forearm_ns: int = 0
 

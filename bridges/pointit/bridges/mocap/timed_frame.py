@@ -48,9 +48,12 @@ def body_sample(
     is_tracked: bool = True,
 ) -> BodySample:
     """Return a body; one whose values are not finite, too large or no rotation is not tracked."""
-    (x, y, z), length = position_m, math.hypot(*orientation_xyzw)
-    if not (all(abs(each) < MAX_POSITION_M for each in (x, y, z)) and 0.9 < length < 1.1):
+    (x, y, z), (qx, qy, qz, qw) = position_m, orientation_xyzw
+    length, limit_m = math.hypot(qx, qy, qz, qw), MAX_POSITION_M
+    if not (
+        -limit_m < x < limit_m and -limit_m < y < limit_m and -limit_m < z < limit_m and 0.9 < length < 1.1
+    ):
         return BodySample(number, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.0, is_tracked=False, measured=None)
-    qx, qy, qz, qw = (each / length for each in orientation_xyzw)
+    turn = (qx / length, qy / length, qz / length, qw / length)
     error_m = error_m if math.isfinite(error_m) else 0.0
-    return BodySample(number, (x, y, z), (qx, qy, qz, qw), error_m, is_tracked, measured=None)
+    return BodySample(number, (x, y, z), turn, error_m, is_tracked, measured=None)

@@ -37,6 +37,7 @@ MAX_COMPONENTS = 32
 RATE = "frequency:100"
 """Frames that are asked for. Cameras with a higher rate would only cost time."""
 _HEADER, _COMPONENTS_AT = struct.Struct("<II"), 12
+_BODY, _BODIES_AT = struct.Struct("<13f"), 8
 _ERROR, _DATA, _NO_DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 4, 6, 7, 9
 
 
@@ -158,12 +159,14 @@ class QtmClient(asyncio.Protocol):
         if components > MAX_COMPONENTS:
             raise ValueError(f"{components} components")
         frame = self._qtm.QRTPacket(data)
-        component = frame.get_6d_residual()
-        if component is not None:
-            bodies = [
-                (position, rotation.matrix, residual.residual)
-                for position, rotation, residual in component[1]
-            ]
+        position = frame.components.get(self._qtm.packet.QRTComponentType.Component6dRes)
+        if position is not None:
+            (count,) = struct.unpack_from("<I", data, position)
+            end = position + _BODIES_AT + count * _BODY.size
+            if end > len(data):
+                raise ValueError(f"{count} bodies in {len(data)} bytes")
+            rows = _BODY.iter_unpack(data[position + _BODIES_AT : end])
+            bodies = [(row[:3], row[3:12], row[12]) for row in rows]
             self._session.receive(frame.timestamp, bodies, self._now_ns())
 
     async def _receive(self) -> None:

@@ -1,5 +1,6 @@
 """Session with one QTM server: names of its bodies, times of its frames. Pure; time is an argument."""
 
+import math
 import xml.etree.ElementTree as ET
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -115,12 +116,9 @@ class QtmSession:
         self._used_ns = now_ns
         samples = (
             body_sample(
-                number,
-                [value / 1000.0 for value in position_mm],
-                _quaternion(matrix),
-                max(0.0, residual_mm / 1000.0),
+                number, (x / 1000.0, y / 1000.0, z / 1000.0), _quaternion(matrix), max(0.0, mm / 1000.0)
             )
-            for number, (position_mm, matrix, residual_mm) in enumerate(bodies, start=1)
+            for number, ((x, y, z), matrix, mm) in enumerate(bodies, start=1)
         )
         named = tuple(zip(self._names, samples, strict=True))
         self._on_frame(TimedFrame(stamp_ns, ARRIVAL_SIGMA_S, named, self._up[-1:]))
@@ -165,16 +163,20 @@ def _decoded(text: bytes) -> str:
 def _quaternion(matrix: Sequence[float]) -> Quaternion:
     """Return the rotation of a matrix that is given by columns. Its length differs from 1 if it is none."""
     a, b, c, d, e, f, g, h, i = matrix
-    squares = (1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i, 1.0 + a + e + i)
-    largest = max(range(4), key=lambda index: squares[index])
-    rows = (
-        (squares[0], b + d, g + c, f - h),
-        (b + d, squares[1], f + h, g - c),
-        (g + c, f + h, squares[2], b - d),
-        (f - h, g - c, b - d, squares[3]),
-    )
-    if not squares[largest] > 0.0:  # also NaN
+    if a + e + i >= 0.0:
+        square = 1.0 + a + e + i
+        row = (f - h, g - c, b - d, square)
+    elif a >= e and a >= i:
+        square = 1.0 + a - e - i
+        row = (square, b + d, g + c, f - h)
+    elif e >= i:
+        square = 1.0 - a + e - i
+        row = (b + d, square, f + h, g - c)
+    else:
+        square = 1.0 - a - e + i
+        row = (g + c, f + h, square, b - d)
+    if not square > 0.0:  # also NaN
         return (0.0, 0.0, 0.0, 0.0)
-    scale = 0.5 / squares[largest] ** 0.5
-    x, y, z, w = (value * scale for value in rows[largest])
-    return (x, y, z, w)
+    scale = 0.5 / math.sqrt(square)
+    x, y, z, w = row
+    return (scale * x, scale * y, scale * z, scale * w)

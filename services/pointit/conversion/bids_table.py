@@ -13,6 +13,8 @@ from pointit.schemas import NS_PER_S
 
 MISSING = "n/a"
 """Missing value of BIDS."""
+MIN_DURATION_S = 1.0
+"""Least duration of a session from which a rate is computed, s."""
 KINDS = ("POS", "ORNT", "VEL", "GYRO", "ACCEL", "ANGACCEL", "MAGN", "JNTANG", "MISC")
 """Types of channels that are counted."""
 _FRAMES = {
@@ -78,14 +80,24 @@ class BidsTable:
             latency = f"{(self.stamps_ns[row] - onset_ns) / NS_PER_S:.6f}"
             yield "\t".join((latency, *(MISSING if isnan(cell) else f"{cell:.6f}" for cell in cells)))
 
-    def rates_hz(self) -> tuple[float, float]:
-        """Return the nominal and the effective rate; 0 of a single sample."""
+    def rates_hz(self, duration_s: float) -> tuple[float, float]:
+        """Return the nominal and the effective rate in a session of `duration_s`, which are above 0.
+
+        The standard wants a number, and readers divide by it. Samples of one time, such as a pose that was
+        set once, have the rate that their number in the whole session gives, as the standard computes it.
+        """
         stamps = sorted(self.stamps_ns)
         steps = [after - before for before, after in itertools.pairwise(stamps) if after > before]
         if not steps:
-            return 0.0, 0.0
-        effective = (len(stamps) - 1) * NS_PER_S / (stamps[-1] - stamps[0])
-        return round(NS_PER_S / median(steps), 3), round(effective, 3)
+            rate_hz = _rounded(len(stamps) / max(duration_s, MIN_DURATION_S))
+            return rate_hz, rate_hz
+        effective_hz = (len(stamps) - 1) * NS_PER_S / (stamps[-1] - stamps[0])
+        return _rounded(NS_PER_S / median(steps)), _rounded(effective_hz)
+
+
+def _rounded(rate_hz: float) -> float:
+    """Return `rate_hz` with six digits, so that a low one is not 0."""
+    return float(f"{rate_hz:.6g}")
 
 
 def motion_folder(begin: str) -> Path:
@@ -94,9 +106,11 @@ def motion_folder(begin: str) -> Path:
     return Path(subject, session, "motion")
 
 
-def motion_json(system: str, task: str, channels: Sequence[BidsChannel], table: BidsTable) -> dict[str, Any]:
-    """Return the content of `motion.json`."""
-    nominal_hz, effective_hz = table.rates_hz()
+def motion_json(
+    system: str, task: str, channels: Sequence[BidsChannel], table: BidsTable, duration_s: float
+) -> dict[str, Any]:
+    """Return the content of `motion.json`. `duration_s`: of the session."""
+    nominal_hz, effective_hz = table.rates_hz(duration_s)
     kinds = [channel.kind for channel in channels]
     return {
         "TaskName": task,

@@ -192,10 +192,10 @@ class _RecordedMotion:
         subject, _, session = begin.partition("_task-")[0].partition("_")
         place = staging / motion_folder(begin)
         place.mkdir(parents=True)
-        onset_ns = min(
-            [min(table.stamps_ns) for table in self._tables.values() if table.stamps_ns]
-            + [event.stamp_ns for event in self._events]
-        )
+        stamps_ns = [event.stamp_ns for event in self._events]
+        for table in self._tables.values():
+            stamps_ns += min(table.stamps_ns), max(table.stamps_ns)
+        onset_ns, duration_s = min(stamps_ns), (max(stamps_ns) - min(stamps_ns)) / NS_PER_S
         rows: dict[Path, int] = {}
         for (owner, system), table in self._tables.items():
             channels = table.channels(person)
@@ -205,7 +205,7 @@ class _RecordedMotion:
             path = place / f"{stem}_motion.tsv"
             _write_lines(path, table.rows(person, onset_ns))
             rows[path.relative_to(staging)] = len(table.stamps_ns)
-            _write_json(place / f"{stem}_motion.json", motion_json(system, task, channels, table))
+            _write_json(place / f"{stem}_motion.json", motion_json(system, task, channels, table, duration_s))
             _write_lines(place / f"{stem}_channels.tsv", channel_lines(channels))
             _write_json(place / f"{stem}_channels.json", channels_json(channels))
         events = [event for event in self._events if event.user == person]

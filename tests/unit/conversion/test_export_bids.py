@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from pointit.cli.main import command
 from pointit.conversion.export_bids import bids_label, export_bids
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import ImuSample, TrackedObject, TrackedObjects, topics
+from pointit.schemas import Cursor, ImuSample, TrackedObject, TrackedObjects, topics
 from tests.unit.conversion.bids_session import session
 from tests.unit.conversion.session import at, said, write
 
@@ -73,6 +73,21 @@ def test_channels_have_types_units_and_frames_of_the_standard(tmp_path: Path) ->
         8,
         3,
     )
+
+
+def rates_hz(folder: Path, system: str) -> tuple[float, float]:
+    (sidecar,) = folder.rglob(f"*tracksys-{system}_motion.json")
+    content = json.loads(sidecar.read_text(encoding="utf-8"))
+    return content["SamplingFrequency"], content["SamplingFrequencyEffective"]
+
+
+def test_a_pose_that_was_set_once_has_the_rate_of_one_in_the_session(tmp_path: Path) -> None:
+    export_bids(session("anna"), tmp_path / "short")
+    assert rates_hz(tmp_path / "short", "pose") == (1.0, 1.0)  # the session lasts 0.78 s
+    late = Cursor(stamp_ns=at(10_000.5), point_m=None)
+    export_bids([*session("anna"), said(10_000.5, topics.CURSOR, "anna", late)], tmp_path / "long")
+    assert rates_hz(tmp_path / "long", "pose") == (0.0001, 0.0001)
+    assert rates_hz(tmp_path / "long", "imu") == (50.0, 50.0)
 
 
 def test_each_person_has_their_own_body_and_all_objects(tmp_path: Path) -> None:

@@ -248,7 +248,7 @@ MAP = Topic(
 OBJECTS = Topic(
     key="objects/{tracker}", message=environment.TrackedObjects, delivery=_LATEST, rate_hz=25,
     writers=("conveyor-sim", "robot-replay", "robot", "mocap", "agv-tracker", "ros2", "external", "pui"),
-    about="moving objects, and the things of the map; each tracker lists its own",
+    about="moving objects, things of the map, and true poses of people; each tracker lists its own",
 )
 SELECTION = Topic(
     key="selection", message=selection.Selection, delivery=_STATE, rate_hz=None, writers=("selector",),

@@ -12,12 +12,15 @@ from scipy.spatial.transform import Rotation
 from pointit.cli.people import calibrate_mounting, offset_report, pose_text
 from pointit.cli.people.anchor import sentence
 from pointit.cli.people.calibrate_mounting import format_result
+from pointit.cli.people.pose import LatestTruth
+from pointit.forearm.true_pose import PoseError
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Anchor, PointingOffset, UserPose
+from pointit.schemas import Anchor, PointingOffset, TrackedObject, TrackedObjects, UserPose, topics
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from tests.support import there
+from tests.support.bench import memory_bench
 
 S = 1_000_000_000
 EYES: Vec3 = (0.0, 0.0, 1.6)
@@ -162,6 +165,30 @@ def test_a_pose_in_peoples_units() -> None:
         "method        given, counts as exact",
         "published     6 min ago",
     ]
+
+
+def test_a_pose_shows_its_error_where_motion_capture_knows_it() -> None:
+    known = pose(method="static_targets")
+    shown = pose_text.fields(known, 2 * S, PoseError(0.124, math.radians(-3.4)))
+    assert (shown["position_error_m"], shown["yaw_error_deg"]) == pytest.approx((0.124, -3.4))
+    assert pose_text.lines(shown)[-1] == "true error    position 0.12 m, yaw -3.4°, by motion capture"
+    head_only = pose_text.fields(known, 2 * S, PoseError(0.5, None))
+    assert pose_text.lines(head_only)[-1] == "true error    position 0.50 m, yaw not known, by motion capture"
+    assert "true error" not in "".join(pose_text.lines(pose_text.fields(known, 2 * S)))
+
+
+async def test_the_truth_of_a_person_is_that_of_the_tracker_that_sees_them() -> None:
+    async with memory_bench() as bench:
+        truth = LatestTruth(bench.bus, "anna")
+        for tracker, name, kind in (("mocap", "anna", "person_frame"), ("robot", "cup", "red")):
+            each = TrackedObject(id=name, kind=kind, position_m=(1.0, -1.5, 1.7), yaw_rad=0.5)
+            bench.put(topics.OBJECTS, TrackedObjects(stamp_ns=10 * S, objects=(each,)), tracker)
+        await bench.settle()
+        assert await truth.wait(0.0) is not None
+    error = truth.error_of(pose(method="static_targets", yaw_rad=0.4))
+    assert error is not None
+    assert (error.position_m, error.yaw_rad) == pytest.approx((0.5, -0.1))
+    assert truth.error_of(pose(method="external")) is None  # it is of the same cameras
 
 
 def test_an_anchor_in_one_sentence() -> None:

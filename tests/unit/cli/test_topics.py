@@ -15,12 +15,14 @@ from rich.console import Console
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import print_table
 from pointit.cli.inspect.call import build, requests
-from pointit.cli.inspect.hz import RateMeter
+from pointit.cli.inspect.hz import RateMeter, TopicCounter
+from pointit.cli.inspect.hz import show as show_rates
 from pointit.cli.inspect.topic_names import Wanted, resolve, resolve_all
 from pointit.cli.inspect.track import TrackerMeters, Tracking, show
 from pointit.cli.main import command
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, TrackedObjects, UserPose, topics
 from pointit.services.registry import PROCESSES
+from tests.support.bench import memory_bench
 
 
 def invoke(*arguments: str) -> str:
@@ -285,6 +287,33 @@ def test_localized_people_are_compared_with_their_true_poses(capsys: pytest.Capt
     show(tracking, 3.0, as_json=True)
     assert [row["person"] for row in json.loads(capsys.readouterr().out)["truth"]] == ["anna", "ben", "cleo"]
     assert meters.take(6.0, 3.0).truth == (), "the tracker is silent: nothing is known to be true"
+
+
+@pytest.mark.parametrize("key", ["objects/*", "users/*/pose"])
+async def test_rates_of_objects_or_poses_come_with_the_errors_of_poses(
+    key: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async with memory_bench() as bench:
+        counter = TopicCounter(bench.bus, resolve_all([key]), [])
+        bench.put(topics.OBJECTS, TrackedObjects(stamp_ns=BEGIN_NS, objects=(thing("cup"),)), "robot")
+        head = thing("anna", kind="person_frame", yaw_rad=0.1)
+        bench.put(topics.OBJECTS, TrackedObjects(stamp_ns=BEGIN_NS, objects=(head,)), "mocap")
+        pose = UserPose(stamp_ns=BEGIN_NS, position_m=(1.0, 2.3, 0.0), yaw_rad=0.2, method="static_targets")
+        bench.put(topics.POSE, pose, "anna")
+        await bench.settle()
+        rates, truth = counter.take(1.0, 1.0), counter.pose_errors.take()
+    assert {rate.key for rate in rates} == (
+        {"objects/mocap", "objects/robot"} if "obj" in key else {"users/anna/pose"}
+    )
+    (row,) = truth
+    assert row.person == "anna"
+    assert (row.position_error_m, row.yaw_error_deg) == pytest.approx((0.3, math.degrees(0.1)))
+    assert counter.pose_errors.take() == (), "nothing came since: nothing is known to be true"
+    show_rates(rates, 1.0, 0, truth, as_json=False)
+    assert "localized pose less the true one" in capsys.readouterr().out
+    show_rates(rates, 1.0, 0, truth, as_json=True)
+    (shown,) = json.loads(capsys.readouterr().out)["truth"]
+    assert shown["position_error_m"] == pytest.approx(0.3)
 
 
 def test_without_a_tracker_the_remedy_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,12 +12,12 @@ from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import OutputSection, console, json_option, print_table, to_json, write_line
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.cli.inspect.topic_names import EVERYTHING, Wanted, resolve_all
-from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.bus.contract import AnyTopic, Bus
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message, encode
-from pointit.schemas.topics import ANY, IMU
+from pointit.schemas.topics import ANY, IMU, OBJECTS, POSE
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -115,7 +115,8 @@ def command(
 ) -> int:
     """Measure rate, jitter and bandwidth of the messages on each KEY.
 
-    KEY is as for `pointit topic echo`. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0.
+    KEY is as for `pointit topic echo`. With objects or poses, localized people whom motion capture sees, too,
+    are compared with their true pose. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0.
     With --json each window is one object on one line.
 
     Example: pointit topic hz users/anna/imu --watch
@@ -141,19 +142,22 @@ async def _measure(
 ) -> int:
     loop = asyncio.get_running_loop()
     async with join_site(**at) as bus:
-        counter = _Counter(bus, wanted, named)
+        counter = TopicCounter(bus, wanted, named)
         while True:
             await asyncio.sleep(window_s)
             rates = counter.take(loop.time(), window_s)
-            read_on = _show(rates, window_s, counter.take_conflated(), as_json=as_json)
+            conflated, truth = counter.take_conflated(), counter.pose_errors.take()
+            read_on = show(rates, window_s, conflated, truth, as_json=as_json)
             if not (watch and read_on):
                 return 0 if any(rate.messages for rate in rates) else EXIT_FAILED
 
 
-class _Counter:
+class TopicCounter:
     """A meter for each named key, and for each that appears."""
 
-    def __init__(self, bus: ZenohBus, wanted: list[Wanted], named: list[Wanted]) -> None:
+    def __init__(self, bus: Bus, wanted: list[Wanted], named: list[Wanted]) -> None:
+        """Subscribe to `wanted`; keys of `named` count from the beginning."""
+        self.pose_errors = PoseErrors()
         self._loop = asyncio.get_running_loop()
         self._meters: dict[str, RateMeter] = {}
         self._conflated = 0
@@ -161,8 +165,14 @@ class _Counter:
             if name != ANY:
                 self._meter(topic, name)
         self._subscriptions = [bus.subscribe(row, self._handler(row), name or ANY) for row, name in wanted]
+        topics = [row for row, _ in wanted]
+        if OBJECTS in topics and POSE not in topics:
+            bus.subscribe(POSE, self.pose_errors.add)
+        elif POSE in topics and OBJECTS not in topics:
+            bus.subscribe(OBJECTS, self.pose_errors.add)
 
     def take(self, now_s: float, window_s: float) -> list[TopicRate]:
+        """Return the rates in the last `window_s` by key, and start the next window."""
         return [self._meters[key].take(now_s, window_s) for key in sorted(self._meters)]
 
     def take_conflated(self) -> int:
@@ -174,6 +184,7 @@ class _Counter:
     def _handler(self, topic: AnyTopic) -> Any:
         def on_message(message: Message, name: str) -> None:
             self._meter(topic, name).add(self._loop.time(), len(encode(message)))
+            self.pose_errors.add(message, name)
 
         return on_message
 
@@ -184,14 +195,17 @@ class _Counter:
         return self._meters[key]
 
 
-def _show(rates: list[TopicRate], window_s: float, conflated: int, *, as_json: bool) -> bool:
+def show(
+    rates: list[TopicRate], window_s: float, conflated: int, truth: tuple[TruthRow, ...], *, as_json: bool
+) -> bool:
     """Print one window. Return False if the reader of the pipe is gone."""
     if conflated:
         click.echo(
             f"{conflated} messages came faster than they could be counted: rates are too low", err=True
         )
     if as_json:
-        return write_line(to_json({"window_s": window_s, "keys": [asdict(rate) for rate in rates]}))
+        shown = {"keys": [asdict(rate) for rate in rates], "truth": [asdict(row) for row in truth]}
+        return write_line(to_json({"window_s": window_s, **shown}))
     rows = tuple(
         {
             "key": rate.key,
@@ -207,6 +221,7 @@ def _show(rates: list[TopicRate], window_s: float, conflated: int, *, as_json: b
     )
     if rows:
         print_table(console(), OutputSection(name="rates", about=f"over {window_s:g} s", rows=rows))
+        print_errors(console(), truth)
     else:
         click.echo(f"nothing came within {window_s:g} s; who runs? See `pointit doctor`", err=True)
     return True

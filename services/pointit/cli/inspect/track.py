@@ -22,7 +22,7 @@ from pointit.cli.common.output import (
 )
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect.hz import RateMeter, window_options
-from pointit.forearm.true_pose import find_true_poses
+from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import NS_PER_S, TrackedObjects, UserPose, encode
 from pointit.schemas.topics import OBJECTS, POSE
@@ -63,18 +63,6 @@ class ObjectRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TruthRow:
-    """Difference of a person's localized pose from the one that a tracker sees."""
-
-    person: str
-    position_error_m: float | None
-    """None if they are not localized."""
-    yaw_error_deg: float | None
-    """Localized less true yaw. None if the true one is not known."""
-    true_yaw_deg: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
 class Tracking:
     """All trackers over one window."""
 
@@ -93,7 +81,7 @@ class TrackerMeters:
         self._meters: dict[str, RateMeter] = {}
         self._ages_s: dict[str, deque[float]] = {}
         self._newest: dict[str, TrackedObjects] = {}
-        self._poses: dict[str, UserPose] = {}
+        self._pose_errors = PoseErrors()
         self._duplicate_finder = DuplicateFinder()
 
     def add(self, tracker: str, message: TrackedObjects, *, arrived_s: float, arrived_ns: int) -> None:
@@ -112,15 +100,15 @@ class TrackerMeters:
         ages_s = self._ages_s.setdefault(tracker, deque(maxlen=MAX_LINES))
         ages_s.append((arrived_ns - message.stamp_ns) / NS_PER_S)
         self._newest[tracker] = message
+        self._pose_errors.add(message, tracker)
 
     def add_pose(self, user: str, pose: UserPose) -> None:
         """Add the pose of a person, which is compared with that of trackers."""
-        self._poses[user] = pose
+        self._pose_errors.add(pose, user)
 
     def take(self, now_s: float, window_s: float) -> Tracking:
         """Return the last `window_s` until `now_s`, and start the next window."""
         trackers: list[TrackerRow] = []
-        received = {tracker: self._newest[tracker] for tracker, ages_s in self._ages_s.items() if ages_s}
         for tracker, message in sorted(self._newest.items()):
             ages_s = self._ages_s[tracker]
             trackers.append(
@@ -142,7 +130,7 @@ class TrackerMeters:
         return Tracking(
             trackers=tuple(trackers),
             objects=tuple(_object_rows(self._newest)),
-            truth=tuple(_truth_rows(received, self._poses)),
+            truth=self._pose_errors.take(),
             twins=tuple(twin.sentence for twin in duplicates),
         )
 
@@ -163,23 +151,6 @@ def _object_rows(newest: dict[str, TrackedObjects]) -> list[ObjectRow]:
         for tracker, message in sorted(newest.items())
         for item in sorted(message.objects, key=lambda each: each.id)
     ]
-
-
-def _truth_rows(newest: dict[str, TrackedObjects], poses: dict[str, UserPose]) -> list[TruthRow]:
-    rows: list[TruthRow] = []
-    for person, true_pose in sorted(find_true_poses(newest).items()):
-        pose = poses.get(person)
-        error = None if pose is None else true_pose.error_of(pose)
-        yaw_error_rad = None if error is None else error.yaw_rad
-        rows.append(
-            TruthRow(
-                person=person,
-                position_error_m=None if error is None else error.position_m,
-                yaw_error_deg=None if yaw_error_rad is None else math.degrees(yaw_error_rad),
-                true_yaw_deg=None if true_pose.yaw_rad is None else math.degrees(true_pose.yaw_rad),
-            )
-        )
-    return rows
 
 
 @click.command("track", params=site_options())
@@ -250,9 +221,7 @@ def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
         print_table(
             screen, OutputSection(name="objects", about="as last reported", rows=objects, roomy=roomy)
         )
-    if tracking.truth:
-        truth: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.truth)
-        print_table(screen, OutputSection(name="truth", about="localized pose less the true one", rows=truth))
+    print_errors(screen, tracking.truth)
     for sentence in tracking.twins:
         say(f"warning: {sentence}")
     return True

@@ -16,18 +16,31 @@ from pointit.cli.common.panels import PanelCommand
 from pointit.cli.people import pose_text
 from pointit.cli.people.anchoring import LISTEN_S
 from pointit.cli.people.pose_text import localizing, missing_reason, out_of_map_warning, people
+from pointit.forearm.true_pose import PoseError, TruePose, find_true_poses
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.service.shutdown import run_until_shutdown
-from pointit.schemas import Localization, SetHeading, SetPose, UserPose
+from pointit.schemas import Localization, SetHeading, SetPose, TrackedObjects, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.text import plain
-from pointit.schemas.topics import LOCALIZATION, MAP, POSE, SERVICE_ALIVE, SET_HEADING, SET_POSE, check_name
+from pointit.schemas.topics import (
+    ANY,
+    LOCALIZATION,
+    MAP,
+    OBJECTS,
+    POSE,
+    SERVICE_ALIVE,
+    SET_HEADING,
+    SET_POSE,
+    check_name,
+)
 
 TYPED_SIGMA_M = 0.05
 """Sigma of a position given without yaw, if the yaw itself is uncertain."""
 CLOCK_TIMEOUT_S = 0.3
+TRUTH_TIMEOUT_S = 0.3
+"""Timeout for the true pose by motion capture, of which most sites have none."""
 MAP_TIMEOUT_S = 0.3
 """Timeout for the map with which a position is checked; it is a state, so it arrives at once."""
 YAW_TIMEOUT_S = 2.0
@@ -41,7 +54,8 @@ HELP = """Show or set the pose of the person USER.
 
 \b
 Examples:
-  pointit person pose anna                  position, yaw, drift and 1 sigma
+  pointit person pose anna                  position, yaw, drift and 1 sigma;
+                                            their error by motion capture
   pointit person pose anna 2.0 0.5          set the position, m; the yaw stays
   pointit person pose anna 2 0.5 --yaw 20   set the yaw, too
   pointit person pose anna --facing 90      set it: anna points level along y
@@ -143,6 +157,7 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
         clock = SiteClock(bus)
         latest_pose = site_link.LatestMessage(bus, POSE, user)
         latest_localization = site_link.LatestMessage(bus, LOCALIZATION, user)
+        latest_truth = LatestTruth(bus, user)
         try:
             sentences = await _say(bus, user, asked, latest_pose)
         except NoAnswerError as error:
@@ -159,14 +174,34 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
                 say(f"{user}: {sentence}{site_link.default_address_note(**at)}")
             return 0
         pose = await found(bus, user, latest_pose, latest_localization)
-        await clock.wait_for_tick(CLOCK_TIMEOUT_S)
-        shown = pose_text.fields(pose, clock.now_ns())
+        await asyncio.gather(clock.wait_for_tick(CLOCK_TIMEOUT_S), latest_truth.wait(TRUTH_TIMEOUT_S))
+        shown = pose_text.fields(pose, clock.now_ns(), latest_truth.error_of(pose))
     if as_json:
         print_json({"user": user, **shown})
     else:
         for line in pose_text.lines(shown):
             click.echo(plain(line))
     return 0
+
+
+class LatestTruth(site_link.LatestMessage[TrackedObjects]):
+    """Latest message of a tracker that sees the true pose of a person."""
+
+    def __init__(self, bus: Bus, user: str) -> None:
+        """Subscribe to all trackers."""
+        self._user = user
+        self._true_pose: TruePose | None = None
+        super().__init__(bus, OBJECTS, ANY)
+
+    def error_of(self, pose: UserPose) -> PoseError | None:
+        """Return the error of a localized pose, or None if no tracker sees the person."""
+        return None if self._true_pose is None else self._true_pose.error_of(pose)
+
+    def _on_message(self, message: TrackedObjects, name: str) -> None:
+        true_pose = find_true_poses({name: message}).get(self._user)
+        if true_pose is not None:
+            self._true_pose = true_pose
+            super()._on_message(message, name)
 
 
 async def found(

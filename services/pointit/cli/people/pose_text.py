@@ -6,6 +6,7 @@ from typing import Any
 
 from pointit.api.press import add_or_similar
 from pointit.diagnosis.writers import silence_reason
+from pointit.forearm.true_pose import PoseError
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import NS_PER_S, Environment, Localization, UserPose
 from pointit.schemas.base import Vec3
@@ -45,8 +46,9 @@ def drift_degpmin(pose: UserPose) -> float:
     return math.degrees(pose.yaw_rate_radps) * 60.0
 
 
-def fields(pose: UserPose, now_ns: int) -> dict[str, Any]:
-    """Return `pose` for programs; angles in degrees, ages in seconds, None if unknown."""
+def fields(pose: UserPose, now_ns: int, error: PoseError | None = None) -> dict[str, Any]:
+    """Return `pose` and its `error` for programs; angles in degrees, ages in seconds, None if unknown."""
+    yaw_error_rad = None if error is None else error.yaw_rad
     position_sigma_m, yaw_sigma_rad = sigmas(pose)
     rate_sigma = pose.yaw_rate_sigma_radps
     return {
@@ -60,6 +62,8 @@ def fields(pose: UserPose, now_ns: int) -> dict[str, Any]:
         "anchor_age_s": _age_s(pose.anchored_ns, now_ns) if pose.anchored_ns else None,
         "method": pose.method,
         "age_s": _age_s(pose.stamp_ns, now_ns),
+        "position_error_m": None if error is None else error.position_m,
+        "yaw_error_deg": None if yaw_error_rad is None else math.degrees(yaw_error_rad),
     }
 
 
@@ -89,6 +93,11 @@ def lines(shown: Mapping[str, Any]) -> list[str]:
     if shown["elevation_bias_deg"]:
         which = "high" if shown["elevation_bias_deg"] > 0 else "low"
         rows.insert(2, (f"rays too {which}", f"by {abs(shown['elevation_bias_deg']):.1f}°"))
+    if shown["position_error_m"] is not None:
+        turn = "not known" if shown["yaw_error_deg"] is None else f"{shown['yaw_error_deg']:+.1f}°"
+        rows.append(
+            ("true error", f"position {shown['position_error_m']:.2f} m, yaw {turn}, by motion capture")
+        )
     return [f"{name:<14}{text}" for name, text in rows]
 
 

@@ -74,11 +74,14 @@ class People:
             there = ", ".join(self.names) or "nobody"
             raise RefusedError(f"{user} is not there; there: {there}")
 
-    def press(self, user: str, gesture: Gesture = "press", *, source: str = "page") -> None:
-        """Press the button of `user`, who must be present."""
+    def press(
+        self, user: str, gesture: Gesture = "press", *, source: str = "page", held_s: float = 0.0
+    ) -> None:
+        """Press the button of `user`, who must be present. It went down `held_s` of wall time ago."""
         self._presses += 1
+        down_ns = self._clock.now_ns() - round(held_s * self._clock.speed * NS_PER_S)
         self._writers[user].button.put(
-            ButtonEvent(stamp_ns=self._clock.now_ns(), seq=self._presses, gesture=gesture, source=source)
+            ButtonEvent(stamp_ns=max(0, down_ns), seq=self._presses, gesture=gesture, source=source)
         )
 
     def step(self, user: str, by: Literal[-1, 1], *, source: str = "page") -> None:

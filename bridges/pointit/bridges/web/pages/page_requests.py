@@ -3,7 +3,8 @@
 Requests of the table go to their servers unchanged: `name` is the user where the key has one, `query` has
 the query's fields. Actions of this server are the rows of `ACTIONS`, at the end; `name` is the person:
 
-- `press`, `{"gesture": "press" | "double" | "hold"}`: press the person's button.
+- `press`, `{"gesture": "press" | "double" | "hold", "held_s": 0.2}`: press the person's button, which went
+  down that long ago.
 - `step`, `{"by": -1 | 1}`: from the announced thing to the one left or right of it.
 - `take`, `{"by": "mouse" | "headset"}`: move the person's arm by this page's mouse or its headset; an idle
   person begins to point. `give`: give it back, whichever page moves it.
@@ -84,6 +85,9 @@ REQUESTS: dict[Role, tuple[topics.Request[Any, Any], ...]] = {
 
 MAX_EDITS = 1000
 
+MAX_HELD_S = 2.0
+"""Largest duration of a press, s."""
+
 OLDEST_S = 60.0
 """Largest age of a word, s."""
 
@@ -103,6 +107,7 @@ class Press(_Extras):
     """Parameters of a press."""
 
     gesture: Literal["press", "double", "hold"] = "press"
+    held_s: float = Field(default=0.0, ge=0.0, le=MAX_HELD_S, description="age of its onset")
 
 
 class StepBeside(_Extras):
@@ -289,7 +294,8 @@ def _source_of(dispatcher: RequestDispatcher, sender: PageSender) -> str:
 
 
 async def _press(dispatcher: RequestDispatcher, sender: PageSender, press: Press) -> JsonObject:
-    dispatcher.people.press(sender.user, press.gesture, source=_source_of(dispatcher, sender))
+    source = _source_of(dispatcher, sender)
+    dispatcher.people.press(sender.user, press.gesture, source=source, held_s=press.held_s)
     return {"message": f"{sender.user}'s button was pressed"}
 
 

@@ -11,7 +11,7 @@ test("an arm that another page took before any status told of it is not pointed 
   const clock = performance.now;
   performance.now = () => now;
   const site = emptySite(), asked: string[] = [];
-  const connection = { ask: (wish: { deed: string; name: string }) => (asked.push(`${wish.deed} ${wish.name}`), Promise.resolve({})) };
+  const connection = { ask: (wish: { deed: string; name: string; query?: { held_s?: number } }) => (asked.push(`${wish.deed} ${wish.name} ${wish.query?.held_s ?? ""}`.trim()), Promise.resolve({})) };
   const controls = new Controls(site, {} as never, connection as never, {} as never, () => {});
   const arm = new HeadsetArm(controls);
   const appears = (line: object) => {
@@ -22,6 +22,8 @@ test("an arm that another page took before any status told of it is not pointed 
   appears({});
   const [problem, second] = await Promise.all([arm.take(), arm.take()]);
   assert.deepEqual([problem, second !== "", asked], ["", true, ["take ada"]]);
+  await Promise.all([arm.press(150), arm.press(9000)]);
+  assert.deepEqual(asked.splice(1), ["press ada 0.15", "press ada 2"]);
   appears({ moved_by: "mouse" }); // may be older than the consent
   assert.equal(arm.pointing, "ada");
   now = 4000;

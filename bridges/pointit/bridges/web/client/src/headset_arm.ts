@@ -7,6 +7,8 @@ import type { HeadsetMotion } from "./wire";
 
 /** Time after the consent in which a status tells of it, ms; there is one a second. */
 const CONFIRM_MS = 3000;
+/** Limit of the server for the duration of a press, ms. */
+const MAX_HELD_MS = 2000;
 
 export class HeadsetArm implements Arm {
   /** Person whom the wearer points as, from the server's consent on; or "". */
@@ -38,8 +40,8 @@ export class HeadsetArm implements Arm {
     this.pointing = "";
   }
 
-  press(): Promise<string> {
-    return this.ask({ deed: "press", name: this.pointing });
+  press(heldMs: number): Promise<string> {
+    return this.ask({ deed: "press", name: this.pointing, query: { held_s: Math.min(heldMs, MAX_HELD_MS) / 1000 } });
   }
 
   step(by: -1 | 1): Promise<string> {

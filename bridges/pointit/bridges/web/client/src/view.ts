@@ -31,7 +31,8 @@ export interface Arm {
   readonly user: string;
   take(): Promise<string>;
   give(): void;
-  press(): Promise<string>;
+  /** Press the button, which went down `heldMs` ago: what was pointed at before that counts. */
+  press(heldMs: number): Promise<string>;
   /** From the announced thing to the one left or right of it. */
   step(by: -1 | 1): Promise<string>;
   move(measured: Pick<HeadsetMotion, "alignment" | "eyes_m" | "tip_m">): void;

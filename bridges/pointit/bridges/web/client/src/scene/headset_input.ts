@@ -4,8 +4,8 @@ import type { Alignment } from "../geometry/alignment";
 import type { Vec3 } from "../geometry/vec";
 import type { Arm } from "../view";
 
-/** Minimum time between two messages, ms: 60 a second, with some play. */
-const LEAST_MS = 12;
+/** Minimum time between two messages, ms: every frame of a headset with 120 a second, which the server accepts. */
+const LEAST_MS = 8;
 /** Time for which a hand stays where it was tracked last, ms. Then the arm hangs. */
 const LOST_MS = 400;
 /** Deflections of a thumbstick from which it steps, and below which it may step again. */
@@ -26,12 +26,13 @@ export class HeadsetInput {
   /**
    * Send where the wearer points now, ms.
    *
+   * @param presses buttons that are down, each with the position of the tip before, which counts: pinching moves the finger
    * @param eyes position of the eyes in the session's space, levelled
    * @param tipOf returns the same of the tip of a hand or controller, null if it is not tracked
    */
-  update(now: number, sources: Iterable<XRInputSource>, eyes: Vec3, tipOf: (source: XRInputSource) => Vec3 | null, { yaw, origin }: Alignment): void {
+  update(now: number, sources: Iterable<XRInputSource>, presses: ReadonlyMap<XRInputSource, { readonly at: Vec3 | null }>, eyes: Vec3, tipOf: (source: XRInputSource) => Vec3 | null, { yaw, origin }: Alignment): void {
     if (!this.arm.pointing) return;
-    const source = [...sources].find(({ handedness }) => handedness === this.hand), tip = source ? tipOf(source) : null;
+    const source = [...sources].find(({ handedness }) => handedness === this.hand), tip = source ? presses.get(source)?.at ?? tipOf(source) : null;
     if (tip || now - this.trackedAt > LOST_MS) this.tip = tip;
     if (tip) this.trackedAt = now;
     this.steer(source?.gamepad?.axes[STICK_AXIS] ?? 0);

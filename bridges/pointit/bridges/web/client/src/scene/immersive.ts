@@ -26,6 +26,8 @@ const RESULT_MS = 12_000;
 interface Press {
   /** Time of the session, ms. */
   readonly began: number;
+  /** The same by the page's clock, ms. */
+  readonly since: number;
   /** In the session's space, levelled; null: not tracked. */
   readonly at: Vec3 | null;
 }
@@ -175,7 +177,7 @@ export class Immersive implements Immersion {
     this.follow(frame);
     if (this.alignment) {
       const head = frame.getViewerPose(this.space);
-      if (head) this.input.update(now, this.session?.inputSources ?? [], leveled(head.transform.position), (source) => this.tracked(frame, source), this.alignment);
+      if (head) this.input.update(now, this.session?.inputSources ?? [], this.presses, leveled(head.transform.position), (source) => this.tracked(frame, source), this.alignment);
       this.rig.position.set(...(this.alignment.origin as Vec3));
       this.rig.rotation.set(Math.PI / 2, 0, this.alignment.yaw);
     }
@@ -242,7 +244,7 @@ export class Immersive implements Immersion {
   }
 
   private press({ frame, inputSource }: XRInputSourceEvent): void {
-    this.presses.set(inputSource, { began: this.time.ms, at: this.touched(frame, inputSource) });
+    this.presses.set(inputSource, { began: this.time.ms, since: performance.now(), at: this.touched(frame, inputSource) });
   }
 
   private release(source: XRInputSource): void {
@@ -252,7 +254,7 @@ export class Immersive implements Immersion {
     const isLong = this.time.ms - press.began > HOLD_MS;
     if (this.alignment) {
       if (isLong) this.restart();
-      else void this.point(source);
+      else void this.point(source, performance.now() - press.since);
       return;
     }
     if (!landmark) return;
@@ -265,11 +267,11 @@ export class Immersive implements Immersion {
   }
 
   /** A short press of the aligned wearer: it is the person's button, or begins to point. */
-  private async point({ handedness }: XRInputSource): Promise<void> {
+  private async point({ handedness }: XRInputSource, heldMs: number): Promise<void> {
     const { arm } = this, { user } = arm;
     if (!user || handedness === "none") return;
     this.input.hand = handedness;
-    const isBeginning = !arm.pointing, problem = await (isBeginning ? arm.take() : arm.press());
+    const isBeginning = !arm.pointing, problem = await (isBeginning ? arm.take() : arm.press(heldMs));
     if (isBeginning && !this.alignment) return arm.give(); // the wearer has left, or aligns again
     if (problem) this.say(problem, RESULT_MS);
     else if (isBeginning) this.say(`You point as ${user}: look over your finger or the tip of the controller. A press is the button, the thumbstick goes to the thing beside. A press of 1.5 s ends it and aligns again.`, RESULT_MS);

@@ -1,0 +1,24 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import type { Vec3 } from "../geometry/vec";
+import type { Arm } from "../view";
+import { HeadsetInput } from "./headset_input";
+
+test("a pinch does not move the ray, and every frame of a fast headset is sent", () => {
+  const tips: (Vec3 | null | undefined)[] = [];
+  const arm = { pointing: "ada", move: ({ tip_m }: { tip_m?: Vec3 | null }) => tips.push(tip_m) } as unknown as Arm;
+  const input = new HeadsetInput(arm), hand = { handedness: "right" } as XRInputSource;
+  const presses = new Map<XRInputSource, { at: Vec3 | null }>();
+  let tip: Vec3 | null = [0.5, 0, 1.5], now = 0;
+  const frame = (): void => input.update((now += 1000 / 90), [hand], presses, [0, 0, 1.6], () => tip, { yaw: 0, origin: [0, 0, 0] });
+  frame();
+  presses.set(hand, { at: [0.5, 0, 1.5] });
+  tip = [0.48, 0.04, 1.47];
+  frame();
+  presses.set(hand, { at: null }); // it was not tracked then
+  frame();
+  presses.clear();
+  tip = null;
+  frame();
+  assert.deepEqual(tips, [[0.5, 0, 1.5], [0.5, 0, 1.5], [0.48, 0.04, 1.47], [0.48, 0.04, 1.47]]);
+});

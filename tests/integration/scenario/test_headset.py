@@ -1,0 +1,149 @@
+"""The wearer of a headset points at things that are close together: real services, virtual time.
+
+The hand is scripted. What the page would send goes through `WristControl` and `People` of the web service.
+"""
+
+import asyncio
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.model.people import People
+from pointit.bridges.web.wire import HeadsetMotion, Received
+from pointit.bridges.web.wrists.wrist_control import WristControl
+from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
+from pointit.launch.plan.launches import Choices, site_launches, user_launches
+from pointit.launch.plan.scenario import read_scenario
+from pointit.runtime.bus.local_broker import LocalBroker
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.service_bus import ServiceBus
+from pointit.runtime.virtual_time import VirtualClock
+from pointit.schemas import SelectionEvent
+from pointit.schemas.topics import SELECTION_EVENTS
+from pointit.sim.tremor import Tremor
+from tests.integration.scenario.play import running, with_fresh_state
+
+ANNA, BEN = "anna", "ben"
+EYES_M: Vec3 = (0.0, 0.0, 1.5)
+THINGS: dict[str, Vec3] = {name: (2.0, y_m, 1.3) for name, y_m in (("cup", -0.4), ("jar", 0.0), ("tin", 0.4))}
+"""Things .4 m apart at 2 m."""
+YAW_RAD, ORIGIN_M = 0.8, (0.3, -0.2, 0.01)
+"""Alignment of the headset's space, by touches."""
+FRAME_S = 1.0 / 72.0
+REACH_M, ALIGNMENT_ERROR_M = 0.5, 0.02
+TREMOR_RAD, SWAY_M = math.radians(0.5), 0.003
+PINCH_M: Vec3 = (0.0, 0.07, -0.01)
+"""Displacement of the tip of the index finger at the end of a pinch, {W}: beyond the thing's neighbour."""
+CLOSING_S, CLOSED_S = 0.2, 0.6
+MAX_TRIES = 3
+"""Another person may hold a thing for a moment."""
+RECEIVED: TypeAdapter[Any] = TypeAdapter(Received)
+
+
+@dataclass
+class Wearer:
+    """The wearer of a headset, and the page in it."""
+
+    bus: MemoryBus
+    clock: VirtualClock
+    events: list[SelectionEvent] = field(default_factory=list[SelectionEvent])
+
+    def __post_init__(self) -> None:
+        self._wrists = WristControl(WebConfig())
+        self._people = People(cast("ServiceBus", self.bus), self.clock)
+        self._people.on_join(ANNA)
+        self._wrists.acquire(ANNA, "page1", "headset")
+        self._rng = np.random.default_rng(3)
+        self._tremor = Tremor(TREMOR_RAD, self._rng)
+        self.bus.subscribe(SELECTION_EVENTS, lambda event, _name: self.events.append(event))
+
+    def fired(self) -> list[str]:
+        """Return the things that the wearer has fired or selected."""
+        return [each.object_id for each in self.events if (each.user, each.event) == (ANNA, "selected")]
+
+    async def frame(self, at_m: Vec3, pinched: float = 0.0) -> None:
+        """Point over the fingertip at `at_m`, {W}, for one frame. `pinched`: share of a pinch, 0 to 1."""
+        left_rad, up_rad = self._tremor.step(FRAME_S)
+        eyes_m = vector.add(EYES_M, cast("Vec3", tuple(self._rng.normal(0.0, SWAY_M, 3).tolist())))
+        line = vector.normalized(vector.subtract(at_m, eyes_m))
+        line = vector.direction(vector.azimuth(line) + left_rad, vector.elevation(line) + up_rad)
+        tip_m = vector.add(vector.add(eyes_m, vector.scale(line, REACH_M)), vector.scale(PINCH_M, pinched))
+        alignment = {"yaw_rad": YAW_RAD, "origin_m": [ORIGIN_M[0] + ALIGNMENT_ERROR_M, *ORIGIN_M[1:]]}
+        eyes, tip = (vector.rotate_z(vector.subtract(each, ORIGIN_M), -YAW_RAD) for each in (eyes_m, tip_m))
+        motion = RECEIVED.validate_python(
+            {"kind": "headset", "user": ANNA, "eyes_m": eyes, "tip_m": tip, "alignment": alignment}
+        )
+        assert isinstance(motion, HeadsetMotion)
+        measured = self._wrists.move_by_headset("page1", motion, self.clock.now_ns())
+        assert measured is not None
+        if measured[0] is not None:
+            self._people.place(ANNA, measured[0])
+        self._people.move(ANNA, measured[1])
+        await asyncio.sleep(FRAME_S)
+
+    async def point(self, at_m: Vec3, duration_s: float) -> None:
+        for _ in range(round(duration_s / FRAME_S)):
+            await self.frame(at_m)
+
+    async def pinch(self, at_m: Vec3) -> None:
+        """Close and open the fingers. The page tells of it when they open, and when they touched."""
+        frames = round(CLOSING_S / FRAME_S)
+        for number in range(frames):
+            share = (number + 1) / frames
+            await self.frame(at_m, share**3 * (10.0 - 15.0 * share + 6.0 * share**2))
+        for _ in range(round(CLOSED_S / FRAME_S)):
+            await self.frame(at_m, 1.0)
+        self._people.press(ANNA, source="headset", held_s=CLOSED_S)
+
+
+def run(folder: Path, *, pinches: bool, users: tuple[str, ...]) -> list[str]:
+    """Return the things that anna fires when she means each of them in turn."""
+    things = "".join(
+        f"  {name}: {{center: {list(at_m)}, size: [.2, .2, .2], press: {str(pinches).lower()}}}\n"
+        for name, at_m in THINGS.items()
+    )
+    room = folder / "counter.yaml"
+    room.write_text(f"things:\n{things}", encoding="utf-8")
+    return with_fresh_state(_run(str(room), pinches=pinches, users=users))
+
+
+async def _run(room: str, *, pinches: bool, users: tuple[str, ...]) -> list[str]:
+    plan = read_scenario(room)
+    choices = Choices(seed=1, imu=["page"])
+    launches = site_launches(plan, choices)
+    for index, user in enumerate(users):
+        launches += user_launches(plan, choices, user, index)
+    bus, clock = MemoryBus(LocalBroker()), VirtualClock()
+    wearer = Wearer(bus, clock)
+
+    async def script() -> list[str]:
+        await wearer.point((2.0, 0.0, 2.2), 3.0)
+        for name, at_m in THINGS.items():
+            for _ in range(MAX_TRIES):
+                await wearer.point(at_m, 1.0 if pinches else 3.0)
+                if pinches:
+                    await wearer.pinch(at_m)
+                await wearer.point((2.0, 0.0, 2.2), 0.3)
+                if name in wearer.fired():
+                    break
+        return wearer.fired()
+
+    async with running(launches, bus, clock) as services:
+        wearing = asyncio.create_task(script())
+        await asyncio.wait({services, wearing}, return_when=asyncio.FIRST_COMPLETED)
+        return await wearing
+
+
+@pytest.mark.parametrize("users", [(ANNA,), (ANNA, BEN)], ids=["alone", "beside a person with a wrist"])
+@pytest.mark.parametrize("pinches", [False, True], ids=["by staying", "by pinching"])
+def test_a_wearer_selects_three_of_three_things_that_are_close_together(
+    tmp_path: Path, users: tuple[str, ...], *, pinches: bool
+) -> None:
+    assert run(tmp_path, pinches=pinches, users=users) == list(THINGS)

@@ -74,7 +74,10 @@ async def test_two_wearers_are_apart_and_one_whose_page_closes_leaves() -> None:
             await until(lambda: {(POSE, "anna"), (POSE, "ben")} <= set(one.states))
             clock.advance(0.2)  # poses are 0.1 s apart at least
             await wear(two, "anna", 3.0)  # whom this page does not move
-            await two.ask(deed="press", name="ben")
+            pressed = bench.collect(topics.BUTTON, "ben")
+            await two.ask(deed="press", name="ben", query={"held_s": 0.2})
+            assert pressed[-1].stamp_ns == clock.now_ns() - models.NS_PER_S // 5  # as it went down
+            assert "held_s" in (await two.ask(deed="press", name="ben", query={"held_s": 9.0}))["error"]
             await until(lambda: one.person("ben")["moved_by"] == "headset")
         await until(lambda: one.person("ben")["moved_by"] == "own")
         await no_pose(bench, "ben")

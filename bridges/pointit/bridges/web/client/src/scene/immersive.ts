@@ -177,7 +177,7 @@ export class Immersive implements Immersion {
     this.follow(frame);
     if (this.alignment) {
       const head = frame.getViewerPose(this.space);
-      if (head) this.input.update(now, this.session?.inputSources ?? [], this.presses, leveled(head.transform.position), (source) => this.tracked(frame, source), this.alignment);
+      if (head) this.input.update(now, this.session?.inputSources ?? [], this.presses, leveled(head.transform.position), (source) => this.tip(frame, source), this.alignment);
       this.rig.position.set(...(this.alignment.origin as Vec3));
       this.rig.rotation.set(Math.PI / 2, 0, this.alignment.yaw);
     }
@@ -290,26 +290,19 @@ export class Immersive implements Immersion {
     this.say(`Aligned: your touches agree with the map within ${Math.max(0.1, 100 * residual_m).toFixed(1)} cm. ${caution} An error that all touches share does not show: check that the names stand at their things. A press of 1.5 s starts again.${this.invitation}`, RESULT_MS);
   }
 
-  /** Position that `source` touches, levelled; null: it is not tracked. */
+  /** Position that `source` touched before it was pressed, levelled; null: it is not tracked. */
   private touched(frame: XRFrame, source: XRInputSource): Vec3 | null {
-    if (source.hand) {
-      const now = performance.now(), [least, most] = BEFORE_PINCH_MS;
-      const before = (this.tips.get(source) ?? []).filter(([time]) => now - time >= least);
-      const counted = before.filter(([time], i) => now - time <= most || i === before.length - 1).map(([, at]) => at);
-      return counted.length ? scale(counted.reduce((sum, at) => add(sum, at)), 1 / counted.length) : this.tip(frame, source);
-    }
-    const pose = frame.getPose(source.targetRayMode === "tracked-pointer" ? source.targetRaySpace : this.viewer!, this.space);
+    const now = performance.now(), [least, most] = BEFORE_PINCH_MS;
+    const before = (this.tips.get(source) ?? []).filter(([time]) => now - time >= least);
+    const counted = before.filter(([time], i) => now - time <= most || i === before.length - 1).map(([, at]) => at);
+    return counted.length ? scale(counted.reduce((sum, at) => add(sum, at)), 1 / counted.length) : this.tip(frame, source);
+  }
+
+  /** Position of the tip of a hand, controller or phone now, levelled; null: it is not tracked. */
+  private tip(frame: XRFrame, { hand, targetRayMode, targetRaySpace }: XRInputSource): Vec3 | null {
+    const joint = hand?.get("index-finger-tip"), space = targetRayMode === "tracked-pointer" ? targetRaySpace : this.viewer!;
+    const pose = hand ? joint && frame.getJointPose?.(joint, this.space) : frame.getPose(space, this.space);
     return pose ? leveled(pose.transform.position) : null; // `emulatedPosition` is true of some tracked controllers, too
-  }
-
-  /** Position of the tip of a hand or controller now, levelled; null: it is not tracked. */
-  private tracked(frame: XRFrame, source: XRInputSource): Vec3 | null {
-    return source.hand ? this.tip(frame, source) : this.touched(frame, source);
-  }
-
-  private tip(frame: XRFrame, source: XRInputSource): Vec3 | null {
-    const joint = source.hand?.get("index-finger-tip"), pose = joint && frame.getJointPose?.(joint, this.space);
-    return pose ? leveled(pose.transform.position) : null;
   }
 
   private say(text: string, forMs = Infinity): void {

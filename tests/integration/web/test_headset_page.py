@@ -76,6 +76,7 @@ async def test_two_wearers_are_apart_and_one_whose_page_closes_leaves() -> None:
             await wear(two, "anna", 3.0)  # whom this page does not move
             pressed = bench.collect(topics.BUTTON, "ben")
             await two.ask(deed="press", name="ben", query={"held_s": 0.2})
+            await until(lambda: bool(pressed))
             assert pressed[-1].stamp_ns == clock.now_ns() - models.NS_PER_S // 5  # as it went down
             assert "held_s" in (await two.ask(deed="press", name="ben", query={"held_s": 9.0}))["error"]
             await until(lambda: one.person("ben")["moved_by"] == "headset")

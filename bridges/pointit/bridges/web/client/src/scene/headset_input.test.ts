@@ -8,17 +8,19 @@ test("a pinch does not move the ray, and every frame of a fast headset is sent",
   const tips: (Vec3 | null | undefined)[] = [];
   const arm = { pointing: "ada", move: ({ tip_m }: { tip_m?: Vec3 | null }) => tips.push(tip_m) } as unknown as Arm;
   const input = new HeadsetInput(arm), hand = { handedness: "right" } as XRInputSource;
-  const presses = new Map<XRInputSource, { at: Vec3 | null }>();
+  const presses = new Map<XRInputSource, { at: Vec3 | null; since: number }>();
   let tip: Vec3 | null = [0.5, 0, 1.5], now = 0;
   const frame = (): void => input.update((now += 1000 / 90), [hand], presses, [0, 0, 1.6], () => tip, { yaw: 0, origin: [0, 0, 0] });
   frame();
-  presses.set(hand, { at: [0.5, 0, 1.5] });
+  presses.set(hand, { at: [0.5, 0, 1.5], since: now });
   tip = [0.48, 0.04, 1.47];
   frame();
-  presses.set(hand, { at: null }); // it was not tracked then
+  presses.set(hand, { at: null, since: now }); // it was not tracked then
+  frame();
+  presses.set(hand, { at: [0.5, 0, 1.5], since: now - 2000 }); // its release was never seen
   frame();
   presses.clear();
   tip = null;
   frame();
-  assert.deepEqual(tips, [[0.5, 0, 1.5], [0.5, 0, 1.5], [0.48, 0.04, 1.47], [0.48, 0.04, 1.47]]);
+  assert.deepEqual(tips, [[0.5, 0, 1.5], [0.5, 0, 1.5], [0.48, 0.04, 1.47], [0.48, 0.04, 1.47], [0.48, 0.04, 1.47]]);
 });

@@ -8,6 +8,8 @@ import type { Arm } from "../view";
 const LEAST_MS = 8;
 /** Time for which a hand stays where it was tracked last, ms. Then the arm hangs. */
 const LOST_MS = 400;
+/** Longest time for which a press holds the tip, ms: a hand that is lost in a pinch may never release it. */
+const HELD_MS = 1500;
 /** Deflections of a thumbstick from which it steps, and below which it may step again. */
 const STEP_AT = 0.7, REST_AT = 0.3;
 /** Index of the axis of a thumbstick from left to right (WebXR Gamepads, `xr-standard`). */
@@ -30,9 +32,10 @@ export class HeadsetInput {
    * @param eyes position of the eyes in the session's space, levelled
    * @param tipOf returns the same of the tip of a hand or controller, null if it is not tracked
    */
-  update(now: number, sources: Iterable<XRInputSource>, presses: ReadonlyMap<XRInputSource, { readonly at: Vec3 | null }>, eyes: Vec3, tipOf: (source: XRInputSource) => Vec3 | null, { yaw, origin }: Alignment): void {
+  update(now: number, sources: Iterable<XRInputSource>, presses: ReadonlyMap<XRInputSource, { readonly at: Vec3 | null; readonly since: number }>, eyes: Vec3, tipOf: (source: XRInputSource) => Vec3 | null, { yaw, origin }: Alignment): void {
     if (!this.arm.pointing) return;
-    const source = [...sources].find(({ handedness }) => handedness === this.hand), tip = source ? presses.get(source)?.at ?? tipOf(source) : null;
+    const source = [...sources].find(({ handedness }) => handedness === this.hand), press = source && presses.get(source);
+    const held = press && now - press.since < HELD_MS ? press.at : null, tip = held ?? (source ? tipOf(source) : null);
     if (tip || now - this.trackedAt > LOST_MS) this.tip = tip;
     if (tip) this.trackedAt = now;
     this.steer(source?.gamepad?.axes[STICK_AXIS] ?? 0);

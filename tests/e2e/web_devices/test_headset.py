@@ -240,7 +240,7 @@ async def test_hands_align_and_the_next_visit_uses_it_after_the_graphics_were_lo
 async def test_a_wearer_points_at_three_boxes_and_leaves_with_the_session(headset: Window) -> None:
     """The boxes of the shelf are .7 m apart, and seen from 3.5 m as others .4 m apart are from 2 m.
 
-    Those are in `tests/integration/scenario/test_headset.py`, with pinches and another person.
+    Those are in `tests/integration/web/test_headset_selects.py`, with pinches and another person.
     """
     page = headset.page
     await enter(headset)

@@ -54,11 +54,13 @@ class PoseErrors:
         return tuple(rows)
 
 
-def print_errors(screen: Console, rows: tuple[TruthRow, ...]) -> None:
+def print_errors(console: Console, rows: tuple[TruthRow, ...]) -> None:
     """Print a table of `rows`, or nothing if there are none."""
     if rows:
         shown = tuple(asdict(row) for row in rows)
-        print_table(screen, OutputSection(name="truth", about="localized pose less the true one", rows=shown))
+        print_table(
+            console, OutputSection(name="truth", about="localized pose less the true one", rows=shown)
+        )
 
 
 def _degrees(angle_rad: float | None) -> float | None:

@@ -251,12 +251,24 @@ async def test_anchors_are_news() -> None:
         "anna: anchor at led_1, the yaw was off by +7.2°",
         "anna: anchor at led_1 rejected: the arm wandered",
     ]
-    monitor.person = "ben"
-    anchors.put(anchor)
-    bus.publisher(topics.POSE, "anna").put(pose())
-    await until(lambda: "anna" in monitor.poses)
-    assert len(monitor.events) == 2
-    assert "anna" not in monitor.found
+    await bus.close()
+
+
+async def test_a_monitor_of_one_person_has_no_events_of_others() -> None:
+    bus, monitor = await followed()
+    of_ben = Monitor(monitor.score, monitor.clock, person="ben")
+    of_ben.attach(bus)
+    anchors = bus.publisher(topics.ANCHOR, "anna")
+    anchors.put(Anchor(stamp_ns=1, target_id="led_1", accepted=False, origin_m=(0.0, 0.0, 1.6),
+                       raw_direction=(1.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0)))  # fmt: skip
+    for user in ("anna", "ben"):
+        bus.publisher(topics.POSE, user).put(pose())
+        bus.publisher(topics.CURSOR, user).put(cursor(1.0))
+    await until(lambda: "ben" in of_ben.poses and monitor.people() == ["anna", "ben"])
+    assert len(monitor.events) == 1
+    assert not of_ben.events
+    assert of_ben.people() == ["ben"]
+    assert of_ben.found.keys() == {"ben"}
     await bus.close()
 
 

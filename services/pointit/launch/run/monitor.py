@@ -123,8 +123,7 @@ class Monitor:
 
     def people(self) -> list[str]:
         """Return the people whose activity is shown."""
-        known = {*self.interactions, *self.cursors}
-        return sorted(known & {self.person} if self.person else known)
+        return sorted({*self.interactions, *self.cursors})
 
     def light_rates(self) -> dict[str, float]:
         """Return the mean frame rate of each controller's link by port, frames/s."""
@@ -189,8 +188,6 @@ class Monitor:
         self.interactions[user] = interaction
         if before is not None and before.state == "idle" != interaction.state:
             self._try_again(user)
-        if self.person and user != self.person:
-            return
         begins = before is None and interaction.state == "idle" and not interaction.reason
         if not begins and (before is None or before.state != interaction.state):
             self._add_event(
@@ -199,8 +196,6 @@ class Monitor:
 
     def _on_pose(self, pose: UserPose, user: str) -> None:
         self.poses[user] = pose
-        if self.person and user != self.person:
-            return
         if pose.method == "fixed":  # given since then
             self.found.pop(user, None)
             return
@@ -214,7 +209,7 @@ class Monitor:
         if solved_ns is None or pose is None or pose.stamp_ns < solved_ns - TOGETHER_NS:
             return
         del self.solved[user]
-        if pose.method in FOUND and (not self.person or user == self.person):
+        if pose.method in FOUND:
             self.found[user] = pose
 
     def _on_localization(self, localization: Localization, user: str) -> None:
@@ -233,8 +228,6 @@ class Monitor:
             self.refusals[user] = localization.reason
 
     def _on_anchor(self, anchor: Anchor, user: str) -> None:
-        if self.person and user != self.person:
-            return
         at = f" at {anchor.target_id}" if anchor.target_id else ""
         if anchor.accepted:
             off_deg = math.degrees(anchor.azimuth_error_rad)

@@ -1,10 +1,10 @@
 """Subscribes to cursors, objects, departures, buttons and the map; publishes hovers and the selection."""
 
+import functools
 import logging
 from operator import attrgetter
 from typing import ClassVar
 
-from pointit.runtime.bus.contract import Publisher
 from pointit.runtime.clock import sleep
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.people_share import PeopleShare
@@ -58,8 +58,9 @@ class Selector(Service[SelectorConfig]):
         """True when the journal is closed: what is not kept is not published."""
         self._told = ""
         """Last reported fault of the method."""
-        self._people: dict[str, tuple[Publisher[Hover], Publisher[Feedback]]] = {}
-        self._announced: dict[str, Publisher[Announced]] = {}
+        self._hovers = functools.cache(functools.partial(self.bus.publisher, HOVER))
+        self._cues = functools.cache(functools.partial(self.bus.publisher, FEEDBACK))
+        self._announced = functools.cache(functools.partial(self.bus.publisher, ANNOUNCED))
         role = ShardRole if config.people else SiteRole
         self._role = role(config, self.bus, self.clock, make=self._make_method, put=self._put, use=self._use)
         self._engine = self._role.engine
@@ -153,25 +154,14 @@ class Selector(Service[SelectorConfig]):
             self._role.commit()
         for user, message in outputs:
             if isinstance(message, Hover):
-                self._person(user)[0].put(message)
+                self._hovers(user).put(message)
             elif isinstance(message, Feedback):
-                self._person(user)[1].put(message)
+                self._cues(user).put(message)
             elif isinstance(message, Announced):
-                if user not in self._announced:
-                    self._announced[user] = self.bus.publisher(ANNOUNCED, user)
-                self._announced[user].put(message)
+                self._announced(user).put(message)
             else:
                 self._role.publish(user, message)
         return outputs
-
-    def _person(self, user: str) -> tuple[Publisher[Hover], Publisher[Feedback]]:
-        person = self._people.get(user)
-        if person is None:
-            person = self._people[user] = (
-                self.bus.publisher(HOVER, user),
-                self.bus.publisher(FEEDBACK, user),
-            )
-        return person
 
     def _check_trackers(self, now_ns: int) -> None:
         silent = ", ".join(sorted(self._engine.stale_trackers(now_ns)))

@@ -1,7 +1,8 @@
 """Gauges of one person: one per object, filled by steady pointing; the ray's speed (pointing.md §6)."""
 
 import math
-from collections.abc import Collection, Container, Sequence
+from collections.abc import Collection, Container
+from statistics import median
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
@@ -149,13 +150,8 @@ class RaySpeedEstimator:
         half = count // 2  # with an odd count the middle ray is in neither half
         first_ns = self._stamps_ns[0]  # a Unix time in ns has more digits than a float
         ages_ns = [stamp_ns - first_ns for stamp_ns in self._stamps_ns]
-        span_ns = _median(ages_ns[-half:]) - _median(ages_ns[:half])
-        turned = _median(sorted(self._azimuths[-half:])) - _median(sorted(self._azimuths[:half]))
-        raised = _median(sorted(self._elevations[-half:])) - _median(sorted(self._elevations[:half]))
+        span_ns = median(ages_ns[-half:]) - median(ages_ns[:half])
+        turned = median(self._azimuths[-half:]) - median(self._azimuths[:half])
+        raised = median(self._elevations[-half:]) - median(self._elevations[:half])
         per_s = NS_PER_S / span_ns
         return turned * math.cos(self._elevations[-1]) * per_s, raised * per_s
-
-
-def _median(ordered: Sequence[float]) -> float:
-    middle = len(ordered) // 2
-    return ordered[middle] if len(ordered) % 2 else (ordered[middle - 1] + ordered[middle]) / 2.0

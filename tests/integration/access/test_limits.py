@@ -21,8 +21,8 @@ from zenoh.handlers import Callback
 from pointit.access.limits import LATEST_HZ, MAX_CONNECTIONS, MAX_RATE_HZ
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.host.tcp_timeouts import LINGER, tcp_sockets
-from pointit.runtime.router.router import Router
+from pointit.runtime.host.tcp_timeouts import own_sockets
+from pointit.runtime.router.router import LINGER, Router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, POSE, RAY
@@ -208,7 +208,7 @@ async def test_no_connection_that_was_accepted_lingers(tmp_path: Path) -> None:
 
     def lingering() -> list[bool]:
         found: list[bool] = []
-        for each in tcp_sockets():
+        for each in own_sockets():
             with contextlib.suppress(OSError):  # closed meanwhile
                 if each.getsockname()[1] == port and not _listens(each):
                     value = each.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size)

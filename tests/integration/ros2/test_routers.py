@@ -13,7 +13,7 @@ from pointit.bridges.ros2.graph.backend import LATCHED
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
 from pointit.runtime.foreign_zenoh.raw_session import RawLink, open_raw_session
-from pointit.runtime.host.tcp_timeouts import tcp_sockets
+from pointit.runtime.host.tcp_timeouts import own_sockets
 from pointit.runtime.link.link import LEASE_MS, Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from tests.integration.ros2.nodes import (
@@ -58,7 +58,7 @@ async def test_who_is_cut_off_is_given_up_by_both_ends(at: Graphs) -> None:
     await at.node("/a", "peer")
 
     def bounded() -> int:
-        waits_ms = (each.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) for each in tcp_sockets())
+        waits_ms = (each.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) for each in own_sockets())
         return sum(each == LEASE_MS for each in waits_ms)
 
     await until(lambda: bounded() >= 3, what="one that listens, both ends of a connection")

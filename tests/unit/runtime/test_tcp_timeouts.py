@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.host.tcp_timeouts import LINGER, disable_linger, set_user_timeout, tcp_sockets
+from pointit.runtime.host.tcp_timeouts import own_sockets, set_user_timeout
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.router.router import cut, peer, release_udp_ports, unread
+from pointit.runtime.router.router import LINGER, cut, disable_linger, peer, release_udp_ports, unread
 from pointit.runtime.zenoh.session import close_session, open_session
 from tests.support.buses import free_port
 
@@ -25,7 +25,8 @@ AFTER_MS = 2345
 
 LOOKS_WITHOUT_DESCRIPTORS = """
 import os, resource
-from pointit.runtime.host.tcp_timeouts import disable_linger, set_user_timeout, tcp_sockets
+from pointit.runtime.host.tcp_timeouts import own_sockets, set_user_timeout
+from pointit.runtime.router.router import disable_linger
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
 taken = []
@@ -33,7 +34,7 @@ try:
     while True:
         taken.append(os.open(os.devnull, os.O_RDONLY))
 except OSError:
-    print(list(tcp_sockets()), set_user_timeout({1}, 1), disable_linger({1}))
+    print(list(own_sockets()), set_user_timeout({1}, 1), disable_linger({1}))
 """
 """Run in a process of its own, since it uses up the limit of open files."""
 
@@ -162,7 +163,7 @@ async def test_listening_and_connecting_sessions_have_the_timeout() -> None:
     session = await open_session(Link(connect=(endpoint,)), patience_s=30.0)
     try:
         with ExitStack() as stack:
-            found = [stack.enter_context(each.dup()) for each in tcp_sockets()]
+            found = [stack.enter_context(each.dup()) for each in own_sockets()]
             bounded = [each for each in found if waits_ms(each) == LEASE_MS]
             assert len(bounded) >= 3, "one that listens, both ends of a connection"
     finally:

@@ -8,6 +8,10 @@ changed is reopened. Its clients are back after 0.1 s, and repeat their declarat
 
 The module also closes sockets of clients, counts their unsent bytes, and releases ports of listeners.
 
+When Zenoh closes a connection, it also waits until the peer has acknowledged all data (`SO_LINGER`), 40 ms or
+more, in the thread that reads all accepted connections of a router. A hundred rejected peers would block all
+others for seconds. Without lingering, the system completes the closing in the background.
+
 A closed QUIC listener of Zenoh keeps its UDP port until its last connection ends. Connections of clients that
 returned during the closing were never accepted, and end after 30 s.
 """
@@ -31,7 +35,7 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.host.tcp_timeouts import disable_linger, own_sockets, set_user_timeout, tcp_sockets
+from pointit.runtime.host.tcp_timeouts import own_sockets, ports_of_socket, set_user_timeout
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.zenoh.connections import Connections
 from pointit.runtime.zenoh.session import CLOSE_TIMEOUT_S, close_session, open_cancellable, open_session
@@ -44,6 +48,8 @@ from pointit.schemas.topics import HEALTH, SERVICE_ALIVE
 log = logging.getLogger(__name__)
 
 COUNT = struct.Struct("i")
+LINGER = struct.Struct("ii")
+"""True if it is set, and its duration, s."""
 
 Peer = tuple[str, int]
 """Address and port, as `peer` returns them."""
@@ -67,7 +73,7 @@ def unread() -> dict[Peer, int]:
     import fcntl  # noqa: PLC0415 - other systems have none
     import termios  # noqa: PLC0415 - as above
 
-    for each in tcp_sockets():
+    for each in own_sockets():
         with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
             (count,) = COUNT.unpack(fcntl.ioctl(each, termios.TIOCOUTQ, bytes(COUNT.size)))
             found[peer(*each.getpeername()[:2])] = count
@@ -81,10 +87,30 @@ def cut(peers: Collection[Peer]) -> int:
     5 s for one of them, and with it all others: measured in one of three floods.
     """
     count = 0
-    for found in tcp_sockets():
+    for found in own_sockets():
         with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
             if peer(*found.getpeername()[:2]) in peers:
                 found.shutdown(socket.SHUT_RD)
+                count += 1
+    return count
+
+
+def disable_linger(ports: Collection[int]) -> int:
+    """Set connections from or to `ports` to close at once. Written data are sent all the same.
+
+    Zenoh sets each connection to linger when it is accepted, so this must be called repeatedly.
+
+    Returns:
+        Number of sockets set, 0 where they cannot be found.
+    """
+    if sys.platform != "linux":
+        return 0
+    count = 0
+    for found in own_sockets():
+        with contextlib.suppress(OSError):  # closed meanwhile
+            lingers, _ = LINGER.unpack(found.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
+            if lingers and not ports_of_socket(found).isdisjoint(ports):
+                found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(0, 0))
                 count += 1
     return count
 

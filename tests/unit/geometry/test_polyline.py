@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import polyline
-from pointit.geometry.polygon import Polygon, Vec2, point_segment_m
+from pointit.geometry.floor_area import FloorArea, point_segment_m
+from pointit.geometry.polygon import Vec2
 from pointit.geometry.polyline import Polyline
 
 places = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
@@ -69,15 +70,15 @@ def test_what_is_past_an_end_is_beyond_it(first_m: float, second_m: float, past_
 
 coordinate = st.floats(-4.0, 4.0).map(lambda value: round(value, 3))
 point = st.tuples(coordinate, coordinate)
-L_SHAPE = Polygon([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)])
+L_SHAPE = FloorArea([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)])
 
 
 @st.composite
-def stars(draw: st.DrawFn) -> Polygon:
+def stars(draw: st.DrawFn) -> FloorArea:
     """Polygons around the origin whose corners have rising azimuths, which never cross themselves."""
     count = draw(st.integers(3, 8))
     radii = draw(st.lists(st.floats(0.5, 3.0), min_size=count, max_size=count))
-    return Polygon(
+    return FloorArea(
         [
             (radius * math.cos(math.tau * index / count), radius * math.sin(math.tau * index / count))
             for index, radius in enumerate(radii)
@@ -103,7 +104,7 @@ def test_a_corner_that_points_inwards_is_outside() -> None:
 
 @given(stars(), point, point)
 def test_a_segment_is_as_far_apart_as_the_nearest_of_its_points(
-    shape: Polygon, start: Vec2, end: Vec2
+    shape: FloorArea, start: Vec2, end: Vec2
 ) -> None:
     least = min(min(point_segment_m(each, a, b) for a, b in shape.edges_m) for each in sampled(start, end))
     assert not shape.is_apart(start, end, least + 1e-9)
@@ -111,14 +112,14 @@ def test_a_segment_is_as_far_apart_as_the_nearest_of_its_points(
 
 
 @given(stars(), point)
-def test_the_nearest_point_is_on_the_outline_at_the_distance(shape: Polygon, place: Vec2) -> None:
+def test_the_nearest_point_is_on_the_outline_at_the_distance(shape: FloorArea, place: Vec2) -> None:
     nearest = shape.nearest(place)
     assert abs(shape.signed_distance_m(nearest)) < 1e-9
     assert abs(shape.signed_distance_m(place)) == pytest.approx(math.dist(nearest, place))
 
 
 @given(stars())
-def test_a_star_does_not_cross_itself(shape: Polygon) -> None:
+def test_a_star_does_not_cross_itself(shape: FloorArea) -> None:
     assert shape.crossing() is None
 
 
@@ -127,4 +128,4 @@ def test_a_star_does_not_cross_itself(shape: Polygon) -> None:
     [([(0, 0), (2, 2), (2, 0), (0, 2)], (0, 2)), ([(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)], (0, 2))],
 )
 def test_an_outline_that_meets_itself_is_found(outline: list[Vec2], edges: tuple[int, int]) -> None:
-    assert Polygon(outline).crossing() == edges
+    assert FloorArea(outline).crossing() == edges

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointit.geometry.polygon import Polygon
+from pointit.geometry.floor_area import FloorArea
 from pointit.geometry.vector import Vec3
 from pointit.schemas import RobotKind, Steering
 from pointit.schemas.environment import Fence
@@ -29,14 +29,14 @@ DISTURBANCES: tuple[Event, ...] = (
 EVENTS = 6
 
 
-def star(rng: random.Random, center_m: tuple[float, float], least_m: float, most_m: float) -> Polygon:
+def star(rng: random.Random, center_m: tuple[float, float], least_m: float, most_m: float) -> FloorArea:
     """Return a polygon around a point, often with corners that point inwards."""
     count = rng.randint(3, 7)
     corners: list[tuple[float, float]] = []
     for index in range(count):
         angle, radius_m = math.tau * index / count, rng.uniform(least_m, most_m)
         corners.append((center_m[0] + radius_m * math.cos(angle), center_m[1] + radius_m * math.sin(angle)))
-    return Polygon(corners)
+    return FloorArea(corners)
 
 
 def random_fences(rng: random.Random) -> tuple[Fence, ...]:
@@ -55,7 +55,7 @@ def random_fences(rng: random.Random) -> tuple[Fence, ...]:
 
 def fence_gap_m(fence: Fence, place_m: Vec3, radius_m: float) -> float:
     """Return the distance of a robot's hull from the forbidden side of a fence, negative beyond it."""
-    apart_m = Polygon(fence.outline_m).signed_distance_m(place_m[:2])
+    apart_m = FloorArea(fence.outline_m).signed_distance_m(place_m[:2])
     high_m = math.inf if fence.high_m is None else fence.high_m
     if fence.kind == "keep_in":
         return min(-apart_m, high_m - place_m[2]) - radius_m

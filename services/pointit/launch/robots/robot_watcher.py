@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from pointit.geometry.polygon import Polygon
+from pointit.geometry.floor_area import FloorArea
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.plan import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable
@@ -82,7 +82,7 @@ class RobotsScore:
         """Start without robots. `spots_m`: places where simulated people land them, {W}, `()` if unknown."""
         self._spots_m = spots_m
         self._fences: tuple[Fence, ...] = ()
-        self._polygons: dict[str, Polygon] = {}
+        self._areas: dict[str, FloorArea] = {}
         self._before: dict[str, RobotState] = {}
         self._outside: dict[str, frozenset[str]] = {}
         self._sent_m: dict[str, Vec3] = {}
@@ -97,7 +97,7 @@ class RobotsScore:
     def on_map(self, environment: Environment) -> None:
         """Update the fences."""
         self._fences = environment.fences
-        self._polygons = {fence.id: Polygon(fence.outline_m) for fence in environment.fences}
+        self._areas = {fence.id: FloorArea(fence.outline_m) for fence in environment.fences}
         self._outside.clear()
 
     def on_goal(self, goal: Goal, user: str = "") -> None:
@@ -164,7 +164,7 @@ class RobotsScore:
     def _is_in(self, fence: Fence, position_m: Vec3) -> bool:
         x, y, z = position_m
         is_between = (fence.low_m is None or z >= fence.low_m) and (fence.high_m is None or z <= fence.high_m)
-        return is_between and self._polygons[fence.id].contains((x, y))
+        return is_between and self._areas[fence.id].contains((x, y))
 
 
 def score_lines(robots: dict[str, dict[str, Any]]) -> list[str]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry.polygon import Polygon
+from pointit.geometry.floor_area import FloorArea
 from pointit.maps.checks.belts import check_belts
 from pointit.maps.checks.extent import check_extent
 from pointit.maps.checks.finding import MapFinding, error, warning
@@ -131,7 +131,7 @@ def _have_room(fences: Mapping[str, FenceEntry]) -> bool:
     high = np.min([np.max(each.outline, axis=0) for each in inside], axis=0)
     if low_z >= high_z or np.any(low >= high):
         return False
-    outlines = {name: Polygon(each.outline) for name, each in fences.items()}
+    outlines = {name: FloorArea(each.outline) for name, each in fences.items()}
     steps = (np.arange(GRID) + 0.5) / GRID
     for x in low[0] + steps * (high[0] - low[0]):
         for y in low[1] + steps * (high[1] - low[1]):

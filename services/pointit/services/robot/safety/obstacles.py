@@ -8,7 +8,8 @@ It is exact outside, and along segments that keep `apart_m + least_m` of at leas
 import math
 from typing import Literal
 
-from pointit.geometry.polygon import Polygon, Vec2, point_segment_m
+from pointit.geometry.floor_area import FloorArea, point_segment_m
+from pointit.geometry.polygon import Vec2
 from pointit.geometry.vector import Vec3, add, scale, subtract
 from pointit.schemas.environment import Fence
 
@@ -31,7 +32,7 @@ class _Fence:
     def __init__(self, fence: Fence) -> None:
         self.name = f"fence {fence.id}"
         """For sentences, as that of every obstacle: `fence desk`, `you`, `robot quad`."""
-        self._shape = Polygon(fence.outline_m)
+        self._shape = FloorArea(fence.outline_m)
         self._low_m = -math.inf if fence.low_m is None else fence.low_m
         self._high_m = math.inf if fence.high_m is None else fence.high_m
 
@@ -134,7 +135,7 @@ clearance, one in each direction to leave by.
 """
 
 
-def _moved(shape: Polygon, place_m: Vec2, to_m: float) -> Vec2:
+def _moved(shape: FloorArea, place_m: Vec2, to_m: float) -> Vec2:
     """Return `place_m` moved across the nearest point of the outline to the signed distance `to_m`."""
     x, y = shape.nearest(place_m)
     apart_m = shape.signed_distance_m(place_m)

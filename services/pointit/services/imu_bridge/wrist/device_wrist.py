@@ -13,10 +13,11 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain, pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import load_object
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.arm_frame import YawEpoch
 from pointit.services.imu_bridge.reading import (
@@ -29,7 +30,6 @@ from pointit.services.imu_bridge.reading import (
     Reconnected,
     Signal,
 )
-from pointit.services.imu_bridge.wrist.fusion import Fusion
 from pointit.services.imu_bridge.wrist.monitor import Figure, WarningText, WristMonitor
 
 BIN_NS = NS_PER_S
@@ -216,6 +216,31 @@ def _turns_down(a: Point, b: Point, c: Point) -> bool:
 
 SHOWN_S = 10.0
 """Time for which a jump of a clock is reported, s."""
+FUSION = "pointit.services.imu_bridge.wrist.fusion:Fusion"
+"""Class that computes orientations from raw readings, which only some devices deliver."""
+
+
+class RawFusion(Protocol):
+    """Orientation of one sensor from its raw readings."""
+
+    restarts: int
+    """Number of restarts after the first start: each has another yaw origin."""
+
+    def restart(self) -> None:
+        """Start again: readings were lost, or the device was moved without them."""
+        ...
+
+    def update(self, reading: RawReading) -> Quaternion | None:
+        """Return the orientation, or None while there is none."""
+        ...
+
+    def report(self, now_s: float) -> Iterator[Figure]:
+        """Yield metrics; to be called about once a second."""
+        ...
+
+    def warning(self, label: str) -> str:
+        """Return a message about the device called `label`, or `""`."""
+        ...
 
 
 class SensorSample(NamedTuple):
@@ -259,7 +284,7 @@ class DeviceWrist:
         """Largest age of a reading on arrival since the last report, by the device's clock."""
         self._jumps = 0
         self._jump_shown_s = 0.0
-        self._fusion: Fusion | None = None
+        self._fusion: RawFusion | None = None
         self._no_fusion = ""
         """Reason why raw readings cannot be used, or `""`."""
 
@@ -352,15 +377,16 @@ class DeviceWrist:
         return captured_ns, device_ns if clock.is_used else None
 
     def _fused(self, item: RawReading) -> Quaternion | None:
-        if self._fusion is None:
+        fusion = self._fusion
+        if fusion is None:
             if self._no_fusion:
                 return None
             try:
-                self._fusion = Fusion()
+                fusion = load_object(FUSION, "sends raw readings, whose fusion")()
             except ConfigError as error:
                 self._no_fusion = str(error)
                 return None
-        fusion = self._fusion
+            self._fusion = fusion
         restarts = fusion.restarts
         orientation = fusion.update(item)
         if fusion.restarts != restarts:

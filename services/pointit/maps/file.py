@@ -54,13 +54,6 @@ def shipped_maps() -> tuple[str, ...]:
     return tuple(sorted(entry.name.removesuffix(SUFFIX) for entry in entries if entry.name.endswith(SUFFIX)))
 
 
-def about_map(path: Path) -> str:
-    """Return the first line of the file at `path` if it is a comment, without its end, or `""`."""
-    with path.open(encoding="utf-8") as file:
-        line = file.readline().strip()
-    return line.lstrip("# ").rstrip(".:") if line.startswith("#") else ""
-
-
 @contextmanager
 def map_path(name_or_path: str) -> Generator[Path]:
     """Yield the file of the shipped map of that name, or the path itself.
@@ -264,31 +257,3 @@ def _sentence(detail: ErrorDetails) -> str:
         return f"write a mapping of names to entries, not {format_value(value)}"
     known = [field.alias or name for name, field in model.model_fields.items() if field.is_required()]
     return f"write a mapping with {join_names(known or field_names(model))}, not {format_value(value)}"
-
-
-def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
-    """Return a summary of a map, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
-    counts = (
-        (len(file.belts), "belt", ""),
-        (len(file.links), "link", ""),
-        (len(file.bays), "bay", ""),
-        (len(file.strips), "strip", _with(sum(strip.pixels for strip in file.strips.values()), "pixel")),
-        (len(file.lamps), "lamp", ""),
-        (len(file.boxes), "box", ""),
-        (len(file.planes), "plane", ""),
-        (len(file.cylinders), "cylinder", ""),
-        (len(file.spheres), "sphere", ""),
-        (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
-        (len(file.fences), "fence", ""),
-        (len(file.frames), "frame", ""),
-        (len(file.things), "thing", ""),
-    )
-    return ", ".join(
-        f"{count} {word}{'' if count == 1 else 'es' if word == 'box' else 's'}{more}"
-        for count, word, more in counts
-        if count
-    )
-
-
-def _with(count: int, what: str) -> str:
-    return f" with {count} {what}{'s' if count > 1 else ''}"

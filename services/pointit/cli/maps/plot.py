@@ -7,8 +7,9 @@ import click
 
 from pointit.cli.common.completed_names import maps
 from pointit.cli.common.option_types import Point, person_option
+from pointit.maps.checks.contents import contents
 from pointit.maps.checks.things import separability
-from pointit.maps.file import contents, map_path, read_whole_map
+from pointit.maps.file import map_path, read_whole_map
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 

@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.maps.checks.check import Point, check_map
+from pointit.maps.checks.contents import contents
 from pointit.maps.checks.finding import MapFinding, error
-from pointit.maps.file import MapError, contents, read_clouds, to_message
+from pointit.maps.file import MapError, read_clouds, to_message
 from pointit.maps.model import MapFile
 from pointit.runtime.errors import ConfigError
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from pointit.access.site_folder import SiteFolder
-from pointit.services.selector.store.journal_table import FILE, audit
+from pointit.services.selector.store.audit import audit
+from pointit.services.selector.store.journal_table import FILE
 from tests.integration.access.secured import NAMES, endpoint_of, make_site
 from tests.support.commands import Command, Commands
 from tests.support.pace import Patience

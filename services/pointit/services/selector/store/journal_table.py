@@ -1,6 +1,5 @@
 """The journal's table of events: its statements, its rows as records, and reading it beside its writer."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from pydantic import ConfigDict, TypeAdapter
@@ -10,9 +9,6 @@ from pointit.schemas.base import MAX_ID
 from pointit.services.selector.outputs import Record
 
 FILE = "journal.sqlite"
-
-MAX_COUNT = 2**63 - 1
-"""Upper limit of times and numbers, in messages and in SQLite."""
 
 LAYOUT = StoreLayout(
     tables=f"""
@@ -61,10 +57,6 @@ SHRINK = [
     for rows in ("event = 'refused'", CLOSED)
 ]
 """Delete the oldest refusals, which anybody can cause, or the oldest events of what is not selected now."""
-AUDIT = (
-    f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND (? = '' OR user = ? OR owner = ?) "  # noqa: S608 - see above
-    "AND (? = '' OR object_id = ?) ORDER BY id"
-)
 RECENT = (
     f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND seq IS NOT NULL AND event <> 'left' "  # noqa: S608 - see above
     "ORDER BY id DESC LIMIT ?"
@@ -73,22 +65,6 @@ RECENT = (
 record_of = TypeAdapter(Record, config=ConfigDict(strict=True)).validate_python
 """Return a row of `COLUMNS` as a record. Raises ValueError for an invalid one, e.g. by a bit error, since
 SQLite has no checksums."""
-
-
-def audit(path: Path, *, user: str = "", since_ns: int = 0, object_id: str = "") -> Iterator[Record]:
-    """Return the events, the oldest first, while a selector may be writing.
-
-    Args:
-        path: path of the journal.
-        user: events caused by this person or about their objects. `""`: all.
-        since_ns: earliest time, ns.
-        object_id: events of this object. `""`: all.
-
-    Raises:
-        sqlite3.Error: If the file cannot be read.
-    """
-    parameters = (min(since_ns, MAX_COUNT), user, user, user, object_id, object_id)
-    return read_rows(path, AUDIT, parameters, record_of)
 
 
 def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:

@@ -1,4 +1,4 @@
-"""Types of options: finite numbers, and a person's position."""
+"""Types of options: finite numbers, and addresses."""
 
 import math
 from typing import Any
@@ -6,8 +6,6 @@ from typing import Any
 import click
 
 from pointit.runtime.config.network_address import parse_address
-
-Point = tuple[float, float]
 
 
 class Finite(click.FloatRange):
@@ -19,25 +17,6 @@ class Finite(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
         return number
-
-
-def point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Point | None:
-    """Return the two numbers in `text`.
-
-    Raises:
-        click.BadParameter: If it does not have two.
-    """
-    if text is None:
-        return None
-    try:
-        x, y = (float(word) for word in text.split(","))
-    except ValueError:
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise click.BadParameter(
-            f"{text!r} is not a position; write x and y in metres, such as 1.5,-2", ctx=ctx, param=parameter
-        )
-    return x, y
 
 
 def host_port(_ctx: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[str, int] | None:
@@ -55,12 +34,3 @@ def host_port(_ctx: click.Context, _parameter: click.Parameter, text: str | None
     if port is None:
         raise click.BadParameter(f"{text!r} has no port; write an address such as 127.0.0.1:9464")
     return host, port
-
-
-person_option = click.option(
-    "--person",
-    "person_m",
-    metavar="X,Y",
-    callback=point,
-    help="position of a person in the room, m; write --person=-1,2 if x is negative",
-)

@@ -1,25 +1,21 @@
 """Commands that observe a site join it as clients with a short timeout."""
 
 import asyncio
-import contextlib
 import socket
-from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from collections.abc import AsyncGenerator, Generator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from functools import partial
-from typing import Generic, TypedDict, TypeVar
+from typing import TypedDict
 
 import click
 from click.core import ParameterSource
 
-from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import ConnectError, PointItError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import ENDPOINT, Link
 from pointit.runtime.link.options import link_of, link_options
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Message
-from pointit.schemas.topics import Topic
 
 CONNECT_TIMEOUT_S = 5.0
 """Timeout of finding a site, s: a router on a busy machine may take seconds to answer."""
@@ -35,8 +31,6 @@ TIMEOUT_S = 2.0
 
 SILENT_S = 1.0
 """Wait after which a notice is printed, s."""
-
-M = TypeVar("M", bound=Message)
 
 
 class AtSite(TypedDict):
@@ -125,29 +119,3 @@ def default_address_note(site: str, connect: Sequence[str]) -> str:
 def quiet() -> None:
     """Log only warnings and errors, so that the command's output stays readable."""
     setup_logging("warning")
-
-
-def _any(_message: Message) -> bool:
-    return True
-
-
-class LatestMessage(Generic[M]):
-    """Holds the latest message of one key."""
-
-    def __init__(self, bus: Bus, topic: Topic[M], name: str = "") -> None:
-        self.value: M | None = None
-        self._changed = asyncio.Event()
-        bus.subscribe(topic, self._on_message, name)
-
-    async def wait(self, timeout_s: float, fits: Callable[[M], bool] = _any) -> M | None:
-        """Return the newest message as soon as it `fits`, or None if none does within `timeout_s`."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout_s):
-                while self.value is None or not fits(self.value):
-                    self._changed.clear()
-                    await self._changed.wait()
-        return self.value if self.value is not None and fits(self.value) else None
-
-    def _on_message(self, message: M, _name: str) -> None:
-        self.value = message
-        self._changed.set()

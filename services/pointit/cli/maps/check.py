@@ -8,8 +8,8 @@ from contextlib import contextmanager
 import click
 
 from pointit.cli.common.completed_names import maps
-from pointit.cli.common.option_types import Point, person_option, point
 from pointit.cli.common.output import json_option, print_json
+from pointit.cli.maps.person_option import Point, person_option, point
 from pointit.maps.checks.examine import examined
 from pointit.maps.checks.finding import MapFinding
 from pointit.maps.file import map_path, read_map_file

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from pointit.cli.common.completed_names import maps
-from pointit.cli.common.option_types import Point, person_option
+from pointit.cli.maps.person_option import Point, person_option
 from pointit.maps.checks.contents import contents
 from pointit.maps.checks.things import separability
 from pointit.maps.file import map_path, read_whole_map

@@ -14,6 +14,7 @@ import numpy as np
 
 from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import has_keyboard, keys
+from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, print_file, say
 from pointit.cli.common.panels import PanelCommand
@@ -378,7 +379,7 @@ class PointingSession:
         self.user = user
         self.bus = bus
         self._tell = tell
-        self._latest_pose = site_link.LatestMessage(bus, POSE, user)
+        self._latest_pose = LatestMessage(bus, POSE, user)
         self._rays: deque[PointingRay] = deque(maxlen=HOLD_RAYS)
         self._pressed = asyncio.Event()
         bus.subscribe(RAY, self._on_ray, user)

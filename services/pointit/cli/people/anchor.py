@@ -7,6 +7,7 @@ from typing import Unpack
 import click
 
 from pointit.cli.common import site_link
+from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
 from pointit.cli.people import pose_text
@@ -56,7 +57,7 @@ async def _anchor(
     user: str, lamp: str, timeout_s: float, *, as_json: bool, **at: Unpack[site_link.AtSite]
 ) -> int:
     async with site_link.join_site(**at) as bus:
-        latest_pose = site_link.LatestMessage(bus, POSE, user)
+        latest_pose = LatestMessage(bus, POSE, user)
         anchoring = AnchorRequester(bus, user)
         before = await latest_pose.wait(SHORT_S)
         try:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pointit.cli.common import site_link
-from pointit.cli.common.keyboard import wait_for_enter
+from pointit.cli.common.enter_key import wait_for_enter
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say

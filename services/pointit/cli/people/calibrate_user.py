@@ -9,6 +9,7 @@ from typing import Any, Unpack
 import click
 
 from pointit.cli.common import site_link
+from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import (
     INTERRUPTED,
@@ -161,8 +162,8 @@ async def _measure(
 
 async def _lamps(bus: Bus, user: str, options: Sequence[str]) -> list[str]:
     """Return the lamps to point at, after checking that the person's pose is known."""
-    room, pose = site_link.LatestMessage(bus, MAP), site_link.LatestMessage(bus, POSE, user)
-    latest = site_link.LatestMessage(bus, LOCALIZATION, user)
+    room, pose = LatestMessage(bus, MAP), LatestMessage(bus, POSE, user)
+    latest = LatestMessage(bus, LOCALIZATION, user)
     with site_link.notify_if_slow("waiting for the map …"):
         environment = await room.wait(site_link.TIMEOUT_S)
     if environment is None:
@@ -265,7 +266,7 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link
 
 async def _profile(bus: Bus, user: str) -> UserProfile:
     with site_link.notify_if_slow(f"waiting for the profile of {user} …"):
-        profile = await site_link.LatestMessage(bus, PROFILE, user).wait(site_link.TIMEOUT_S)
+        profile = await LatestMessage(bus, PROFILE, user).wait(site_link.TIMEOUT_S)
     if profile is None:
         raise NoAnswerError(f"no profile of {user} came")
     return profile

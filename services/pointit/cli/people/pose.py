@@ -8,7 +8,8 @@ from typing import Unpack
 import click
 
 from pointit.cli.common import site_link
-from pointit.cli.common.keyboard import check_keyboard, wait_for_enter
+from pointit.cli.common.enter_key import check_keyboard, wait_for_enter
+from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
@@ -155,8 +156,8 @@ def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
 async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_link.AtSite]) -> int:
     async with site_link.join_site(**at) as bus:
         clock = SiteClock(bus)
-        latest_pose = site_link.LatestMessage(bus, POSE, user)
-        latest_localization = site_link.LatestMessage(bus, LOCALIZATION, user)
+        latest_pose = LatestMessage(bus, POSE, user)
+        latest_localization = LatestMessage(bus, LOCALIZATION, user)
         latest_truth = LatestTruth(bus, user)
         try:
             sentences = await _say(bus, user, asked, latest_pose)
@@ -184,7 +185,7 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
     return 0
 
 
-class LatestTruth(site_link.LatestMessage[TrackedObjects]):
+class LatestTruth(LatestMessage[TrackedObjects]):
     """Latest message of a tracker that sees the true pose of a person."""
 
     def __init__(self, bus: Bus, user: str) -> None:
@@ -205,10 +206,7 @@ class LatestTruth(site_link.LatestMessage[TrackedObjects]):
 
 
 async def found(
-    bus: Bus,
-    user: str,
-    latest_pose: site_link.LatestMessage[UserPose],
-    latest: site_link.LatestMessage[Localization],
+    bus: Bus, user: str, latest_pose: LatestMessage[UserPose], latest: LatestMessage[Localization]
 ) -> UserPose:
     """Return a person's pose.
 
@@ -243,16 +241,14 @@ def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
     )
 
 
-async def _say(
-    bus: Bus, user: str, asked: _Asked, latest_pose: site_link.LatestMessage[UserPose]
-) -> list[str]:
+async def _say(bus: Bus, user: str, asked: _Asked, latest_pose: LatestMessage[UserPose]) -> list[str]:
     """Request the changes of the pose from the localizer, and return its answers as sentences."""
     sentences: list[str] = []
     before = latest_pose.value
     if asked.place is not None:
         before = await latest_pose.wait(YAW_TIMEOUT_S)
         query = asked.place
-        room = await site_link.LatestMessage(bus, MAP).wait(MAP_TIMEOUT_S)
+        room = await LatestMessage(bus, MAP).wait(MAP_TIMEOUT_S)
         if room is not None and (far := out_of_map_warning(query.position_m, room)):
             click.echo(f"warning: {far}", err=True)
         more = ""

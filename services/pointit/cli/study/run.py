@@ -8,7 +8,8 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.keyboard import check_keyboard, key_bytes
+from pointit.cli.common.enter_key import check_keyboard
+from pointit.cli.common.keyboard import key_bytes
 from pointit.commands import (
     ConfigError,
     ProgressCallback,

@@ -11,9 +11,9 @@ from typing import Any, Self
 import pointit
 from pointit.errors import NoMessageError, PointItError
 from pointit.forearm.true_pose import TruePose, find_true_poses
+from pointit.geometry.floor_sigma import position_sigma_m
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Announced, Cursor, Environment, topics
-from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 from pointit.study.measure import SILENT_S, Attempt
 from pointit.study.model import Value
 from pointit.study.tasks.scene import StudyScene
@@ -134,7 +134,9 @@ class StudySite:
         pose = self.site.latest.pose.get(self._user)
         if pose is None or not any(pose.covariance):
             return ""
-        text = f"position ±{position_sigma_m(pose) * 100:.0f} cm, yaw ±{yaw_sigma_deg(pose):.1f}°"
+        yaw_sigma_rad = math.sqrt(max(pose.covariance[8], 0.0))
+        text = f"position ±{position_sigma_m(pose.covariance) * 100:.0f} cm, "
+        text += f"yaw ±{math.degrees(yaw_sigma_rad):.1f}°"
         true_pose = None if self.truth_problem else self._true_pose
         error = None if true_pose is None else true_pose.error_of(pose)
         if error is not None:

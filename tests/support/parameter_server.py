@@ -5,10 +5,36 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.bridges.ros2.graph.backend import Closable, Endpoint, Graph, RosType
-from pointit.bridges.ros2.parameters.node_parameters import GET, GET_SUFFIX, LIST, LIST_SUFFIX, message_of
+from pointit.bridges.ros2.parameters.node_parameters import (
+    FIELDS,
+    GET,
+    GET_SUFFIX,
+    LIST,
+    LIST_SUFFIX,
+    MESSAGE,
+    Value,
+)
 from pointit.bridges.ros2.types.types import Types
 
 NODE = "/pui"
+KINDS: Mapping[type, int] = {bool: 1, int: 2, float: 3, str: 4}
+LISTS: Mapping[type, int] = {bool: 6, int: 7, float: 8, str: 9}
+
+
+def message_of(types: Types, value: Value | None) -> Any:
+    """Return the message that holds `value`. An empty list is one of numbers.
+
+    Raises:
+        ValueError: If ROS has no parameter that holds it.
+    """
+    if value is None:
+        return types.make(MESSAGE)
+    kinds: set[type] = {type(each) for each in value} or {float} if isinstance(value, list) else {type(value)}
+    known = LISTS if isinstance(value, list) else KINDS
+    kind = known.get(kinds.pop()) if len(kinds) == 1 else None
+    if kind is None:
+        raise ValueError(f"{value!r:.60} is no value that a ROS parameter can have")
+    return types.make(MESSAGE, type=kind, **{FIELDS[kind]: value})
 
 
 class ParameterServer:

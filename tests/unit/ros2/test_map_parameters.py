@@ -18,7 +18,7 @@ from pointit.bridges.ros2.parameters.map_of_node import (
     prefixes,
     tree_of,
 )
-from pointit.bridges.ros2.parameters.node_parameters import message_of, value_of
+from pointit.bridges.ros2.parameters.node_parameters import value_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry.polygon import Vec2
 from pointit.geometry.vector import Vec3
@@ -26,6 +26,7 @@ from pointit.maps.checks.check import check_map
 from pointit.maps.file import parse_map_file
 from pointit.maps.model import ENTRIES, MapFile
 from pointit.runtime.config.yaml_file import parse_yaml
+from tests.support.parameter_server import message_of
 
 TYPES = Types("jazzy")
 

@@ -18,12 +18,11 @@ from pointit.bridges.ros2.parameters.node_parameters import (
     MESSAGE,
     PAGE,
     NodeParameters,
-    message_of,
     value_of,
 )
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError, NoAnswerError
-from tests.support.parameter_server import NODE, OneNode, ParameterServer
+from tests.support.parameter_server import NODE, OneNode, ParameterServer, message_of
 
 TYPES = Types("jazzy")
 

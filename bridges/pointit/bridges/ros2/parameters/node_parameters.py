@@ -27,9 +27,6 @@ FIELDS: Mapping[int, str] = {
 }
 """Field of the value by `rcl_interfaces/msg/ParameterType`; all other fields are unused."""
 
-KINDS: Mapping[type, int] = {bool: 1, int: 2, float: 3, str: 4}
-LISTS: Mapping[type, int] = {bool: 6, int: 7, float: 8, str: 9}
-
 
 def value_of(message: Any) -> Value | None:
     """Return the value of a decoded message, or None if the parameter has none.
@@ -46,22 +43,6 @@ def value_of(message: Any) -> Value | None:
     if isinstance(value, bool | int | float | str):
         return value
     return cast("list[Any]", value.tolist() if hasattr(value, "tolist") else list(value))
-
-
-def message_of(types: Types, value: Value | None) -> Any:
-    """Return the message that holds `value`. An empty list is one of numbers.
-
-    Raises:
-        ValueError: If ROS has no parameter that holds it.
-    """
-    if value is None:
-        return types.make(MESSAGE)
-    kinds: set[type] = {type(each) for each in value} or {float} if isinstance(value, list) else {type(value)}
-    known = LISTS if isinstance(value, list) else KINDS
-    kind = known.get(kinds.pop()) if len(kinds) == 1 else None
-    if kind is None:
-        raise ValueError(f"{value!r:.60} is no value that a ROS parameter can have")
-    return types.make(MESSAGE, type=kind, **{FIELDS[kind]: value})
 
 
 LIST = "rcl_interfaces/srv/ListParameters"

@@ -109,7 +109,6 @@ class EstimateMethod:
         """The same of the last ray alone."""
         self._stamp_ns = 0
         self._shown: str | None = None
-        self._shown_ns = 0
         self._anchor: _Angles = (0.0, 0.0, 0.0, 0.0)
         """Angles to the object that is shown when staying on it began."""
         self._stays_ns = 0

@@ -1,7 +1,7 @@
-"""`python -m tests.unit.forearm.yaw_errors`: table of the yaw's error over simulated arms, for the documents.
+"""Table of the yaw's error over simulated arms, for the documents: `python -m tests.unit.forearm.yaw_errors`.
 
-Takes minutes: not in CI. Each row: median and 95 % of the error of the arms that have an estimate, and the share
-of them within 2 sigma.
+Takes minutes: not in CI. Each row: median and 95 % of the error of the arms that have an estimate, and the
+share of them within 2 sigma.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def main() -> None:
                     errors_deg.append(math.degrees(arm.error_rad()))
                     within.append(arm.error_rad() < 2.0 * estimate.sigma_rad)
             median, most = np.quantile(errors_deg, (0.5, 0.95))
-            print(
+            print(  # noqa: T201
                 f"{name}, errors of the IMU last {lasting_s:g} s: {len(errors_deg)} of {options.arms} arms, "
                 f"{median:.2f}°, {most:.2f}°, {np.mean(within):.0%} within 2 sigma",
                 flush=True,

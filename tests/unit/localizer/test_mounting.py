@@ -18,6 +18,7 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.estimation.mounting import Slope, mounting_fault
+from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.pointing.pointer import ArmRay
 from tests.unit.localizer.person import EYES_M, START_NS, config, poses, solved, told
@@ -182,3 +183,31 @@ def test_slope_that_is_uncertain_is_no_reason_for_doubt(
     fault = said(monkeypatch, slope)
     assert ("the rays rise and sink only 0.4 times as much as the robot" in fault) == bool(fault) == is_told
     assert said(monkeypatch, slope, is_refused=True) == ""  # then the rays miss for another reason
+
+
+def test_procedure_goes_on_while_a_mounting_is_doubted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No pose is accepted before the slope is clear, and the reason is published meanwhile."""
+    slopes = [dataclasses.replace(SURE, value=0.45, sigma=0.2)]
+
+    def measured(*_: object, **__: object) -> Slope:
+        return slopes[0]
+
+    monkeypatch.setattr(mounting, "mounting_slope", measured)
+    gathered = following(1, TURNS["along"])
+    procedure = MovingTarget(config(give_up_s=30.0))
+    procedure.start(START_NS)
+    outputs = list[Output]()
+    rows = zip(gathered.stamps_s, gathered.origins_m, gathered.directions, gathered.targets_m, strict=True)
+    for t_s, origin, direction, target in rows:
+        stamp_ns = START_NS + round(t_s * NS_PER_S)
+        if t_s > 8.0:
+            slopes[0] = dataclasses.replace(SURE, value=0.9)
+        procedure.on_ray(
+            PointingRay(
+                stamp_ns=stamp_ns, origin_m=tuple(origin.tolist()), direction=tuple(direction.tolist())
+            )
+        )
+        procedure.on_objects("tracker", robots(t_s, drone=tuple(target.tolist())))
+        outputs += procedure.step(stamp_ns)
+    assert [pose.stamp_ns > START_NS + 8 * NS_PER_S for pose in poses(outputs)] == [True]
+    assert any("rise and sink only 0.5 times" in each.reason for each in told(outputs))

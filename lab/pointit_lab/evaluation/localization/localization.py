@@ -4,7 +4,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
@@ -32,7 +32,7 @@ STATED = SolverSettings().unlimited()
 """The localizer's settings, but poses of any stated sigma are accepted: errors of certain poses alone would
 be too optimistic."""
 
-ANY = replace(STATED, max_residual_rad=math.inf, max_act_residual_rad=math.inf, bias_sigma_limit=math.inf)
+ANY = STATED.any_fit()
 """Accepts the best fit, as the baselines do."""
 
 LIMITS = SolverSettings()

@@ -21,7 +21,7 @@ from pointit.services.localizer.estimation.sample_blocks import Pointings, block
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 MIN_SLOPE = 0.5
-"""Halfway between a sensor along the arm and one across."""
+"""Halfway between a sensor along the arm and one across: the least of recorded people is 0.57 in 5 s."""
 
 MIN_HELD_SLOPE = 0.25
 """The same of pointing at lamps: people exaggerate heights less than they understate them."""
@@ -35,8 +35,8 @@ FEWEST_HOLDS = 4
 MIN_SPREAD_RAD = math.radians(0.8)
 """Smallest standard deviation of the target's elevation that gives a slope."""
 
-LARGEST_SIGMA = 0.25
-"""Largest standard deviation of a slope that is reported as doubtful."""
+MAX_SUSPICION_SIGMA = 0.25
+"""Largest standard deviation of a slope that is doubted."""
 
 FEWEST = 2.0
 """Independent pointings that the estimates of pose and slope use up."""
@@ -53,6 +53,10 @@ FOLLOWS = 2.0
 MOUNTED = (
     "the rays turn with the {} and {}: the sensor seems to be mounted {} the arm; "
     "run `pointit person calibrate mounting USER`"
+)
+SUSPECTED = (
+    "the rays rise and sink only {:.1f} times as much as the robot; keep following it with the arm straight, "
+    "and if this stays run `pointit person calibrate mounting USER`"
 )
 
 
@@ -73,85 +77,54 @@ class Slope:
         """Return True if the sensor is certainly not along the arm; few pointings need a wider margin."""
         return self.value + (1.0 + 6.0 / self.freedom) * self.sigma < MIN_SLOPE
 
-    def follows(self, settings: SolverSettings) -> bool:
-        """Return True if the azimuths alone show that the arm follows the robot."""
-        return self.freedom >= FOLLOWS_FREEDOM and self.sideways_rad <= FOLLOWS * settings.ray_sigma_rad
-
     @property
     def is_doubtful(self) -> bool:
-        """Return True if the sensor is rather across the arm than along it."""
-        return self.value < MIN_SLOPE and self.sigma < LARGEST_SIGMA
+        """Return True if the sensor is rather across the arm than along it: more pointing must tell."""
+        return self.value < MIN_SLOPE and self.sigma < MAX_SUSPICION_SIGMA
 
 
 def mounting_fault(
-    pointings: Pointings, result: Solution | Refusal, settings: SolverSettings, floor_m: float
+    pointings: Pointings,
+    result: Solution | Refusal,
+    settings: SolverSettings,
+    floor_m: float,
+    *,
+    holds: int = 0,
 ) -> str:
-    """Return a message about the sensor's mounting, or `""` if no fault is found.
+    """Return a message about the mounting of the sensor, or `""` if no fault is found.
 
     A wrong mounting may also be the reason why the rays miss, so refused rays are examined, too, if their
-    azimuths follow the robot.
+    azimuths fit the targets. `holds`: number of targets at rest; 0 of a moving one.
     """
-    fit = _best_fit(pointings, result, settings, floor_m)
+    fit = result
+    if isinstance(result, Refusal) and result.residual_rad is not None:
+        fit = solve(pointings, settings.any_fit(), floor_m=floor_m)
     if isinstance(fit, Refusal):
         return ""
-    independent = settings.independent_hz * pointings.span_s
+    independent = float(holds) or settings.independent_hz * pointings.span_s
     slope = mounting_slope(pointings, fit, settings, floor_m, independent=independent)
-    if slope is None or (fit is not result and not slope.follows(settings)):
+    if slope is None:
         return ""
-    if slope.is_wrong:
-        is_back = slope.value < BACKWARDS_SLOPE
-        does, how = ("sink where it rises", "backwards on") if is_back else ("do not rise with it", "across")
-        return MOUNTED.format("robot", does, how)
-    if fit is result and slope.is_doubtful:
-        return (
-            f"the rays rise and sink only {max(slope.value, 0.0):.1f} times as much as the robot; keep "
-            "following it with the arm straight, and if this stays run `pointit person calibrate "
-            "mounting USER`"
-        )
-    return ""
-
-
-def held_mounting_fault(
-    pointings: Pointings, result: Solution | Refusal, settings: SolverSettings, floor_m: float, *, holds: int
-) -> str:
-    """Return a message about the mounting of a sensor with which lamps were pointed at, or `""`."""
-    fit = _best_fit(pointings, result, settings, floor_m)
-    if isinstance(fit, Refusal):
+    sigma_rad = settings.act_sigma_rad if holds else settings.ray_sigma_rad
+    is_enough = holds >= FEWEST_HOLDS if holds else slope.freedom >= FOLLOWS_FREEDOM
+    if fit is not result and not (is_enough and slope.sideways_rad <= FOLLOWS * sigma_rad):
         return ""
-    slope = mounting_slope(pointings, fit, settings, floor_m, independent=float(holds))
-    if slope is None or slope.value >= MIN_HELD_SLOPE:
-        return ""
-    are_meant = holds >= FEWEST_HOLDS and slope.sideways_rad <= FOLLOWS * settings.act_sigma_rad
-    if fit is not result and not are_meant:
-        return ""
-    is_back = slope.value < -MIN_HELD_SLOPE
-    does, how = (
-        ("are low at high ones", "backwards on") if is_back else ("do not rise to high ones", "across")
-    )
-    return MOUNTED.format("lamps", does, how)
-
-
-def _best_fit(
-    pointings: Pointings, result: Solution | Refusal, settings: SolverSettings, floor_m: float
-) -> Solution | Refusal:
-    """Return `result`, or the pose that was refused because the rays miss or it is uncertain."""
-    if isinstance(result, Solution) or result.residual_rad is None:
-        return result
-    unlimited = replace(
-        settings.unlimited(),
-        max_residual_rad=math.inf,
-        max_act_residual_rad=math.inf,
-        bias_sigma_limit=math.inf,
-    )
-    return solve(pointings, unlimited, floor_m=floor_m)
+    if holds:
+        is_wrong, is_back = slope.value < MIN_HELD_SLOPE, slope.value < -MIN_HELD_SLOPE
+        target, back, across = "lamps", "are low at high ones", "do not rise to high ones"
+    else:
+        is_wrong, is_back = slope.is_wrong, slope.value < BACKWARDS_SLOPE
+        target, back, across = "robot", "sink where it rises", "do not rise with it"
+    if is_wrong:
+        return MOUNTED.format(target, *((back, "backwards on") if is_back else (across, "across")))
+    is_doubtful = not holds and fit is result and slope.is_doubtful
+    return SUSPECTED.format(max(slope.value, 0.0)) if is_doubtful else ""
 
 
 def mounting_slope(
     pointings: Pointings, solution: Solution, settings: SolverSettings, floor_m: float, *, independent: float
 ) -> Slope | None:
     """Return the slope by least squares, or None if the target's elevation hardly changes or is not known."""
-    if not len(pointings):
-        return None
     freedom = independent - FEWEST
     means = blocks(in_time(pointings, settings.latency_s + solution.late_s)).pointings
     place_m = np.array([solution.x_m, solution.y_m, floor_m])

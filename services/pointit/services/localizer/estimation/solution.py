@@ -81,6 +81,11 @@ class SolverSettings:
         """Return the settings that accept poses of any uncertainty."""
         return replace(self, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
 
+    def any_fit(self) -> "SolverSettings":
+        """Return the settings that accept the best fit, however far the rays miss."""
+        inf = math.inf
+        return replace(self.unlimited(), max_residual_rad=inf, max_act_residual_rad=inf, bias_sigma_limit=inf)
+
     def accepts(self, pose: "Solution") -> bool:
         """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
         place_m = pose.position_sigma_m

@@ -49,19 +49,12 @@ def followed(
     result = solve(pointings, settings, floor_m=floor_m, start=start)
     if isinstance(result, Refusal):
         return result
-    reason = rejection_reason(pointings, result, settings, floor_m=floor_m)
-    return Refusal(reason, result.residual_rad) if reason else result
-
-
-def rejection_reason(
-    pointings: Pointings, solution: Solution, settings: SolverSettings, *, floor_m: float = 0.0
-) -> str:
-    """Return the reason not to take the pose `solution` although it is certain, or `""`."""
-    half = solve(newest_half(pointings), settings.unlimited(), floor_m=floor_m, start=solution)
-    is_noisy = pointings.span_s >= NOISY_S and (half.residual_rad or 0.0) >= AS_MUCH * solution.residual_rad
-    if not is_settled(pointings, solution.residual_rad, settings, NOISY if is_noisy else CLOSE):
-        return UNSETTLED
-    return "" if isinstance(half, Refusal) or half.differs(solution) <= AGREEING else CHANGED
+    half = solve(newest_half(pointings), settings.unlimited(), floor_m=floor_m, start=result)
+    is_noisy = pointings.span_s >= NOISY_S and (half.residual_rad or 0.0) >= AS_MUCH * result.residual_rad
+    if not is_settled(pointings, result.residual_rad, settings, NOISY if is_noisy else CLOSE):
+        return Refusal(UNSETTLED, result.residual_rad)
+    is_same = isinstance(half, Refusal) or half.differs(result) <= AGREEING
+    return result if is_same else Refusal(CHANGED, result.residual_rad)
 
 
 def is_settled(

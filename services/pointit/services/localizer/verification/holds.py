@@ -14,7 +14,7 @@ import numpy as np
 
 from pointit.services.localizer.estimation.angular_residuals import Rays, angular_errors
 from pointit.services.localizer.estimation.estimator import solve
-from pointit.services.localizer.estimation.mounting import held_mounting_fault
+from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.estimation.sample_blocks import Pointings, lamp_numbers
 from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
@@ -63,7 +63,7 @@ def held(
     steady = without_spikes(pointings)
     result = solve(steady, settings, floor_m=floor_m, start=start)
     numbers = lamp_numbers(steady)
-    wrong = held_mounting_fault(steady, result, settings, floor_m, holds=len(np.unique(numbers)))
+    wrong = mounting_fault(steady, result, settings, floor_m, holds=len(np.unique(numbers)))
     if wrong:
         return Refusal(wrong, result.residual_rad)
     if result.residual_rad is None or result.residual_rad <= AGREEING * settings.act_sigma_rad:
@@ -86,8 +86,7 @@ def outlier_lamps(pointings: Pointings, settings: SolverSettings, *, floor_m: fl
     numbers = lamp_numbers(steady)
     count = int(numbers.max(initial=-1)) + 1
     unlimited = replace(settings.unlimited(), max_act_residual_rad=math.inf)
-    any_bias = replace(unlimited, bias_sigma_limit=math.inf)
-    whole = solve(steady, any_bias, floor_m=floor_m) if count > MIN_OTHER_LAMPS else None
+    whole = solve(steady, settings.any_fit(), floor_m=floor_m) if count > MIN_OTHER_LAMPS else None
     if not isinstance(whole, Solution) or whole.residual_rad <= AGREEING * settings.act_sigma_rad:
         return ()
     places_m = steady.targets_m[np.unique(numbers, return_index=True)[1]]

@@ -57,7 +57,7 @@ def honesty(
     from pointit_lab.cli.honesty_table import print_honesty  # noqa: PLC0415 - wanted only here
     from pointit_lab.evaluation.honesty.honesty import drawn_again, judged_sources, sources_of  # noqa: PLC0415 - SciPy is wanted only here
     from pointit_lab.evaluation.honesty.injections import INJECTIONS  # noqa: PLC0415 - as above
-    from pointit_lab.evaluation.honesty.row import rows_of  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.honesty.row import pooled_rows, rows_of  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.honesty.sources import FULL, QUICK, SETS, SIMULATED, people  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.honesty.targets import missed, regressions  # noqa: PLC0415 - as above
 
@@ -76,7 +76,8 @@ def honesty(
         sources = sources_of(found.followed, found.rooms, chosen, size.windows)
         with progress(len(sources)) as tell_progress:
             verdicts = judged_sources(sources, jobs=jobs, tick=lambda done, _: tell_progress("people", done))
-        rows = rows_of(drawn_again(verdicts, chosen, size, seed, jobs=jobs, tick=lambda _done, _of: None))
+        verdicts = drawn_again(verdicts, chosen, size, seed, jobs=jobs, tick=lambda _done, _of: None)
+        rows, pooled = rows_of(verdicts), pooled_rows(verdicts, SIMULATED)
         asked = {
             (name, each.name)
             for name in sets or (SIMULATED if recordings is None else SETS)
@@ -86,12 +87,13 @@ def honesty(
         misses = missed(rows)
         document = {
             "rows": [row.as_json() for row in rows],
+            "pooled": [row.as_json() for row in pooled],
             "missed": [
                 {"set": row.set, "condition": row.condition, "figures": broken} for row, broken in misses
             ],
             "worse": worse,
         }
         if not write_json(document, json_file):
-            print_honesty(rows, misses, durations=durations)
+            print_honesty([*rows, *pooled], misses, durations=durations)
     if worse:
         raise click.ClickException("worse than stated: " + "; ".join(worse))

@@ -20,7 +20,7 @@ from pointit_lab.evaluation.honesty.honesty import (
     trials_of,
     verdict,
 )
-from pointit_lab.evaluation.honesty.row import EVERY, Judged, rows_of
+from pointit_lab.evaluation.honesty.row import EVERY, Judged, pooled_rows, rows_of
 from pointit_lab.evaluation.honesty.simulated_people import followers, rooms
 from pointit_lab.evaluation.honesty.sources import Size
 from pointit_lab.evaluation.honesty.targets import TARGETS
@@ -294,3 +294,32 @@ def test_the_table_has_a_row_for_each_condition_and_names_what_is_missed(
     assert "simulated people only" in err
     assert [line for line in out.splitlines() if line.split()[:3] == ["as", "they", "are"]]
     assert "simulated, time -0.5 s: 2 sigma of the place" in out
+
+
+def test_rows_are_pooled_by_kind_of_people_and_condition() -> None:
+    def one(name: str, condition: str, duration: str, *, in_place: bool) -> Judged:
+        return Judged(
+            set=name,
+            condition=condition,
+            duration=duration,
+            subject=name,
+            taken=True,
+            error_m=0.7,
+            in_place=in_place,
+        )
+
+    pooled = pooled_rows(
+        [
+            one("flights", "drift", "2 s", in_place=True),
+            one("lamps", "drift", "3 lamps", in_place=False),
+            one("lamps", "garbage", "3 lamps", in_place=True),
+            one("drawn", "drift", "2 s", in_place=True),
+        ],
+        ["drawn"],
+    )
+    assert [(row.set, row.condition, row.duration, row.n) for row in pooled] == [
+        ("recorded people", "drift", EVERY, 2),
+        ("recorded people", "garbage", EVERY, 1),
+        ("simulated people", "drift", EVERY, 1),
+    ]
+    assert [None if row.wrong is None else row.wrong.value for row in pooled] == [0.5, 0.0, 0.0]

@@ -1,6 +1,6 @@
 """Rows of the table of honesty, and what they should be."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -109,6 +109,22 @@ def rows_of(judged: Iterable[Judged]) -> list[HonestyRow]:
     rows = [_row(*names, group) for names, group in groups.items()]
     ranks = {key: rank for rank, key in enumerate(dict.fromkeys((row.set, row.condition) for row in rows))}
     return sorted(rows, key=lambda row: ranks[row.set, row.condition])
+
+
+def pooled_rows(judged: Iterable[Judged], simulated: Collection[str]) -> list[HonestyRow]:
+    """Return a row for each kind of people and condition, over all sets and durations.
+
+    A row of one set has too few trials to show 1 %.
+
+    Args:
+        judged: verdicts.
+        simulated: sets of simulated people. The others are recorded.
+    """
+    groups: dict[tuple[str, str], list[Judged]] = {}
+    for each in judged:
+        kind = "simulated people" if each.set in simulated else "recorded people"
+        groups.setdefault((kind, each.condition), []).append(each)
+    return [_row(kind, condition, EVERY, groups[kind, condition]) for kind, condition in sorted(groups)]
 
 
 def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> HonestyRow:

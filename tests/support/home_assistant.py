@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.asyncio.server import ServerConnection, serve
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import HomeAssistantConnection
@@ -22,6 +22,8 @@ from tests.support.bench import Bench
 
 TOKEN = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of a test
 VERSION = "2025.4.4"
+LOST = ""
+"""Stands for the end of a connection without a network."""
 Message = dict[str, Any]
 
 
@@ -102,18 +104,31 @@ def start(bench: Bench, config: HomeAssistantConfig) -> asyncio.Task[None]:
 class LocalSocket:
     """One end of a websocket without a network: to a `MemoryHome`, in virtual time."""
 
-    def __init__(self, received: asyncio.Queue[str], sent: asyncio.Queue[str]) -> None:
+    def __init__(
+        self,
+        received: asyncio.Queue[str],
+        sent: asyncio.Queue[str],
+        is_alive: Callable[[str], bool] = lambda _effect: True,
+    ) -> None:
+        """Use two queues. `is_alive`: returns False for an effect that the process does not live to have."""
         self._received = received
         self._sent = sent
+        self._is_alive = is_alive
         self.messages: list[Message] = []
         """Messages that were sent."""
 
     async def send(self, text: str) -> None:
-        self.messages.append(json.loads(text))
-        self._sent.put_nowait(text)
+        if self._is_alive(f"send {text}"):
+            self.messages.append(json.loads(text))
+            self._sent.put_nowait(text)
 
     async def recv(self) -> str:
-        return await self._received.get()
+        text = await self._received.get()
+        if text == LOST:
+            raise ConnectionClosedError(None, None)
+        if not self._is_alive(f"receive {text}"):
+            await asyncio.get_running_loop().create_future()  # for ever
+        return text
 
     async def __aiter__(self) -> AsyncIterator[str]:
         while True:
@@ -131,15 +146,19 @@ class MemoryHome:
         self.latency_s = 0.0
         self.report_delay_s = 0.0
         """Time from the answer of a call to the new state, as lamps with a transition take."""
+        self.is_alive: Callable[[str], bool] = lambda _effect: True
+        """See `LocalSocket`; of the next connection."""
         self.junk: list[Any] = []
         """Entries of the list of states that are none."""
         self.refusal = ""
-        self.client = LocalSocket(asyncio.Queue(), asyncio.Queue())
+        self._client_queue = asyncio.Queue[str]()
+        self.client = LocalSocket(self._client_queue, asyncio.Queue())
         """Client's end of the last connection without a network."""
         self.registries: dict[str, list[Message]] = {}
         self.token = TOKEN
         self._subscriptions: list[tuple[ServerConnection, int, str]] = []
-        self._port = 0
+        self._last_brightness: dict[str, int] = {}
+        """Brightness with which lamps that are off go on again."""
         for entity, (state, attributes) in states.items():
             self.states[entity] = {"entity_id": entity, "state": state, "attributes": dict(attributes)}
 
@@ -154,7 +173,8 @@ class MemoryHome:
         """Yield an authenticated connection without a network, in place of that of the bridge."""
         there, here = asyncio.Queue[str](), asyncio.Queue[str]()
         server = LocalSocket(there, here)
-        self.client = LocalSocket(here, there)
+        self.client = LocalSocket(here, there, self.is_alive)
+        self._client_queue = here
         serving = asyncio.create_task(self._serve(cast("ServerConnection", server)))
         await self.client.recv()
         await self.client.send(json.dumps({"type": "auth", "access_token": config.read_token()}))
@@ -166,6 +186,11 @@ class MemoryHome:
             serving.cancel()
             await asyncio.wait([serving])
             self._subscriptions.clear()
+
+    def disconnect(self) -> None:
+        """End the connection without a network, as a Home Assistant that restarts."""
+        self._subscriptions.clear()
+        self._client_queue.put_nowait(LOST)
 
     def set(self, entity: str, state: str | None, **attributes: Any) -> None:
         """Change a state, as a person or a device does. `state`: None if the entity is deleted."""
@@ -206,33 +231,35 @@ class MemoryHome:
         elif command["type"] == "subscribe_events":
             self._subscriptions.append((websocket, number, command["event_type"]))
         elif command["type"] == "call_service":
-            await asyncio.sleep(self.latency_s)
             entity, data = command["target"]["entity_id"], command["service_data"]
+            if not self.refusal and (delay_s := self.latency_s + self.report_delay_s):  # also of a dead client
+                asyncio.get_running_loop().call_later(delay_s, self.act, command["service"], entity, data)
+            await asyncio.sleep(self.latency_s)
             self.calls.append((f"{command['domain']}.{command['service']}", entity, data))
             if self.refusal:
                 error = {"code": "home_assistant_error", "message": self.refusal}
                 await _send(websocket, {"id": number, "type": "result", "success": False, "error": error})
                 return
-            if self.report_delay_s:
-                asyncio.get_running_loop().call_later(
-                    self.report_delay_s, self._act, command["service"], entity, data
-                )
-            else:
-                self._act(command["service"], entity, data)
+            if not delay_s:
+                self.act(command["service"], entity, data)
             result = {"context": {"id": "01", "parent_id": None, "user_id": "u"}, "response": None}
         else:
             result = self.registries.get(command["type"], [])
         with contextlib.suppress(ConnectionClosed):
             await _send(websocket, {"id": number, "type": "result", "success": True, "result": result})
 
-    def _act(self, service: str, entity: str, data: Message) -> None:
+    def act(self, service: str, entity: str, data: Message) -> None:
+        """Do to an entity what a service does."""
         state = self.states.get(entity)
         if state is None or state["state"] == "unavailable":
             return
         is_on = state["state"] == "on"
         if service == "turn_on" or (service == "toggle" and not is_on):
-            self.set(entity, "on", **({"brightness": 180} if not is_on else {}), **data)
+            last = self._last_brightness.pop(entity, 180)
+            self.set(entity, "on", **({"brightness": last} if not is_on else {}) | data)
         elif service in ("turn_off", "toggle"):
+            if is_on:
+                self._last_brightness[entity] = state["attributes"].get("brightness", 180)
             self.set(entity, "off", brightness=None)
 
 

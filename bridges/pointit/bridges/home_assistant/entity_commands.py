@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 END_TIMEOUT_S = 1.0
 """Maximum time to restore lamps at the end, s."""
 RESTORE_TIMEOUT_S = 3.0
-"""Time for the state of a lamp to show the brightness that it was given, s. Then it is given again."""
+"""Time for the state of a lamp to show the brightness that it was given, s. Else it is given again."""
 MAX_COMMAND_DELAY_S = 1.0
 """Time beyond the maximum latency for which a hover may delay the commands to its lamp, s."""
 MAX_SLOW_CALLS = 2
@@ -174,18 +174,18 @@ class EntityCommands:
     async def _restore(self, connection: HomeAssistantConnection, entity: str) -> bool:
         """Give a lamp its brightness of before the hover. Return False if it has it, or is off now.
 
-        What is stored is erased once its state shows that brightness: many lamps answer before they report
-        it, and another hover meanwhile would take the brightness of this one for that of before.
+        What is stored is erased `RESTORE_TIMEOUT_S` later: many lamps answer before they report, first the
+        brightness of the hover. Another hover meanwhile would take that for the brightness of before.
         """
         now_s = asyncio.get_running_loop().time()
+        sent_s = self._restored_s.get(entity, -math.inf)
+        if self._feedback is None or now_s - sent_s < RESTORE_TIMEOUT_S:
+            return False
         call = None
-        if self._feedback is not None:
-            with self._reported():
-                call = self._feedback.end(entity, self._state_of(entity), is_sent=entity in self._restored_s)
+        with self._reported():
+            call = self._feedback.end(entity, self._state_of(entity), is_sent=entity in self._restored_s)
         if call is None:
             self._restored_s.pop(entity, None)
-            return False
-        if now_s - self._restored_s.get(entity, -math.inf) < RESTORE_TIMEOUT_S:
             return False
         try:
             await connection.call(call)

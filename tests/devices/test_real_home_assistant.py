@@ -1,11 +1,13 @@
 """The bridge beside a real Home Assistant, at night: import, act, state back, and kills during a hover.
 
 Home Assistant needs an environment of its own, with its Python: `python3.13 -m venv DIR` and
-`DIR/bin/pip install homeassistant==2025.4.4`. HOME_ASSISTANT_PYTHON=DIR/bin/python scripts/test -m long
+`DIR/bin/pip install homeassistant==2025.4.4`, or `python3.14 -m venv DIR` and `DIR/bin/pip install
+homeassistant numpy av`. HOME_ASSISTANT_PYTHON=DIR/bin/python scripts/test -m long
 tests/devices/test_real_home_assistant.py then starts one with its integration `demo`, and ends it.
 """
 
 import asyncio
+import contextlib
 import json
 import os
 import random
@@ -25,6 +27,8 @@ from pointit.bridges.home_assistant.connection import HomeAssistantConnection, c
 from pointit.bridges.home_assistant.home_action import ServiceCall
 from pointit.cli.maps.home_assistant import entities_of
 from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import RefusedError
+from pointit.schemas.topics import HEALTH
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port
 from tests.support.home_assistant import HomeSite, reading, start, thing
@@ -60,7 +64,9 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Generator[HomeAssistantC
         try:
             fields = {"url": f"http://127.0.0.1:{port}", "token_file": str(folder / "token")}
             (folder / "token").write_text(asyncio.run(token_of(fields["url"])))
-            yield HomeAssistantConfig.model_validate(fields)
+            config = HomeAssistantConfig.model_validate(fields)
+            asyncio.run(prepare(config))
+            yield config
         finally:
             process.terminate()
 
@@ -93,6 +99,18 @@ async def token_of(url: str) -> str:
         return str(json.loads(await websocket.recv())["result"])
 
 
+async def prepare(config: HomeAssistantConfig) -> None:
+    """Wait for the lamps of `demo`, and have Home Assistant keep its port."""
+    async with connected(config) as connection, reading(connection):
+        with contextlib.suppress(RefusedError):  # of versions before 2026, which keep it anyway
+            await connection.request("http/config/promote")
+        for _ in range(300):
+            if LAMP in await connection.states():
+                return
+            await asyncio.sleep(0.2)
+        raise AssertionError(f"{LAMP} is not there: see the log of Home Assistant for what `demo` misses")
+
+
 async def lamp(connection: HomeAssistantConnection) -> tuple[str, Any]:
     state = (await connection.states())[LAMP]
     return state["state"], state["attributes"].get("brightness")
@@ -118,31 +136,58 @@ async def test_lamp_is_imported_switched_and_shows_what_was_switched_there(
         await until(lambda: "bed" not in site.selected, what="what was switched there")
 
 
+async def test_token_that_is_deleted_there_is_reported_and_a_new_one_is_used(
+    config: HomeAssistantConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
+    async with connected(config) as connection, reading(connection), memory_bench(WallClock()) as bench:
+
+        async def new_token(name: str) -> str:
+            return str(await connection.request("auth/long_lived_access_token", client_name=name, lifespan=1))
+
+        (tmp_path / "token").write_text(await new_token("to be deleted"))
+        health = bench.collect(HEALTH)
+        site = HomeSite(bench, thing("bed", LAMP))
+        await connection.call(ServiceCall(LAMP, "light", "turn_on"))
+        start(bench, config.model_copy(update={"token_file": str(tmp_path / "token")}))
+        await until(lambda: "bed" in site.selected, what="the state of the lamp")
+        for token in await connection.request("auth/refresh_tokens"):
+            if token["client_name"] == "to be deleted":
+                await connection.request("auth/delete_refresh_token", refresh_token_id=token["id"])
+        await until(lambda: "rejects the token in" in str(health[-1:]), what="the reason")
+        (tmp_path / "token").write_text(await new_token("another"))
+        await connection.call(ServiceCall(LAMP, "light", "turn_off"))
+        await until(lambda: "bed" not in site.selected, what="what was switched there")
+
+
+async def hover(config: HomeAssistantConfig) -> None:
+    """Run the bridge beside a person who points at the lamp again and again."""
+    async with memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("bed", LAMP))
+        start(bench, config)
+        while True:
+            async with site.hovering("bed"):
+                await asyncio.sleep(0.2)
+            await asyncio.sleep(0.2)
+
+
+async def restored(config: HomeAssistantConfig) -> tuple[str, Any]:
+    """Run the bridge beside nobody, and return the state of the lamp."""
+    async with connected(config) as connection, reading(connection), memory_bench(WallClock()) as bench:
+        HomeSite(bench, thing("bed", LAMP))
+        start(bench, config)
+        for _ in range(300):
+            if (await lamp(connection))[1] == BRIGHTNESS:
+                break
+            await asyncio.sleep(0.1)
+        return await lamp(connection)
+
+
+@pytest.mark.timeout(3600)
 def test_no_lamp_is_left_changed_after_kills_during_hovers(
     config: HomeAssistantConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
-
-    async def hover() -> None:
-        """Run the bridge beside a person who points at the lamp again and again."""
-        async with memory_bench(WallClock()) as bench:
-            site = HomeSite(bench, thing("bed", LAMP))
-            start(bench, config)
-            while True:
-                async with site.hovering("bed"):
-                    await asyncio.sleep(0.2)
-                await asyncio.sleep(0.2)
-
-    async def restore() -> tuple[str, Any]:
-        """Run the bridge beside nobody, and return the state of the lamp."""
-        async with connected(config) as connection, reading(connection), memory_bench(WallClock()) as bench:
-            HomeSite(bench, thing("bed", LAMP))
-            start(bench, config)
-            for _ in range(300):
-                if (await lamp(connection))[1] == BRIGHTNESS:
-                    break
-                await asyncio.sleep(0.1)
-            return await lamp(connection)
 
     async def set_brightness() -> None:
         async with connected(config) as connection, reading(connection):
@@ -154,13 +199,14 @@ def test_no_lamp_is_left_changed_after_kills_during_hovers(
 
     asyncio.run(set_brightness())
     changed = 0
-    for _ in range(KILLS):
+    for number in range(KILLS):
         if (child := os.fork()) == 0:
-            asyncio.run(hover())
+            asyncio.run(hover(config))
         asyncio.run(asyncio.sleep(random.uniform(0.05, 2.0)))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         changed += asyncio.run(seen()) != BRIGHTNESS
+        if number % 2 or number == KILLS - 1:  # after the others, the next process hovers at once
+            assert asyncio.run(restored(config)) == ("on", BRIGHTNESS), f"after kill {number + 1}"
     sys.stdout.write(f"{KILLS} kills, after {changed} of them the lamp was changed\n")
-    assert asyncio.run(restore()) == ("on", BRIGHTNESS)
     assert changed, "some kills have to come while the lamp is changed"

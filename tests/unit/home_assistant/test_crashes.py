@@ -147,7 +147,9 @@ async def nothing(_home: MemoryHome, _site: HomeSite) -> None:
     await asyncio.sleep(REST_S)
 
 
-async def check_restored(home: MemoryHome, folder: Path, before: Any, *processes: tuple[Acts, Process]) -> None:
+async def check_restored(
+    home: MemoryHome, folder: Path, before: Any, *processes: tuple[Acts, Process]
+) -> None:
     """Run further processes, and check that the lamps are as before."""
     for acts, process in processes:
         if home.states[LAMP]["state"] == "unavailable":
@@ -189,7 +191,9 @@ def test_lamps_are_as_before_whichever_effect_is_the_last_of_a_killed_process(
         try:
             await check_restored(home, folder, before, *again, (next_acts, Process(MAX_EFFECTS)))
         except AssertionError as error:
-            raise AssertionError(f"died after {lifetime} effects, the last: {process.effects[-3:]}") from error
+            raise AssertionError(
+                f"died after {lifetime} effects, the last: {process.effects[-3:]}"
+            ) from error
         return process
 
     for lifetime in count():

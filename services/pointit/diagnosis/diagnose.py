@@ -4,7 +4,12 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from pointit.diagnosis.causes import SEVERITIES, explain
-from pointit.diagnosis.missing_services import find_empty_site, find_missing, find_people_without_cursor
+from pointit.diagnosis.missing_services import (
+    find_empty_site,
+    find_missing,
+    find_missing_bridge,
+    find_people_without_cursor,
+)
 from pointit.diagnosis.observation import Finding, Observation, Severity
 from pointit.diagnosis.symptoms import find_in_reports
 from pointit.diagnosis.writers import is_bridge, present_writers, row_of
@@ -128,6 +133,7 @@ def diagnose(seen: Observation, is_sure: Callable[[Finding], bool] = lambda _: T
         *find_empty_site(seen),
         *find_missing(seen),
         *find_people_without_cursor(seen),
+        *find_missing_bridge(seen),
         *find_clock_skew(seen),
         *find_in_reports(seen),
         *stale_inputs(seen),

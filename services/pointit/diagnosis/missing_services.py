@@ -5,15 +5,20 @@ from collections.abc import Iterator, Sequence
 from pointit.diagnosis.observation import Finding, Observation
 from pointit.diagnosis.writers import present_writers, restart_remedy, row_of
 from pointit.runtime.bus.contract import AnyTopic
+from pointit.schemas.environment import Environment
 from pointit.schemas.system import RUN, split_instance
 from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY
-from pointit.services.registry import person_of
+from pointit.services.registry import HOME_ASSISTANT, person_of
 
 CHAIN: tuple[AnyTopic, ...] = (IMU, RAY, CURSOR, HOVER)
 """Topics from a wrist to a selection. Each is made of the one before it."""
 SHARED_REMEDY = (
     "start what all people share again where it ran, with `pointit run --site-only{credentials}`; if its "
     "process is stopped there, continue it: `kill -CONT PID`"
+)
+HOME_REMEDY = (
+    f"add --with {HOME_ASSISTANT.name} to `pointit run`, and its address and token by --config "
+    "(`home_assistant: {url, token_file}`)"
 )
 MAX_LISTED = 4
 """Number of names that a sentence lists."""
@@ -89,6 +94,23 @@ def find_people_without_cursor(seen: Observation) -> Iterator[Finding]:
     yield Finding(
         "error", "no-cursor", subject, sentence, remedy, services=(*sorted(lacking), *user_services)
     )
+
+
+def find_missing_bridge(seen: Observation) -> Iterator[Finding]:
+    """Find things that are entities of a Home Assistant on a site that is not connected to it."""
+    services = {*seen.present, *seen.left, *seen.expected}
+    if seen.home_things and seen.present and HOME_ASSISTANT.name not in services:
+        yield Finding("warning", "no-bridge", "", unconnected_sentence(seen.home_things), HOME_REMEDY)
+
+
+def home_things(environment: Environment) -> tuple[str, ...]:
+    """Return the names of the things that are entities of a Home Assistant."""
+    return tuple(thing.id for thing in environment.things if thing.home_assistant)
+
+
+def unconnected_sentence(things: Sequence[str]) -> str:
+    """Return the sentence on things of a Home Assistant to which the site is not connected."""
+    return f"Home Assistant is not connected: pointing at {listed(things)} switches nothing there"
 
 
 def listed(names: Sequence[str]) -> str:

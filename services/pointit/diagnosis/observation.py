@@ -36,6 +36,7 @@ Code = Literal[
     "stopped",
     "starved",
     "no-cursor",
+    "no-bridge",
     "twice",
     "stale",
     "failing",
@@ -99,6 +100,8 @@ class Observation:
     )
     """Reports by instance, oldest first."""
     deployments: Mapping[str, Deployment] = field(default_factory=dict[str, Deployment])
+    home_things: tuple[str, ...] = ()
+    """Things of the map that are entities of a Home Assistant."""
     host: str = ""
     """Host name of the observer's machine."""
     stopped: tuple[StoppedProcess, ...] = ()

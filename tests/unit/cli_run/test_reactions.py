@@ -330,6 +330,20 @@ def test_unknown_thing_is_refused_before_the_run(monkeypatch: pytest.MonkeyPatch
     assert not THINGS_PART.add(scenario, Choices(), {"on": (), "mqtt": ""}).watchers
 
 
+def test_things_of_a_home_assistant_without_its_service_are_named_at_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "home.yaml"
+    path.write_text("things: {desk: {home_assistant: light.desk, center: [0, 1, 1], size: [1, 1, 1]}}")
+    scenario = read_scenario(str(path))
+
+    def notes(*services: str) -> Sequence[str]:
+        return THINGS_PART.add(scenario, Choices(services=services), {"on": (), "mqtt": ""}).notes
+
+    (note,) = notes()
+    assert "is not connected: pointing at desk switches nothing there; add --with home-assistant" in note
+    assert notes("home_assistant") == []
+    assert THINGS_PART.add(read_scenario("shelf"), Choices(), {"on": (), "mqtt": ""}).notes == []
+
+
 def test_file_has_several_reactions(tmp_path: Path) -> None:
     path = tmp_path / "site.yaml"
     path.write_text("screws: ['true', 'http://home/hook']\nradio: echo {state}\n")

@@ -101,6 +101,16 @@ def test_a_router_alone_is_no_site_that_is_well() -> None:
     assert diagnose(observation(health("router"), health("led-driver"))) == []
 
 
+def test_things_of_a_home_assistant_that_is_not_connected_are_named() -> None:
+    finding = only(observation(WELL[2], home_things=("desk", "fan")))
+    assert (finding.code, finding.severity) == ("no-bridge", "warning")
+    assert "is not connected: pointing at desk and fan switches nothing there" in finding.sentence
+    assert "add --with home-assistant to `pointit run`" in finding.remedy
+    assert diagnose(observation(WELL[2], health("home-assistant"), home_things=("desk",))) == []
+    gone = only(observation(WELL[2], left=frozenset({"home-assistant"}), home_things=("desk",)))
+    assert gone.code == "left", "one finding of one problem"
+
+
 def test_restart_command_reaches_the_site_that_was_looked_at() -> None:
     gone = ExpectedService(service="keeper", command=("python", "-m", "x"))
     options = " --site hall --connect tcp/a:1"

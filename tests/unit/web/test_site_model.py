@@ -32,6 +32,7 @@ from pointit.schemas import (
     SelectionEvent,
     UserPose,
 )
+from pointit.schemas.environment import Thing
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import (
     ANNOUNCED,
@@ -305,6 +306,26 @@ def test_lamps_that_are_not_in_the_map_take_no_place(monkeypatch: pytest.MonkeyP
     assert belief.take(LAMP_COLOR, "real", lamp, 1, 0.0)
     assert belief.take(POSE, "anna", UserPose(stamp_ns=1, yaw_rad=0.0, position_m=(0.0, 0.0, 0.0)), 1, 0.0)
     assert belief.hub.names(LAMP_COLOR) == ["real"]
+
+
+def test_things_of_a_home_assistant_that_is_not_connected_are_a_finding() -> None:
+    model = SiteModel("web", 0.0)
+    for instance in ("web", "pui"):
+        model.set_service(instance, True, 0.0)
+
+    def findings(*actions: str) -> list[str]:
+        things = tuple(
+            Thing(id=f"lamp_{number}", center_m=(0, 0, 1), size_m=(1, 1, 1), home_assistant=action)
+            for number, action in enumerate(actions)
+        )
+        model.take(MAP, "", Environment(stamp_ns=1, name="home", things=things), 1, 0.0)
+        status = model.status([], 1.0, viewers=0, lan_url="", speed=1.0)
+        return [finding.sentence for finding in status.findings]
+
+    assert findings("light.desk", "") == [
+        "Home Assistant is not connected: pointing at lamp_0 switches nothing there"
+    ]
+    assert findings("", "") == []
 
 
 def test_the_events_of_a_run_begin_with_it() -> None:

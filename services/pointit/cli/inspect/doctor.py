@@ -27,7 +27,7 @@ from pointit.cli.common.output import (
 from pointit.cli.site.identities_table import expiring, section, visible_rows
 from pointit.diagnosis.causes import may_pass
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
-from pointit.diagnosis.missing_services import is_anything_starting
+from pointit.diagnosis.missing_services import home_things, is_anything_starting
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
 from pointit.diagnosis.outage import unreachable
 from pointit.diagnosis.stopped_processes import stopped_processes
@@ -39,9 +39,9 @@ from pointit.runtime.link.outage import SILENT_S
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import ClockTick, Deployment, Health, KeyHealth, Quantiles
+from pointit.schemas import ClockTick, Deployment, Environment, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, SERVICE_ALIVE, SHARD_ALIVE
+from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, MAP, SERVICE_ALIVE, SHARD_ALIVE
 from pointit.services.registry import add_installed, person_of
 
 MIN_S = 1.2
@@ -92,6 +92,7 @@ class SiteObserver:
         self._shards: set[str] = set()
         self._reports: dict[str, list[DiagnosisReport]] = {}
         self._deployments: dict[str, Deployment] = {}
+        self._home_things: tuple[str, ...] = ()
         self._speed = 1.0
 
     async def watch(self, bus: ZenohBus) -> None:
@@ -100,6 +101,7 @@ class SiteObserver:
         bus.subscribe(CLOCK, self._on_clock)
         bus.subscribe(DEPLOYMENT, self._on_deployment)
         bus.subscribe(HEALTH, self._on_health)
+        bus.subscribe(MAP, self._on_map)
         bus.watch(SERVICE_ALIVE, self._on_presence)
         bus.watch(SHARD_ALIVE, lambda name, here: (self._shards.add if here else self._shards.discard)(name))
         await asyncio.sleep(MIN_S)
@@ -127,6 +129,7 @@ class SiteObserver:
             shards=frozenset(self._shards),
             reports={name: tuple(reports[name]) for name in reports},
             deployments=dict(self._deployments),
+            home_things=self._home_things,
             host=socket.gethostname(),
             stopped=stopped_processes(link.site, link.addresses),
             now_ns=time.time_ns(),
@@ -162,6 +165,9 @@ class SiteObserver:
             self._deployments[name] = believed
         else:  # ended on purpose
             self._deployments.pop(name, None)
+
+    def _on_map(self, environment: Environment, _name: str) -> None:
+        self._home_things = home_things(environment)
 
     def _on_clock(self, tick: ClockTick, _name: str) -> None:
         self._speed = tick.speed

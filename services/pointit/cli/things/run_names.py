@@ -9,6 +9,7 @@ import click
 
 from pointit.cli.common.run_part import Added, RunPart
 from pointit.cli.display.display_part import DisplayPart
+from pointit.diagnosis.missing_services import HOME_REMEDY
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import OnEvent
 from pointit.launch.plan.scenario import Scenario
@@ -101,10 +102,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
         raise ConfigError(f"--announce {announce} needs method estimate, not {method}: leave --method out")
     players = (f"{HOME}.speaker={announce}",) if announce.startswith(PLAYER) else ()
     if players and HOME not in {*scenario.site, *map(with_service_name, choices.services)}:
-        raise ConfigError(
-            f"--announce {announce}: Home Assistant is not connected; add --with {HOME}, and its address and "
-            "token by --config (`home_assistant: {url, token_file}`)"
-        )
+        raise ConfigError(f"--announce {announce}: Home Assistant is not connected; {HOME_REMEDY}")
     synthesizer = SpeechSynthesizer(WallClock(), "--announce speaker") if announce == "speaker" else None
     return Added(
         settings=(*SELECTOR, *players, *(SUPERVISOR if "supervisor" in scenario.user else ())),

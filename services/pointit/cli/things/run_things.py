@@ -9,10 +9,13 @@ from pointit.cli.common.run_part import Added, RunPart
 from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reactions, reactions_in
+from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, unconnected_sentence
 from pointit.launch.plan.launches import Choices, site_launches
 from pointit.launch.plan.plan import MakeWatcher
 from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.scenario_catalog import room_of
+from pointit.runtime.errors import ConfigError
+from pointit.services.registry import HOME_ASSISTANT
 
 
 def mqtt_options(function: Any) -> Any:
@@ -59,7 +62,19 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
     if options["mqtt"] or ca_file:
         config = broker_of(options["mqtt"], ca_file)
         watchers.append(lambda _launches: MqttThings(config))
-    return Added(watchers=watchers)
+    return Added(watchers=watchers, notes=_home_notes(scenario, choices))
+
+
+def _home_notes(scenario: Scenario, choices: Choices) -> list[str]:
+    """Return the sentence on things of a Home Assistant that is not connected, if there are some."""
+    try:
+        launches = site_launches(scenario, choices)
+        room = room_of(launches)
+    except ConfigError:  # reported when all options are known
+        return []
+    is_connected = any(HOME_ASSISTANT.name == launch.service.NAME for launch in launches)
+    things = () if room is None or is_connected else home_things(room)
+    return [f"{unconnected_sentence(things)}; {HOME_REMEDY}"] if things else []
 
 
 def summary_lines(summary: Mapping[str, Any]) -> list[str]:

@@ -14,6 +14,7 @@ from pointit.bridges.web.model.status import SiteObservation
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import PersonLine, Status
+from pointit.diagnosis.missing_services import home_things
 from pointit.diagnosis.writers import present_writers
 from pointit.schemas import Deployment, Environment, Health, Message, encode
 from pointit.schemas.system import RUN, split_instance
@@ -162,6 +163,7 @@ class SiteModel:
         """Store a message, encoded once for all pages. Return False if there is no room for its key."""
         if isinstance(message, Environment):
             self._lamps = frozenset(lamp.id for lamp in message.lamps)
+            self._sight.home_things = home_things(message)
         elif topic is LAMP_COLOR and self._lamps is not None and name not in self._lamps:
             return True  # possibly invented: lamps that are not on the map are not shown
         elif isinstance(message, Deployment):

@@ -51,6 +51,8 @@ class SiteObservation:
         """Until then services may leave: their run has ended, or another scenario has replaced theirs."""
         self._is_over = False
         """The last run has ended on purpose."""
+        self.home_things: tuple[str, ...] = ()
+        """Things of the map that are entities of a Home Assistant."""
 
     @property
     def present(self) -> frozenset[str]:
@@ -123,6 +125,7 @@ class SiteObservation:
             left=frozenset(self._left_s),
             reports={name: tuple(reports) for name, reports in self._reports.items() if reports},
             deployments=deployments,
+            home_things=self.home_things,
             speed=speed,
         )
         missing = seen.expected.keys() - seen.present - self._left_s.keys()

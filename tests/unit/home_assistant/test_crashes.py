@@ -26,6 +26,7 @@ BRIGHTNESS = {LAMP: 100, OTHER: 250}
 REST_S = 5.0
 """Time after which a new process has done all that it does, in virtual time."""
 MAX_EFFECTS = 200
+NO_LIGHTS = '{"lights":{}}'
 FILE_STEPS = ("mkdir", "touch", "write_bytes", "chmod", "replace", "unlink")
 """Functions of `Path` by which a file changes."""
 
@@ -143,6 +144,10 @@ async def live(home: MemoryHome, folder: Path, acts: Acts, process: Process) -> 
             acting.result()
 
 
+def stored_lights(folder: Path) -> set[str]:
+    return {"".join(path.read_text().split()) for path in folder.rglob("dimmed_lights.json")}
+
+
 async def nothing(_home: MemoryHome, _site: HomeSite) -> None:
     await asyncio.sleep(REST_S)
 
@@ -159,8 +164,21 @@ async def check_restored(
         home.act("turn_on", LAMP, {})
         await live(home, folder, nothing, Process(MAX_EFFECTS))
     assert home.states == before
-    stored = folder / "lab" / "home-assistant" / "dimmed_lights.json"
-    assert not stored.exists() or '"lights": {}' in stored.read_text(), "nothing is left to restore"
+    assert stored_lights(folder) <= {NO_LIGHTS}, "nothing is left to restore"
+
+
+async def test_nothing_is_left_to_restore_after_an_orderly_end_short_after_a_hover(tmp_path: Path) -> None:
+    home, folder = lit_home(), tmp_path / "state"
+    folder.mkdir()
+
+    async def end_soon(home: MemoryHome, site: HomeSite) -> None:
+        async with site.hovering("desk"):
+            await until(lambda: brightness(home) != BRIGHTNESS[LAMP], what="the hover")
+        await until(lambda: brightness(home) == BRIGHTNESS[LAMP], what="the lamp to return")
+        await asyncio.sleep(0.5)
+
+    await live(home, folder, end_soon, Process(MAX_EFFECTS))
+    assert stored_lights(folder) == {NO_LIGHTS}, "a lamp that is set by hand meanwhile stays so"
 
 
 @pytest.mark.parametrize(

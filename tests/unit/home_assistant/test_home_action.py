@@ -112,6 +112,18 @@ def test_lamp_that_somebody_else_has_set_meanwhile_is_left_alone(tmp_path: Path)
     assert own.entities == ()
 
 
+@pytest.mark.parametrize(("brightness", "again"), [(100, False), (104, False), (112, False), (118, True)])
+def test_lamp_that_got_its_brightness_back_is_restored_again_only_if_it_still_shows_the_hover(
+    brightness: int, tmp_path: Path, *, again: bool
+) -> None:
+    own = feedback(tmp_path)
+    own.begin(LAMP, lamp(100))
+    assert shown(own.end(LAMP, lamp(brightness), is_sent=True)) == (
+        ("light", "turn_on", 100) if again else None
+    )
+    assert own.entities == ((LAMP,) if again else ()), "others may have set it within the time"
+
+
 def test_lamp_that_was_switched_off_meanwhile_is_restored_when_it_is_on_again(tmp_path: Path) -> None:
     own = feedback(tmp_path)
     own.begin(LAMP, lamp(100))

@@ -82,12 +82,13 @@ class EntityCommands:
             worker.cancel()
         await asyncio.gather(*workers, return_exceptions=True)
         self._workers.clear()  # one that was cancelled before its first step is still there
-        self._restored_s.clear()
         self._pending.clear()
         if not is_lost:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_TIMEOUT_S):
-                    await asyncio.gather(*(self._restore(connection, each) for each in self._dimmed()))
+                    lamps = (self._restore(connection, each, timeout_s=0.0) for each in self._dimmed())
+                    await asyncio.gather(*lamps)
+        self._restored_s.clear()
 
     def send(self, call: ServiceCall, parameter: str) -> None:
         """Send `call`, instead of one of the same entity that waits. `parameter`: its origin, for errors."""
@@ -171,15 +172,17 @@ class EntityCommands:
             )
         return True
 
-    async def _restore(self, connection: HomeAssistantConnection, entity: str) -> bool:
+    async def _restore(
+        self, connection: HomeAssistantConnection, entity: str, *, timeout_s: float = RESTORE_TIMEOUT_S
+    ) -> bool:
         """Give a lamp its brightness of before the hover. Return False if it has it, or is off now.
 
-        What is stored is erased `RESTORE_TIMEOUT_S` later: many lamps answer before they report, first the
+        What is stored is erased `timeout_s` later: many lamps answer before they report, first the
         brightness of the hover. Another hover meanwhile would take that for the brightness of before.
         """
         now_s = asyncio.get_running_loop().time()
         sent_s = self._restored_s.get(entity, -math.inf)
-        if self._feedback is None or now_s - sent_s < RESTORE_TIMEOUT_S:
+        if self._feedback is None or now_s - sent_s < timeout_s:
             return False
         call = None
         with self._reported():

@@ -76,7 +76,7 @@ class HoverFeedback:
         Args:
             entity: the lamp.
             state: its state in Home Assistant.
-            is_sent: that call was sent already. Then a lamp that has its brightness of before needs none.
+            is_sent: that call was sent already. Then only a lamp that still shows the hover needs it again.
 
         Raises:
             ConfigError: If the file cannot be written.
@@ -84,8 +84,8 @@ class HoverFeedback:
         light, brightness = self._lights.get(entity), _brightness(state)
         if light is None or brightness is None:
             return None
-        is_restored = is_sent and abs(brightness - light.before) < abs(brightness - light.during)
-        if is_restored or not light.is_own(brightness):
+        shows_hover = abs(brightness - light.during) <= min(TOLERANCE, abs(brightness - light.before))
+        if (is_sent and not shows_hover) or not light.is_own(brightness):
             self.forget(entity)
             return None
         return _set_brightness(entity, light.before)

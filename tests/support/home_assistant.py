@@ -232,9 +232,8 @@ class MemoryHome:
             self._subscriptions.append((websocket, number, command["event_type"]))
         elif command["type"] == "call_service":
             entity, data = command["target"]["entity_id"], command["service_data"]
-            if not self.refusal and (
-                delay_s := self.latency_s + self.report_delay_s
-            ):  # also of a dead client
+            delay_s = self.latency_s + self.report_delay_s
+            if delay_s and not self.refusal:  # also if the client is dead by then
                 asyncio.get_running_loop().call_later(delay_s, self.act, command["service"], entity, data)
             await asyncio.sleep(self.latency_s)
             self.calls.append((f"{command['domain']}.{command['service']}", entity, data))

@@ -135,7 +135,7 @@ def test_a_tracked_object_does_what_the_map_says_of_it_while_it_is_tracked() -> 
         output.message for output in room.engine.set_thing("anna", SetThing(thing="cart"), at(room.time_s))
     ]
     assert [each.text for each in told if isinstance(each, Feedback)] == [
-        "no button or switch cart has a position now"
+        "no button or switch cart is placed"
     ]
     assert [one.id for one in room.engine.selection(at(room.time_s)).objects] == ["cart"]
     stay("other", 40.0)
@@ -267,7 +267,7 @@ def test_programs_change_nothing_that_is_owned_or_unknown() -> None:
     room = Things(thing("seat", mode="claim"))
     room.point(80.0, 0.1)
     for name in ("seat", "nothing"):
-        assert set_thing(room, name) == ([], [f"no button or switch {name} has a position now"])
+        assert set_thing(room, name) == ([], [f"no button or switch {name} is placed"])
 
 
 def test_who_rests_on_a_switch_does_not_undo_what_a_program_does() -> None:

@@ -299,7 +299,7 @@ class Arbiter:
         thing, on = query.thing, query.on
         tracked, is_on = self._positions.objects.get(thing), self._ownership.is_selected(thing)
         if tracked is None or tracked.mode == "claim":
-            return [self._publisher.cue(user, "refused", f"no button or switch {thing} has a position now", now_ns)]
+            return [self._publisher.cue(user, "refused", f"no button or switch {thing} is placed", now_ns)]
         if on is is_on:
             return []
         if tracked.mode == "button" and (is_on or on is False):

@@ -5,6 +5,7 @@ happens to a process that has its effects up to one and no further ones.
 """
 
 import asyncio
+import gc
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from copy import deepcopy
@@ -194,7 +195,7 @@ async def test_nothing_is_left_to_restore_after_an_orderly_end_short_after_a_hov
     ],
 )
 def test_lamps_are_as_before_whichever_effect_is_the_last_of_a_killed_process(
-    acts: Acts, next_acts: Acts, *, is_killed_again: bool, tmp_path: Path
+    acts: Acts, next_acts: Acts, *, is_killed_again: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     changed = 0
 
@@ -218,4 +219,6 @@ def test_lamps_are_as_before_whichever_effect_is_the_last_of_a_killed_process(
         assert lifetime < MAX_EFFECTS
         if not run_virtually(run(lifetime)).death.is_set():
             break
+    gc.collect()
+    assert "messages of Home Assistant" not in caplog.text, "no task is left"
     assert changed, "some processes have to die while a lamp is changed"

@@ -111,10 +111,12 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 await (reading if reading.done() else following)
             finally:
                 following.cancel()
-                await self._commands.close(connection, is_lost=reading.done())
-                reading.cancel()
-                await asyncio.gather(reading, following, return_exceptions=True)
-                self._targets.clear()
+                try:
+                    await self._commands.close(connection, is_lost=reading.done())
+                finally:  # also if this is cancelled once more
+                    reading.cancel()
+                    await asyncio.gather(reading, following, return_exceptions=True)
+                    self._targets.clear()
 
     async def _follow(self, connection: HomeAssistantConnection) -> None:
         """Read all states, then give things the states of their entities, except while these change."""

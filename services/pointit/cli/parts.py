@@ -13,7 +13,7 @@ PersonCheck: TypeAlias = Callable[[str], None]
 """Checks whether a command may start the services of a person; raises ConfigError."""
 
 _ROBOT_ROOMS = ("pointit.launch.robots", "pointit.services.user_sim")
-_NAMES_ROOMS = ("pointit.speech", "pointit.services.selector.methods.estimate")
+_NAMES_ROOMS = ("pointit.speech", "pointit.services.selector.methods.estimate", "pointit.diagnosis")
 
 RUN_PARTS: tuple[OptionalPart["RunPart"], ...] = (
     OptionalPart("pointit.cli.page.run_page:PAGE_PART", ("pointit.launch.page", "pointit.bridges.web")),
@@ -21,7 +21,7 @@ RUN_PARTS: tuple[OptionalPart["RunPart"], ...] = (
         "pointit.cli.recordings.run_recorder:RECORDER_PART",
         ("pointit.launch.recorder", "pointit.services.recorder"),
     ),
-    OptionalPart("pointit.cli.things.run_things:THINGS_PART"),
+    OptionalPart("pointit.cli.things.run_things:THINGS_PART", ("pointit.diagnosis",)),
     OptionalPart("pointit.cli.things.run_names:NAMES_PART", _NAMES_ROOMS),
 )
 """Panels of options of `run`, in the order of its help."""
@@ -32,7 +32,7 @@ DISPLAY_PARTS: tuple[OptionalPart["DisplayPart"], ...] = (
         ("pointit.launch.robots", "pointit.services.user_sim"),
     ),
     OptionalPart("pointit.cli.inspect.truth_view:TRUTH_DISPLAY"),
-    OptionalPart("pointit.cli.things.run_things:THINGS_DISPLAY"),
+    OptionalPart("pointit.cli.things.run_things:THINGS_DISPLAY", ("pointit.diagnosis",)),
     OptionalPart("pointit.cli.things.run_names:NAMES_DISPLAY", _NAMES_ROOMS),
 )
 """Parts of the view and the summary of a run, in their order."""

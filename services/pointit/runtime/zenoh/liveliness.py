@@ -51,8 +51,8 @@ class LivelinessSubscriber:
         """Tokens to report, in order: each is the opposite of what was reported."""
         self._sums = Counter[str]()
         """Arrivals minus departures by token: 1 if it is present, unless reports are out of order."""
-        self._doubted: dict[str, list[zenoh.Reply] | None] = {}
-        """Tokens to query (None), or the answers so far to the last query."""
+        self._pending_replies: dict[str, list[zenoh.Reply] | None] = {}
+        """Tokens to query (None), or the replies so far to the last query."""
         self._marked = False
         self._closed = False
         self._subscriber = session.liveliness().declare_subscriber(
@@ -71,18 +71,18 @@ class LivelinessSubscriber:
         with self._lock:
             count = self._sums[token] + step
             self._set(token, count)
-            if token in self._doubted or (count > 0) != (step > 0):
-                self._doubted[token] = None  # a pending answer may be older than this change
+            if token in self._pending_replies or (count > 0) != (step > 0):
+                self._pending_replies[token] = None  # a pending answer may be older than this change
         self._wake()
 
     def _on_answer(self, token: str, answers: list[zenoh.Reply]) -> None:  # on Zenoh's threads
         with self._lock:
-            if self._doubted.get(token) is not answers:
+            if self._pending_replies.get(token) is not answers:
                 return  # it is queried again
             if any(answer.ok is None for answer in answers):
-                self._doubted[token] = None
+                self._pending_replies[token] = None
             else:
-                del self._doubted[token]
+                del self._pending_replies[token]
                 self._set(token, int(bool(answers)))
         self._wake()
 
@@ -106,8 +106,8 @@ class LivelinessSubscriber:
         questions: dict[str, list[zenoh.Reply]]
         with self._lock:
             changed, self._changed = self._changed, {}
-            questions = {token: [] for token, answers in self._doubted.items() if answers is None}
-            self._doubted |= questions
+            questions = {token: [] for token, answers in self._pending_replies.items() if answers is None}
+            self._pending_replies |= questions
             self._marked = False
             self._reported ^= changed.keys()
         if self._closed:
@@ -134,7 +134,7 @@ class ZenohWatcher(PresenceWatcher):
         self._here = bus.exchange.present.setdefault(presence.key, {})
         self._withheld: set[str] = set()
         """Names that Zenoh has reported as gone while this process still announces them."""
-        self._tokens = LivelinessSubscriber(session, presence.at(ANY), self._on_tokens, bus.dispatcher)
+        self._liveliness = LivelinessSubscriber(session, presence.at(ANY), self._on_tokens, bus.dispatcher)
 
     def notify_departure(self, name: str) -> None:
         """Report that `name` is gone if only this process still announced it."""
@@ -143,7 +143,7 @@ class ZenohWatcher(PresenceWatcher):
 
     def _undeclare(self) -> None:
         super()._undeclare()
-        self._tokens.close()
+        self._liveliness.close()
 
     def _on_tokens(self, changes: Mapping[str, bool]) -> None:
         for token, present in changes.items():

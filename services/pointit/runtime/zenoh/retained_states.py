@@ -65,64 +65,64 @@ class RetainedStateFetcher:
         self._session = session
         self._here = KEEPER_ALIVE.at(str(session.zid()))
         self._readers: list[tuple[AnyTopic, str, Mailbox]] = []
-        self._due: dict[str, AnyTopic] = {}
+        self._pending: dict[str, AnyTopic] = {}
         """Pending queries by key."""
         self._keepers: set[str] = set()
-        self._asking: asyncio.Task[None] | None = None
-        self._tokens = LivelinessSubscriber(session, KEEPER_ALIVE.at(ANY), self._on_keepers, bus.dispatcher)
+        self._task: asyncio.Task[None] | None = None
+        self._watch = LivelinessSubscriber(session, KEEPER_ALIVE.at(ANY), self._on_keepers, bus.dispatcher)
 
     def fetch(self, topic: AnyTopic, name: str, mailbox: Mailbox) -> None:
         """Fill `mailbox` with the retained states of `topic` under `name`."""
         self._readers = [reader for reader in self._readers if reader[2].accepts_retained]
         self._readers.append((topic, name, mailbox))
         if self._keepers:
-            self._ask_for([(topic, name, mailbox)])
+            self._request([(topic, name, mailbox)])
 
     def close(self) -> None:
         """Stop watching. Pending queries end with the bus."""
-        self._tokens.close()
+        self._watch.close()
 
     def _on_keepers(self, changes: Mapping[str, bool]) -> None:
         come = {keeper for keeper, is_present in changes.items() if is_present} - {self._here}
         self._keepers = (self._keepers - changes.keys()) | come
         if come:
-            self._ask_for(self._readers)
+            self._request(self._readers)
 
-    def _ask_for(self, readers: Sequence[tuple[AnyTopic, str, Mailbox]]) -> None:
-        self._due |= {topic.at(name): topic for topic, name, mailbox in readers if mailbox.accepts_retained}
-        if self._due and self._asking is None and not self._bus.is_closed:
-            self._asking = self._bus.spawn(self._ask(), "asking for kept states")
+    def _request(self, readers: Sequence[tuple[AnyTopic, str, Mailbox]]) -> None:
+        self._pending |= {topic.at(name): topic for topic, name, box in readers if box.accepts_retained}
+        if self._pending and self._task is None and not self._bus.is_closed:
+            self._task = self._bus.spawn(self._query_all(), "fetching retained states")
 
-    async def _ask(self) -> None:
+    async def _query_all(self) -> None:
         try:
-            while self._due:
-                due, self._due = self._due, {}
+            while self._pending:
+                pending, self._pending = self._pending, {}
                 for wait_s in (0.0, *EMPTY_RETRY_S):
                     await asyncio.sleep(wait_s)
-                    if not self._keepers or not due:
+                    if not self._keepers or not pending:
                         break
-                    due = await self._ask_once(due)
+                    pending = await self._query_once(pending)
         finally:
-            self._asking = None
+            self._task = None
 
-    async def _ask_once(self, due: dict[str, AnyTopic]) -> dict[str, AnyTopic]:
+    async def _query_once(self, pending: dict[str, AnyTopic]) -> dict[str, AnyTopic]:
         """Query every key and deliver the answers. Return the queries without an answer."""
         left: dict[str, AnyTopic] = {}
-        items = list(due.items())
+        items = list(pending.items())
         for first in range(0, len(items), AT_ONCE):
             batch = items[first : first + AT_ONCE]
             queries = (query_samples(self._session, key, timeout_s=TIMEOUT_S) for key, _ in batch)
             answers = await asyncio.gather(*queries)
-            for (key, topic), replies in zip(batch, answers, strict=True):
-                if replies:
-                    self._hand_over(topic, replies)
+            for (key, topic), samples in zip(batch, answers, strict=True):
+                if samples:
+                    self._hand_over(topic, samples)
                 else:
                     left[key] = topic
         return left
 
-    def _hand_over(self, topic: AnyTopic, replies: Sequence[zenoh.Sample]) -> None:
+    def _hand_over(self, topic: AnyTopic, samples: Sequence[zenoh.Sample]) -> None:
         mailboxes = [(name, box) for row, name, box in self._readers if row is topic and box.accepts_retained]
-        for sample in replies[: max_names_for(topic.placeholder)]:
+        for sample in samples[: max_names_for(topic.placeholder)]:
             try:
                 name = name_from_key(topic, str(sample.key_expr))
                 message = decoded(topic.message, sample.payload, sample.encoding)

@@ -53,7 +53,7 @@ class _Gap:
     about: str
     """Key of queries to the writer."""
     wanted: set[int] = field(default_factory=set[int])
-    held: dict[int, zenoh.Sample] = field(default_factory=dict[int, zenoh.Sample])
+    samples: dict[int, zenoh.Sample] = field(default_factory=dict[int, zenoh.Sample])
     given_up: int = 0
     """Number of lost samples that are not queried, since they exceed any writer's cache."""
     first_counted: int = 0
@@ -124,8 +124,8 @@ class EventRecovery:
             if gap is None:
                 self._hand_on(sample)
                 return
-            gap.held[number] = sample
-            if len(gap.held) >= EVENT_CAPACITY:
+            gap.samples[number] = sample
+            if len(gap.samples) >= EVENT_CAPACITY:
                 self._end(writer, gap)
 
     def _begin(self, writer: Writer, gap: _Gap) -> None:
@@ -142,7 +142,7 @@ class EventRecovery:
             with self._lock:
                 if self._gaps.get(writer) is not gap:
                     return
-                missing = gap.wanted - gap.held.keys()
+                missing = gap.wanted - gap.samples.keys()
             if not missing:  # they arrived late without a query
                 break
             # One sample more than the missing ones: it comes last and shows that the answer is complete.
@@ -151,11 +151,11 @@ class EventRecovery:
             samples = await query_samples(self._session, selector, timeout_s=TIMEOUT_S, under_any_key=True)
             found = {each.source_info.source_sn: each for each in samples if each.source_info is not None}
             with self._lock:
-                gap.held |= {number: each for number, each in found.items() if number in missing}
+                gap.samples |= {number: each for number, each in found.items() if number in missing}
                 has_sent_all = beyond in found and beyond > max(gap.wanted)
                 if asked == MAX_OF_FIRST:
                     gap.wanted = {number for number in gap.wanted if number > gap.first_counted}
-                if has_sent_all or gap.wanted <= gap.held.keys():
+                if has_sent_all or gap.wanted <= gap.samples.keys():
                     break
         with self._lock:
             if self._gaps.get(writer) is gap:
@@ -163,9 +163,9 @@ class EventRecovery:
 
     def _end(self, writer: Writer, gap: _Gap) -> None:
         del self._gaps[writer]
-        for number in sorted(gap.held):
-            self._hand_on(gap.held[number])
-        lost = gap.given_up + sum(number > gap.first_counted for number in gap.wanted - gap.held.keys())
+        for number in sorted(gap.samples):
+            self._hand_on(gap.samples[number])
+        lost = gap.given_up + sum(number > gap.first_counted for number in gap.wanted - gap.samples.keys())
         if lost:
             self._lose(lost)
 
@@ -204,9 +204,9 @@ class NameLimiter:
     time and memory that the existing ones need.
     """
 
-    def __init__(self, placeholder: str, name_in: Callable[[str], str], places: NameAllowlist) -> None:
+    def __init__(self, placeholder: str, name_in: Callable[[str], str], allowlist: NameAllowlist) -> None:
         """Accept names for `placeholder`. `name_in` reads one from a key, or raises `SchemaError`."""
-        self._places = places
+        self._allowlist = allowlist
         self._what = placeholder or "name"
         self._limit = max_names_for(placeholder)
         self._name_in = name_in
@@ -228,7 +228,7 @@ class NameLimiter:
                 return known[0]
         name = self._name_in(key)
         with self._lock:
-            is_known = self._places.holds(self._what, name)
+            is_known = self._allowlist.holds(self._what, name)
             if key not in self._received and len(self._received) >= self._limit and not is_known:
                 _, oldest_s = next(iter(self._received.values()))
                 if now_s - oldest_s <= SILENT_S:
@@ -289,11 +289,11 @@ class EncodedMessage:
 class _SampleInput(ABC):
     """Input of samples from other processes for the readers of one key. Called on Zenoh's threads."""
 
-    def __init__(self, topic: AnyTopic, places: NameAllowlist) -> None:
+    def __init__(self, topic: AnyTopic, allowlist: NameAllowlist) -> None:
         self.mailboxes: tuple[Mailbox, ...] = ()
         """Replaced, never changed: other threads read it."""
         self._kind = topic.message
-        self._names = NameLimiter(topic.placeholder, functools.partial(name_from_key, topic), places)
+        self._names = NameLimiter(topic.placeholder, functools.partial(name_from_key, topic), allowlist)
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
@@ -317,8 +317,8 @@ class _SampleInput(ABC):
 class SharedSubscriber(_SampleInput):
     """The shared input of all readers of a key: a sample is received and decoded once."""
 
-    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, places: NameAllowlist) -> None:
-        super().__init__(topic, places)
+    def __init__(self, session: zenoh.Session, topic: AnyTopic, key: str, allowlist: NameAllowlist) -> None:
+        super().__init__(topic, allowlist)
         self._subscriber = declare_subscriber(session, key, self.on_sample)
 
     def undeclare(self) -> None:
@@ -337,9 +337,9 @@ class _RetainedInput(_SampleInput):
         key: str,
         mailbox: Mailbox,
         *,
-        places: NameAllowlist,
+        allowlist: NameAllowlist,
     ) -> None:
-        super().__init__(topic, places)
+        super().__init__(topic, allowlist)
         self.mailboxes = (mailbox,)
         self._began = session.new_timestamp()
         is_event = topic.delivery is Delivery.EVENT
@@ -372,19 +372,19 @@ class ZenohSubscription(MailboxSubscription):
         name: str,
         *,
         inputs: dict[str, SharedSubscriber],
-        places: NameAllowlist,
+        allowlist: NameAllowlist,
     ) -> None:
-        """Fill `mailbox`. `inputs` are the bus's inputs by key, `places` the names that it always accepts."""
+        """Fill `mailbox`. `inputs` are by key, `allowlist` has the names that are always accepted."""
         super().__init__(bus, topic, mailbox, name)
         self._key = topic.at(name)
         self._inputs = inputs
         self._input: SharedSubscriber | _RetainedInput
         if topic.delivery is not Delivery.LATEST:
-            self._input = _RetainedInput(bus, session, topic, self._key, mailbox, places=places)
+            self._input = _RetainedInput(bus, session, topic, self._key, mailbox, allowlist=allowlist)
             return
         shared = inputs.get(self._key)
         if shared is None:
-            shared = inputs[self._key] = SharedSubscriber(session, topic, self._key, places)
+            shared = inputs[self._key] = SharedSubscriber(session, topic, self._key, allowlist)
         shared.mailboxes = (*shared.mailboxes, mailbox)
         self._input = shared
 

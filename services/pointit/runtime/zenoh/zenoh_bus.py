@@ -224,7 +224,7 @@ class ZenohBus(MemoryBus):
         self.session = session
         self.link = link
         self._inputs: dict[str, SharedSubscriber] = {}
-        self._places = NameAllowlist()
+        self._allowlist = NameAllowlist()
         self._state_fetcher: RetainedStateFetcher | None = None
         self._turned_away = OverflowCounter()
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
@@ -294,7 +294,7 @@ class ZenohBus(MemoryBus):
 
         def on_map(message: M, map_name: str) -> None:
             if isinstance(message, Environment):
-                self._places.keep(LAMP_COLOR.placeholder, (lamp.id for lamp in message.lamps))
+                self._allowlist.keep(LAMP_COLOR.placeholder, (lamp.id for lamp in message.lamps))
             handler(message, map_name)
 
         taken = on_map if topic is MAP else handler
@@ -311,7 +311,7 @@ class ZenohBus(MemoryBus):
     def _read(self, topic: AnyTopic, mailbox: Mailbox, name: str, *, retained: bool) -> Subscription:
         self._want("reads", topic.at(name))
         subscription = ZenohSubscription(
-            self, self.session, topic, mailbox, name, inputs=self._inputs, places=self._places
+            self, self.session, topic, mailbox, name, inputs=self._inputs, allowlist=self._allowlist
         )
         if topic.delivery is Delivery.STATE and retained:
             if self._state_fetcher is None:

@@ -30,23 +30,23 @@ abandoned: set[asyncio.Task[None]] = set()
 """Tasks of plug-ins that did not end when cancelled. They end with the process."""
 
 
-def guard_of(plugins: PluginGroup[Any], name: str, health: WarningSink, which: str = "") -> "PluginGuard":
+def guard_of(plugins: PluginGroup[Any], name: str, sink: WarningSink, which: str = "") -> "PluginGuard":
     """Return the guard of the plug-in `name`. It also detects that the plug-in blocks the event loop.
 
     `which` distinguishes it in warnings from others of that name.
     """
     label = plugins.label(name)
-    watch_for_stalls(plugins.module(name), label, health)
-    return PluginGuard(f"{label} ({which})" if which else label, health)
+    watch_for_stalls(plugins.module(name), label, sink)
+    return PluginGuard(f"{label} ({which})" if which else label, sink)
 
 
 class PluginGuard:
     """Runs a plug-in: restarts it with back-off when it fails or ends, and abandons it if it does not end."""
 
-    def __init__(self, label: str, health: WarningSink) -> None:
+    def __init__(self, label: str, sink: WarningSink) -> None:
         """Guard the plug-in called `label` in warnings, such as `IMU source 'waving' of my-package`."""
         self.label = label
-        self._health = health
+        self._sink = sink
         self._failures = 0
         self._logged_s: dict[str, float] = {}
         self.problem = ""
@@ -109,13 +109,13 @@ class PluginGuard:
             result = function()
         except Exception as error:  # code of others, which may raise anything
             sentence = f"{topic} failed ({describe(error)}): update or remove it"
-            self._health.warn(topic, sentence)
+            self._sink.warn(topic, sentence)
             now_s, before_s = time.monotonic(), self._logged_s.get(topic)
             if before_s is None or now_s - before_s >= LOG_PERIOD_S:
                 self._logged_s[topic] = now_s
                 log.exception("%s", sentence, exc_info=error if before_s is None else None)
             return None
-        self._health.clear(topic)
+        self._sink.clear(topic)
         return result
 
     def failed(self, error: BaseException | None) -> float:
@@ -125,14 +125,14 @@ class PluginGuard:
         how = "ended by itself" if error is None else f"failed ({describe(error)})"
         times = f", {self._failures} times now" if self._failures > 1 else ""
         self.problem = f"{self.label} {how}{times}; it is started again after {wait_s:g} s"
-        self._health.warn(self.label, self.problem)
+        self._sink.warn(self.label, self.problem)
         log.error("%s", self.problem, exc_info=error if self._failures == 1 else None)
         return wait_s
 
     def clear(self) -> None:
         """Clear the warning after the plug-in has recovered."""
         self._failures, self.problem = 0, ""
-        self._health.clear(self.label)
+        self._sink.clear(self.label)
 
 
 def describe(error: BaseException) -> str:
@@ -164,15 +164,15 @@ SHOWN_S = 30.0
 _watches: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, "StallWatch"] = weakref.WeakKeyDictionary()
 
 
-def watch_for_stalls(module: str, label: str, health: WarningSink) -> None:
-    """Report the plug-in `label` in `health` if code in the package of `module` blocks the loop.
+def watch_for_stalls(module: str, label: str, sink: WarningSink) -> None:
+    """Report the plug-in `label` in `sink` if code in the package of `module` blocks the loop.
 
     Our own code is not watched.
     """
     package = module.partition(".")[0]
     if package != "pointit":
         loop = asyncio.get_running_loop()
-        _watches.setdefault(loop, StallWatch(loop)).add(package, label, health)
+        _watches.setdefault(loop, StallWatch(loop)).add(package, label, sink)
 
 
 class StallWatch:
@@ -184,10 +184,10 @@ class StallWatch:
         self._loop = loop
         self._loop_thread = threading.get_ident()
 
-    def add(self, package: str, label: str, health: WarningSink) -> None:
-        """Report the plug-in `label` in `health` if code of `package` blocks the loop."""
+    def add(self, package: str, label: str, sink: WarningSink) -> None:
+        """Report the plug-in `label` in `sink` if code of `package` blocks the loop."""
         is_first = not self._packages
-        sinks = weakref.WeakKeyDictionary({health: label})
+        sinks = weakref.WeakKeyDictionary({sink: label})
         sinks.update(self._packages.get(package, {}))
         self._packages = {**self._packages, package: sinks}  # replaced, not changed: the thread reads it
         if is_first:
@@ -222,12 +222,12 @@ class StallWatch:
             "it must call what blocks in a thread"
         )
         with contextlib.suppress(RuntimeError):  # the loop was closed meanwhile
-            for health in sinks:
-                self._loop.call_soon_threadsafe(self._report, health, sentence)
+            for sink in sinks:
+                self._loop.call_soon_threadsafe(self._report, sink, sentence)
 
-    def _report(self, health: WarningSink, sentence: str) -> None:
-        health.warn("event loop", sentence)
-        self._loop.call_later(SHOWN_S, health.clear, "event loop")
+    def _report(self, sink: WarningSink, sentence: str) -> None:
+        sink.warn("event loop", sentence)
+        self._loop.call_later(SHOWN_S, sink.clear, "event loop")
 
 
 def find_blocking_package(frame: FrameType | None, packages: Container[str]) -> tuple[str, str] | None:

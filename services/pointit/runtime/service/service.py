@@ -215,22 +215,22 @@ async def _run_once(
 ) -> Literal["ended", "set back", "over"]:
     """Run one service. Return the reason of its end: itself, its clock, or a lost bus or name."""
     kind = launch.service
-    view = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
+    own_bus = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
     takeover = TakeoverMonitor(bus, launch.instance)
     if launch.plugin:
-        watch_for_stalls(kind.__module__, launch.plugin, view)
+        watch_for_stalls(kind.__module__, launch.plugin, own_bus)
     try:
-        service = kind(launch.config, Context(bus=view, clock=clock, user=launch.user, name=launch.name))
-        health = view.account(HEALTH)
-        view.account(CONFIGURATION).put(_configuration(launch, clock.now_ns()))
-        view.announce(SERVICE_ALIVE, launch.instance)
+        service = kind(launch.config, Context(bus=own_bus, clock=clock, user=launch.user, name=launch.name))
+        health = own_bus.account(HEALTH)
+        own_bus.account(CONFIGURATION).put(_configuration(launch, clock.now_ns()))
+        own_bus.announce(SERVICE_ALIVE, launch.instance)
         if launch.user and kind.MAKES_USER_PRESENT and not launch.plugin:
-            view.announce(USER_ALIVE, launch.user)
+            own_bus.announce(USER_ALIVE, launch.user)
         log.debug("%s started", launch.instance)
         async with asyncio.TaskGroup() as group:
             running = service.run() if guard is None else guard.run(service.run)
             work = group.create_task(running, name=launch.instance)
-            reporting = _report(view, health, takeover, clock, guard)
+            reporting = _report(own_bus, health, takeover, clock, guard)
             report = group.create_task(reporting, name=f"{launch.instance} health")
             tasks = {work, report}
             if launch.is_single:  # duplicates of other shared services both continue, with a warning
@@ -243,7 +243,7 @@ async def _run_once(
         return "ended" if done == {work} else "over"
     finally:
         takeover.close()
-        await view.close()
+        await own_bus.close()
         log.debug("%s ended", launch.instance)
 
 
@@ -262,17 +262,17 @@ async def _wait_for_restart(
     launch: Launch, bus: Bus, clock: SteadyClock, guard: PluginGuard, wait_s: float
 ) -> None:
     """Report the health of a failed service of another package until its restart is due."""
-    view = ServiceBus(bus, clock, launch.service.NAME, launch.instance, launch.user)
+    own_bus = ServiceBus(bus, clock, launch.service.NAME, launch.instance, launch.user)
     try:
-        health = view.account(HEALTH)
-        view.announce(SERVICE_ALIVE, launch.instance)
-        view.warn(guard.label, guard.problem)
+        health = own_bus.account(HEALTH)
+        own_bus.announce(SERVICE_ALIVE, launch.instance)
+        own_bus.warn(guard.label, guard.problem)
         with contextlib.suppress(BusClosedError):
             for _ in range(round(wait_s / HEALTH_PERIOD_S)):
-                health.put(view.report())
+                health.put(own_bus.report())
                 await asyncio.sleep(HEALTH_PERIOD_S)
     finally:
-        await view.close()
+        await own_bus.close()
 
 
 async def _until_lost(takeover: TakeoverMonitor, launch: Launch) -> None:
@@ -282,7 +282,7 @@ async def _until_lost(takeover: TakeoverMonitor, launch: Launch) -> None:
 
 
 async def _report(
-    view: ServiceBus,
+    own_bus: ServiceBus,
     health: Publisher[Health],
     takeover: TakeoverMonitor,
     clock: SteadyClock,
@@ -291,9 +291,9 @@ async def _report(
     """Publish health until the bus is closed, or until a restart is due: then return True."""
     with contextlib.suppress(BusClosedError):  # closed by its owner: no error
         while not clock.needs_restart():
-            view.warn("twice", takeover.duplicate_instance_warning())
-            view.warn("plug-in", "" if guard is None else guard.problem)
-            health.put(view.report())
+            own_bus.warn("twice", takeover.duplicate_instance_warning())
+            own_bus.warn("plug-in", "" if guard is None else guard.problem)
+            health.put(own_bus.report())
             await asyncio.sleep(HEALTH_PERIOD_S)
         return True
     return False

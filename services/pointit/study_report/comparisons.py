@@ -1,4 +1,4 @@
-"""Medians, differences, outcomes and learning, with intervals over participants."""
+"""Comparisons of conditions: medians, differences, outcomes and learning, with intervals."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ from pointit.study_report.table import LEVEL, Table, summary
 from pointit.study_report.trial_row import MEASURES, TrialRow, Trials
 
 BINS = 10
-"""Most groups of trials in which learning is shown."""
+"""Maximum number of groups of trials in which learning is shown."""
 
 
 def values_of(trials: Trials, measure: str) -> list[TrialRow]:
@@ -182,8 +182,8 @@ def learning(trials: Trials, measure: str = "selection_s") -> Table:
     for row in trials.counted:
         seen[row.levels, row.participant] += 1
         numbered.append((row, seen[row.levels, row.participant]))
-    most = max(seen.values())
-    width = -(-most // BINS)
+    max_trials = max(seen.values())
+    width = -(-max_trials // BINS)
     cells: dict[tuple[tuple[str, ...], int], dict[str, list[float]]] = {}
     for row, number in numbered:
         if id(row) in known:
@@ -191,9 +191,9 @@ def learning(trials: Trials, measure: str = "selection_s") -> Table:
             people.setdefault(row.participant, []).append(row.numbers[measure])
     table = Table()
     for levels in trials.conditions:
-        for group in range(-(-most // width)):
+        for group in range(-(-max_trials // width)):
             values = [float(np.median(one)) for one in cells.get((levels, group), {}).values()]
-            ends = {"first_trial": group * width + 1, "last_trial": min((group + 1) * width, most)}
+            ends = {"first_trial": group * width + 1, "last_trial": min((group + 1) * width, max_trials)}
             if values:
                 table.append({**trials.named(levels), **summary(values, "median", np.median, **ends)})
     return table

@@ -122,13 +122,13 @@ def power(
 
 
 def needed(table: Table, goal: float) -> tuple[int | None, int | None, int | None]:
-    """Return the least number of participants with which the power is `goal`, and its interval.
+    """Return the minimum number of participants for a power of `goal`, and its interval.
 
-    The interval is from the first number whose power may be `goal` to the first whose power surely is. None
-    if no number in `table` suffices.
+    The interval is from the first number whose power may be `goal` to the first whose power certainly is.
+    None if no number in `table` suffices.
     """
 
-    def least(column: str) -> int | None:
+    def first_reaching(column: str) -> int | None:
         return next((row["participants"] for row in table if row[column] >= goal), None)
 
-    return least("power"), least("high"), least("low")
+    return first_reaching("power"), first_reaching("high"), first_reaching("low")

@@ -40,10 +40,12 @@ def trials(folder: str | Path) -> Trials:
         rows += [_trial(line, levels) for line in lines]
         answers += read_answers(study, path.parent, notes.append)
     rows.sort(key=lambda row: (row.participant, row.block, row.trial, row.attempt))
-    found = Trials(folder=folder, title=study.name, stated=levels, rows=tuple(rows), answers=tuple(answers))
-    if not found.counted:
+    all_trials = Trials(
+        folder=folder, title=study.name, stated=levels, rows=tuple(rows), answers=tuple(answers)
+    )
+    if not all_trials.counted:
         raise ConfigError(f"{folder}: no trial besides practice; there is nothing to report")
-    return replace(found, notes=(*notes, *_gaps(found)))
+    return replace(all_trials, notes=(*notes, *_gaps(all_trials)))
 
 
 def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
@@ -91,13 +93,13 @@ def _trial(line: Row, levels: Iterable[str]) -> TrialRow:
     )
 
 
-def _gaps(study: Trials) -> list[str]:
+def _gaps(trials: Trials) -> list[str]:
     """Return a sentence for each participant who lacks levels that others have."""
     notes: list[str] = []
-    for factor in filter(study.is_within, study.factors):
-        index, levels = study.index(factor), study.levels(factor)
-        for participant in study.participants:
-            own = {row.levels[index] for row in study.counted if row.participant == participant}
+    for factor in filter(trials.is_within, trials.factors):
+        index, levels = trials.index(factor), trials.levels(factor)
+        for participant in trials.participants:
+            own = {row.levels[index] for row in trials.counted if row.participant == participant}
             if lacking := [level for level in levels if level not in own]:
                 notes.append(
                     f"{participant} has no trial with {factor} {', '.join(lacking)},"

@@ -61,11 +61,11 @@ def sequences(trials: Trials, unit: Unit = "m") -> Sequences:
     the distance are gross errors and left out (Soukoreff and MacKenzie, 2004). Times include reaction and
     dwell. Errors in degrees are those in metres, at the distance of the target.
     """
-    moved = movements(trials)
-    kept = [name for name, _ in moved[0].group] if moved else []
+    all_movements = movements(trials)
+    kept = [name for name, _ in all_movements[0].group] if all_movements else []
     by_trial = [tuple((name, row.levels[trials.index(name)]) for name in kept) for row in trials.counted]
     by_key: dict[tuple[object, ...], list[Movement]] = defaultdict(list)
-    for each in moved:
+    for each in all_movements:
         by_key[each.trial.participant, each.trial.block, each.trial.levels, each.size_m].append(each)
     found = [_sequence(each, unit) for each in by_key.values()]
     valid = [each for each in found if each.effective is not None]
@@ -81,7 +81,7 @@ def sequences(trials: Trials, unit: Unit = "m") -> Sequences:
         unmatched=[each for each, is_used in zip(valid, is_matched, strict=True) if not is_used],
         short=[each for each in found if each.effective is None],
         trials=Counter(by_trial),
-        movements=Counter(each.group for each in moved),
+        movements=Counter(each.group for each in all_movements),
     )
 
 
@@ -89,11 +89,11 @@ def _place(trials: Trials, group: Group) -> list[int]:
     return [trials.levels(name).index(level) for name, level in group]
 
 
-def _sequence(moved: Sequence[Movement], unit: Unit) -> TapSequence:
+def _sequence(own_movements: Sequence[Movement], unit: Unit) -> TapSequence:
     needed = {"selection_s", f"target_distance_{unit}", f"target_width_{unit}"}
     measured = [
         each
-        for each in moved
+        for each in own_movements
         if each.trial.outcome in ("hit", "wrong")
         and not np.isnan(each.error_m)
         and each.trial.numbers.keys() >= needed
@@ -106,7 +106,7 @@ def _sequence(moved: Sequence[Movement], unit: Unit) -> TapSequence:
     if np.sum(~far) >= MIN_SEQUENCE_TRIALS and np.nanstd(error) > 0:
         seconds = np.array([each.trial.numbers["selection_s"] for each in measured])
         found = effective(distance, error, before, seconds)
-    first = moved[0]
+    first = own_movements[0]
     return TapSequence(
         first.group, first.trial.participant, first.size_m, len(measured), int(far.sum()), found
     )

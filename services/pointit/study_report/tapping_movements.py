@@ -31,8 +31,8 @@ WIDTHS_PER_SD = float(np.sqrt(2 * np.pi * np.e))
 """4.133: the width that 96 % of normally distributed selections hit, in standard deviations."""
 KOPPER_EXPONENT = 3
 """k of Kopper et al. (2010), for angles in degrees."""
-MOST_UNEVEN = 1.05
-"""Highest ratio of distances, and of widths, that count as equal."""
+MAX_SIZE_RATIO = 1.05
+"""Maximum ratio of distances, and of widths, that count as equal."""
 Group = tuple[tuple[str, str], ...]
 """Levels by factor, without the factors that set the distance or the width, of which difficulty is made."""
 
@@ -54,7 +54,7 @@ class Movement(NamedTuple):
 
 def movements(trials: Trials) -> list[Movement]:
     """Return the movements of all counted trials with a width, a target and a target before, by condition."""
-    found: list[Movement] = []
+    results: list[Movement] = []
     error_m = np.nan
     for start, row in zip(trials.counted, trials.counted[1:], strict=False):
         before_m, error_m = error_m, np.nan
@@ -67,24 +67,24 @@ def movements(trials: Trials) -> list[Movement]:
         if distance_m > 0 and row.numbers.get("target_width_m", 0) > 0:
             if all(name in row.numbers for name in SELECTED):
                 error_m = float((_point(row, SELECTED) - target) @ line) / distance_m
-            found.append(Movement(row, distance_m, error_m, before_m))
-    found.sort(key=lambda each: trials.conditions.index(each.trial.levels))
-    distances = _merged([each.distance_m for each in found])
-    widths = _merged([each.trial.numbers["target_width_m"] for each in found])
-    sizes = [(distances[each.distance_m], widths[each.trial.numbers["target_width_m"]]) for each in found]
-    kept = [factor for factor in trials.factors if not _sets_size(trials.index(factor), found, sizes)]
-    groups = (tuple((name, each.trial.levels[trials.index(name)]) for name in kept) for each in found)
+            results.append(Movement(row, distance_m, error_m, before_m))
+    results.sort(key=lambda each: trials.conditions.index(each.trial.levels))
+    distances = _merged([each.distance_m for each in results])
+    widths = _merged([each.trial.numbers["target_width_m"] for each in results])
+    sizes = [(distances[each.distance_m], widths[each.trial.numbers["target_width_m"]]) for each in results]
+    kept = [factor for factor in trials.factors if not _sets_size(trials.index(factor), results, sizes)]
+    groups = (tuple((name, each.trial.levels[trials.index(name)]) for name in kept) for each in results)
     return [
         each._replace(size_m=size, group=group)
-        for each, size, group in zip(found, sizes, groups, strict=True)
+        for each, size, group in zip(results, sizes, groups, strict=True)
     ]
 
 
-def _sets_size(factor: int, moved: Sequence[Movement], sizes: Sequence[tuple[float, float]]) -> bool:
+def _sets_size(factor: int, all_movements: Sequence[Movement], sizes: Sequence[tuple[float, float]]) -> bool:
     """Return True if each level of a factor has one distance of its own, or one width."""
     for part in (0, 1):
         by_level: dict[str, set[float]] = defaultdict(set)
-        for each, size in zip(moved, sizes, strict=True):
+        for each, size in zip(all_movements, sizes, strict=True):
             by_level[each.trial.levels[factor]].add(size[part])
         values = {value for found in by_level.values() for value in found}
         if 1 < len(by_level) == len(values) and all(len(found) == 1 for found in by_level.values()):
@@ -97,10 +97,10 @@ def _point(trial: TrialRow, names: Sequence[str]) -> NDArray[np.float64]:
 
 
 def _merged(values: Sequence[float]) -> dict[float, float]:
-    """Return the mean of the group of each value; groups begin at the least, with at most `MOST_UNEVEN`."""
+    """Return the mean of the group of each value. Ratios within a group are at most `MAX_SIZE_RATIO`."""
     groups: list[list[float]] = []
     for value in sorted(set(values)):
-        if not groups or value > groups[-1][0] * MOST_UNEVEN:
+        if not groups or value > groups[-1][0] * MAX_SIZE_RATIO:
             groups.append([])
         groups[-1].append(value)
     return {value: sum(group) / len(group) for group in groups for value in group}
@@ -185,14 +185,14 @@ def fitts_points(trials: Trials, index: Index = "m") -> dict[Group, FittsPoints]
     whole = {
         group: {name for name, own in people.items() if None not in own} for group, people in times.items()
     }
-    found: dict[Group, FittsPoints] = {}
+    points_by_group: dict[Group, FittsPoints] = {}
     for group, people in times.items():
         own = [
             people[name] for name in sorted(people) if all(name in whole[each] for each in own_groups[name])
         ]
         points = np.array(own, dtype=np.float64).reshape(-1, len(cells[group]))
-        found[group] = FittsPoints(difficulty[group], points, len(people) - len(own))
-    return found
+        points_by_group[group] = FittsPoints(difficulty[group], points, len(people) - len(own))
+    return points_by_group
 
 
 def _times(sizes: Mapping[tuple[float, float], Sequence[TrialRow]]) -> dict[str, list[float | None]]:
@@ -259,10 +259,10 @@ def fitts(trials: Trials, index: Index = "m") -> Table:
     return table
 
 
-def length_in(moved: Movement, unit: Unit) -> tuple[float, float, float]:
+def length_in(movement: Movement, unit: Unit) -> tuple[float, float, float]:
     """Return distance, error along the line and the error before in `unit`."""
     if unit == "m":
-        return moved.distance_m, moved.error_m, moved.before_m
-    numbers = moved.trial.numbers
+        return movement.distance_m, movement.error_m, movement.before_m
+    numbers = movement.trial.numbers
     degrees_per_m = numbers["target_width_deg"] / numbers["target_width_m"]
-    return numbers["target_distance_deg"], moved.error_m * degrees_per_m, moved.before_m * degrees_per_m
+    return numbers["target_distance_deg"], movement.error_m * degrees_per_m, movement.before_m * degrees_per_m

@@ -44,15 +44,15 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
             f"photograph {listed} from two positions, each time together with two strips that are known",
             scan.missing,
         )
-    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
-    found.sort(key=lambda each: -each.sigma_m)
-    is_open = np.array([not each.identified or each.sigma_m > limit_m for each in found], dtype=bool)
+    scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
+    scanned.sort(key=lambda each: -each.sigma_m)
+    is_open = np.array([not each.identified or each.sigma_m > limit_m for each in scanned], dtype=bool)
     if not is_open.any():
         return None
-    names = tuple(each.name for each, is_it in zip(found, is_open, strict=True) if is_it)
-    ends = np.array([_points(each)[[0, -1]] for each in found]).reshape(-1, 2, 3)
-    axes = np.array([_least_certain(each) for each in found]).reshape(-1, 3)
-    is_known = np.array([each.views > 1 for each in found], dtype=bool)
+    names = tuple(each.name for each, is_it in zip(scanned, is_open, strict=True) if is_it)
+    ends = np.array([_points(each)[[0, -1]] for each in scanned]).reshape(-1, 2, 3)
+    axes = np.array([_least_certain(each) for each in scanned]).reshape(-1, 3)
+    is_known = np.array([each.views > 1 for each in scanned], dtype=bool)
 
     def worth(candidate: tuple[str, Array, int]) -> float:
         """Return the value of a photograph: known strips that place it, and open ones from aside."""
@@ -67,21 +67,23 @@ def next_view(scan: Scan, limit_m: float = COMPLETE_M) -> Advice | None:
     if best is None:
         return Advice(f"photograph {names[0]} once more, from another position", names)
     where, position, aim = best
-    each = found[aim]
+    each = scanned[aim]
     reason = each.reason or f"its ends are known to {100 * each.sigma_m:.1f} cm"
     text = f"{each.name}: {reason}. Photograph it {where}, with two other strips in the picture"
     first = (each.name, *(name for name in names if name != each.name))
     return Advice(text, first, vec3(position), vec3(ends[aim].mean(axis=0)))
 
 
-def _points(found: ScannedStrip | ScannedLamp) -> Array:
-    points = found.line_m if isinstance(found, ScannedStrip) else (found.position_m,)
+def _points(scanned: ScannedStrip | ScannedLamp) -> Array:
+    points = scanned.line_m if isinstance(scanned, ScannedStrip) else (scanned.position_m,)
     return np.array(points, dtype=np.float64)
 
 
-def _least_certain(found: ScannedStrip | ScannedLamp) -> Array:
+def _least_certain(scanned: ScannedStrip | ScannedLamp) -> Array:
     """Return the direction in which a strip or lamp is known worst."""
-    blocks = [found.covariance[row : row + 3, row : row + 3] for row in range(0, len(found.covariance), 3)]
+    blocks = [
+        scanned.covariance[row : row + 3, row : row + 3] for row in range(0, len(scanned.covariance), 3)
+    ]
     return np.asarray(np.linalg.eigh(np.sum(blocks, axis=0))[1][:, -1])
 
 

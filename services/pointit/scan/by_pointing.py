@@ -97,15 +97,15 @@ def pointing_of(
     )
 
 
-def locate(pointings: Sequence[TargetRay]) -> dict[str, PointedAt]:
-    """Return the targets of `pointings` by name.
+def locate(rays: Sequence[TargetRay]) -> dict[str, PointedAt]:
+    """Return the targets of `rays` by name.
 
     Raises:
         RefusedError: If there is no pointing.
     """
-    if not pointings:
+    if not rays:
         raise RefusedError("nobody has pointed at anything yet")
-    model = _Model(pointings)
+    model = _Model(rays)
     found: Any = least_squares(model.residuals, model.start())
     covariance = np.asarray(np.linalg.pinv(found.jac.T @ found.jac), dtype=np.float64)
     return model.targets(found.x, found.fun, covariance)
@@ -114,20 +114,20 @@ def locate(pointings: Sequence[TargetRay]) -> dict[str, PointedAt]:
 class _Model:
     """Unknowns: three of each target, then two of each person (azimuth, elevation), three of each place."""
 
-    def __init__(self, pointings: Sequence[TargetRay]) -> None:
-        self._all = pointings
-        self._targets = list(dict.fromkeys(each.target for each in pointings))
-        self._people = list(dict.fromkeys(each.person for each in pointings))
-        self._places = {(each.person, each.place): each for each in pointings}
+    def __init__(self, rays: Sequence[TargetRay]) -> None:
+        self._all = rays
+        self._targets = list(dict.fromkeys(each.target for each in rays))
+        self._people = list(dict.fromkeys(each.person for each in rays))
+        self._places = {(each.person, each.place): each for each in rays}
         keys = list(self._places)
         base = 3 * len(self._targets)
-        self.target = np.array([3 * self._targets.index(each.target) for each in pointings])
-        self.person = np.array([base + 2 * self._people.index(each.person) for each in pointings])
+        self.target = np.array([3 * self._targets.index(each.target) for each in rays])
+        self.person = np.array([base + 2 * self._people.index(each.person) for each in rays])
         base += 2 * len(self._people)
-        self.place = np.array([base + 3 * keys.index((each.person, each.place)) for each in pointings])
+        self.place = np.array([base + 3 * keys.index((each.person, each.place)) for each in rays])
         self.count = base + 3 * len(keys)
-        self.origins = np.array([each.origin_m for each in pointings])
-        self.directions = np.array([each.direction for each in pointings])
+        self.origins = np.array([each.origin_m for each in rays])
+        self.directions = np.array([each.direction for each in rays])
         sigmas = [np.full(2 * len(self._people), BIAS_SIGMA_RAD)]
         sigmas += [
             np.array([each.place_sigma_m, each.place_sigma_m, each.heading_sigma_rad])

@@ -63,7 +63,7 @@ def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageL
 
     The second is a reflection, or the rest of a bent strip.
     """
-    found: list[ImageLine] = []
+    lines: list[ImageLine] = []
     for _ in range(2):
         on_line = _consensus(pixels, uv, rng)
         if on_line is None:
@@ -71,9 +71,9 @@ def fit_lines(pixels: Array, uv: Array, rng: np.random.Generator) -> list[ImageL
         line = _refined(pixels[on_line], uv[on_line])
         if line is None:
             break
-        found.append(line)
+        lines.append(line)
         pixels, uv = pixels[~on_line], uv[~on_line]
-    return found
+    return lines
 
 
 def _consensus(pixels: Array, uv: Array, rng: np.random.Generator) -> Mask | None:

@@ -139,7 +139,7 @@ class FirstPoses:
             return None
         down = self._downs[view]
         is_level = np.isfinite(down[0]) and bool(np.isfinite(self._downs[placed.views][:, 0]).any())
-        found: list[PlacedViews] = []
+        placements: list[PlacedViews] = []
         focal = float(np.exp(state.log_focal))
         poses = candidate_poses(
             np.array(room),
@@ -155,8 +155,8 @@ class FirstPoses:
                 translations=np.concatenate([state.translations, translation[None]]),
             )
             placement = self._with_pieces(PlacedViews([*placed.views, view], placed.pieces, start))
-            found.append(self._adjusted(placement))
-        best = min(found, key=_rank, default=None)
+            placements.append(self._adjusted(placement))
+        best = min(placements, key=_rank, default=None)
         return best if best and self._is_tied(best) else None
 
     def _grown(self, placed: PlacedViews) -> PlacedViews:

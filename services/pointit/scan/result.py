@@ -107,8 +107,8 @@ class Scan:
 
     def complete(self, limit_m: float = COMPLETE_M) -> bool:
         """Return True if all strips and lamps are identified with sigma of at most `limit_m`."""
-        found: list[ScannedStrip | ScannedLamp] = [*self.strips.values(), *self.lamps.values()]
-        return not self.missing and all(each.identified and each.sigma_m <= limit_m for each in found)
+        scanned: list[ScannedStrip | ScannedLamp] = [*self.strips.values(), *self.lamps.values()]
+        return not self.missing and all(each.identified and each.sigma_m <= limit_m for each in scanned)
 
     def placed(self, origin_m: Vec3, heading_rad: float) -> "Scan":
         """Return the scan in the room's frame {W}: z stays up.

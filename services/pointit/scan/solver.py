@@ -168,21 +168,21 @@ def _sigma(covariance: Array, views: int) -> float:
     return math.hypot(math.sqrt(max(largest, 0.0) * (1.0 + 2.0 / max(views - 1, 1))), MIN_SIGMA_M)
 
 
-def _views_of(found: Refined, chain: int) -> list[int]:
+def _views_of(refined: Refined, chain: int) -> list[int]:
     """Return the views, as numbers in the state, that count for a chain."""
-    min_sightings = MIN_SIGHTINGS if chain < found.seen.strips else 1
-    counts = np.bincount(found.seen.view[found.used & (found.seen.chain == chain)], minlength=64)
-    return [index for index, view in enumerate(found.views) if counts[view] >= min_sightings]
+    min_sightings = MIN_SIGHTINGS if chain < refined.seen.strips else 1
+    counts = np.bincount(refined.seen.view[refined.used & (refined.seen.chain == chain)], minlength=64)
+    return [index for index, view in enumerate(refined.views) if counts[view] >= min_sightings]
 
 
-def _uncertainty_reason(found: Refined, chain: int, sigma_m: float) -> str:
+def _uncertainty_reason(refined: Refined, chain: int, sigma_m: float) -> str:
     """Return the reason why a strip or lamp is not identified, or `""`."""
-    views = _views_of(found, chain)
+    views = _views_of(refined, chain)
     if len(views) < 2:
         return "seen from one place only: photograph it from another one"
-    ends = found.state.ends[found.model.chain == chain]
-    middle = ends.mean(axis=(0, 1)) if chain < found.seen.strips else ends[0, 0]
-    sights = middle - found.cameras[views]
+    ends = refined.state.ends[refined.model.chain == chain]
+    middle = ends.mean(axis=(0, 1)) if chain < refined.seen.strips else ends[0, 0]
+    sights = middle - refined.cameras[views]
     sights /= np.linalg.norm(sights, axis=1, keepdims=True)
     if np.arccos(np.clip((sights @ sights.T).min(), -1.0, 1.0)) < MIN_PARALLAX_RAD:
         return "seen from one direction only: photograph it from a step further aside"
@@ -191,16 +191,16 @@ def _uncertainty_reason(found: Refined, chain: int, sigma_m: float) -> str:
     return ""
 
 
-def _unseen(found: Refined, chain: int, count: int) -> tuple[float, float]:
+def _unseen(refined: Refined, chain: int, count: int) -> tuple[float, float]:
     """Return the first and last pixel of the longest part of a strip of `count` that no two views show.
 
     It is an end of the strip, or a straight piece.
     """
-    own = found.used & (found.seen.chain == chain)
-    shown = [found.seen.pixel[own & (found.seen.view == view)] for view in found.views]
+    own = refined.used & (refined.seen.chain == chain)
+    shown = [refined.seen.pixel[own & (refined.seen.view == view)] for view in refined.views]
     firsts, lasts = sorted(p.min() for p in shown if len(p)), sorted(p.max() for p in shown if len(p))
     parts = [(0.0, float(firsts[1]) - 1.0), (float(lasts[-2]) + 1.0, count - 1.0)] if len(firsts) > 1 else []
-    inner: list[float] = found.model.bounds[found.model.chain == chain][:-1, 1].tolist()
+    inner: list[float] = refined.model.bounds[refined.model.chain == chain][:-1, 1].tolist()
     for low, high in pairwise([-0.5, *inner, count - 0.5]):
         if sum(((p > low) & (p < high)).sum() >= MIN_SIGHTINGS for p in shown) < 2:
             parts.append((low + 0.5, high - 0.5))
@@ -317,7 +317,7 @@ def _lines_of(
     seen: SightingArrays, view: int, bounds: Mapping[Piece, tuple[float, float]], rng: np.random.Generator
 ) -> dict[Piece, ImageLine]:
     """Return the lines of one view. If a piece is seen twice, the nearer one: a reflection is behind."""
-    found: dict[Piece, ImageLine] = {}
+    line_by_piece: dict[Piece, ImageLine] = {}
     for piece, (low, high) in bounds.items():
         pixels, uv = seen.of_chain(piece[0], view)
         part = (pixels > low) & (pixels < high)
@@ -325,8 +325,8 @@ def _lines_of(
             middle = np.array([(low + high) / 2.0])
             candidates = fit_lines(pixels[part], uv[part], rng)
             if candidates:  # nearer for a usual focal length
-                found[piece] = min(candidates, key=lambda line: _distance(line, middle))
-    return found
+                line_by_piece[piece] = min(candidates, key=lambda line: _distance(line, middle))
+    return line_by_piece
 
 
 def _distance(line: ImageLine, pixel: np.ndarray) -> float:

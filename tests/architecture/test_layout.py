@@ -43,11 +43,11 @@ DEVICES = {
         "selector": "selection_methods.py shard_role.py site_role.py store/history.py",
         "web": """
             devices/devices.py devices/process.py
-            pages/page_requests.py metrics/door.py server/app.py server/certificate.py
+            pages/page_requests.py metrics/metrics_server.py server/app.py server/certificate.py
             server/download.py server/lan.py server/link_file.py pages/open_pages.py
             model/history.py model/people.py wrists/phone.py wrists/phone_connection.py
             server/listener.py pages/page_session.py playback/file_past.py playback/past_page.py
-            playback/server.py model/told_apart.py model/map_editor.py scan/door.py scan/session.py
+            playback/server.py model/separability.py model/map_editor.py scan/scan_server.py scan/session.py
             scan/solver_process.py scan/lights.py""",
         "ros2": """
             graph/backends.py graph/node_backend.py graph/backend_warnings.py

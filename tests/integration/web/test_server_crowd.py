@@ -36,7 +36,7 @@ async def app(scope: Scope, receive: Receive, send: Send) -> None:
 
 @asynccontextmanager
 async def listening(tls: ssl.SSLContext | None = None, most: int = 0) -> AsyncGenerator[Listener]:
-    listener = Listener(app, bind("127.0.0.1", 0, "--port"), tls, most=most)
+    listener = Listener(app, bind("127.0.0.1", 0, "--port"), tls, max_connections=most)
     await listener.start()
     try:
         yield listener

@@ -316,7 +316,7 @@ async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyP
         "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
     )
     monkeypatch.setattr(process, "BEGIN", stubborn)
-    monkeypatch.setattr(process, "STOP_PATIENCE_S", 0.05)
+    monkeypatch.setattr(process, "STOP_TIMEOUT_S", 0.05)
     told: list[object] = []
     running = asyncio.create_task(process.run_command([], lambda _line: None, told.append))
     await until(lambda: bool(told))

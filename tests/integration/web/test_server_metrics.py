@@ -6,7 +6,7 @@ from typing import Any
 import httpx
 import pytest
 
-from pointit.bridges.web.metrics.door import PATH, MetricsServer
+from pointit.bridges.web.metrics.metrics_server import PATH, MetricsServer
 from pointit.bridges.web.metrics.site_metrics import SiteMetrics
 from pointit.bridges.web.playback.past_page import CANNOT_BE_CHANGED
 from pointit.bridges.web.server import access, exposure_check
@@ -51,7 +51,7 @@ async def test_without_a_token_there_are_no_metrics(headers: dict[str, str]) -> 
 
 
 async def test_wrong_tokens_of_a_scrape_count_as_guesses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.bridges.web.metrics.door.REFUSAL_S", 0.0)
+    monkeypatch.setattr("pointit.bridges.web.metrics.metrics_server.REFUSAL_S", 0.0)
     async with memory_bench() as bench, serving(bench) as server, server.client() as client:
         for guess in range(access.MAX_GUESSES):
             await client.get(PATH, headers=bearer(f"guess {guess}"))

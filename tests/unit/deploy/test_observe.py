@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from pointit.bridges.web.metrics.door import TEXT, exposition
+from pointit.bridges.web.metrics.metrics_server import TEXT, exposition
 from pointit.bridges.web.metrics.site_metrics import SiteMetrics
 from pointit.cli.inspect.metrics import command
 from tests.unit.deploy.stack import DEPLOY

@@ -12,7 +12,7 @@ from starlette.responses import Response
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.pages.page_requests import greeting
+from pointit.bridges.web.pages.page_requests import hello_of
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import application
 from pointit.bridges.web.server.bundle import Bundle
@@ -45,7 +45,7 @@ class PhoneBench:
             answer=self._answer,
             changed=lambda: None,
             warnings=self.health,
-            greeting=greeting("wrist", version="1", site="lab"),
+            greeting=hello_of("wrist", version="1", site="lab"),
         )
         self.phones = Phones(host, self.pairing, Bundle(folder))
         self.doors = Access("operator-token", "viewer-token")

@@ -15,10 +15,10 @@ FAST_HZ = 1e6
 
 
 def test_a_batch_travels_as_the_wire_says() -> None:
-    hub = LatestValueCache()
-    feed = hub.open(60.0)
-    hub.put(CURSOR, "anna", b"\x81")
-    hub.put(SELECTION_EVENTS, "", b"\x82")
+    cache = LatestValueCache()
+    feed = cache.open(60.0)
+    cache.put(CURSOR, "anna", b"\x81")
+    cache.put(SELECTION_EVENTS, "", b"\x82")
     batch = feed.take(0.0)
     assert batch is not None
     expected = [1, 5, 2.0, [["users/{user}/cursor", "anna", b"\x81"]], [["selection/events", "", b"\x82"]], 0]
@@ -26,31 +26,31 @@ def test_a_batch_travels_as_the_wire_says() -> None:
 
 
 def test_what_is_urgent_does_not_wait_for_what_came_just_before() -> None:
-    hub = LatestValueCache()
-    feed = hub.open(10.0)
-    hub.put(CURSOR, "anna", b"1")
+    cache = LatestValueCache()
+    feed = cache.open(10.0)
+    cache.put(CURSOR, "anna", b"1")
     assert feed.take(0.0) is not None
-    hub.put(STRIPS_FRAME, "", b"2", urgent=True)
+    cache.put(STRIPS_FRAME, "", b"2", urgent=True)
     assert feed.take(0.001) is not None
-    hub.put(STRIPS_FRAME, "", b"3", urgent=True)
+    cache.put(STRIPS_FRAME, "", b"3", urgent=True)
     assert feed.take(0.002) is None, "more than its rate"
     assert feed.take(0.1001) is not None
     feed.ack(3)
-    hub.put(CURSOR, "anna", b"4")
+    cache.put(CURSOR, "anna", b"4")
     assert feed.take(0.15) is None
     assert feed.wait_s(0.15) == pytest.approx(0.15), "a batch is reserved for what is urgent"
-    hub.put(STRIPS_FRAME, "", b"5", urgent=True)
+    cache.put(STRIPS_FRAME, "", b"5", urgent=True)
     batch = feed.take(0.2001)
     assert batch is not None
     assert [payload for _, _, payload in batch.states] == [b"4", b"5"]
 
 
 def test_a_page_that_does_not_acknowledge_gets_three_and_then_the_newest() -> None:
-    hub = LatestValueCache()
-    feed = hub.open(FAST_HZ)
+    cache = LatestValueCache()
+    feed = cache.open(FAST_HZ)
     sent = 0
     for moment in range(10):
-        hub.put(CURSOR, "anna", bytes([moment]))
+        cache.put(CURSOR, "anna", bytes([moment]))
         sent += feed.take(float(moment)) is not None
     assert sent == IN_FLIGHT
     assert feed.in_flight == IN_FLIGHT
@@ -65,26 +65,26 @@ def test_a_page_that_does_not_acknowledge_gets_three_and_then_the_newest() -> No
 
 
 def test_what_is_gone_is_not_kept_for_ever() -> None:
-    hub = LatestValueCache(max_keys=MAX_GONE + 10)
-    feed = hub.open(FAST_HZ)
+    cache = LatestValueCache(max_keys=MAX_GONE + 10)
+    feed = cache.open(FAST_HZ)
     for number in range(5 * MAX_GONE):
-        assert hub.put(CURSOR, f"user{number}", b"1"), "forgotten keys fill the hub"
-        hub.forget(CURSOR, f"user{number}")
+        assert cache.put(CURSOR, f"user{number}", b"1"), "forgotten keys fill the cache"
+        cache.forget(CURSOR, f"user{number}")
         feed.take(float(number))
         feed.ack(feed.in_flight + feed._acked)
-    assert len(hub._entries) <= MAX_GONE + 1
+    assert len(cache._entries) <= MAX_GONE + 1
 
 
 def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
-    hub = LatestValueCache(max_keys=3)
-    feed = hub.open(FAST_HZ)
+    cache = LatestValueCache(max_keys=3)
+    feed = cache.open(FAST_HZ)
     for name in ("a", "b", "c"):
-        assert hub.put(CURSOR, name, b"1")
-    assert not hub.put(CURSOR, "d", b"1")
-    assert hub.put(CURSOR, "a", b"2")
-    hub.forget(CURSOR, "b")
-    hub.close(feed)
-    assert hub.put(CURSOR, "d", b"1")
+        assert cache.put(CURSOR, name, b"1")
+    assert not cache.put(CURSOR, "d", b"1")
+    assert cache.put(CURSOR, "a", b"2")
+    cache.forget(CURSOR, "b")
+    cache.close(feed)
+    assert cache.put(CURSOR, "d", b"1")
 
 
 RING = 5
@@ -103,8 +103,8 @@ ACTIONS = st.lists(
 
 
 class Page:
-    def __init__(self, hub: LatestValueCache, first_event: int = 0) -> None:
-        self.feed = hub.open(FAST_HZ)
+    def __init__(self, cache: LatestValueCache, first_event: int = 0) -> None:
+        self.feed = cache.open(FAST_HZ)
         self.known: dict[tuple[str, str], bytes] = {}
         self.events: list[bytes] = []
         self.first_event = first_event
@@ -131,31 +131,31 @@ class Page:
 
 
 class Story:
-    """A hub, two pages, and what is true."""
+    """A cache, two pages, and what is true."""
 
     def __init__(self) -> None:
-        self.hub = LatestValueCache(max_events=RING)
+        self.cache = LatestValueCache(max_events=RING)
         self.true: dict[tuple[str, str], bytes] = {}
         self.events: list[bytes] = []
-        self.pages = [Page(self.hub), Page(self.hub)]
+        self.pages = [Page(self.cache), Page(self.cache)]
         self.now_s = 0.0
 
     def put(self, which: int, name: str) -> None:
         payload = str(self.now_s).encode()
-        self.hub.put(STATES[which], name, payload)
+        self.cache.put(STATES[which], name, payload)
         self.true[STATES[which].key, name] = payload
 
     def forget(self, which: int, name: str) -> None:
         was_true = self.true.pop((STATES[which].key, name), None) is not None
-        assert self.hub.forget(STATES[which], name) == was_true
+        assert self.cache.forget(STATES[which], name) == was_true
 
     def event(self, _which: int, name: str) -> None:
         self.events.append(str(self.now_s).encode())
-        self.hub.put(FEEDBACK, name, self.events[-1])
+        self.cache.put(FEEDBACK, name, self.events[-1])
 
     def open(self, _which: int, _name: str) -> None:
-        self.hub.close(self.pages[0].feed)
-        self.pages[0] = Page(self.hub, max(0, len(self.events) - RING))
+        self.cache.close(self.pages[0].feed)
+        self.pages[0] = Page(self.cache, max(0, len(self.events) - RING))
 
     def take(self, which: int, _name: str) -> None:
         self.pages[which].take(self.now_s)

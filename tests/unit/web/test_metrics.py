@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from prometheus_client.registry import CollectorRegistry
 
 from pointit.bridges.web.metrics import site_metrics as module
-from pointit.bridges.web.metrics.door import TEXT, exposition
+from pointit.bridges.web.metrics.metrics_server import TEXT, exposition
 from pointit.bridges.web.metrics.site_metrics import SiteMetrics
 from pointit.bridges.web.metrics.totals import OTHER, Labels, Totals
 from pointit.runtime.bus.metrics import DurationWindow

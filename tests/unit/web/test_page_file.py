@@ -61,7 +61,7 @@ def test_frames_until_an_instant_have_what_a_server_shows_there(past: Past) -> N
         if number % 50 == 0:
             server = Playback(past, 0.0)
             server.seek(past.began_ns + round(at_s * NS_PER_S), 0.0)
-            assert held == {news[:2]: news[2] for news in server.model.hub.states_since(0)}, at_s
+            assert held == {news[:2]: news[2] for news in server.model.cache.states_since(0)}, at_s
         assert bool(status) == (number % RATE_HZ == 0), at_s
     entries = [entry.row.key for entry in past.entries(0)]
     assert len(held) > 10

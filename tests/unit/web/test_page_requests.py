@@ -19,11 +19,11 @@ from pointit.bridges.web.pages.page_requests import (
     MapEdits,
     PageAction,
     Press,
-    Said,
     Speak,
+    SpokenWord,
     StepBeside,
     Tremor,
-    greeting,
+    hello_of,
     parse_request,
 )
 from pointit.bridges.web.wire import Ask, Role
@@ -42,7 +42,7 @@ def ask(key: str = "", *, deed: str | None = None, name: str = "", **query: Any)
 
 
 def deeds(role: Role) -> tuple[str, ...]:
-    return greeting(role, version="1", site="lab").deeds
+    return hello_of(role, version="1", site="lab").deeds
 
 
 def test_everybody_who_sees_a_robot_may_stop_it() -> None:
@@ -118,7 +118,7 @@ def test_lists_of_a_query_are_those_of_its_strict_model() -> None:
     assert call.query == SetSpeed(speed_mps=1.0, belts=("a", "b"))
     spoken = parse_request(ask(deed="speak", name="anna", words=[SAID]), "operator")
     assert isinstance(spoken, PageAction)
-    assert spoken.extras == Speak(words=(Said(text="stop", start_s=1.0, end_s=0.5),))
+    assert spoken.extras == Speak(words=(SpokenWord(text="stop", start_s=1.0, end_s=0.5),))
 
 
 JSON = st.recursive(

@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 
 import pointit.schemas as models
-from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, Past
+from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, EventHistory
 from pointit.bridges.web.pages.latest_values import HISTORY, LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.server.download import write_recording
@@ -112,16 +112,18 @@ def event(number: int, stamp_ns: int, reason: str = "") -> models.SelectionEvent
 
 class Looker:
     def __init__(self, bench: Bench) -> None:
-        self.hub = LatestValueCache()
-        self.past = Past(ServiceBus(bench.bus, bench.clock, "web", "web", ""), bench.clock, self.hub)
+        self.cache = LatestValueCache()
+        self.past = EventHistory(
+            ServiceBus(bench.bus, bench.clock, "web", "web", ""), bench.clock, self.cache
+        )
 
     def hears(self, *events: models.SelectionEvent) -> None:
         for each in events:
-            self.hub.put(topics.SELECTION_EVENTS, "", models.encode(each), stamp_ns=each.stamp_ns)
-            self.past.hear(each)
+            self.cache.put(topics.SELECTION_EVENTS, "", models.encode(each), stamp_ns=each.stamp_ns)
+            self.past.add(each)
 
     def shows(self) -> list[tuple[str, int]]:
-        batch = self.hub.open(60.0).take(0.0)
+        batch = self.cache.open(60.0).take(0.0)
         events = () if batch is None else batch.events
         return [(topic, msgpack.unpackb(payload)["seq"]) for topic, _, payload in events if payload]
 
@@ -150,9 +152,9 @@ async def test_what_was_heard_too_is_shown_once_and_all_of_it_in_order() -> None
         heard_again = event(2, START_NS + 2 * S, "told again after a restart of the selector")
         looker.hears(heard_again, kept[2])
         cue = models.Feedback(stamp_ns=START_NS + 3 * S + 1, seq=77, cue="selected")
-        looker.hub.put(topics.FEEDBACK, "anna", models.encode(cue), stamp_ns=cue.stamp_ns)
+        looker.cache.put(topics.FEEDBACK, "anna", models.encode(cue), stamp_ns=cue.stamp_ns)
         looker.hears(kept[5])  # 4 and 5 were lost on the way
-        feed = looker.hub.open(60.0)  # a page that is there has been told what was heard
+        feed = looker.cache.open(60.0)  # a page that is there has been told what was heard
         assert feed.take(0.0) is not None
         for _ in range(2):
             await looker.past.ask()

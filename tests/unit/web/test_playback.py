@@ -146,7 +146,7 @@ def past(request: pytest.FixtureRequest, entries: list[Entry], in_file: FilePast
 
 
 def shown(playback: Playback) -> set[tuple[str, str, bytes | None]]:
-    return set(playback.model.hub.states_since(0))
+    return set(playback.model.cache.states_since(0))
 
 
 def played_to(past: Past, seconds: float) -> Playback:
@@ -171,7 +171,7 @@ def test_a_seek_shows_what_playing_until_then_shows(past: Past, seconds: float) 
 
 def test_a_seek_sends_a_page_the_differences_and_no_events(past: Past) -> None:
     playback = Playback(past, 0.0)
-    feed = playback.model.hub.open(60.0)
+    feed = playback.model.cache.open(60.0)
     first = feed.take(0.0)
     assert first is not None
     assert ("map", "") in {news[:2] for news in first.states}
@@ -210,7 +210,7 @@ def test_the_position_follows_the_clock_at_every_speed_and_stays_at_the_end(past
 def test_slow_machine_plays_slowly_and_skips_nothing(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit.bridges.web.playback.playback.MAX_AT_ONCE", 5)
     playback = Playback(past, 0.0)
-    feed = playback.model.hub.open(60.0)
+    feed = playback.model.cache.open(60.0)
     playback.play(0.0, is_playing=True)
     playback.advance(15.0)
     assert playback.at_ns(15.0) < at(1.0)

@@ -12,7 +12,7 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web.scan.door import ScanDoor
+from pointit.bridges.web.scan.scan_server import ScanServer
 from pointit.bridges.web.scan.session import ScanSession, Solution
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.wire import ScanStrip
@@ -55,7 +55,7 @@ class Bench:
         def wrist(_connection: HTTPConnection) -> bool:
             return self.is_wrist
 
-        self.door = ScanDoor(
+        self.door = ScanServer(
             self.session, self.doors, Bundle(folder), is_wrist=wrist, token=TOKEN, room=SimulatedRoom()
         )
         self.app = application(self.doors, Bundle(folder), self._no_page, self._no_file, self.door.routes)

@@ -16,7 +16,7 @@ from pointit.bridges.web.model.site_model import (
     keys_of_service,
 )
 from pointit.bridges.web.model.site_model import SILENT_S as TRACKER_SILENT_S
-from pointit.bridges.web.model.status import GRACE_S, KEPT_S, LEFT_S, SiteObservation
+from pointit.bridges.web.model.status import GRACE_S, LEFT_S, WINDOW_S, SiteObservation
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import Status
@@ -162,10 +162,10 @@ def test_what_grows_is_an_error_and_what_grew_long_ago_is_a_note(sight: SiteObse
     heard(sight, "pui", 2.0, keys=invalid(3))
     heard(sight, "web", 2.0)
     assert codes(told(sight, 2.0)) == [("error", "pui")]
-    for second in range(3, 4 + int(KEPT_S)):
+    for second in range(3, 4 + int(WINDOW_S)):
         heard(sight, "pui", float(second), keys=invalid(3))
         heard(sight, "web", float(second))
-    assert codes(told(sight, 3.0 + KEPT_S)) == [("note", "pui")]
+    assert codes(told(sight, 3.0 + WINDOW_S)) == [("note", "pui")]
 
 
 def test_reports_of_who_is_not_there_are_not_kept(sight: SiteObservation) -> None:
@@ -217,8 +217,8 @@ def test_all_that_is_a_persons_goes_with_them() -> None:
 
 def test_a_silent_tracker_is_gone_once() -> None:
     trackers = Trackers()
-    trackers.heard("conveyor", 0.0)
-    trackers.heard("robot", 2.0)
+    trackers.add("conveyor", 0.0)
+    trackers.add("robot", 2.0)
     assert trackers.silent(TRACKER_SILENT_S) == []
     assert trackers.silent(TRACKER_SILENT_S + 0.1) == [(OBJECTS, "conveyor")]
     assert trackers.silent(TRACKER_SILENT_S + 0.2) == []
@@ -305,7 +305,7 @@ def test_lamps_that_are_not_in_the_map_take_no_place(monkeypatch: pytest.MonkeyP
         assert belief.take(LAMP_COLOR, f"x{number}", lamp, 1, 0.0)
     assert belief.take(LAMP_COLOR, "real", lamp, 1, 0.0)
     assert belief.take(POSE, "anna", UserPose(stamp_ns=1, yaw_rad=0.0, position_m=(0.0, 0.0, 0.0)), 1, 0.0)
-    assert belief.hub.names(LAMP_COLOR) == ["real"]
+    assert belief.cache.names(LAMP_COLOR) == ["real"]
 
 
 def test_things_of_a_home_assistant_that_is_not_connected_are_a_finding() -> None:
@@ -342,13 +342,13 @@ def test_the_events_of_a_run_begin_with_it() -> None:
         belief.take(DEPLOYMENT, f"{RUN}{name}", message, now_ns, 0.0)
 
     happens(10)
-    assert len(belief.hub.history()) == 1
+    assert len(belief.cache.history()) == 1
     deployed("one", 20, 20)
     happens(30)
-    assert len(belief.hub.history()) == 1
+    assert len(belief.cache.history()) == 1
     deployed("one", 40, 40, services=())
     deployed("two", 900, 50)  # a slow simulation: its time is behind the wall's
-    assert len(belief.hub.history()) == 0
+    assert len(belief.cache.history()) == 0
     happens(60)
     belief.take(DEPLOYMENT, "anna", Deployment(stamp_ns=70, name="anna", services=(PUI,)), 70, 0.0)
-    assert len(belief.hub.history()) == 1
+    assert len(belief.cache.history()) == 1

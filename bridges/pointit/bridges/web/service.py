@@ -13,22 +13,22 @@ from starlette.websockets import WebSocket
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.devices.devices import Devices
-from pointit.bridges.web.metrics.door import metrics_route
+from pointit.bridges.web.metrics.metrics_server import metrics_route
 from pointit.bridges.web.metrics.site_metrics import READS, SiteMetrics
-from pointit.bridges.web.model.history import Past
+from pointit.bridges.web.model.history import EventHistory
 from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People, WristMotion
+from pointit.bridges.web.model.separability import FloorSeparability
 from pointit.bridges.web.model.site_model import SiteModel
-from pointit.bridges.web.model.told_apart import ToldApart
 from pointit.bridges.web.pages.latest_values import MAX_KEYS
 from pointit.bridges.web.pages.open_pages import Pages
-from pointit.bridges.web.pages.page_requests import RequestDispatcher, greeting
+from pointit.bridges.web.pages.page_requests import RequestDispatcher, hello_of
 from pointit.bridges.web.pages.page_session import PageSession
 from pointit.bridges.web.pages.slow_link import SlowLink
 from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.scan.door import ScanDoor
 from pointit.bridges.web.scan.lights import ScanLights
+from pointit.bridges.web.scan.scan_server import ScanServer
 from pointit.bridges.web.scan.session import ScanSession, leds_per_m
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess
@@ -94,11 +94,11 @@ class Web(Service[WebConfig]):
         super().__init__(config, context)
         self._loop = asyncio.get_running_loop()
         self._token = config.operator_token or new_token()
-        doors = Access(self._token, config.viewer_token or new_token())
-        doors.know_hosts([exposure_check.address(config, config.port)[0]])
+        access = Access(self._token, config.viewer_token or new_token())
+        access.know_hosts([exposure_check.address(config, config.port)[0]])
         recent = Recent(self.bus.site)
-        self._belief = SiteModel(self.NAME, self._now_s(), recent)
-        self._past = Past(self.bus, self.clock, self._belief.hub)
+        self._model = SiteModel(self.NAME, self._now_s(), recent)
+        self._history = EventHistory(self.bus, self.clock, self._model.cache)
         self._downloads = Downloads(recent, config.record_s, self.clock)
         version = pointit_version()
         self._metrics = SiteMetrics(self.bus.site, version)
@@ -113,11 +113,11 @@ class Web(Service[WebConfig]):
             ended=self._changed,
         )
         self._pages = Pages(
-            self._belief.hub,
+            self._model.cache,
             self.bus,
             self._status,
             rate_hz=config.rate_hz,
-            most=config.most_viewers,
+            max_viewers=config.most_viewers,
             version=version,
             speaks=config.announce == "page",
         )
@@ -127,10 +127,10 @@ class Web(Service[WebConfig]):
             wrists=self._wrists,
             now_ns=self.clock.now_ns,
             send=self._people.move,
-            answer=lambda page, ask: self._answers.answer(page, "wrist", ask),
+            answer=lambda page, ask: self._dispatcher.answer(page, "wrist", ask),
             changed=self._changed,
             warnings=self.bus,
-            greeting=greeting(
+            greeting=hello_of(
                 "wrist", version=version, site=self.bus.site, speaks=config.announce == "phone"
             ),
         )
@@ -140,40 +140,40 @@ class Web(Service[WebConfig]):
         self._scan = ScanSession(
             show=self._lights.show, solve=self._solver.solve, file=Path(config.scan_file or "room.yaml")
         )
-        self._camera = ScanDoor(
+        self._scan_server = ScanServer(
             self._scan,
-            doors,
+            access,
             bundle,
             is_wrist=self._phones.is_paired,
             token=config.scan_token,
             room=SimulatedRoom(config.scan_room) if config.scan_room else None,
         )
-        routes = [*self._phones.routes, *self._camera.routes, metrics_route(self._metrics, doors)]
-        app = application(doors, bundle, self._open, self._downloads.answer, routes)
-        self._told_apart = ToldApart()
+        routes = [*self._phones.routes, *self._scan_server.routes, metrics_route(self._metrics, access)]
+        app = application(access, bundle, self._open, self._downloads.answer, routes)
+        self._separability = FloorSeparability()
         maps = MapEditor(self.bus)
         self._devices = Devices(
             bus=self.bus,
             maps=maps,
             address=config.devices_at,
             run_output=config.run_output,
-            present=lambda: self._belief.present,
+            present=lambda: self._model.present,
             changed=self._changed,
         )
         self._lan = Lan(config, self.bus.site, app)
-        self._answers = RequestDispatcher(
+        self._dispatcher = RequestDispatcher(
             bus=self.bus,
             people=self._people,
             wrists=self._wrists,
             pairing=self._pairing,
             phones=self._phones,
             lan=self._lan,
-            doors=doors,
-            told_apart=self._told_apart,
+            access=access,
+            separability=self._separability,
             maps=maps,
-            scan=self._camera,
+            scan=self._scan_server,
             devices=self._devices,
-            present=lambda: self._belief.present,
+            present=lambda: self._model.present,
             changed=self._changed,
         )
         self._link = SlowLink(socket.gethostname())
@@ -200,7 +200,7 @@ class Web(Service[WebConfig]):
                 await self._open_lan()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._tick(), name="web tick")
-                group.create_task(self._past.run(), name="web past")
+                group.create_task(self._history.run(), name="web history")
                 group.create_task(self._devices.run(), name="web devices")
                 group.create_task(self._motion.run(), name="web wrists")
         finally:
@@ -220,7 +220,7 @@ class Web(Service[WebConfig]):
 
     async def _open_lan(self) -> None:
         try:
-            log.info("%s", (await self._answers.open_lan())["message"])
+            log.info("%s", (await self._dispatcher.open_lan())["message"])
         except RefusedError as error:  # the page is useful on this machine all the same
             log.error("the page is not open to the local network: %s", error)  # noqa: TRY400 - a sentence
             self.bus.warn("lan", f"the page is not open to the local network: {error}")
@@ -235,7 +235,7 @@ class Web(Service[WebConfig]):
         """Handle a page's request."""
         # a request of the table names robots, too: everybody may stop one that is called like a person
         role = session.role if ask.deed is None else session.rights(ask.name)
-        return await self._answers.answer(session.page, role, ask)
+        return await self._dispatcher.answer(session.page, role, ask)
 
     def aim(self, aim: AimAt, session: PageSession) -> None:
         """Point where a page's mouse does."""
@@ -281,7 +281,7 @@ class Web(Service[WebConfig]):
         if socket.url.path == PAST:
             await self._visits.open(socket)
             return
-        await self._past.is_asked.wait()  # a page's first batch contains past events
+        await self._history.is_asked.wait()  # a page's first batch contains past events
         paired_user = functools.partial(self._phones.paired_user, socket)
         await self._pages.open(socket, role, self, self._on_closed, paired_user)
 
@@ -291,7 +291,7 @@ class Web(Service[WebConfig]):
 
     def _status(self, page: str) -> Status:
         now_s = self._now_s()
-        status = self._belief.status(
+        status = self._model.status(
             [
                 self._wrists.line(user, page, self.clock.now_ns(), paired=self._pairing.paired(user, now_s))
                 for user in self._people.names
@@ -307,33 +307,33 @@ class Web(Service[WebConfig]):
     # Input from the bus.
 
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
-        if not self._belief.take(topic, name, message, self.clock.now_ns(), self._now_s()):
+        if not self._model.take(topic, name, message, self.clock.now_ns(), self._now_s()):
             self.bus.warn("keys", f"more than {MAX_KEYS} keys: {topic.key} of {name} is not shown to pages")
             return
-        self._attend(message, name)
+        self._on_message(message, name)
         if isinstance(message, StripsFrame):
-            self._camera.lights({strip.id: strip.rgb for strip in message.strips})
+            self._scan_server.lights({strip.id: strip.rgb for strip in message.strips})
         elif isinstance(message, LampColor):
             self._lights.hear(name, message.color)
-            self._camera.lights({name: bytes(message.color)})
+            self._scan_server.lights({name: bytes(message.color)})
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
     def _on_measured(self, topic: Topic[Any], message: Message, name: str) -> None:
         self._metrics.take(name, message)
         self._on(topic, message, name)
 
-    def _attend(self, message: Message, name: str) -> None:
+    def _on_message(self, message: Message, name: str) -> None:
         match message:
             case Deployment():
                 self._devices.on_deployment(message)
                 self._changed(now=not message.services)  # this process may end with the run
             case SelectionEvent():
-                self._past.hear(message)
+                self._history.add(message)
             case Health():
                 self._link.hear(message, self._wall.now_ns(), self._now_s())
             case Environment():
                 self._wrists.room(message)
-                self._told_apart.take(message)
+                self._separability.set_room(message)
                 self._devices.on_map(message)
                 self._phones.set_lamps(tuple(lamp.id for lamp in message.lamps))
                 strips = {strip.id: strip.pixels for strip in message.strips}
@@ -356,10 +356,10 @@ class Web(Service[WebConfig]):
                 pass
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self._belief.set_service(instance, present, self._now_s())
+        self._model.set_service(instance, present, self._now_s())
         self._metrics.set_service(instance, present)
         self._visits.remember(SERVICE_ALIVE, instance, present)
-        self._past.set_service(instance, present)
+        self._history.set_service(instance, present)
         self._pages.notify_pages()
         self._changed()
 
@@ -372,7 +372,7 @@ class Web(Service[WebConfig]):
             self._people.on_leave(user)
             self._wrists.forget(user)
             self._phones.forget(user)
-            self._belief.on_person_left(user)
+            self._model.on_person_left(user)
             self._pages.notify_pages()
         self._changed()
 
@@ -382,7 +382,7 @@ class Web(Service[WebConfig]):
         while True:
             await asyncio.sleep(TICK_S)
             now_s = self._now_s()
-            self._belief.tick(now_s)
+            self._model.tick(now_s)
             self.bus.warn("link", self._link.sentence(now_s))
             self._pages.notify_pages()
             if now_s - self._malformed_s > QUIET_S:

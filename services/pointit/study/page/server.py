@@ -17,7 +17,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.access import Access, new_token
-from pointit.bridges.web.server.app import SecurityMiddleware, asked_of
+from pointit.bridges.web.server.app import SecurityMiddleware, info_of
 from pointit.bridges.web.server.bundle import Bundle, Pieces, file_response, refusal
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.listener import Listener, bind, url
@@ -76,8 +76,8 @@ def _application(view: PageView, access: Access) -> ASGIApp:
     own, shared = Bundle(STATIC), Bundle()
 
     def page_of(connection: HTTPConnection) -> Page | None:
-        asked = replace(asked_of(connection), bearer=connection.path_params["token"], cookies={})
-        role = access.admit(asked, time.monotonic())
+        info = replace(info_of(connection), bearer=connection.path_params["token"], cookies={})
+        role = access.admit(info, time.monotonic())
         return None if role is None else "experimenter" if role == "operator" else "participant"
 
     async def index(request: Request) -> Response:

@@ -86,7 +86,7 @@ IMU_BRIDGE = "imu-bridge"
 MOUNTINGS = {"metamotion": "metamotion"}
 """Mounting of wrists that are worn differently from the usual, by plug-in."""
 HEIGHT_M, LEDS_PER_M = 1.0, 60.0
-"""Default place of a strip that is added to the map: along x, so high, with so many pixels a metre."""
+"""Default line of a strip that is added to the map: height, m, along x, and pixels per metre."""
 
 
 @dataclass(eq=False)
@@ -96,8 +96,8 @@ class _Running:
     device: ConnectedDevice
     task: asyncio.Task[None] | None = None
     has_begun: bool = False
-    """Its process has said that it works, whatever it warns of."""
-    said: str = ""
+    """Its process has reported that it works. It may warn of something."""
+    progress: str = ""
     """Last line of the check of its mounting."""
     problem: str = ""
 
@@ -139,7 +139,7 @@ class Devices:
     def lines(self) -> tuple[DeviceLine, ...]:
         """Return the connected devices, in the order of their connection."""
         return tuple(
-            each.device.line(is_on=self._is_on(each), said=each.said, problem=each.problem)
+            each.device.line(is_on=self._is_on(each), progress=each.progress, problem=each.problem)
             for each in self._running.values()
         )
 
@@ -179,27 +179,27 @@ class Devices:
             "can_connect": bool(self.address),
         }
 
-    async def connect(self, wanted: ConnectDevice) -> dict[str, Any]:
+    async def connect(self, request: ConnectDevice) -> dict[str, Any]:
         """Connect a device that was found, now and at every start, or start that of a connected one again.
 
         Raises:
-            PointItError: If it cannot be connected; the text says why.
+            PointItError: If it cannot be connected; the text has the reason.
         """
         if not self.address:
             raise RefusedError(
                 "this page belongs to no run, so it starts nothing: use the command shown beside the device"
             )
         async with self._changing:
-            return await self._connect(wanted)
+            return await self._connect(request)
 
-    async def _connect(self, wanted: ConnectDevice) -> dict[str, Any]:
-        before = [each.device for each in self._running.values() if each.device.is_like(wanted)]
+    async def _connect(self, request: ConnectDevice) -> dict[str, Any]:
+        before = [each.device for each in self._running.values() if each.device.is_like(request)]
         device = before[0] if before else None
         if device is None and self._found is not None:
-            device = self._found.device(wanted)
+            device = self._found.device(request)
         if device is None:
-            raise RefusedError(f"{wanted.plugin} {wanted.address} was not found: look for devices first")
-        device = device.model_copy(update={"name": wanted.name})
+            raise RefusedError(f"{request.plugin} {request.address} was not found: look for devices first")
+        device = device.model_copy(update={"name": request.name})
         if device.id not in self._running and len(self._running) >= MAX_DEVICES:
             raise RefusedError(f"{MAX_DEVICES} devices are connected, which is the most: forget one first")
         note = ""
@@ -254,24 +254,24 @@ class Devices:
             That of `pointit person calibrate mounting --json`.
 
         Raises:
-            RefusedError: If it fails; the text says why.
+            RefusedError: If it fails; the text has the reason.
         """
         device = self._device(device_id)
         running = self._running[device_id]
-        if running.said:
-            raise RefusedError(f"the mounting of {device.name}'s wrist is being checked: {running.said}")
-        running.said = "the check begins"
+        if running.progress:
+            raise RefusedError(f"the mounting of {device.name}'s wrist is being checked: {running.progress}")
+        running.progress = "the check begins"
         result: JsonObject = {}
 
-        def on_said(line: str) -> None:
-            running.said = line
+        def on_log_line(line: str) -> None:
+            running.progress = line
             self.changed()
 
         measure = ("person", "calibrate", "mounting", "--non-interactive", "--json", *self._link)
         try:
-            problem = await run_command((*measure, "--", device.name), on_said, result.update)
+            problem = await run_command((*measure, "--", device.name), on_log_line, result.update)
         finally:
-            on_said("")
+            on_log_line("")
         if problem:
             raise RefusedError(problem)
         return result
@@ -302,12 +302,12 @@ class Devices:
     async def _serve(self, running: _Running) -> None:
         device = running.device
 
-        def on_told(told: JsonObject) -> None:
+        def on_object(report: JsonObject) -> None:
             running.has_begun = True
-            self._set_problem(running, "; ".join(map(str, told.get("warnings", ()))))
+            self._set_problem(running, "; ".join(map(str, report.get("warnings", ()))))
 
         log.info("connecting %s: pointit %s", device.label, " ".join(self._arguments(device)))
-        problem = await run_command(self._arguments(device), lambda _line: None, on_told)
+        problem = await run_command(self._arguments(device), lambda _line: None, on_object)
         running.has_begun = False
         self._set_problem(running, problem or "it has ended")
 

@@ -15,29 +15,29 @@ BEGIN = (
     "from pointit.cli.__main__ import begin; begin()"
 )
 """Program of the process. It ends when its standard input closes, so no child survives a killed parent."""
-STOP_PATIENCE_S = 3.0
-"""Time it gets to end before it is killed, s."""
+STOP_TIMEOUT_S = 3.0
+"""Time after which a process that does not end is killed, s."""
 MAX_LINE_BYTES = 64 * 1024
 ERROR = "Error: "
-"""Beginning of the line in which a command says why it ended."""
+"""Beginning of the line with the reason for which a command ended."""
 
 JsonObject = dict[str, Any]
 
 
 async def run_command(
-    arguments: Sequence[str], on_said: Callable[[str], None], on_told: Callable[[JsonObject], None]
+    arguments: Sequence[str], on_log_line: Callable[[str], None], on_object: Callable[[JsonObject], None]
 ) -> str:
     """Run `pointit` until it ends or this task is cancelled, which ends it. Returns when it has ended.
 
     Args:
         arguments: its command line, without `pointit`.
-        on_said: called with each line of its log.
-        on_told: called with each JSON object that it prints.
+        on_log_line: called with each line of its log.
+        on_object: called with each JSON object that it prints.
 
     Returns:
         `""` if it succeeded, else the reason in one sentence.
     """
-    running = asyncio.create_task(_run_child(arguments, on_said, on_told))
+    running = asyncio.create_task(_run_child(arguments, on_log_line, on_object))
     try:
         return await asyncio.shield(running)
     finally:
@@ -48,7 +48,7 @@ async def run_command(
 
 
 async def _run_child(
-    arguments: Sequence[str], on_said: Callable[[str], None], on_told: Callable[[JsonObject], None]
+    arguments: Sequence[str], on_log_line: Callable[[str], None], on_object: Callable[[JsonObject], None]
 ) -> str:
     try:
         child = await asyncio.create_subprocess_exec(
@@ -69,10 +69,10 @@ async def _run_child(
         sentence = _sentence(line)
         if line.startswith(ERROR) or not last.startswith(ERROR):
             last = line if line.startswith(ERROR) else sentence
-        on_said(sentence)
+        on_log_line(sentence)
 
     try:
-        await asyncio.gather(_lines(child.stderr, on_log), _objects(child.stdout, on_told))
+        await asyncio.gather(_lines(child.stderr, on_log), _objects(child.stdout, on_object))
         code = await child.wait()
     finally:
         await _end(child)
@@ -97,17 +97,17 @@ async def _lines(stream: asyncio.StreamReader | None, on_line: Callable[[str], N
                 on_line(text)
 
 
-async def _objects(stream: asyncio.StreamReader | None, on_told: Callable[[JsonObject], None]) -> None:
+async def _objects(stream: asyncio.StreamReader | None, on_object: Callable[[JsonObject], None]) -> None:
     """Pass on each JSON object, which may have several lines."""
     parts: list[str] = []
 
     def on_line(line: str) -> None:
         parts.append(line)
         with contextlib.suppress(ValueError):
-            told = json.loads("\n".join(parts))
+            value = json.loads("\n".join(parts))
             parts.clear()
-            if isinstance(told, dict):
-                on_told(cast("JsonObject", told))
+            if isinstance(value, dict):
+                on_object(cast("JsonObject", value))
 
     await _lines(stream, on_line)
 
@@ -117,7 +117,7 @@ async def _end(child: asyncio.subprocess.Process) -> None:
     if child.returncode is None:
         child.terminate()
         with contextlib.suppress(TimeoutError, asyncio.CancelledError):
-            async with asyncio.timeout(STOP_PATIENCE_S):
+            async with asyncio.timeout(STOP_TIMEOUT_S):
                 await child.wait()
     while child.returncode is None:
         with contextlib.suppress(ProcessLookupError):
@@ -129,7 +129,7 @@ async def _end(child: asyncio.subprocess.Process) -> None:
         with contextlib.suppress(OSError):
             await child.stdin.wait_closed()
     with contextlib.suppress(TimeoutError):  # a grandchild may hold the pipes
-        async with asyncio.timeout(STOP_PATIENCE_S):
+        async with asyncio.timeout(STOP_TIMEOUT_S):
             for stream in filter(None, (child.stdout, child.stderr)):
                 while await stream.read(MAX_LINE_BYTES):
                     pass

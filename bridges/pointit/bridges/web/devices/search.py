@@ -33,9 +33,9 @@ class FoundDevices:
     problems: tuple[str, ...]
     """A sentence for each search that could not run."""
 
-    def device(self, wanted: ConnectDevice) -> ConnectedDevice | None:
-        """Return the device that `wanted` chooses, or None if it was not found."""
-        return next((each for each in self.devices if each.is_like(wanted)), None)
+    def device(self, request: ConnectDevice) -> ConnectedDevice | None:
+        """Return the device that `request` chooses, or None if it was not found."""
+        return next((each for each in self.devices if each.is_like(request)), None)
 
 
 def find() -> FoundDevices:

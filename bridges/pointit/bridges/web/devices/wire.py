@@ -60,10 +60,10 @@ class ConnectedDevice(ConnectDevice):
         """Return the value of `--imu` or `--output` that chooses it."""
         return f"{self.plugin}:{self.address}" if self.address else self.plugin
 
-    def line(self, *, is_on: bool, said: str, problem: str) -> DeviceLine:
+    def line(self, *, is_on: bool, progress: str, problem: str) -> DeviceLine:
         """Return its line for pages."""
         own = self.model_dump(exclude={"is_remote"})
-        return DeviceLine(id=self.id, is_on=is_on, said=said, problem=problem, **own)
+        return DeviceLine(id=self.id, is_on=is_on, said=progress, problem=problem, **own)
 
 
 class StoredDevices(_Frozen):

@@ -212,12 +212,12 @@ class SiteMetrics:
         self._poses[user] = pose
         self._drop_absent(self._poses)
 
-    def _on_localization(self, user: str, now: Localization) -> None:
+    def _on_localization(self, user: str, localization: Localization) -> None:
         before = self._localizations.get(user)
-        if before is not None and before.phase not in RESULTS and now.phase in RESULTS:
-            result = (now.purpose, now.phase)
+        if before is not None and before.phase not in RESULTS and localization.phase in RESULTS:
+            result = (localization.purpose, localization.phase)
             self._results[result] = self._results.get(result, 0) + 1
-        self._localizations[user] = now
+        self._localizations[user] = localization
         self._drop_absent(self._localizations)
 
     def _drop_absent(self, messages: dict[str, Any]) -> None:

@@ -28,23 +28,23 @@ QUERY_TIMEOUT_S = 1.0
 Identity = tuple[int, int, str, str]
 
 
-class Past:
-    """Adds events to a hub that it has not received itself."""
+class EventHistory:
+    """Adds events to a cache that it has not received itself."""
 
-    def __init__(self, bus: ServiceBus, clock: Clock, hub: LatestValueCache) -> None:
+    def __init__(self, bus: ServiceBus, clock: Clock, cache: LatestValueCache) -> None:
         self._bus = bus
         self._clock = clock
-        self._hub = hub
-        self._heard: deque[Identity] = deque(maxlen=MAX_EVENTS)
+        self._cache = cache
+        self._received: deque[Identity] = deque(maxlen=MAX_EVENTS)
         self._is_wanted = asyncio.Event()
         self._is_wanted.set()
         self.is_asked = asyncio.Event()
         """Set once the first reply has come or failed."""
         self._has_warned = False
 
-    def hear(self, event: SelectionEvent) -> None:
-        """Store an event that the hub has."""
-        self._heard.append(_identity(event))
+    def add(self, event: SelectionEvent) -> None:
+        """Store an event that the cache has."""
+        self._received.append(_identity(event))
 
     def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         """Query a selector that has started."""
@@ -58,7 +58,7 @@ class Past:
             await self.ask()
 
     async def ask(self) -> None:
-        """Query once. Without a reply the hub stays as it is."""
+        """Query once. Without a reply the cache stays as it is."""
         self._is_wanted.clear()
         now_ns = self._clock.now_ns()
         query = ReadHistory(last=HISTORY, since_ns=max(0, now_ns - BACK_NS))
@@ -73,11 +73,11 @@ class Past:
             return
         finally:
             self.is_asked.set()
-        heard = set(self._heard)
-        self._hub.recall(
+        received = set(self._received)
+        self._cache.recall(
             (event.stamp_ns, (SELECTION_EVENTS.key, "", encode(event)))
             for event in reply.events
-            if event.stamp_ns <= now_ns + AHEAD_NS and _identity(event) not in heard
+            if event.stamp_ns <= now_ns + AHEAD_NS and _identity(event) not in received
         )
 
 

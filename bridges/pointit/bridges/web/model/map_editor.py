@@ -79,8 +79,8 @@ class MapEditor:
         shown = shown_path(path)
         message = f"saved as {shown}, and people point at it"
         if name:
-            is_elsewhere = shown.startswith("…")
-            option = f"the path of {path.name} in --set pui.map" if is_elsewhere else f"--set pui.map={shown}"
+            is_shortened = shown.startswith("…")
+            option = f"the path of {path.name} in --set pui.map" if is_shortened else f"--set pui.map={shown}"
             message += f"; from the next start on with {option}"
         try:
             await self._bus.call(USE_MAP, UseMap(path=str(path)))

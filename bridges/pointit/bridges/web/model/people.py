@@ -99,8 +99,10 @@ class People:
             start_ns, end_ns = (now_ns - round(word[age] * speed * NS_PER_S) for age in ("start_s", "end_s"))
             return Word(text=word["text"], start_ns=start_ns, end_ns=end_ns, confidence=word["confidence"])
 
-        said = tuple(stamped(word) for word in words)
-        self._writers[user].speech.put(Speech(stamp_ns=said[-1].end_ns, words=said, recogniser=BROWSER))
+        stamped_words = tuple(stamped(word) for word in words)
+        self._writers[user].speech.put(
+            Speech(stamp_ns=stamped_words[-1].end_ns, words=stamped_words, recogniser=BROWSER)
+        )
 
     def move(self, user: str, sample: WristSample) -> None:
         """Publish the orientation of the wrist of `user` if they are present."""

@@ -67,17 +67,17 @@ class Trackers:
     """Times of the trackers' last messages."""
 
     def __init__(self) -> None:
-        self._heard_s: dict[str, float] = {}
+        self._received_s: dict[str, float] = {}
 
-    def heard(self, tracker: str, now_s: float) -> None:
+    def add(self, tracker: str, now_s: float) -> None:
         """Note a message of `tracker`."""
-        self._heard_s[tracker] = now_s
+        self._received_s[tracker] = now_s
 
     def silent(self, now_s: float) -> list[Key]:
         """Return the keys of trackers that have fallen silent, each once."""
-        gone = [tracker for tracker, heard_s in self._heard_s.items() if now_s - heard_s > SILENT_S]
+        gone = [tracker for tracker, received_s in self._received_s.items() if now_s - received_s > SILENT_S]
         for tracker in gone:
-            del self._heard_s[tracker]
+            del self._received_s[tracker]
         return [(OBJECTS, tracker) for tracker in gone]
 
 
@@ -144,9 +144,9 @@ class SiteModel:
 
     def __init__(self, own: str, now_s: float, recent: Recent | None = None) -> None:
         """`own`: the owning service, which may outlive its deployment; `recent` keeps the stored messages."""
-        self.hub = LatestValueCache()
+        self.cache = LatestValueCache()
         self._recent = recent
-        self._sight = SiteObservation(now_s)
+        self._observation = SiteObservation(now_s)
         self._trackers = Trackers()
         self._deployments = Deployments(own)
         self._began_ns: dict[str, int] = {}
@@ -157,7 +157,7 @@ class SiteModel:
     @property
     def present(self) -> frozenset[str]:
         """Return the instances that are present."""
-        return self._sight.present
+        return self._observation.present
 
     def take(self, topic: Topic[Any], name: str, message: Message, now_ns: int, now_s: float) -> bool:
         """Store a message, encoded once for all pages. Return False if there is no room for its key."""
@@ -170,14 +170,14 @@ class SiteModel:
             message = message.believed(name)
         payload = encode(message)
         is_urgent = topic is STRIPS_FRAME
-        if not self.hub.put(topic, name, payload, stamp_ns=message.stamp_ns, urgent=is_urgent):
+        if not self.cache.put(topic, name, payload, stamp_ns=message.stamp_ns, urgent=is_urgent):
             return False
         if self._recent is not None:
             self._recent.add(now_ns, topic, name, message, payload)
         if topic is OBJECTS:
-            self._trackers.heard(name, now_s)
+            self._trackers.add(name, now_s)
         elif isinstance(message, Health):
-            self._sight.report(name, message, now_s)
+            self._observation.report(name, message, now_s)
         elif isinstance(message, Deployment):
             self._take_deployment(name, message, now_ns, now_s)
         return True
@@ -186,19 +186,19 @@ class SiteModel:
         is_another, has_run = self._deployments.is_another(deployment), self._deployments.has_run
         self._forget(self._deployments.put(name, deployment, now_s))
         if has_run and not self._deployments.has_run:
-            self._sight.end_run(now_s)
+            self._observation.end_run(now_s)
         elif is_another:
-            self._sight.begin_run(now_s)
+            self._observation.begin_run(now_s)
         self._began_ns[name] = min(deployment.stamp_ns, now_ns)  # the time of a slow simulation lags behind
         runs = {run for run in self._deployments.known if run.startswith(RUN)}
         self._began_ns = {run: ns for run, ns in self._began_ns.items() if run in runs}
-        self.hub.began_ns = min(self._began_ns.values(), default=0)
+        self.cache.began_ns = min(self._began_ns.values(), default=0)
 
     def set_service(self, instance: str, present: bool, now_s: float) -> None:  # noqa: FBT001 - the bus's signature
         """Update the presence of `instance`."""
-        self._sight.set_present(instance, present, now_s)
+        self._observation.set_present(instance, present, now_s)
         if not present:
-            self._forget(list(keys_of_service(instance, self.present, self.hub.names)))
+            self._forget(list(keys_of_service(instance, self.present, self.cache.names)))
 
     def on_person_left(self, user: str) -> None:
         """Remove the states of `user`, who has left."""
@@ -220,7 +220,7 @@ class SiteModel:
         now_ns: int | None = None,
     ) -> Status:
         """Return the status of the site, see `SiteObservation.status`."""
-        return self._sight.status(
+        return self._observation.status(
             self._deployments.known,
             people,
             now_s,
@@ -232,6 +232,6 @@ class SiteModel:
 
     def _forget(self, keys: Iterable[Key]) -> None:
         for topic, name in keys:
-            self.hub.forget(topic, name)
+            self.cache.forget(topic, name)
             if self._recent is not None:
                 self._recent.forget(topic, name)

@@ -11,7 +11,7 @@ from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation,
 from pointit.runtime.link.outage import SILENT_S
 from pointit.schemas import Deployment, Health
 
-KEPT_S = 10.0
+WINDOW_S = 10.0
 """Window of reports, s: counters that grew in it are growing now."""
 
 LEFT_S = 60.0
@@ -86,7 +86,7 @@ class SiteObservation:
             return
         reports = self._reports.setdefault(instance, deque())
         reports.append(DiagnosisReport(received_s=now_s, health=health))
-        while now_s - reports[0].received_s > KEPT_S:
+        while now_s - reports[0].received_s > WINDOW_S:
             reports.popleft()
 
     def status(
@@ -117,7 +117,7 @@ class SiteObservation:
         )
 
     def _seen(self, deployments: Mapping[str, Deployment], now_s: float, speed: float) -> Observation:
-        began_s = max(self._began_s, now_s - KEPT_S)  # older than this observation
+        began_s = max(self._began_s, now_s - WINDOW_S)  # older than this observation
         seen = Observation(
             began_s=began_s,
             now_s=now_s,

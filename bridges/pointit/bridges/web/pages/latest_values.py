@@ -27,7 +27,7 @@ HISTORY = 200
 MAX_GONE = 256
 """Deleted keys kept for pages that have not been notified; beyond it those that all know are removed."""
 
-News = tuple[str, str, bytes | None]
+Change = tuple[str, str, bytes | None]
 """Key pattern, name for its placeholder, the message's bytes or None if no longer valid."""
 
 
@@ -36,8 +36,8 @@ class Batch:
     """Changes sent to a page at once."""
 
     n: int
-    states: tuple[News, ...]
-    events: tuple[News, ...]
+    states: tuple[Change, ...]
+    events: tuple[Change, ...]
     dropped: int
     """Events that this page has missed since the batch before."""
 
@@ -49,24 +49,24 @@ class Batch:
 @dataclass(slots=True)
 class _Entry:
     version: int
-    news: News
+    change: Change
 
 
 class LatestValueCache:
     """The newest of every key, and the last events."""
 
     def __init__(self, max_keys: int = MAX_KEYS, max_events: int = MAX_EVENTS) -> None:
-        self._most_keys = max_keys
+        self._max_keys = max_keys
         self._entries: OrderedDict[tuple[str, str], _Entry] = OrderedDict()
         """By key pattern and name, ordered by version."""
         self._version = 0
         self.urgent_version = 0
         """Version of the newest urgent state."""
-        self._events: deque[tuple[int, News]] = deque(maxlen=max_events)
+        self._events: deque[tuple[int, Change]] = deque(maxlen=max_events)
         """With their stamps, in order of arrival."""
         self.began_ns = 0
         """Start of the run. History holds no events before it."""
-        self._past: list[tuple[int, News]] = []
+        self._past: list[tuple[int, Change]] = []
         """Events that were not received here, see `recall`."""
         self._event_count = 0
         """Number of events so far, including those dropped from the ring."""
@@ -81,34 +81,34 @@ class LatestValueCache:
         `urgent` messages wait only for slow pages, see `PageFeed.wait_s`. Events are sorted into the history
         by `stamp_ns`.
         """
-        news = (topic.key, name, payload)
+        change = (topic.key, name, payload)
         if topic.delivery is Delivery.EVENT:
-            self._events.append((stamp_ns, news))
+            self._events.append((stamp_ns, change))
             self._event_count += 1
             return True
-        if (topic.key, name) not in self._entries and len(self._entries) >= self._most_keys:
+        if (topic.key, name) not in self._entries and len(self._entries) >= self._max_keys:
             self._drop_gone()
-            if len(self._entries) >= self._most_keys:
+            if len(self._entries) >= self._max_keys:
                 return False
-        self._set(news)
+        self._set(change)
         if urgent:
             self.urgent_version = self._version
         return True
 
-    def recall(self, past: Iterable[tuple[int, News]]) -> None:
+    def recall(self, past: Iterable[tuple[int, Change]]) -> None:
         """Set events, with their stamps, that were not received here; they replace those set before."""
         self._past = list(past)
 
-    def history(self) -> list[News]:
+    def history(self) -> list[Change]:
         """Return the last `HISTORY` events of the run, including recalled ones, oldest first."""
         happened = [event for event in (*self._past, *self._events) if event[0] >= self.began_ns]
         happened.sort(key=lambda event: event[0])
-        return [news for _, news in happened[-HISTORY:]]
+        return [change for _, change in happened[-HISTORY:]]
 
     def forget(self, topic: Topic[Any], name: str) -> bool:
         """Mark a key's message as no longer valid. Return True if there was one."""
         entry = self._entries.get((topic.key, name))
-        if entry is None or entry.news[2] is None:
+        if entry is None or entry.change[2] is None:
             return False
         self._set((topic.key, name, None))
         if self._gone > MAX_GONE or not self._feeds:
@@ -117,12 +117,12 @@ class LatestValueCache:
 
     def become(self, other: "LatestValueCache") -> None:
         """Hold the states of `other`. Pages get the differences, and no event that they do not have yet."""
-        ours, theirs = self.states_since(0), other.states_since(0)
-        wanted = {(key, name) for key, name, _ in theirs}
-        gone: list[News] = [(key, name, None) for key, name, _ in ours if (key, name) not in wanted]
-        held = set(ours)
-        for news in (*gone, *(news for news in theirs if news not in held)):
-            self._set(news)
+        old_states, new_states = self.states_since(0), other.states_since(0)
+        wanted = {(key, name) for key, name, _ in new_states}
+        gone: list[Change] = [(key, name, None) for key, name, _ in old_states if (key, name) not in wanted]
+        held = set(old_states)
+        for change in (*gone, *(change for change in new_states if change not in held)):
+            self._set(change)
         self._events.clear()
         self._past = []
         for feed in self._feeds:
@@ -133,7 +133,7 @@ class LatestValueCache:
         return [
             name
             for (key, name), entry in self._entries.items()
-            if key == topic.key and entry.news[2] is not None
+            if key == topic.key and entry.change[2] is not None
         ]
 
     def open(self, rate_hz: float) -> "PageFeed":
@@ -156,37 +156,39 @@ class LatestValueCache:
         """Return the number of events."""
         return self._event_count
 
-    def states_since(self, version: int) -> list[News]:
+    def states_since(self, version: int) -> list[Change]:
         """Return changes after `version`, oldest first; deletions only of keys that the page knows."""
-        new: list[News] = []
+        new: list[Change] = []
         for entry in reversed(self._entries.values()):
             if entry.version <= version:
                 break
-            if version or entry.news[2] is not None:
-                new.append(entry.news)
+            if version or entry.change[2] is not None:
+                new.append(entry.change)
         new.reverse()
         return new
 
-    def events_since(self, count: int) -> list[News]:
+    def events_since(self, count: int) -> list[Change]:
         """Return the events after the first `count` that are still kept."""
         behind = min(self._event_count - count, len(self._events))
         start = len(self._events) - behind
         return [self._events[index][1] for index in range(start, len(self._events))]
 
-    def _set(self, news: News) -> None:
-        key = (news[0], news[1])
+    def _set(self, change: Change) -> None:
+        key = (change[0], change[1])
         before = self._entries.pop(key, None)
-        if before is not None and before.news[2] is None:
+        if before is not None and before.change[2] is None:
             self._gone -= 1
-        if news[2] is None:
+        if change[2] is None:
             self._gone += 1
         self._version += 1
-        self._entries[key] = _Entry(self._version, news)
+        self._entries[key] = _Entry(self._version, change)
 
     def _drop_gone(self) -> None:
-        told = min((feed.version for feed in self._feeds), default=self._version)
+        sent_version = min((feed.version for feed in self._feeds), default=self._version)
         gone = [
-            key for key, entry in self._entries.items() if entry.news[2] is None and entry.version <= told
+            key
+            for key, entry in self._entries.items()
+            if entry.change[2] is None and entry.version <= sent_version
         ]
         for key in gone:
             del self._entries[key]
@@ -196,14 +198,14 @@ class LatestValueCache:
 class PageFeed:
     """Progress of one page."""
 
-    def __init__(self, hub: LatestValueCache, rate_hz: float) -> None:
-        self._hub = hub
-        self._pace = TokenBucket(rate_hz, 2.0)
+    def __init__(self, cache: LatestValueCache, rate_hz: float) -> None:
+        self._cache = cache
+        self._token_bucket = TokenBucket(rate_hz, 2.0)
         self._sent = 0
         self._acked = 0
-        self._history = hub.history()
+        self._history = cache.history()
         """Past events that the page has not yet got."""
-        self._events = hub.event_count
+        self._events = cache.event_count
         self.version = 0
         """Version of the newest state sent to the page."""
         self.dropped = 0
@@ -220,32 +222,32 @@ class PageFeed:
         Of two batches that may be sent at once one is reserved for urgent states, which would otherwise wait
         for the batch just before.
         """
-        is_behind = self.version < self._hub.version or self._events < self._hub.event_count
+        is_behind = self.version < self._cache.version or self._events < self._cache.event_count
         if not (is_behind or self._history) or self.in_flight >= IN_FLIGHT:
             return None
-        is_urgent = self.version < self._hub.urgent_version
-        return self._pace.wait_s(now_s, 1.0 if is_urgent else 2.0)
+        is_urgent = self.version < self._cache.urgent_version
+        return self._token_bucket.wait_s(now_s, 1.0 if is_urgent else 2.0)
 
     def take(self, now_s: float) -> Batch | None:
         """Return the next batch, or None if nothing is new, it is too early, or too many are in flight."""
         if self.wait_s(now_s) != 0.0:
             return None
-        hub = self._hub
-        states = tuple(hub.states_since(self.version))
-        events = hub.events_since(self._events)
-        dropped = hub.event_count - self._events - len(events)
+        cache = self._cache
+        states = tuple(cache.states_since(self.version))
+        events = cache.events_since(self._events)
+        dropped = cache.event_count - self._events - len(events)
         history, self._history = self._history, []
-        self.version, self._events = hub.version, hub.event_count
+        self.version, self._events = cache.version, cache.event_count
         self.dropped += dropped
         if not states and not history and not events and not dropped:
             return None
-        self._pace.take(now_s)
+        self._token_bucket.take(now_s)
         self._sent += 1
         return Batch(self._sent, states, (*history, *events), dropped)
 
     def skip_events(self) -> None:
         """Send no event of before."""
-        self._events, self._history = self._hub.event_count, []
+        self._events, self._history = self._cache.event_count, []
 
     def ack(self, n: int) -> bool:
         """Acknowledge batch `n` and all before; return False if `n` was not sent."""

@@ -15,7 +15,7 @@ the query's fields. Actions of this server are the rows of `ACTIONS`, at the end
 - `find_devices`, `connect_device`, `forget_device`, `show_device`, `check_mounting`: wrists and lights, see
   `devices/devices.py`; their parameters are in `devices/wire.py`.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
-  fields of `Floor` in `model/told_apart.py`.
+  fields of `Floor` in `model/separability.py`.
 - `map_room`: let a phone map the room by its camera; the reply is as that of `pair`.
 - `speak`, `{"words": [{"text", "start_s", "end_s", "confidence"}]}`: what the person said. Times are ages of
   onset and end when it is sent, s, so that no clock has to agree.
@@ -35,8 +35,8 @@ from pointit.bridges.web.devices.devices import Devices
 from pointit.bridges.web.devices.wire import ConnectDevice, OneDevice
 from pointit.bridges.web.model.map_editor import MapEditor
 from pointit.bridges.web.model.people import People
-from pointit.bridges.web.model.told_apart import ToldApart
-from pointit.bridges.web.scan.door import ScanDoor
+from pointit.bridges.web.model.separability import FloorSeparability
+from pointit.bridges.web.scan.scan_server import ScanServer
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Hello, Role
@@ -129,12 +129,12 @@ class Tremor(_Extras):
 
 
 class Pair(_Extras):
-    """Whether to pair or to unpair a phone."""
+    """Pair or unpair a phone."""
 
     off: bool = False
 
 
-class Said(_Extras):
+class SpokenWord(_Extras):
     """A word that the browser of the person recognised."""
 
     text: str = Field(min_length=1, max_length=64)
@@ -146,7 +146,7 @@ class Said(_Extras):
 class Speak(_Extras):
     """An utterance of the person."""
 
-    words: tuple[Said, ...] = Field(min_length=1, max_length=MAX_WORDS)
+    words: tuple[SpokenWord, ...] = Field(min_length=1, max_length=MAX_WORDS)
 
 
 class MapEdits(_Extras):
@@ -223,10 +223,10 @@ class RequestDispatcher:
     pairing: Pairing
     phones: Phones
     lan: Lan
-    doors: Access
-    told_apart: ToldApart
+    access: Access
+    separability: FloorSeparability
     maps: MapEditor
-    scan: ScanDoor
+    scan: ScanServer
     devices: Devices
     present: Callable[[], Collection[str]]
     """Returns the instances that are present."""
@@ -256,7 +256,7 @@ class RequestDispatcher:
             RefusedError: If it fails.
         """
         url = await self.lan.open()
-        self.doors.know_hosts([self.lan.address])
+        self.access.know_hosts([self.lan.address])
         self.changed()
         return {
             "url": url,
@@ -378,7 +378,7 @@ async def _speak(dispatcher: RequestDispatcher, sender: PageSender, speak: Speak
 
 
 async def _read_floor(dispatcher: RequestDispatcher, _: PageSender, __: NoParameters) -> JsonObject:
-    return {**await dispatcher.told_apart.answer()}
+    return {**await dispatcher.separability.answer()}
 
 
 async def _check_map(dispatcher: RequestDispatcher, _: PageSender, changed: MapEdits) -> JsonObject:
@@ -433,8 +433,8 @@ ACTIONS: tuple[Action[Any], ...] = (
 """All actions. One more is a row here, with the model of its parameters and its handler above."""
 
 
-def greeting(role: Role, *, version: str, site: str, speaks: bool = False, user: str = "") -> Hello:
-    """Return the greeting of a page of this role; `user`: the person whom its headset may move."""
+def hello_of(role: Role, *, version: str, site: str, speaks: bool = False, user: str = "") -> Hello:
+    """Return the greeting of a page of this role. Its headset may move `user`."""
     return Hello(
         version=version,
         site=site,

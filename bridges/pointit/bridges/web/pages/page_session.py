@@ -62,7 +62,7 @@ class Host(Protocol):
         """Handle a request.
 
         Raises:
-            PointItError, SchemaError: If it cannot be done; the text says why.
+            PointItError, SchemaError: If it cannot be done; the text has the reason.
         """
         ...
 
@@ -108,15 +108,15 @@ class PageSession:
         self._socket = socket
         self._host = host
         self._loop = asyncio.get_running_loop()
-        self._news = asyncio.Event()
-        self._wake_timer = Timer(self._loop.call_later, self._news.set)
+        self._wake_event = asyncio.Event()
+        self._wake_timer = Timer(self._loop.call_later, self._wake_event.set)
         self._texts: list[str] = []
         self._status = ""
         self._slots = asyncio.Semaphore(MAX_ANSWERS)
         self._answering: set[asyncio.Task[None]] = set()
-        self._messages = TokenBucket(MESSAGES_HZ, MESSAGES_BURST)
-        self._asks = TokenBucket(ASKS_HZ, ASKS_BURST)
-        self._aims = TokenBucket(AIMS_HZ, AIMS_BURST)
+        self._message_bucket = TokenBucket(MESSAGES_HZ, MESSAGES_BURST)
+        self._ask_bucket = TokenBucket(ASKS_HZ, ASKS_BURST)
+        self._aim_bucket = TokenBucket(AIMS_HZ, AIMS_BURST)
         self._aim: AimAt | None = None
         self._aim_timer = Timer(self._loop.call_later, self._forward_aim)
         self._malformed = 0
@@ -125,17 +125,17 @@ class PageSession:
 
     def wake(self) -> None:
         """Check for changes to send."""
-        self._news.set()
+        self._wake_event.set()
 
     def tell_status(self, status: str) -> None:
         """Send the status; replaces an unsent one."""
         self._status = status
-        self._news.set()
+        self._wake_event.set()
 
     def tell(self, text: str) -> None:
         """Send `text`, before what is newer on the bus."""
         self._texts.append(text)
-        self._news.set()
+        self._wake_event.set()
 
     async def run(self, hello: str) -> None:
         """Accept, send `hello` and serve until the page leaves or is closed."""
@@ -161,8 +161,8 @@ class PageSession:
     async def _send(self) -> None:
         socket = self._socket
         while True:
-            await self._news.wait()
-            self._news.clear()
+            await self._wake_event.wait()
+            self._wake_event.clear()
             while self._texts:
                 texts, self._texts = self._texts, []
                 for text in texts:
@@ -188,22 +188,22 @@ class PageSession:
             message = await self._socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
-            if wait_s := self._messages.wait_s(self._loop.time()):
+            if wait_s := self._message_bucket.wait_s(self._loop.time()):
                 await asyncio.sleep(wait_s)
-            self._messages.take(self._loop.time())
+            self._message_bucket.take(self._loop.time())
             text = message.get("text")
-            said = self._understood(text)
-            if said is None:
+            parsed = self._understood(text)
+            if parsed is None:
                 if self._malformed >= MAX_MALFORMED:
                     self._is_shut = True
                     await self._socket.close(MALFORMED, "too many malformed messages")
                     return
-            elif isinstance(said, Ack):
-                self._on_ack(said)
-            elif isinstance(said, Ask):
-                await self._begin_answer(said)
+            elif isinstance(parsed, Ack):
+                self._on_ack(parsed)
+            elif isinstance(parsed, Ask):
+                await self._begin_answer(parsed)
             else:
-                self._on_motion(said)
+                self._on_motion(parsed)
 
     def _understood(self, text: str | None) -> Ack | Ask | AimAt | Play | Turn | HeadsetMotion | None:
         if text is None:
@@ -224,7 +224,7 @@ class PageSession:
             self._host.play(message)
         elif isinstance(message, Turn):
             self._on_malformed("Turn", "is for phones, at their own address")
-        elif self._aims.take(self._loop.time()):  # the next one of a headset comes soon
+        elif self._aim_bucket.take(self._loop.time()):  # the next one of a headset comes soon
             self._host.move_by_headset(message, self)
 
     def rights(self, user: str) -> Role:
@@ -237,7 +237,7 @@ class PageSession:
             self._on_malformed("Ack", "of a batch that was never sent")
         else:
             self._host.shown(ack)
-            self._news.set()
+            self._wake_event.set()
 
     def _on_malformed(self, what: str, sentence: str) -> None:
         self._malformed += 1
@@ -252,11 +252,11 @@ class PageSession:
         aim, now_s = self._aim, self._loop.time()
         if aim is None:
             return
-        if self._aims.take(now_s):
+        if self._aim_bucket.take(now_s):
             self._aim = None
             self._host.aim(aim, self)
         else:
-            self._aim_timer.start(self._aims.wait_s(now_s))
+            self._aim_timer.start(self._aim_bucket.wait_s(now_s))
 
     async def _begin_answer(self, ask: Ask) -> None:
         await self._slots.acquire()
@@ -270,7 +270,7 @@ class PageSession:
 
     async def _answer(self, ask: Ask) -> None:
         try:
-            if self._asks.take(self._loop.time()):
+            if self._ask_bucket.take(self._loop.time()):
                 answer = await self._host.answer(ask, self)
             else:
                 answer = Answer(id=ask.id, error="too many requests at a time: wait a moment")

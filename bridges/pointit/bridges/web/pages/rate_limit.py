@@ -19,9 +19,9 @@ class TokenBucket:
         self._level -= 1.0
         return True
 
-    def wait_s(self, now_s: float, least: float = 1.0) -> float:
-        """Return the delay until `least` tokens (at most `burst`) are there, s."""
+    def wait_s(self, now_s: float, min_tokens: float = 1.0) -> float:
+        """Return the delay until `min_tokens` tokens (at most `burst`) are there, s."""
         passed_s = max(0.0, now_s - self._at_s)
         self._level = min(self._burst, self._level + passed_s * self._rate_hz)
         self._at_s = max(self._at_s, now_s)
-        return max(0.0, (least - self._level) / self._rate_hz)
+        return max(0.0, (min_tokens - self._level) / self._rate_hz)

@@ -18,19 +18,18 @@ class SlowLink:
     """Compares the stamps of other machines' reports with their arrival times."""
 
     def __init__(self, host: str) -> None:
-        self._watch = ClockSkewMonitor(host, WINDOW_S)
+        self._monitor = ClockSkewMonitor(host, WINDOW_S)
 
     def hear(self, health: Health, arrived_ns: int, now_s: float) -> None:
         """Process a report that arrived at `arrived_ns` (own clock, Unix ns); `now_s` is monotonic."""
         if health.host:
-            self._watch.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
+            self._monitor.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
 
     def sentence(self, now_s: float) -> str:
         """Return a warning with its remedy, or `""` if there is no delay."""
         return "; ".join(
-            f"what machine {skew.host} sends comes to {self._watch.here} {-skew.ahead_s:.1f} s late, and the "
-            "page shows what was then: the link between the two is too slow or too full, unless their clocks "
-            "are apart"
-            for skew in self._watch.skews(now_s)
+            f"messages of {skew.host} reach {self._monitor.here} {-skew.ahead_s:.1f} s late, so the page is "
+            "behind: the link between the two machines is slow or full, or their clocks differ"
+            for skew in self._monitor.skews(now_s)
             if skew.ahead_s <= -LAG_S
         )

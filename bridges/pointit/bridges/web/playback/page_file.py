@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from urllib.parse import quote
 
-from pointit.bridges.web.pages.latest_values import News
+from pointit.bridges.web.pages.latest_values import Change
 from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.playback.playback import Playback
 from pointit.bridges.web.server.bundle import STATIC
@@ -36,7 +36,7 @@ PLAIN = "".join(set(map(chr, range(32, 127))) - set("%#<"))
 LONGEST_S = 7200.0
 """Longest recording: each second has `RATE_HZ` frames, whether anything was recorded then or not."""
 
-Frame = tuple[float, tuple[News, ...], tuple[News, ...], str]
+Frame = tuple[float, tuple[Change, ...], tuple[Change, ...], str]
 """Time from the beginning, s; states and events as in a batch; status as JSON once a second, else empty."""
 
 
@@ -72,7 +72,7 @@ def page_file(past: Past, tick: Callable[[float], None] = lambda _: None, start_
 def frames(past: Past) -> Iterator[Frame]:
     """Yield what a server sends to a page that plays `past` from its beginning to its end."""
     playback = Playback(past, 0.0)
-    feed = playback.model.hub.open(UNPACED_HZ)
+    feed = playback.model.cache.open(UNPACED_HZ)
     playback.play(0.0, is_playing=True)
     for number in itertools.count():
         now_s = number / RATE_HZ

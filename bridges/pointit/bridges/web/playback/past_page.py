@@ -37,13 +37,13 @@ class PastPage:
         self._past = past
         self._now_s = asyncio.get_running_loop().time
         self._playback = Playback(past, self._now_s())
-        feed = self._playback.model.hub.open(RATE_HZ)
+        feed = self._playback.model.cache.open(RATE_HZ)
         self._session = PageSession("past", "viewer", socket, feed, self)
         self._hello = Hello(version=version, site=past.site, role="viewer", requests=(), deeds=())
-        self._wanted = Play(is_playing=True, at_s=start_s)
+        self._next_play = Play(is_playing=True, at_s=start_s)
         """Control not yet applied. Of several seeks, only the newest is."""
-        self._woken = asyncio.Event()
-        self._woken.set()
+        self._wake_event = asyncio.Event()
+        self._wake_event.set()
 
     async def run(self) -> None:
         """Serve the page until it leaves."""
@@ -76,8 +76,8 @@ class PastPage:
 
     def play(self, play: Play) -> None:
         """Store what the page asks for, which is applied in the next round. Earlier seeks are skipped."""
-        self._wanted = self._wanted.model_copy(update=play.model_dump(exclude_none=True))
-        self._woken.set()
+        self._next_play = self._next_play.model_copy(update=play.model_dump(exclude_none=True))
+        self._wake_event.set()
 
     def shown(self, ack: Ack) -> None:
         """Ignore it: a playback has no latency."""
@@ -88,10 +88,10 @@ class PastPage:
     # Time.
 
     async def _play(self) -> None:
-        told_s, read_ns = self._now_s(), -1
+        reported_s, read_ns = self._now_s(), -1
         while True:
-            if self._woken.is_set():
-                self._woken.clear()
+            if self._wake_event.is_set():
+                self._wake_event.clear()
                 self._do()
             was_playing = self._playback.is_playing
             self._playback.advance(self._now_s())
@@ -99,8 +99,8 @@ class PastPage:
                 self._tell_position()
             self._session.wake()
             now_s = self._now_s()
-            if now_s - told_s >= STATUS_S:
-                told_s = now_s
+            if now_s - reported_s >= STATUS_S:
+                reported_s = now_s
                 if read_ns != self._past.read_ns:
                     read_ns = self._past.read_ns
                     self._session.tell(self._past.timeline().model_dump_json())
@@ -109,17 +109,17 @@ class PastPage:
             if not self._playback.is_playing:
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(STATUS_S):
-                        await self._woken.wait()
+                        await self._wake_event.wait()
 
     def _do(self) -> None:
-        wanted, self._wanted = self._wanted, Play()
+        play, self._next_play = self._next_play, Play()
         playback, now_s = self._playback, self._now_s()
-        if wanted.at_s is not None:
-            playback.seek(self._past.began_ns + round(wanted.at_s * NS_PER_S), now_s)
-        playback.play(now_s, is_playing=wanted.is_playing, speed=wanted.speed)
-        if wanted.step:
-            playback.step(wanted.step, now_s)
-        self._tell_position(has_jumped=wanted.at_s is not None or wanted.step < 0)
+        if play.at_s is not None:
+            playback.seek(self._past.began_ns + round(play.at_s * NS_PER_S), now_s)
+        playback.play(now_s, is_playing=play.is_playing, speed=play.speed)
+        if play.step:
+            playback.step(play.step, now_s)
+        self._tell_position(has_jumped=play.at_s is not None or play.step < 0)
         self._tell_status()
 
     def _tell_position(self, *, has_jumped: bool = False) -> None:
@@ -154,5 +154,5 @@ class Visits:
             return
         past = self.recent.past(self.clock.now_ns())
         start_s = max(past.timeline().length_s - JUST_S, 0.0)
-        with self.pages.elsewhere():
+        with self.pages.count_past_page():
             await PastPage(socket, past, version=self.version, start_s=start_s).run()

@@ -32,9 +32,9 @@ class Playback:
         self._since_s = now_s
         """When the position was `_at_ns`."""
         self.is_playing = False
-        self._coming: Iterator[Entry] = iter(())
+        self._entries: Iterator[Entry] = iter(())
         self._next: Entry | None = None
-        """Taken from `_coming`, and not yet played."""
+        """Taken from `_entries`, and not yet played."""
         self._ticked_s = 0
         self.seek(past.began_ns, now_s)
 
@@ -60,12 +60,12 @@ class Playback:
         for entry in past.states_at(at_ns):
             if not isinstance(entry.row, Topic) or entry.row.delivery is not Delivery.EVENT:
                 self._apply(entry, model)
-        hub = self.model.hub
-        hub.become(model.hub)
-        model.hub = hub
+        cache = self.model.cache
+        cache.become(model.cache)
+        model.cache = cache
         self.model = model
-        self._coming = past.entries(at_ns)
-        self._next = next(self._coming, None)
+        self._entries = past.entries(at_ns)
+        self._next = next(self._entries, None)
         self._move(at_ns, now_s)
         self._tick()
 
@@ -103,7 +103,7 @@ class Playback:
             if self._next is None or self._next.time_ns > at_ns:
                 return at_ns
             self._apply(self._next, self.model)
-            self._next = next(self._coming, None)
+            self._next = next(self._entries, None)
         return at_ns if self._next is None else min(at_ns, self._next.time_ns)
 
     def _apply(self, entry: Entry, model: SiteModel) -> None:

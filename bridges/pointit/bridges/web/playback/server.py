@@ -34,9 +34,9 @@ class RecordingServer:
         exposure_check.check(config)
         self._past = past
         self._version = pointit_version()
-        doors = Access(config.operator_token, config.viewer_token)
-        doors.know_hosts([config.host])
-        app = application(doors, Bundle(), self._open, _no_download)
+        access = Access(config.operator_token, config.viewer_token)
+        access.know_hosts([config.host])
+        app = application(access, Bundle(), self._open, _no_download)
         self._listener = Listener(app, bind(config.host, config.port, "--port"))
 
     @property

@@ -13,7 +13,7 @@ from pointit.schemas.topics import SET_LAMP, SHOW_PIXELS
 log = logging.getLogger(__name__)
 
 DARK: Rgb = (0, 0, 0)
-PATIENCE_S = 1.0
+TIMEOUT_S = 1.0
 """Limit of the time until a lamp shows what it was set to, s: the LED driver limits its flashes."""
 
 
@@ -68,7 +68,7 @@ class ScanLights:
                     log.warning("the camera cannot find lamp %s: %s", name, error)
                     self._names -= {name}
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(TIMEOUT_S):
                 while any(
                     self._colors.get(name, DARK) != wanted[name] for name in self._names & wanted.keys()
                 ):

@@ -121,7 +121,7 @@ class ScanSession:
         self._file = file.name
         self._counts: dict[str, int] = {}
         self._leds_per_m: dict[str, float] = {}
-        self._begun = ScanBegin()
+        self._settings = ScanBegin()
         self._lights: tuple[tuple[str, int], ...] = ()
         self._views: list[CameraView] = []
         self._things: dict[str, ScanThing] = {}
@@ -140,55 +140,55 @@ class ScanSession:
             self._counts = dict(counts)
             self._restart(ScanBegin())
 
-    def take(self, said: ScanBegin | ScanView | ScanUndo | ScanThing | ScanLook) -> None:
+    def take(self, message: ScanBegin | ScanView | ScanUndo | ScanThing | ScanLook) -> None:
         """Begin, add a view or a thing, or forget the last view.
 
         Raises:
-            PointItError: If what is said is impossible, of other lights, or too much. One sentence.
+            PointItError: If the message is impossible, of other lights, or too much. One sentence.
             KeyNameError: If a thing's name is unusable.
         """
-        match said:
+        match message:
             case ScanBegin():
-                self._begin(said)
+                self._begin(message)
             case ScanView():
-                self._view(said)
+                self._view(message)
             case ScanUndo():
                 self._undo()
             case ScanThing():
-                self._thing(said)
+                self._thing(message)
             case ScanLook():
                 pass
 
-    def _begin(self, said: ScanBegin) -> None:
+    def _begin(self, message: ScanBegin) -> None:
         if max(self._counts.values(), default=0) < 2:
             raise RefusedError(
                 "the map of the site has no strips: add them with their numbers of pixels, anywhere in the "
                 "room, or start `pointit map scan -o FILE --strip NAME=PIXELS`"
             )
-        for name in (*said.leds_per_m, *([said.known_strip] if said.known_strip else [])):
+        for name in (*message.leds_per_m, *([message.known_strip] if message.known_strip else [])):
             if name not in self._counts:
                 raise RefusedError(f"there is no strip {name!r}; there are {', '.join(self._counts)}")
-        self._restart(said)
+        self._restart(message)
 
-    async def light(self, said: ScanLight) -> None:
+    async def light(self, message: ScanLight) -> None:
         """Show the lights, or give them back.
 
         Raises:
             RefusedError: If there are other lights than that, or they cannot show it.
         """
-        if said.colors and len(said.colors) != len(self._lights):
+        if message.colors and len(message.colors) != len(self._lights):
             raise RefusedError(CHANGED)
-        lights = self._lights if said.colors else ()
-        lit = picture(lights, said.colors or (), said.brightness)
-        await self._show(lit, 0.0 if said.colors is None else SHOWN_S)
+        lights = self._lights if message.colors else ()
+        lit = picture(lights, message.colors or (), message.brightness)
+        await self._show(lit, 0.0 if message.colors is None else SHOWN_S)
 
-    def _view(self, said: ScanView) -> None:
+    def _view(self, message: ScanView) -> None:
         if len(self._views) >= MAX_VIEWS:
             raise RefusedError(f"{MAX_VIEWS} views are enough: save the map, or begin again")
-        if any(index >= len(self._lights) for index, _, _ in said.seen):
+        if any(index >= len(self._lights) for index, _, _ in message.seen):
             raise RefusedError(CHANGED)
-        seen = tuple(StripSighting(*self._lights[index], u, v) for index, u, v in said.seen)
-        view = CameraView(said.width, said.height, seen, said.gravity)
+        seen = tuple(StripSighting(*self._lights[index], u, v) for index, u, v in message.seen)
+        view = CameraView(message.width, message.height, seen, message.gravity)
         try:
             check_survey(self._survey(()).strips, self._survey(()).lamps, (view,))
         except ConfigError as error:
@@ -206,15 +206,15 @@ class ScanSession:
             }
         self._begin_to_solve()
 
-    def _thing(self, said: ScanThing) -> None:
-        check_name(said.name)
-        if not said.corners:
-            self._things.pop(said.name, None)
+    def _thing(self, message: ScanThing) -> None:
+        check_name(message.name)
+        if not message.corners:
+            self._things.pop(message.name, None)
             return
         if self._solution is None or self._solution.thing is None:
             raise RefusedError("nothing is known yet: take two views or more first")
-        self._solution.thing(said)
-        self._things[said.name] = said
+        self._solution.thing(message)
+        self._things[message.name] = message
 
     def map_text(self, origin: str) -> str:
         """Return the map of what is known, as YAML.
@@ -229,16 +229,16 @@ class ScanSession:
         except PointItError as error:
             raise RefusedError(str(error)) from error
 
-    def save(self, said: ScanSave) -> None:
+    def save(self, message: ScanSave) -> None:
         """Write the map to a new file.
 
         Raises:
             PointItError: If its name is unusable, the file exists, or nothing is known yet.
         """
-        name = said.name if said.name.endswith((".yaml", ".yml")) else f"{said.name}.yaml"
+        name = message.name if message.name.endswith((".yaml", ".yml")) else f"{message.name}.yaml"
         if not FILE_NAME.fullmatch(name):
-            raise RefusedError(f"{said.name!r} is no name for a map: use letters, digits, - and _")
-        text = self.map_text(said.origin)
+            raise RefusedError(f"{message.name!r} is no name for a map: use letters, digits, - and _")
+        text = self.map_text(message.origin)
         path = self._folder / name
         try:
             write_new(path, text)
@@ -259,7 +259,7 @@ class ScanSession:
                 update={"seen": seen[name], "leds_per_m": self._leds_per_m.get(name)}
             )
             for name, count in self._counts.items()
-            if count > 1 or self._begun.has_lamps
+            if count > 1 or self._settings.has_lamps
         ]
         return ScanState(
             strips=(*strips, *map(self._known_thing, self._things.values())),
@@ -292,8 +292,8 @@ class ScanSession:
             return ScanStrip(name=thing.name, pixels=0, reason=str(error))
         return ScanStrip(name=thing.name, pixels=0)
 
-    def _restart(self, begun: ScanBegin) -> None:
-        self._begun = begun
+    def _restart(self, settings: ScanBegin) -> None:
+        self._settings = settings
         self._views.clear()
         self._things.clear()
         self._solution = None
@@ -301,22 +301,22 @@ class ScanSession:
         lights = [
             (name, pixel)
             for name, count in self._counts.items()
-            if count > 1 or begun.has_lamps
+            if count > 1 or settings.has_lamps
             for pixel in marked_pixels(count)
         ]
         self._lights = tuple(lights[:MAX_LIGHTS])
 
     def _survey(self, views: tuple[CameraView, ...]) -> Survey:
-        per_m = self._begun.leds_per_m
+        per_m = self._settings.leds_per_m
         strips = tuple(
             StripSpec(name, count, 1.0 / per_m[name] if name in per_m else None)
             for name, count in self._counts.items()
             if count > 1
         )
         known = None
-        if self._begun.known_strip and self._begun.known_m is not None:
-            name = self._begun.known_strip
-            known = KnownLength(Mark(name, 0), Mark(name, self._counts[name] - 1), self._begun.known_m)
+        if self._settings.known_strip and self._settings.known_m is not None:
+            name = self._settings.known_strip
+            known = KnownLength(Mark(name, 0), Mark(name, self._counts[name] - 1), self._settings.known_m)
         lamps = tuple(LampSpec(name) for name, _ in self._lights if self._counts[name] == 1)
         return Survey(strips, lamps, views, known)
 

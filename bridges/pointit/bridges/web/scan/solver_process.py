@@ -41,7 +41,7 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
 
     lines = {name: (strip.count, strip.line_m) for name, strip in scan.strips.items()}
     points = {name: (1, (lamp.position_m,)) for name, lamp in scan.lamps.items()}
-    found: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
+    scanned: list[ScannedStrip | ScannedLamp] = [*scan.strips.values(), *scan.lamps.values()]
     strips = tuple(
         ScanStrip(
             name=each.name,
@@ -50,21 +50,21 @@ def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
             sigma_m=each.sigma_m if math.isfinite(each.sigma_m) else None,
             reason=each.reason,
         )
-        for each in found
+        for each in scanned
     )
     advice = next_view(scan)
-    said = [each for each in scan.problems if not each.startswith(tuple(map(repr, scan.missing)))]
+    sentences = [each for each in scan.problems if not each.startswith(tuple(map(repr, scan.missing)))]
     if scan.level_from != "gravity":
-        said.append("no view tells where down is, so that most strips are taken as level or upright")
-    if advice is not None:  # says of what is missing where to stand
-        said.append(advice.text)
+        sentences.append("no view tells where down is, so that most strips are taken as level or upright")
+    if advice is not None:  # it has the positions for photographs of what is missing
+        sentences.append(advice.text)
     return Solution(
         strips=strips,
         cameras_m=tuple(camera.position_m for camera in scan.cameras if camera is not None),
         is_complete=scan.complete(),
         advice=" ".join(
             each if each.partition(":")[0] in lines | points else f"{each[:1].upper()}{each[1:]}"
-            for each in (f"{sentence}." for sentence in said)
+            for each in (f"{sentence}." for sentence in sentences)
         ),
         next_m=advice.position_m if advice is not None else None,
         thing=functools.partial(_thing, scan, size),

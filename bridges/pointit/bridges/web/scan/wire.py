@@ -106,11 +106,11 @@ class ScanLook(WireModel):
     kind: Literal["look"] = "look"
 
 
-ScanSaid = Annotated[
+ScanMessage = Annotated[
     ScanBegin | ScanLight | ScanView | ScanUndo | ScanThing | ScanSave | ScanLook, Field(discriminator="kind")
 ]
-SAID: TypeAdapter[ScanBegin | ScanLight | ScanView | ScanUndo | ScanThing | ScanSave | ScanLook] = (
-    TypeAdapter(ScanSaid)
+SCAN_MESSAGE: TypeAdapter[ScanBegin | ScanLight | ScanView | ScanUndo | ScanThing | ScanSave | ScanLook] = (
+    TypeAdapter(ScanMessage)
 )
 
 

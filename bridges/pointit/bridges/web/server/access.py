@@ -74,22 +74,22 @@ class Access:
         name, _ = split_host(host)
         return name.lower() in self._hosts
 
-    def is_own_origin(self, asked: RequestInfo) -> bool:
+    def is_own_origin(self, info: RequestInfo) -> bool:
         """Return True if the request comes from a page of this server."""
-        return bool(asked.origin) and asked.origin.lower() == f"{asked.scheme}://{asked.host}".lower()
+        return bool(info.origin) and info.origin.lower() == f"{info.scheme}://{info.host}".lower()
 
-    def enter(self, token: str, asked: RequestInfo, now_s: float) -> Role | None:
+    def enter(self, token: str, info: RequestInfo, now_s: float) -> Role | None:
         """Return the role of a link's `token`, or None if it is wrong or the page is embedded.
 
         The right token always works: others on this machine have the same address and must not lock it out.
         """
-        return self._judged(cookie_value(token), asked.address, now_s) if asked.is_navigation else None
+        return self._judged(cookie_value(token), info.address, now_s) if info.is_navigation else None
 
-    def admit(self, asked: RequestInfo, now_s: float) -> Role | None:
+    def admit(self, info: RequestInfo, now_s: float) -> Role | None:
         """Return the role that the request's cookie gives, or else its bearer token."""
-        secret = asked.cookies.get(cookie_name(asked), "")
-        secret = secret or (cookie_value(asked.bearer) if asked.bearer else "")
-        return self._judged(secret, asked.address, now_s) if secret else None
+        secret = info.cookies.get(cookie_name(info), "")
+        secret = secret or (cookie_value(info.bearer) if info.bearer else "")
+        return self._judged(secret, info.address, now_s) if secret else None
 
     def is_rate_limited(self, address: str, now_s: float) -> bool:
         """Return True if `address` has guessed too often and refusals are to be slow.
@@ -131,10 +131,10 @@ def split_host(host: str) -> tuple[str, str]:
     return name, port
 
 
-def cookie_name(asked: RequestInfo) -> str:
+def cookie_name(info: RequestInfo) -> str:
     """Return the cookie's name; browsers keep those of all ports of a host together."""
-    _, port = split_host(asked.host)
-    return f"pointit-{port if port.isdecimal() else ''}{'-tls' if asked.scheme == 'https' else ''}"
+    _, port = split_host(info.host)
+    return f"pointit-{port if port.isdecimal() else ''}{'-tls' if info.scheme == 'https' else ''}"
 
 
 def cookie_value(token: str) -> str:
@@ -142,15 +142,15 @@ def cookie_value(token: str) -> str:
     return hashlib.sha256(b"pointit page " + token.encode(errors="replace")).hexdigest()
 
 
-def cookie(asked: RequestInfo, token: str) -> str:
+def cookie(info: RequestInfo, token: str) -> str:
     """Return the Set-Cookie header for `token`, for this server alone and invisible to scripts."""
-    secure = "; Secure" if asked.scheme == "https" else ""
-    return f"{cookie_name(asked)}={cookie_value(token)}; Path=/; HttpOnly; SameSite=Strict{secure}"
+    secure = "; Secure" if info.scheme == "https" else ""
+    return f"{cookie_name(info)}={cookie_value(token)}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
 
-def headers(asked: RequestInfo) -> dict[str, str]:
+def headers(info: RequestInfo) -> dict[str, str]:
     """Return the security headers of every response: no foreign or inline content, no embedding."""
-    socket = f"{'wss' if asked.scheme == 'https' else 'ws'}://{asked.host}"
+    socket = f"{'wss' if info.scheme == 'https' else 'ws'}://{info.host}"
     policy = (
         "default-src 'none'",
         "script-src 'self'",

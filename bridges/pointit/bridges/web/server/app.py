@@ -13,8 +13,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web.server import access
-from pointit.bridges.web.server.access import Access, RequestInfo
+from pointit.bridges.web.server.access import Access, RequestInfo, cookie, headers
 from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
 from pointit.bridges.web.wire import OWN_FAULT, Role
 
@@ -36,13 +35,13 @@ Download = Callable[[Request], Awaitable[Response]]
 
 
 def application(
-    doors: Access, bundle: Bundle, open_page: OpenPage, download: Download, others: Sequence[BaseRoute] = ()
+    access: Access, bundle: Bundle, open_page: OpenPage, download: Download, others: Sequence[BaseRoute] = ()
 ) -> ASGIApp:
     """Return the application; `open_page` serves a websocket, not yet accepted, until it ends.
 
     Routes of `others` check access themselves.
     """
-    page = _Page(doors, bundle, open_page, download)
+    page = _Page(access, bundle, open_page, download)
     return SecurityMiddleware(
         Starlette(
             routes=[
@@ -55,7 +54,7 @@ def application(
             ],
             exception_handlers={404: _not_found},
         ),
-        doors,
+        access,
     )
 
 
@@ -64,52 +63,52 @@ async def _not_found(_request: Request, _error: Exception) -> Response:
 
 
 class _Page:
-    def __init__(self, doors: Access, bundle: Bundle, open_page: OpenPage, download: Download) -> None:
-        self._doors = doors
+    def __init__(self, access: Access, bundle: Bundle, open_page: OpenPage, download: Download) -> None:
+        self._access = access
         self._bundle = bundle
         self._open_page = open_page
         self._download = download
 
     async def index(self, request: Request) -> Response:
-        asked, now_s = asked_of(request), time.monotonic()
+        info, now_s = info_of(request), time.monotonic()
         token = request.query_params.get("token")
         if token is not None:
-            if self._doors.enter(token, asked, now_s) is None:
-                return await self._refused(asked, now_s)
+            if self._access.enter(token, info, now_s) is None:
+                return await self._refused(info, now_s)
             # redirected, so that the token does not stay in the address bar
-            response = HTMLResponse(ONWARDS) if asked.site == "cross-site" else RedirectResponse("/", 303)
-            response.headers["Set-Cookie"] = access.cookie(asked, token)
+            response = HTMLResponse(ONWARDS) if info.site == "cross-site" else RedirectResponse("/", 303)
+            response.headers["Set-Cookie"] = cookie(info, token)
             response.headers["Cache-Control"] = "no-store"
             return response
-        if self._doors.admit(asked, now_s) is None:
-            return await self._refused(asked, now_s)
+        if self._access.admit(info, now_s) is None:
+            return await self._refused(info, now_s)
         return file_response(request, self._bundle, "index.html")
 
     async def socket(self, socket: WebSocket) -> None:
-        role = self._doors.admit(asked_of(socket), time.monotonic())
+        role = self._access.admit(info_of(socket), time.monotonic())
         if role is None:
-            await self._slow_down(asked_of(socket))
+            await self._slow_down(info_of(socket))
             await socket.send_denial_response(PlainTextResponse(NOT_ADMITTED, 403))
         else:
             await self._open_page(socket, role)
 
     async def recording(self, request: Request) -> Response:
-        role = self._doors.admit(asked_of(request), time.monotonic())
+        role = self._access.admit(info_of(request), time.monotonic())
         if role != "operator":
-            await self._slow_down(asked_of(request))
+            await self._slow_down(info_of(request))
             return refusal(403, "Not permitted", "Open the page by the operator's link to take a recording.")
         return await self._download(request)
 
     async def static(self, request: Request) -> Response:
         return file_response(request, self._bundle, request.path_params["name"])
 
-    async def _slow_down(self, asked: RequestInfo) -> None:
-        if self._doors.is_rate_limited(asked.address, time.monotonic()):
+    async def _slow_down(self, info: RequestInfo) -> None:
+        if self._access.is_rate_limited(info.address, time.monotonic()):
             await asyncio.sleep(REFUSAL_S)
 
-    async def _refused(self, asked: RequestInfo, now_s: float) -> Response:
-        await self._slow_down(asked)
-        if self._doors.is_rate_limited(asked.address, now_s):
+    async def _refused(self, info: RequestInfo, now_s: float) -> Response:
+        await self._slow_down(info)
+        if self._access.is_rate_limited(info.address, now_s):
             return refusal(429, "Not now", BARRED)
         return refusal(403, "This page needs a link", NOT_ADMITTED)
 
@@ -119,62 +118,60 @@ MAX_BODY = 64 * 1024
 """Maximum size of a posted body."""
 
 
-def asked_of(connection: HTTPConnection) -> RequestInfo:
+def info_of(connection: HTTPConnection) -> RequestInfo:
     """Return the fields of a request that matter for access; see `SecurityMiddleware`."""
-    asked: RequestInfo = connection.scope["pointit.asked"]
-    return asked
+    info: RequestInfo = connection.scope["pointit.request_info"]
+    return info
 
 
 class SecurityMiddleware:
     """Rejects requests made by other sites or under foreign names, and adds headers to all responses."""
 
-    def __init__(self, app: ASGIApp, doors: Access) -> None:
+    def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
-        self._doors = doors
+        self._access = access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or websocket."""
         if scope["type"] not in ("http", "websocket"):
             return
-        asked = request_info(scope)
-        scope["pointit.asked"] = asked
+        info = request_info(scope)
+        scope["pointit.request_info"] = info
         answered = False
 
-        async def telling(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             nonlocal answered
             if message["type"] in ("http.response.start", "websocket.http.response.start"):
                 answered = True
                 own = {name.lower() for name, _ in message.get("headers", ())}
-                more = [
-                    (name.lower().encode(), value.encode()) for name, value in access.headers(asked).items()
-                ]
+                more = [(name.lower().encode(), value.encode()) for name, value in headers(info).items()]
                 message["headers"] = [*message.get("headers", ()), *(h for h in more if h[0] not in own)]
             elif message["type"] in ("websocket.accept", "websocket.close"):
                 answered = True
             await send(message)
 
-        response = self._objection(scope, asked)
+        response = self._objection(scope, info)
         try:
             if response is None:
-                await self._app(scope, receive, telling)
+                await self._app(scope, receive, send_with_headers)
             elif scope["type"] == "http":
-                await response(scope, receive, telling)
+                await response(scope, receive, send_with_headers)
             else:
-                await WebSocket(scope, receive, telling).send_denial_response(response)
+                await WebSocket(scope, receive, send_with_headers).send_denial_response(response)
         except OSError:
             pass  # the client has gone
         except Exception:
             log.exception("%s failed", scope["path"])
             if not answered and scope["type"] == "http":
-                await PlainTextResponse(OWN_FAULT, 500)(scope, receive, telling)
+                await PlainTextResponse(OWN_FAULT, 500)(scope, receive, send_with_headers)
 
-    def _objection(self, scope: Scope, asked: RequestInfo) -> Response | None:
-        if not self._doors.is_known_host(asked.host):
+    def _objection(self, scope: Scope, info: RequestInfo) -> Response | None:
+        if not self._access.is_known_host(info.host):
             return PlainTextResponse(
                 "this is not an address of the page; open the link that PointIt has printed", 403
             )
         is_posted = scope["type"] == "http" and scope["method"] not in ("GET", "HEAD")
-        if (scope["type"] == "websocket" or is_posted) and not self._doors.is_own_origin(asked):
+        if (scope["type"] == "websocket" or is_posted) and not self._access.is_own_origin(info):
             return PlainTextResponse("only a page of this server may do that", 403)
         if is_posted:
             length = Headers(scope=scope).get("content-length", "")

@@ -60,10 +60,10 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
     files = folder / "certificate.pem", folder / "key.pem"
     warning = ""
     try:
-        kept = _read(*files)
-        fits = _fits(kept, names, wanted, now)
+        certificate = _read(*files)
+        fits = _fits(certificate, names, wanted, now)
     except FileNotFoundError:
-        kept, fits = None, False
+        certificate, fits = None, False
     except (OSError, ValueError, TypeError, UnsupportedAlgorithm, x509.DuplicateExtension) as error:
         is_read = isinstance(error, ssl.SSLError) or not isinstance(error, OSError)
         reason = "it is damaged" if is_read else str(getattr(error, "strerror", "") or error)
@@ -71,13 +71,13 @@ def obtain(folder: Path, addresses: Sequence[str], host: str, now: dt.datetime) 
             f"{folder}: the page's certificate could not be used ({reason}); a new one was made, "
             "which browsers warn of again"
         )
-        kept, fits = None, False
-    if kept is None or not fits:
+        certificate, fits = None, False
+    if certificate is None or not fits:
         key = ec.generate_private_key(ec.SECP256R1())
-        kept = _sign(key, names, wanted, now)
+        certificate = _sign(key, names, wanted, now)
         write_atomically(files[1], _pem(key))
-        write_atomically(files[0], kept.public_bytes(serialization.Encoding.PEM), mode=0o644)
-    digest = kept.fingerprint(hashes.SHA256()).hex(":").upper()
+        write_atomically(files[0], certificate.public_bytes(serialization.Encoding.PEM), mode=0o644)
+    digest = certificate.fingerprint(hashes.SHA256()).hex(":").upper()
     return Certificate(certificate=files[0], key=files[1], fingerprint=digest, warning=warning)
 
 
@@ -110,9 +110,9 @@ def _read(certificate: Path, key: Path) -> x509.Certificate:
     return found
 
 
-def _fits(kept: x509.Certificate, names: set[str], addresses: set[str], now: dt.datetime) -> bool:
+def _fits(certificate: x509.Certificate, names: set[str], addresses: set[str], now: dt.datetime) -> bool:
     try:
-        other = kept.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        other = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
         return False
     named = set(other.get_values_for_type(x509.DNSName))
@@ -120,7 +120,7 @@ def _fits(kept: x509.Certificate, names: set[str], addresses: set[str], now: dt.
     return (
         names <= named
         and {ipaddress.ip_address(address) for address in addresses} <= numbered
-        and kept.not_valid_before_utc <= now <= kept.not_valid_after_utc - LEFT
+        and certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc - LEFT
     )
 
 

@@ -92,7 +92,7 @@ def url(scheme: str, host: str, port: int) -> str:
     return f"{scheme}://{format_address(host, port)}"
 
 
-def most_connections() -> int:
+def default_max_connections() -> int:
     """Return a listener's maximum number of connections, which leaves files for the rest of the process."""
     if sys.platform == "win32":
         return MAX_CONNECTIONS
@@ -118,9 +118,14 @@ class Listener:
     """Serves `app` at a bound socket, with TLS if there is a context, from `start` to `close`."""
 
     def __init__(
-        self, app: ASGIApp, bound: socket.socket, tls: ssl.SSLContext | None = None, *, most: int = 0
+        self,
+        app: ASGIApp,
+        bound: socket.socket,
+        tls: ssl.SSLContext | None = None,
+        *,
+        max_connections: int = 0,
     ) -> None:
-        """Create it without accepting. `most`: maximum number of connections, 0: `most_connections`."""
+        """Create it without accepting. `max_connections`: 0: `default_max_connections`."""
         self._socket = bound
         self.port: int = bound.getsockname()[1]
         """Port of the listener."""
@@ -142,7 +147,7 @@ class Listener:
         )
         self._config.load()
         self._tls = tls
-        self._most = most or most_connections()
+        self._max_connections = max_connections or default_max_connections()
         self._state = ServerState()
         self._visits: OrderedDict[Any, _Visit] = OrderedDict()
         """Connections that are no websockets, in order of arrival."""
@@ -150,8 +155,8 @@ class Listener:
         """Addresses of clients whose handshake is in progress, in order of arrival."""
         self._silent: OrderedDict[socket.socket, tuple[str, float]] = OrderedDict()
         """Accepted and silent so far, with address and time of arrival, s. They cost little."""
-        self._at_the_door: set[socket.socket] = set()
-        """They have said something, but have no protocol yet."""
+        self._unserved: set[socket.socket] = set()
+        """They have sent something, but have no protocol yet."""
         self._lingering: set[Any] = set()
         self._accepting: asyncio.Task[None] | None = None
 
@@ -196,7 +201,7 @@ class Listener:
         for task in (accepting, *arriving):
             task.cancel()
         await asyncio.gather(accepting, *arriving, return_exceptions=True)
-        for client in [*self._silent, *self._at_the_door]:
+        for client in [*self._silent, *self._unserved]:
             self._hang_up(client)
         self._socket.close()
         state = self._state
@@ -229,36 +234,36 @@ class Listener:
             else:
                 self._silent[accepted] = peer[0], loop.time()
                 loop.add_reader(accepted, self._on_first_bytes, accepted, peer[0])
-            if len(self._silent) > min(MAX_ARRIVING, self._most):
-                self._hang_up(_of_most({one: address for one, (address, _) in self._silent.items()})[0])
+            if len(self._silent) > min(MAX_ARRIVING, self._max_connections):
+                self._hang_up(_of_busiest({one: address for one, (address, _) in self._silent.items()})[0])
             if count % AT_ONCE == 0:
                 await asyncio.sleep(0)
 
     def _hang_up(self, client: socket.socket) -> None:
         if self._silent.pop(client, None) is not None:
             asyncio.get_running_loop().remove_reader(client)
-        self._at_the_door.discard(client)
+        self._unserved.discard(client)
         client.close()
 
     def _on_first_bytes(self, accepted: socket.socket, address: str) -> None:
         if self._silent.pop(accepted, None) is not None:
             asyncio.get_running_loop().remove_reader(accepted)
         if len(self._arriving) >= MAX_ARRIVING:
-            oldest = _of_most(self._arriving)[0]
+            oldest = _of_busiest(self._arriving)[0]
             del self._arriving[oldest]
             oldest.cancel()
-        self._at_the_door.add(accepted)
+        self._unserved.add(accepted)
         task = asyncio.create_task(self._let_in(accepted, address), name=f"port {self.port} lets in")
         self._arriving[task] = address
         task.add_done_callback(functools.partial(self._arrived, accepted))
 
     def _arrived(self, accepted: socket.socket, task: asyncio.Task[None]) -> None:
         self._arriving.pop(task, None)
-        if accepted in self._at_the_door:  # cancelled before it began
+        if accepted in self._unserved:  # cancelled before it began
             self._hang_up(accepted)
 
     async def _let_in(self, accepted: socket.socket, address: str) -> None:
-        self._at_the_door.discard(accepted)
+        self._unserved.discard(accepted)
         loop = asyncio.get_running_loop()
         with contextlib.suppress(OSError):  # gone, without TLS or too slow: the connection is closed
             _, connection = await loop.connect_accepted_socket(
@@ -269,7 +274,7 @@ class Listener:
                 ssl_shutdown_timeout=None if self._tls is None else CLOSE_S,
             )
             self._visits[connection] = _Visit(address=address, since_s=loop.time())
-            if len(self._state.connections) > self._most:
+            if len(self._state.connections) > self._max_connections:
                 self._make_room(connection)
 
     def _make_room(self, newest: Any) -> None:
@@ -283,8 +288,8 @@ class Listener:
             for one, visit in self._visits.items()
             if one in there and one is not newest and not one.transport.is_closing()
         }
-        crowd = sorted(_of_most(visits), key=lambda one: (_is_busy(one), self._visits[one].since_s))
-        idle = [one for one in crowd[: self._most // 16] if not _is_busy(one)]
+        crowd = sorted(_of_busiest(visits), key=lambda one: (_is_busy(one), self._visits[one].since_s))
+        idle = [one for one in crowd[: self._max_connections // 16] if not _is_busy(one)]
         for one in idle or crowd[:1] or [newest]:
             del self._visits[one]
             _cut(one)
@@ -299,9 +304,9 @@ def _cut(connection: Any) -> None:
         connection.transport.abort()
 
 
-def _of_most(addresses: Mapping[Any, str]) -> list[Any]:
-    most = Counter(addresses.values()).most_common(1)
-    return [one for one, address in addresses.items() if address == most[0][0]]
+def _of_busiest(addresses: Mapping[Any, str]) -> list[Any]:
+    busiest = Counter(addresses.values()).most_common(1)
+    return [one for one, address in addresses.items() if address == busiest[0][0]]
 
 
 def _is_busy(connection: Any) -> bool:

@@ -19,7 +19,7 @@ from pointit.bridges.web.scan import wire
 from pointit.bridges.web.scan.session import ScanSession
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.server.access import Access
-from pointit.bridges.web.server.app import asked_of
+from pointit.bridges.web.server.app import info_of
 from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.runtime.errors import PointItError
@@ -36,13 +36,13 @@ CLOSED = (
 )
 
 
-class ScanDoor:
+class ScanServer:
     """Serves the page that maps the room."""
 
     def __init__(
         self,
         session: ScanSession,
-        doors: Access,
+        access: Access,
         bundle: Bundle,
         *,
         is_wrist: Callable[[HTTPConnection], bool],
@@ -53,14 +53,14 @@ class ScanDoor:
 
         Args:
             session: the scan.
-            doors: access of operators.
+            access: access of operators.
             bundle: files of the page.
             is_wrist: returns True for requests of phones that are paired as wrists.
             token: pairs phones for the scan from the start. `""`: none does, and no scan is open.
             room: what a simulated camera sees, None: there is none.
         """
         self._session = session
-        self._doors = doors
+        self._access = access
         self._bundle = bundle
         self._is_wrist = is_wrist
         self._pairing = Pairing()
@@ -78,7 +78,7 @@ class ScanDoor:
         """Return the routes for pages that map the room."""
         routes: list[BaseRoute] = [
             Route("/scan", self._open, methods=["GET"]),
-            Route("/scan", self._said, methods=["POST"]),
+            Route("/scan", self._on_message, methods=["POST"]),
             Route("/scan/map.yaml", self._map, methods=["GET"]),
         ]
         if self._room is not None:
@@ -118,20 +118,20 @@ class ScanDoor:
             return refusal(403, "Not paired", CLOSED)
         return file_response(request, self._bundle, "scan.html")
 
-    async def _said(self, request: Request) -> Response:
+    async def _on_message(self, request: Request) -> Response:
         if not self._is_admitted(request):
             return PlainTextResponse(CLOSED, 403)
         session = self._session
         try:
-            said = wire.SAID.validate_json(await request.body())
-            match said:
+            message = wire.SCAN_MESSAGE.validate_json(await request.body())
+            match message:
                 case wire.ScanLight():
-                    await session.light(said)
+                    await session.light(message)
                     return Response(status_code=204)
                 case wire.ScanSave():
-                    await asyncio.to_thread(session.save, said)
+                    await asyncio.to_thread(session.save, message)
                 case _:
-                    session.take(said)
+                    session.take(message)
         except ValidationError as error:
             return PlainTextResponse(f"malformed: {summarize_validation_error(error)}", 400)
         except (PointItError, SchemaError) as error:
@@ -170,7 +170,7 @@ class ScanDoor:
             return True
         if self._is_open and self._is_wrist(request):
             return True
-        if self._doors.admit(asked_of(request), time.monotonic()) == "operator":
+        if self._access.admit(info_of(request), time.monotonic()) == "operator":
             self._is_open = True
             return True
         return False

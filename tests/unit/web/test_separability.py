@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 
-from pointit.bridges.web.model import told_apart
-from pointit.bridges.web.model.told_apart import Floor, ToldApart
+from pointit.bridges.web.model import separability
+from pointit.bridges.web.model.separability import Floor, FloorSeparability
 from pointit.maps.checks.things import TESTED
 from pointit.maps.checks.things import separability as share_of
 from pointit.maps.file import load_map
@@ -23,7 +23,7 @@ SHELF = load_map("shelf", 0)
 def test_the_page_has_the_squares_and_the_numbers_of_the_command() -> None:
     figure = map_figure(SHELF, {}, "shelf", separability=share_of(SHELF.things))
     (mesh,) = (each for each in figure.axes[0].collections if isinstance(each, QuadMesh))
-    floor, count = told_apart.floor(SHELF), len(SHELF.things)
+    floor, count = separability.floor(SHELF), len(SHELF.things)
     x_m, y_m = np.asarray(mesh.get_coordinates(), dtype=np.float64).transpose(2, 0, 1)
     np.testing.assert_allclose(x_m[0], floor["x_m"])
     np.testing.assert_allclose(y_m[:, 0], floor["y_m"])
@@ -42,23 +42,23 @@ async def test_the_floor_is_computed_beside_the_loop_and_once_for_each_map(
         computed.append((room.name, threading.current_thread() is threading.main_thread()))
         return Floor(x_m=[], y_m=[], things=[room.name], told_apart=[], confused=[])
 
-    monkeypatch.setattr(told_apart, "floor", floor)
-    asked = ToldApart()
-    asked.take(SHELF)
+    monkeypatch.setattr(separability, "floor", floor)
+    asked = FloorSeparability()
+    asked.set_room(SHELF)
     both = await asyncio.gather(asked.answer(), asked.answer())
     assert [each["things"] for each in both] == [["shelf"]] * 2
-    asked.take(SHELF.model_copy(update={"stamp_ns": 7, "seq": 9}))  # published again
+    asked.set_room(SHELF.model_copy(update={"stamp_ns": 7, "seq": 9}))  # published again
     assert (await asked.answer())["things"] == ["shelf"]
-    asked.take(SHELF.model_copy(update={"name": "other"}))
+    asked.set_room(SHELF.model_copy(update={"name": "other"}))
     assert (await asked.answer())["things"] == ["other"]
     assert computed == [("shelf", False), ("other", False)]
 
 
 @pytest.mark.parametrize(("count", "sentence"), [(0, "add a section `things`"), (TESTED + 1, "limit 200")])
 async def test_without_things_or_with_too_many_it_is_refused(count: int, sentence: str) -> None:
-    asked = ToldApart()
+    asked = FloorSeparability()
     with pytest.raises(RefusedError, match="no things"):
         await asked.answer()
-    asked.take(SHELF.model_copy(update={"things": (SHELF.things[0],) * count}))
+    asked.set_room(SHELF.model_copy(update={"things": (SHELF.things[0],) * count}))
     with pytest.raises(RefusedError, match=sentence):
         await asked.answer()

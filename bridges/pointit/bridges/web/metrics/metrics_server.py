@@ -1,4 +1,4 @@
-"""Path and server at which Prometheus reads the metrics of a site."""
+"""Metrics server: path and server at which Prometheus reads the metrics of a site."""
 
 import asyncio
 import time
@@ -10,7 +10,7 @@ from starlette.routing import Route
 
 from pointit.bridges.web.metrics.site_metrics import SiteMetrics
 from pointit.bridges.web.server.access import Access, new_token
-from pointit.bridges.web.server.app import REFUSAL_S, SecurityMiddleware, asked_of
+from pointit.bridges.web.server.app import REFUSAL_S, SecurityMiddleware, info_of
 from pointit.bridges.web.server.listener import Listener, bind
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.errors import ConfigError
@@ -39,13 +39,13 @@ def exposition(metrics: SiteMetrics, accept: str) -> tuple[bytes, str]:
     return encode(registry), media_type
 
 
-def metrics_route(metrics: SiteMetrics, doors: Access | None) -> Route:
-    """Return the route of `PATH`. With `doors` it needs a token of theirs, as a cookie or a bearer."""
+def metrics_route(metrics: SiteMetrics, access: Access | None) -> Route:
+    """Return the route of `PATH`. With `access` it needs one of its tokens, as a cookie or a bearer."""
 
     async def answer(request: Request) -> Response:
         now_s = time.monotonic()
-        if doors is not None and doors.admit(asked_of(request), now_s) is None:
-            if doors.is_rate_limited(asked_of(request).address, now_s):
+        if access is not None and access.admit(info_of(request), now_s) is None:
+            if access.is_rate_limited(info_of(request).address, now_s):
                 await asyncio.sleep(REFUSAL_S)
             return PlainTextResponse(NEEDS_TOKEN, 401, headers={"WWW-Authenticate": "Bearer"})
         content, media_type = exposition(metrics, request.headers.get("accept", ""))
@@ -69,9 +69,9 @@ class MetricsServer:
                 f"--listen {host}:{port}: other machines could read the metrics, which are not encrypted; "
                 f"listen at 127.0.0.1, and let them read {PATH} of the page, by HTTPS and with its token"
             )
-        doors = Access(new_token(), new_token())
-        doors.know_hosts([host])
-        app = SecurityMiddleware(Starlette(routes=[metrics_route(metrics, None)]), doors)
+        access = Access(new_token(), new_token())
+        access.know_hosts([host])
+        app = SecurityMiddleware(Starlette(routes=[metrics_route(metrics, None)]), access)
         self._listener = Listener(app, bind(host, port, "--listen"))
 
     @property

@@ -13,7 +13,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import Environment
 
-MOST_PAIRS = 3
+MAX_PAIRS = 3
 """Maximum number of confused pairs that are named for a square of the floor."""
 
 
@@ -28,20 +28,20 @@ class Floor(TypedDict):
     told_apart: list[list[int]]
     """Number of things that a person there tells apart."""
     confused: list[list[list[tuple[int, int]]]]
-    """Pairs of indices of things that they do not, at most `MOST_PAIRS` a square."""
+    """Pairs of indices of things that they do not, at most `MAX_PAIRS` a square."""
 
 
-class ToldApart:
+class FloorSeparability:
     """Computes it in a thread when a page first asks, and keeps it until the map changes."""
 
     def __init__(self) -> None:
         self._room: Environment | None = None
-        self._work: asyncio.Task[Floor] | None = None
+        self._floor_task: asyncio.Task[Floor] | None = None
 
-    def take(self, room: Environment) -> None:
+    def set_room(self, room: Environment) -> None:
         """Use `room` from now on."""
         if self._room is None or room.model_copy(update=_stamps(self._room)) != self._room:
-            self._room, self._work = room, None
+            self._room, self._floor_task = room, None
 
     async def answer(self) -> Floor:
         """Return the squares of the floor, see `Floor`.
@@ -58,10 +58,10 @@ class ToldApart:
                 f"the map has {count} things, limit {TESTED} for colouring the floor of the page; "
                 "use `pointit map plot --told-apart`"
             )
-        if self._work is None:
+        if self._floor_task is None:
             work = in_daemon_thread(functools.partial(floor, room), "told apart")
-            self._work = asyncio.get_running_loop().create_task(work, name="told apart")
-        return await asyncio.shield(self._work)  # others may wait for it, too
+            self._floor_task = asyncio.get_running_loop().create_task(work, name="told apart")
+        return await asyncio.shield(self._floor_task)  # others may wait for it, too
 
 
 def _stamps(room: Environment) -> dict[str, int]:
@@ -80,5 +80,5 @@ def floor(room: Environment) -> Floor:
         "y_m": y_m,
         "things": [thing.label or thing.id for thing in things],
         "told_apart": [[len(things) - len(set(chain(*each))) for each in row] for row in found],
-        "confused": [[each[:MOST_PAIRS] for each in row] for row in found],
+        "confused": [[each[:MAX_PAIRS] for each in row] for row in found],
     }

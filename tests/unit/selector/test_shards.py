@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.schemas import Claim, Feedback, Selection, SelectionEvent
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
-from pointit.services.selector.claim_budget import MAX_CLAIMS, TOLD_NS
+from pointit.services.selector.claim_budget import MAX_CLAIMS, WARNING_NS
 from pointit.services.selector.outputs import Action
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.shard_engine import GIVE_UP_NS
@@ -261,7 +261,7 @@ def test_whoever_claims_more_than_anybody_points_at_is_ignored_and_told_in_healt
     assert site.arbiter.on_claim("ben", claims[-1], site.now_ns), "others are decided"
     site.step(1.0, {})
     assert site.arbiter.on_claim("anna", claims[20], site.now_ns), "it is when it comes again"
-    site.step(TOLD_NS / 1e9, {})
+    site.step(WARNING_NS / 1e9, {})
     assert site.arbiter.excess(site.now_ns) == ""
 
 

@@ -9,7 +9,7 @@ from pointit.schemas.selection import RESTORED
 from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.objects.departures import OWN, Departures
-from pointit.services.selector.outputs import CHANGES, DEEDS, Output, Owned, Record
+from pointit.services.selector.outputs import ACTIONS, CHANGES, Output, Owned, Record
 from pointit.services.selector.ownership.ownership import Ownership
 from pointit.services.selector.selection_publisher import SelectionPublisher
 
@@ -25,8 +25,8 @@ MAX_RESERVED = 2
 SHOWN_NS = 600_000_000
 """Time for which a button is selected at least, ns. It ends with the next tick."""
 
-NEWS_NS = 50_000_000
-"""Shortest time between selections that only claims to reservations have changed, ns."""
+MIN_PERIOD_NS = 50_000_000
+"""Minimum time between selections that only claims to reservations have changed, ns."""
 
 
 class Arbiter:
@@ -58,24 +58,24 @@ class Arbiter:
         self._tells_method = False
         self.speed = 1.0
         """Speed of the site's time by the wall's. Ages of claims are those of the wall."""
-        self._is_news = False
+        self._has_changed = False
         """True if reservations have changed since the last selection that was returned."""
         self._dwelt: dict[str, tuple[str, int]] = {}
         """Object that each person changed last by staying on it, and the time, ns."""
         self._decided: dict[str, deque[int]] = {}
         """Stamps of the last claims by person."""
         self._budget = ClaimBudget()
-        self._told_ns = 0
+        self._selected_ns = 0
         """Time of the last selection, ns."""
 
     def use(self, config: SelectorConfig) -> None:
         """Note a change of the method or its times."""
         self._publisher.method, self._dwell_s = config.method, config.dwell_s
-        self._is_news |= self._tells_method
+        self._has_changed |= self._tells_method
 
     def tell_method(self) -> None:
         """Put method and dwell time in selections from now on, for shards."""
-        self._tells_method = self._is_news = True
+        self._tells_method = self._has_changed = True
 
     def restore(
         self, entries: Mapping[str, Owned], events: int, now_ns: int, decided: Iterable[tuple[str, int]] = ()
@@ -103,21 +103,21 @@ class Arbiter:
 
     def selection(self, now_ns: int) -> Selection:
         """Return the current selection and reservations."""
-        self._is_news = False
-        self._told_ns = now_ns
+        self._has_changed = False
+        self._selected_ns = now_ns
         dwell_s = self._dwell_s if self._tells_method else None
         return self._publisher.selection(
             now_ns, self._ledger.objects(), self._reservations.objects(), dwell_s
         )
 
-    def news(self, now_ns: int) -> list[Output]:
+    def changed_selection(self, now_ns: int) -> list[Output]:
         """Return the selection if it has changed since it was returned last."""
-        return [Output("", self.selection(now_ns))] if self._is_news else []
+        return [Output("", self.selection(now_ns))] if self._has_changed else []
 
     def on_activity(self, user: str, now_ns: int) -> None:
         """Note that `user` is active, and free expired reservations."""
         self._ownership.presences.on_activity(user, now_ns)
-        self._is_news |= self._reservations.expire(now_ns)
+        self._has_changed |= self._reservations.expire(now_ns)
 
     def claim(self, user: str, claim: Claim, now_ns: int, refused: str = "") -> list[Output]:
         """Decide on a claim: select or deselect, or refuse it.
@@ -132,7 +132,7 @@ class Arbiter:
         action, taken_by = self._ownership.action(user, object_id, now_ns)
         if claim.wish == "reserve":
             if action in CHANGES and not refused:
-                self._is_news |= self._reservations.reserve(object_id, user, now_ns)
+                self._has_changed |= self._reservations.reserve(object_id, user, now_ns)
             return []
         if self._is_decided(user, at_ns):
             return []
@@ -184,16 +184,16 @@ class Arbiter:
         """
         if not self._budget.allows(user, claim, now_ns):
             return []
-        if claim.wish == "toggle" and not self._positions.is_heard:
+        if claim.wish == "toggle" and not self._positions.has_trackers:
             return []
         self.on_activity(user, now_ns)
         outputs = self.claim(user, claim, now_ns, self._refusal(user, claim, now_ns))
         if claim.wish == "toggle":
             self._latch(claim.object_id, user)
-            return outputs + self.news(now_ns)
-        self._is_news |= self._reservations.keep_last(user, MAX_RESERVED)
-        is_soon = 0 <= now_ns - self._told_ns < NEWS_NS  # else with the next cursor, claim or tick
-        return outputs if is_soon else outputs + self.news(now_ns)
+            return outputs + self.changed_selection(now_ns)
+        self._has_changed |= self._reservations.keep_last(user, MAX_RESERVED)
+        is_soon = 0 <= now_ns - self._selected_ns < MIN_PERIOD_NS  # else with the next cursor, claim or tick
+        return outputs if is_soon else outputs + self.changed_selection(now_ns)
 
     def excess(self, now_ns: int) -> str:
         """Return a warning about people whose claims are ignored, or `""`."""
@@ -257,13 +257,13 @@ class Arbiter:
 
     def tick(self, now_ns: int) -> list[Output]:
         """Handle departed objects, expired reservations, and buttons that were shown for long enough."""
-        self._is_news |= self._reservations.expire(now_ns)
+        self._has_changed |= self._reservations.expire(now_ns)
         outputs: list[Output] = []
         for object_id, entry in list(self._ledger.entries.items()):
             if self._positions.mode(object_id) == "button" and now_ns - entry.since_ns >= SHOWN_NS:
                 outputs += self._publisher.event(self._ledger.end(object_id, now_ns))
-        self._is_news |= bool(outputs)
-        return outputs + (self.depart(now_ns) or self.news(now_ns))
+        self._has_changed |= bool(outputs)
+        return outputs + (self.depart(now_ns) or self.changed_selection(now_ns))
 
     def undo(self, user: str, now_ns: int) -> list[Output]:
         """Undo `user`'s last step. Refused with a cue if there is none."""
@@ -323,6 +323,6 @@ class Arbiter:
         outputs = [Output("", self.selection(now_ns))] if is_changed else []
         for record in records:
             outputs += self._publisher.event(record)
-            if record.cause not in DEEDS:
+            if record.cause not in ACTIONS:
                 self._latch(record.object_id, "")
         return outputs + self._publisher.cues(user, records, now_ns)

@@ -1,17 +1,17 @@
-"""Limit of claims per person, so that no shard can have everybody listen to it all the time."""
+"""Limit of claims per person, so that no shard can occupy the arbiter."""
 
 from collections import Counter
 
 from pointit.schemas import NS_PER_S, Claim
 
 MAX_CLAIMS = 10
-"""Limit of claims of a kind that are decided per person and second: nobody points at so many objects."""
+"""Maximum claims of a kind per person and second: nobody points at more objects."""
 
-TOLD_NS = 10 * NS_PER_S
-"""Time for which people are told of who claimed more, ns."""
+WARNING_NS = 10 * NS_PER_S
+"""Time for which a warning names people who claimed more, ns."""
 
-MAX_TOLD = 5
-"""Limit of people who are told of."""
+MAX_NAMED = 5
+"""Maximum number of people whom the warning names."""
 
 
 class ClaimBudget:
@@ -31,13 +31,13 @@ class ClaimBudget:
         self._claimed[user, claim.wish] += 1
         if self._claimed[user, claim.wish] <= MAX_CLAIMS:
             return True
-        if user in self._exceeded or len(self._exceeded) < MAX_TOLD:
+        if user in self._exceeded or len(self._exceeded) < MAX_NAMED:
             self._exceeded[user] = now_ns
         return False
 
     def problem(self, now_ns: int) -> str:
         """Return a warning about people who claimed too much lately, or `""`."""
-        self._exceeded = {user: at_ns for user, at_ns in self._exceeded.items() if now_ns - at_ns < TOLD_NS}
+        self._exceeded = {user: ns for user, ns in self._exceeded.items() if now_ns - ns < WARNING_NS}
         if not self._exceeded:
             return ""
         names = ", ".join(sorted(self._exceeded))

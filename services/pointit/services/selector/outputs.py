@@ -12,7 +12,7 @@ Event = Literal["selected", "deselected", "refused", "left"]
 Cause = Literal["", "dwell", "button", "undo", "clear", "release"]
 """Cause of a change: the person's action."""
 
-DEEDS = ("dwell", "button")
+ACTIONS = ("dwell", "button")
 """Causes by which a person selects or deselects the object that they point at."""
 
 Action = Literal["", "select", "deselect", "refuse"]

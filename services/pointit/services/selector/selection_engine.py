@@ -46,7 +46,7 @@ class SelectionEngine(PointingEngine, Arbiter):
         outputs = self._hovers.on_cursor(user, cursor)
         if not all(isinstance(output.message, Hover) for output in outputs):
             outputs = self._decide(outputs)
-        return outputs + self.news(now_ns) if self._is_news else outputs
+        return outputs + self.changed_selection(now_ns) if self._has_changed else outputs
 
     def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
         """Process a button gesture of `user`, which confirms the hovered object if so configured."""

@@ -56,7 +56,7 @@ class Selector(Service[SelectorConfig]):
         self._in_use = config
         self._is_over = False
         """True when the journal is closed: what is not kept is not published."""
-        self._told = ""
+        self._reported = ""
         """Last reported fault of the method."""
         self._hovers = functools.cache(functools.partial(self.bus.publisher, HOVER))
         self._cues = functools.cache(functools.partial(self.bus.publisher, FEEDBACK))
@@ -140,9 +140,9 @@ class Selector(Service[SelectorConfig]):
         name = self._in_use.method
         self.bus.set_metric("default dwell", apply_method(self.config, self._in_use, name, None).dwell_s, "s")
         problem = f"{METHODS.label(name)} failed ({fault}): choose another one, or update it" if fault else ""
-        if problem and problem != self._told:
+        if problem and problem != self._reported:
             log.error("%s", problem)
-        self._told = problem
+        self._reported = problem
         self.bus.warn("method", problem)
 
     def _put(self, outputs: list[Output]) -> list[Output]:

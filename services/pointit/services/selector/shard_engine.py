@@ -17,7 +17,7 @@ from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
 from pointit.services.selector.methods.method import MakeMethod, make_method
-from pointit.services.selector.outputs import DEEDS, Output
+from pointit.services.selector.outputs import ACTIONS, Output
 from pointit.services.selector.ownership.ownership import Ownership
 from pointit.services.selector.selection_publisher import make_cue
 
@@ -84,7 +84,7 @@ class ShardEngine(PointingEngine):
     def on_event(self, event: SelectionEvent) -> list[Output]:
         """Close the claim that `event` decides. Latch what was changed in another way, or elsewhere."""
         is_own = self._open.pop((event.user, event.stamp_ns), None) is not None
-        if event.cause in DEEDS:
+        if event.cause in ACTIONS:
             if not is_own:  # by another selector that points for them
                 self._hovers.latch(event.object_id, event.user)
         elif event.cause or event.event in ("selected", "deselected"):  # else it is of the conveyor

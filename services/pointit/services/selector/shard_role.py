@@ -27,7 +27,7 @@ class ShardRole:
         self._claims: dict[str, Publisher[Claim]] = {
             user: bus.publisher(CLAIM, user) for user in config.people
         }
-        self._told: tuple[str | None, float | None] = (None, None)
+        self._parameters: tuple[str | None, float | None] = (None, None)
 
     def begin(self) -> None:
         """Do nothing: there is nothing to restore."""
@@ -64,12 +64,12 @@ class ShardRole:
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self.engine.on_selection(selection)
-        told = selection.method, selection.dwell_s
-        if selection.method is None or told == self._told:
+        parameters = selection.method, selection.dwell_s
+        if selection.method is None or parameters == self._parameters:
             return
-        self._told = told
+        self._parameters = parameters
         try:
-            self._use(*told)
+            self._use(*parameters)
             self._bus.clear("follow")
         except (ValueError, ConfigError) as error:
             problem = f"method {selection.method} of the site's selector cannot be used here: {error}"

@@ -53,7 +53,7 @@ class SiteRole:
             restore_within_s=kept.restore_within_s,
             max_mb=kept.max_mb,
         )
-        self._is_kept = kept.enabled
+        self._journals = kept.enabled
         self._bus, self._clock, self._put, self._use = bus, clock, put, use
         self.engine = SelectionEngine(config, self._journal.add, make)
         self._selections = bus.publisher(topics.SELECTION)
@@ -62,7 +62,7 @@ class SiteRole:
     def begin(self) -> None:
         """Restore what was selected before a restart, republish possibly unpublished events, and serve."""
         now_ns = self._clock.now_ns()
-        kept = self._journal.begin(now_ns) if self._is_kept else JournalContents()
+        kept = self._journal.begin(now_ns) if self._journals else JournalContents()
         if self._journal.problem:
             log.error("%s", self._journal.problem)
         self.engine.restore(kept.entries, kept.events, now_ns, kept.decided)
@@ -77,7 +77,7 @@ class SiteRole:
         self._bus.serve(topics.RELEASE_OBJECT, self._release)
         self._bus.serve(topics.SET_THING, self._set_thing)
         self._bus.serve(topics.SET_METHOD, self._set_method)
-        self._bus.serve(topics.READ_HISTORY, History(self._journal.path if self._is_kept else None).answer)
+        self._bus.serve(topics.READ_HISTORY, History(self._journal.path if self._journals else None).answer)
 
     def subscribe(self) -> None:
         """Subscribe to departures, refusals of the conveyor and claims of shards."""

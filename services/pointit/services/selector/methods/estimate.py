@@ -34,7 +34,7 @@ LOW_RAD = math.radians(1.5)
 """People point lower than what they mean; half of their mean error, since offsets may be calibrated."""
 ATTENTION = 0.2
 """Probability of each object near the ray before the ray is known."""
-AIMLESS = 0.25 / (math.radians(80.0) * math.radians(50.0))
+UNIFORM_DENSITY = 0.25 / (math.radians(80.0) * math.radians(50.0))
 """Probability density of a ray that is meant for nothing, 1/rad²."""
 ON_LIGHT = 0.1 / math.radians(60.0)
 """The same along a strip or belt, across which a ray misses as beside an object, 1/rad."""
@@ -57,7 +57,7 @@ FAST_RADPS = math.radians(40.0)
 """Speed above which nothing is shown."""
 MOVED = 0.3
 """Share of the way to the next object by which an arm moves when it corrects: staying begins again."""
-MOST_MOVED_RAD = math.radians(5.0)
+MAX_MOVED_RAD = math.radians(5.0)
 """The same without another object near; restless arms wander by less."""
 SHOWN = 0.25
 """Probability from which an object is shown."""
@@ -184,7 +184,7 @@ class EstimateMethod:
         if shown is not None and shown in logs:
             is_lit = any(one.id == shown and one.tracked.lit for one in view.seen)
             logs[shown] += max(accepted if is_lit else 0.0, self._agreement(now_ns))
-        none = math.log(AIMLESS) - min(RESTING_PER_S * stayed_s, RESTING)
+        none = math.log(UNIFORM_DENSITY) - min(RESTING_PER_S * stayed_s, RESTING)
         # who points at a line on which objects move, or that lights them, means an object
         if cursor.surface in LINES and not any(_may_be_on(one, cursor) for one in view.seen):
             across = math.log(ON_LIGHT / (_FLAT * UPWARDS_RAD)) - 0.5 * (cursor.miss_rad / UPWARDS_RAD) ** 2
@@ -275,7 +275,7 @@ def _corrected_rad(view: View, object_id: str) -> float:
     apart_m = min(
         (math.dist(own.center_m, one.center_m) for one in view.seen if one is not own), default=math.inf
     )
-    return min(MOVED * math.atan(apart_m / own.range_m), MOST_MOVED_RAD)
+    return min(MOVED * math.atan(apart_m / own.range_m), MAX_MOVED_RAD)
 
 
 _FLAT = math.sqrt(2.0 * math.pi)

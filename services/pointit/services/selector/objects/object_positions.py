@@ -31,11 +31,11 @@ class _OnLine:
 
     def nearest(self, position_m: float, elapsed_s: float) -> tuple[float, TrackedObject] | None:
         best: tuple[float, TrackedObject] | None = None
-        least_m = math.inf
+        min_m = math.inf
         for at_m, speed_mps, reach_m, tracked in self._objects:
             gap_m = abs(at_m + speed_mps * elapsed_s - position_m)
-            if gap_m <= reach_m and gap_m < least_m:
-                best, least_m = (gap_m, tracked), gap_m
+            if gap_m <= reach_m and gap_m < min_m:
+                best, min_m = (gap_m, tracked), gap_m
         return best
 
 
@@ -100,7 +100,7 @@ class ObjectPositions:
         self._ended_ns = int(ended_after_s * NS_PER_S)
         self._margin_m = margin_m
         self._stale_ns = int(stale_after_s * NS_PER_S)
-        self.is_heard = False
+        self.has_trackers = False
         """True once any tracker has listed its objects."""
         self._trackers: dict[str, _Listing] = {}
         self._objects: dict[str, TrackedObject] = {}
@@ -112,7 +112,7 @@ class ObjectPositions:
 
     def update(self, tracker: str, message: TrackedObjects) -> list[str]:
         """Replace the list of `tracker`. Return trackers that were forgotten to make room."""
-        self.is_heard = True
+        self.has_trackers = True
         self._trackers.pop(tracker, None)  # append, so that the first is the one silent for longest
         self._trackers[tracker] = _Listing(message, self._margin_m)
         forgotten: list[str] = []
@@ -159,7 +159,7 @@ class ObjectPositions:
         return [name for name, listing in self._trackers.items() if not self._fits(listing, now_ns)]
 
     def forget(self, now_ns: int) -> list[str]:
-        """Forget and return the trackers silent for so long that they have ended."""
+        """Forget and return the trackers whose silence means that they have ended."""
         ended = [
             name
             for name, listing in self._trackers.items()

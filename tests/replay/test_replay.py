@@ -26,7 +26,7 @@ MAX_BYTES = 6_000_000
 def test_services_do_what_was_accepted(name: str) -> None:
     with open_recording(name) as recording:
         outputs = Outputs(recording)
-        assert not recording.invalid, recording.complaint
+        assert not recording.invalid, recording.first_error
     report = compare(list(accepted(name)), outputs.samples)
     assert report.is_same, f"{table(name, report, outputs.began_ns)}\n{HELP}"
     missing = [each for each in SESSIONS[name].happens if not _has(outputs, each)]

@@ -30,7 +30,7 @@ from pointit.assistants.results import (
     refusal,
 )
 from pointit.assistants.room_items import check_present, current, find, items, people, present
-from pointit.assistants.site_door import SiteConnection
+from pointit.assistants.site_connection import SiteConnection
 from pointit.errors import AccessDeniedError, NoAnswerError, PointItError, SchemaError
 from pointit.schemas import NS_PER_S, RobotState
 from pointit.schemas.base import FARTHEST, Vec3
@@ -307,7 +307,7 @@ class Tools:
         """Send a robot to a thing or a place, in the name of a person who points.
 
         The robot's own checks hold: fences, people near the place, a person who is sure of their direction.
-        It may refuse, and says why. It moves in the real room.
+        It may refuse, with a reason. It moves in the real room.
         """
         if bool(thing) == (place is not None):
             raise PointItError("name a thing or a place, one of them")

@@ -71,7 +71,7 @@ def open_bag(path: Path) -> Generator[OpenBag]:
     """Open the bag at `path`, a folder or a file. Of a damaged one, what is complete can be read.
 
     Raises:
-        ConfigError: If nothing of it can be read. Says why, and how to repair it.
+        ConfigError: If nothing of it can be read. The message has the reason and the repair.
     """
     with ExitStack() as stack:
         reader = None

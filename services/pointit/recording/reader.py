@@ -150,7 +150,7 @@ class Recording:
         """Sentence about missing or damaged parts, else `""`."""
         self.invalid = 0
         """Number of entries that the last call of `entries` left out so far, as they are not valid."""
-        self.complaint = ""
+        self.first_error = ""
         """Error message about the first of them, or `""`."""
         head: Head | None = None
         damaged: list[DamagedError] = []
@@ -257,7 +257,7 @@ class Recording:
 
         Entries that are not valid are left out and counted in `invalid`.
         """
-        self.invalid, self.complaint = 0, ""
+        self.invalid, self.first_error = 0, ""
         wanted = self._channels.wanted(keys)
         since_ns = self.began_ns if since_ns is None else since_ns
         until_ns = self.ended_ns + 1 if until_ns is None else until_ns
@@ -292,7 +292,7 @@ class Recording:
 
     def _reject(self, error_message: str) -> None:
         self.invalid += 1
-        self.complaint = self.complaint or error_message
+        self.first_error = self.first_error or error_message
 
     def _read_head(self, place: RecordLocation) -> Head | None:
         """Return the head if the metadata at `place` are those of PointIt.

@@ -243,7 +243,7 @@ class Buses:
 
     services: Bus
     edge: Bus
-    onlooker: Bus
+    observer: Bus
 
 
 @dataclass(frozen=True)
@@ -296,7 +296,7 @@ async def replay_by_loop_time(plan: ReplayPlan, listener: ReplayListener, speed:
         try:
             await play(plan, buses, RecordingClock(plan.source.began_ns, speed), folder, listener)
         finally:
-            for bus in (buses.services, buses.edge, buses.onlooker):
+            for bus in (buses.services, buses.edge, buses.observer):
                 await bus.close()
 
 
@@ -345,7 +345,7 @@ class _Player:
             changed["pui"] = {"map": str(room)}
         service_bus = ReplayedServices(self._buses.services, self._clock, group, changed)
         self._requests = RecordedRequests(self._buses.edge, self._clock, group)
-        collector = Collector(self._buses.onlooker, self._clock, self._on_result)
+        collector = Collector(self._buses.observer, self._clock, self._on_result)
         await self._put_retained(service_bus)
         for entry in self._source.entries():
             if self._beginning.retained.get(entry.key) == entry or self._is_left_out(entry.row, entry.name):

@@ -64,7 +64,7 @@ class Question:
         self._answered = asyncio.Event()
         bus.subscribe(BUTTON, self._on_button, user)
 
-    def answer(self, said: Answer, at_ns: int) -> bool:
+    def answer(self, reply: Answer, at_ns: int) -> bool:
         """Answer what was shown at `at_ns`, when the answer began. Return False if nothing was asked then.
 
         A candidate that was denied is not confirmed, and an answer is not taken back.
@@ -73,7 +73,7 @@ class Question:
         shown = [one for since_ns, one in self._turns if since_ns <= decided_ns]
         if not shown:
             return False
-        if said == "no":
+        if reply == "no":
             self._left = [one for one in self._left if one != shown[-1]]
         elif shown[-1] in self._left:
             self._left, self._chosen = [], shown[-1]
@@ -145,7 +145,7 @@ AGAIN = "point at it, and say it again"
 
 
 class NotUnderstood(Exception):  # noqa: N818 - no error of the program
-    """A command that cannot be followed. The message says why, and what to do."""
+    """A command that cannot be followed. The message has the reason and the remedy."""
 
 
 class Interpreter:
@@ -235,9 +235,9 @@ class Interpreter:
         self._changed.set()
         command = parse(speech.words, self.vocabulary)
         is_stop = command is not None and command.verb == "stop"  # also in "no, stop", and "stop right there"
-        said = answer(speech.words)
-        is_other = command is not None and bool(command.mentions) and said is not None and said[0] == "yes"
-        if said is not None and not is_stop and not is_other and self._question.answer(*said):
+        reply = answer(speech.words)
+        is_other = command is not None and bool(command.mentions) and reply is not None and reply[0] == "yes"
+        if reply is not None and not is_stop and not is_other and self._question.answer(*reply):
             return
         if is_stop:
             self._stops += 1
@@ -268,22 +268,22 @@ class Interpreter:
             await self._settle(command)
             asked = [await self._decide(command, mention) for mention in command.mentions]
             decisions = [self._possible(command, asked, index) for index in range(len(asked))]
-            meant: list[Sequence[Referent]] = []
+            all_referents: list[Sequence[Referent]] = []
             for decision in decisions:  # after all were looked up: questions outlast the memory of rays
                 self._check_not_stopped(command, stops)
-                meant.append(await self._clear(speech, command, decision, found))
-                found.extend(meant[-1])
-            message = await self._act(command, meant, stops)
+                all_referents.append(await self._clear(speech, command, decision, found))
+                found.extend(all_referents[-1])
+            message = await self._act(command, all_referents, stops)
         except (NotUnderstood, RequestError) as error:
             self._publish(speech, command, found, "refused", str(error))
         else:
             self._publish(speech, command, found, "done", message)
 
-    async def _act(self, command: Command, meant: Sequence[Sequence[Referent]], stops: int) -> str:
+    async def _act(self, command: Command, all_referents: Sequence[Sequence[Referent]], stops: int) -> str:
         """Do a command for each of what its words mean, and return what was done, also if it ends halfway."""
         done: list[str] = []
         try:
-            for found in product(*meant):
+            for found in product(*all_referents):
                 self._check_not_stopped(command, stops)
                 done.append(await self._verbs[command.verb].act(self._context, command, found))
         except (NotUnderstood, RequestError) as error:
@@ -370,8 +370,8 @@ class Interpreter:
         self._publish(speech, command, (*before, *decision.candidates), "asked", asked)
         chosen = await self._question.ask(decision.candidates)
         if chosen is None:
-            doubt = f"neither {names.replace(' or ', ' nor ')} was" if " or " in names else f"{names} was not"
-            raise NotUnderstood(f"{doubt} confirmed: {AGAIN}")
+            text = f"neither {names.replace(' or ', ' nor ')} was" if " or " in names else f"{names} was not"
+            raise NotUnderstood(f"{text} confirmed: {AGAIN}")
         return (chosen,)
 
     def _publish(

@@ -55,7 +55,7 @@ class SpeechSynthesizer:
         return bool(self._from_ns) and is_during
 
     async def close(self) -> None:
-        """Wait until the sentence is said."""
+        """Wait until the sentence is spoken."""
         if self._saying is not None:
             await asyncio.wait({self._saying})
 

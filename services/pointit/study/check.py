@@ -115,9 +115,9 @@ def _clocks(name: str, rows: list[Row], apart_s: float) -> Iterator[Finding]:
     before: Row | None = None
     for row in filter(_began, rows):
         if before is not None:
-            least_s = float(before["selection_s"] or 0.0)
+            min_s = float(before["selection_s"] or 0.0)
             passed_s = (_time(row) - _time(before)).total_seconds()
-            if passed_s < least_s:
+            if passed_s < min_s:
                 text = (
                     f"trial {row['trial']} begins before trial {before['trial']} ends: a clock was set back"
                 )
@@ -129,8 +129,8 @@ def _twice(begun: dict[str, list[Row]], folder: Path) -> Iterator[str]:
     """Yield a sentence on each participant whose data stand in two folders."""
     owners: dict[str, str] = {}
     for name, rows in begun.items():
-        said = {row["participant"] for row in rows} | {str(read_about(folder / name).get("pseudonym", name))}
-        for other in sorted(said):
+        names = {row["participant"] for row in rows} | {str(read_about(folder / name).get("pseudonym", name))}
+        for other in sorted(names):
             if (first := owners.setdefault(other, name)) != name:
                 yield f"{other} is there twice, in {first} and {name}"
 

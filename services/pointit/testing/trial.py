@@ -155,7 +155,7 @@ class Trial(ABC):
     async def __aexit__(
         self, kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        """End the plug-in, put the device away, and check that `run` ended as it was told to."""
+        """End the plug-in, put the device away, and check that `run` ended when it was cancelled."""
         try:
             if kind is None:
                 self.require_running()

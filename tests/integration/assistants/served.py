@@ -11,9 +11,9 @@ from mcp.client.streamable_http import streamable_http_client
 
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile
-from pointit.assistants.http_door import HttpServer
+from pointit.assistants.http_server import HttpServer
 from pointit.assistants.server import make_server
-from pointit.assistants.site_door import SiteConnection
+from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Role, Tools
 from pointit.bridges.web.server.access import Access
 from pointit.runtime.bus.memory_bus import MemoryBus

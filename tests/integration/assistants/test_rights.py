@@ -12,7 +12,7 @@ import pointit
 from pointit.access.site_folder import SiteFolder
 from pointit.assistants.audit_file import FOLDER, AuditFile
 from pointit.assistants.server import make_server
-from pointit.assistants.site_door import SiteConnection
+from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Tools
 from pointit.errors import ConnectError
 from pointit.runtime.host.state_file import site_folder

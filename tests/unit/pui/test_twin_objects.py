@@ -33,7 +33,7 @@ class Room:
                 "robot", TrackedObjects(stamp_ns=self.now_ns + NS_PER_S // 10, objects=robot)
             )
             self.now_ns += NS_PER_S // 5
-        return self.finder.twins
+        return self.finder.duplicates
 
 
 def test_one_id_in_two_trackers_is_told_at_once_wherever_it_is() -> None:
@@ -61,7 +61,7 @@ def test_places_are_compared_at_one_time() -> None:
     for _ in range(20):  # at 2 m/s, a tenth of a second is 0.2 m
         room.report((thing("cup", at_m, speed_mps=2.0),), (thing("mug", at_m + 0.2, speed_mps=2.0),), 0.2)
         at_m += 0.4
-    assert len(room.finder.twins) == 1
+    assert len(room.finder.duplicates) == 1
 
 
 def test_things_that_pass_each_other_and_trackers_that_are_silent_are_no_twins() -> None:
@@ -69,9 +69,9 @@ def test_things_that_pass_each_other_and_trackers_that_are_silent_are_no_twins()
     where: Vec3 = (0.0, 0.0, 0.0)
     for step in range(40):
         room.report((thing("cup", where[0]),), (thing("mug", 2.0 - 0.1 * step),), 0.2)
-        assert room.finder.twins == ()
+        assert room.finder.duplicates == ()
     room.report((thing("cup", 0.0),), (thing("cup", 0.0),), 0.4)
     for _ in range(10):
         room.now_ns += NS_PER_S
         room.finder.on_objects("camera", TrackedObjects(stamp_ns=room.now_ns, objects=(thing("cup", 0.0),)))
-    assert room.finder.twins == ()
+    assert room.finder.duplicates == ()

@@ -81,7 +81,7 @@ def test_cursors_are_on_the_surface(
         return
     eyes = vector.add(feet, EYES)
     direction = vector.direction(azimuth, elevation)
-    hit = workspace.meet(eyes, direction, feet)
+    hit = workspace.intersect(eyes, direction, feet)
     if hit is None:
         return
     assert hit.miss_rad < 1e-7
@@ -102,13 +102,13 @@ def test_cursors_are_on_the_surface(
 def test_uv_of_hits_on_each_kind_of_workspace() -> None:
     feet = (1.0, 0.0, 0.2)
     eyes = vector.add(feet, EYES)
-    ahead = {kind: laid(kind, (3.0, 0.0, 0.5), feet).meet(eyes, (1.0, 0.0, 0.0), feet) for kind in KINDS}
+    ahead = {kind: laid(kind, (3.0, 0.0, 0.5), feet).intersect(eyes, (1.0, 0.0, 0.0), feet) for kind in KINDS}
     assert ahead["horizontal"] is None  # level: never met
     facing, cylinder, sphere = (known(ahead[kind]) for kind in ("facing", "cylinder", "sphere"))
     assert facing.uv_m == pytest.approx((0.0, 1.34))
     assert cylinder.uv_m == pytest.approx((0.0, 1.64))
     assert sphere.uv_m == pytest.approx((0.0, 0.0))
-    left = known(laid("facing", (3.0, 0.0, 0.5), feet).meet(eyes, vector.direction(0.1, 0.0), feet))
+    left = known(laid("facing", (3.0, 0.0, 0.5), feet).intersect(eyes, vector.direction(0.1, 0.0), feet))
     assert left.uv_m is not None
     assert left.uv_m[0] == pytest.approx(-2.0 * math.tan(0.1))  # u is to the right of a viewer
 
@@ -118,7 +118,7 @@ def test_uv_of_hits_on_each_kind_of_workspace() -> None:
 def test_a_ray_near_parallel_to_a_workspace_misses(kind: WorkspaceKind, angle_deg: float, met: bool) -> None:  # noqa: FBT001
     angle = math.radians(angle_deg)
     direction = vector.direction(0.0, -angle if kind == "horizontal" else angle - math.pi / 2)
-    hit = laid(kind, (2.0, 0.0, 0.5)).meet(EYES, direction, (0.0, 0.0, 0.0))
+    hit = laid(kind, (2.0, 0.0, 0.5)).intersect(EYES, direction, (0.0, 0.0, 0.0))
     assert (hit is not None) is met
 
 
@@ -336,6 +336,6 @@ def test_a_horizontal_plane_at_eye_height_to_begin_with_is_none() -> None:
 def test_workspace_is_not_met_more_than_200_m_away() -> None:
     feet, eyes = (0.0, 0.0, 18.36), (0.0, 0.0, 20.0)
     workspace = Workspace("horizontal", (10.0, 0.0, 0.0), feet_m=feet, eyes_m=eyes)
-    hit = known(workspace.meet(eyes, vector.direction(0.0, math.radians(-6.0)), feet))
+    hit = known(workspace.intersect(eyes, vector.direction(0.0, math.radians(-6.0)), feet))
     assert hit.range_m == pytest.approx(20.0 / math.sin(math.radians(6.0)))
-    assert workspace.meet(eyes, vector.direction(0.0, math.radians(-5.5)), feet) is None
+    assert workspace.intersect(eyes, vector.direction(0.0, math.radians(-5.5)), feet) is None

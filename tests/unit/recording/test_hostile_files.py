@@ -155,7 +155,7 @@ def test_message_that_is_none_is_counted_with_the_first_complaint(
     with Recording.open(path) as recording:
         assert list(recording.entries()) == []
         assert recording.invalid == 1
-        assert complaint in recording.complaint
+        assert complaint in recording.first_error
 
 
 def test_newer_message_is_read_without_its_unknown_fields(hostile: Hostile, path: Path) -> None:

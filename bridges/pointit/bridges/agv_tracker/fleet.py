@@ -40,7 +40,7 @@ class _Agv:
     motion: MapVelocity = field(default_factory=MapVelocity)
     yaw_rad: float | None = 0.0
     sigma_m: float | None = None
-    heard_ns: int = 0
+    received_ns: int = 0
 
 
 class Fleet:
@@ -69,7 +69,7 @@ class Fleet:
         if agv is None or agv.prefix != source.prefix:
             return message is not None
         if agv.place is None:
-            agv.heard_ns = now_ns
+            agv.received_ns = now_ns
         if message is None:
             agv.problems[kind] = f"{topic[:200]}: a message is not one of VDA 5050: update the AGV"
             return False
@@ -112,7 +112,7 @@ class Fleet:
         last = LastPose(agv.place, agv.velocity, _age_s(agv, now_ns)) if agv.place else None
         position = message.agv_position
         if position is not None or not message.unreadable:
-            agv.heard_ns = now_ns
+            agv.received_ns = now_ns
         if position is None:
             return
         agv.problems["map"] = ""
@@ -142,4 +142,4 @@ class Fleet:
 
 
 def _age_s(agv: _Agv, now_ns: int) -> float:
-    return (now_ns - agv.heard_ns) / NS_PER_S
+    return (now_ns - agv.received_ns) / NS_PER_S

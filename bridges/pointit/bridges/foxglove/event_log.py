@@ -46,7 +46,7 @@ class EventLog:
 
     def __init__(self) -> None:
         self.history: deque[LogLine] = deque(maxlen=HISTORY)
-        self._accounts: dict[str, _Account] = {}
+        self._health_counts: dict[str, _Account] = {}
         self._phases: dict[str, tuple[str, str]] = {}
         self._states: dict[str, str] = {}
         self._robots: dict[str, tuple[str, str]] = {}
@@ -68,7 +68,7 @@ class EventLog:
     def presence(self, instance: str, now_ns: int, *, present: bool) -> list[LogLine]:
         """Return the line that says that a service has started or ended."""
         if not present:
-            self._accounts.pop(instance, None)
+            self._health_counts.pop(instance, None)
         sentences = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
         return self._lines_of(iter([sentences]), instance, now_ns)
 
@@ -81,7 +81,7 @@ class EventLog:
         """Return the warnings that are active now."""
         return [
             LogLine(now_ns, LogLevel.Warning, instance, sentence)
-            for instance, account in self._accounts.items()
+            for instance, account in self._health_counts.items()
             for sentence in account.warnings.values()
         ]
 
@@ -97,8 +97,8 @@ class EventLog:
             sum(key.lost for key in health.keys),
             sum(key.invalid for key in health.keys),
         )
-        before = self._accounts.get(instance, _Account({}, 0, 0, 0))
-        self._accounts[instance] = now
+        before = self._health_counts.get(instance, _Account({}, 0, 0, 0))
+        self._health_counts[instance] = now
         for kind, sentence in now.warnings.items():
             if kind not in before.warnings:
                 yield LogLevel.Warning, sentence

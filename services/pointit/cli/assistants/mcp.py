@@ -43,23 +43,23 @@ def command(*, listen: tuple[str, int] | None, view_only: bool, site: str, conne
 
 
 async def _serve(
-    listen: tuple[str, int] | None, most: Literal["operator", "viewer"], site: str, connect: tuple[str, ...]
+    listen: tuple[str, int] | None, role: Literal["operator", "viewer"], site: str, connect: tuple[str, ...]
 ) -> int:
     # here, since the extra may be missing where help is asked for
     from pointit.assistants.audit_file import FOLDER, AuditFile  # noqa: PLC0415
     from pointit.assistants.server import make_server  # noqa: PLC0415
-    from pointit.assistants.site_door import SiteConnection  # noqa: PLC0415
+    from pointit.assistants.site_connection import SiteConnection  # noqa: PLC0415
     from pointit.assistants.tools import Tools  # noqa: PLC0415
 
     connection = SiteConnection(lambda: join(connect, site=site, timeout_s=None), address(site, connect))
     audit = AuditFile(site_folder(site, FOLDER))
-    server = make_server(Tools(connection, audit, most, is_remote=listen is not None))
+    server = make_server(Tools(connection, audit, role, is_remote=listen is not None))
     async with contextlib.AsyncExitStack() as stack:
         if listen is None:
             await stack.enter_async_context(connection.opened())
             await server.run_stdio_async()
             return 0
-        from pointit.assistants.http_door import HttpServer  # noqa: PLC0415
+        from pointit.assistants.http_server import HttpServer  # noqa: PLC0415
         from pointit.bridges.web.server.access import Access  # noqa: PLC0415
 
         tokens, notes = stored_tokens(site)

@@ -124,7 +124,7 @@ class TrackerMeters:
             ages_s.clear()
         duplicates = [
             twin
-            for twin in self._duplicate_finder.twins
+            for twin in self._duplicate_finder.duplicates
             if not self._only or not self._only.isdisjoint((twin.tracker, twin.other_tracker))
         ]
         return Tracking(

@@ -64,7 +64,7 @@ def command(*, recording: Path, folder: Path, overwrite: bool, form: str, task: 
                     opened.entries(), folder, task=task, session=session, overwrite=overwrite, tick=tick
                 )
         if opened.invalid:
-            click.echo(f"note: {opened.invalid} messages are left out; {opened.complaint}", err=True)
+            click.echo(f"note: {opened.invalid} messages are left out; {opened.first_error}", err=True)
         lost = opened.lost
     for name, rows in exported.rows.items():
         click.echo(f"{folder / name}: {rows} rows")

@@ -35,8 +35,8 @@ class _CommandRecorder(Recorder):
         try:
             await super().run()
         finally:
-            type(self).failed = bool(self.problem) or not self.has_heard
-            if not self.has_heard:
+            type(self).failed = bool(self.problem) or not self.has_received
+            if not self.has_received:
                 log.error(
                     "nothing of site %s is in the recording: name the right site with --site", self.bus.site
                 )

@@ -135,7 +135,7 @@ def command(
         else:
             asyncio.run(replay_by_loop_time(plan, result, speed))
     if recording.invalid:
-        say(f"{recording.invalid} entries were left out: {recording.complaint}", err=True)
+        say(f"{recording.invalid} entries were left out: {recording.first_error}", err=True)
     if output is not None and writer is not None:
         say(f"{output}: {writer.entries} entries", err=True)
     return _print_result(result, length_s, recording.began_ns, as_json=as_json)

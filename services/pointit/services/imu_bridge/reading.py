@@ -123,7 +123,7 @@ class CueSource(Source, Protocol):
 
 
 class ReadingCheck:
-    """Refuses what would harm the person's other services, and says why."""
+    """Refuses readings that would harm the person's other services, with the reason."""
 
     def __init__(self) -> None:
         self.is_refused = False

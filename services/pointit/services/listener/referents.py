@@ -32,8 +32,8 @@ class ReferentModel(TimingModel):
     """Standard deviation upwards, mostly between people."""
     low_rad: float = math.radians(3.0)
     """Mean by which people point lower than what they mean."""
-    careless: float = 0.02
-    """Share of careless gestures, such as with a bent arm, which are less exact by `CARELESS_FACTOR`."""
+    bent_arm_share: float = 0.02
+    """Share of gestures with a bent arm and the like, which are less exact by `BENT_ARM_FACTOR`."""
     any_target: float = 0.8
     """Probability before the rays that one of the targets is meant."""
 
@@ -41,7 +41,7 @@ class ReferentModel(TimingModel):
 MODEL = ReferentModel()
 USUAL_WAY_RAD = math.radians(39.0)
 """Way of the arm from which `sideways_rad` holds; for a shorter one it is less in proportion."""
-CARELESS_FACTOR = 2.5
+BENT_ARM_FACTOR = 2.5
 FIELD_SR = math.radians(80.0) * math.radians(50.0)
 """Solid angle over which rays spread that are meant for none of the targets."""
 MAX_CANDIDATES = 8
@@ -173,10 +173,10 @@ def _densities(
     root = math.sqrt(2.0 * math.pi)
     squares = right**2 + up**2
     exact = np.exp(-0.5 * squares) / (2.0 * wide + root * sideways) / (2.0 * high + root * model.upwards_rad)
-    spread = root * CARELESS_FACTOR
-    careless = np.exp(-0.5 * squares / CARELESS_FACTOR**2) / (2.0 * wide + spread * sideways)
-    careless = careless / (2.0 * high + spread * model.upwards_rad)
-    densities: Floats = (1.0 - model.careless) * exact + model.careless * careless
+    spread = root * BENT_ARM_FACTOR
+    inexact = np.exp(-0.5 * squares / BENT_ARM_FACTOR**2) / (2.0 * wide + spread * sideways)
+    inexact = inexact / (2.0 * high + spread * model.upwards_rad)
+    densities: Floats = (1.0 - model.bent_arm_share) * exact + model.bent_arm_share * inexact
     return densities
 
 

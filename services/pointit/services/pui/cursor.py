@@ -380,7 +380,7 @@ class PersonCursor:
         """Return the intersection of the ray: kind for the cursor, id, and hit. None if there is none."""
         workspace = self._workspace
         if workspace is not None:
-            hit = workspace.meet(eyes, direction, feet)
+            hit = workspace.intersect(eyes, direction, feet)
             return None if hit is None else (("none", workspace.solid), WORKSPACE_ID + workspace.kind, hit)
         met = self._surfaces.hit_test(eyes, direction)
         return None if met is None else (PLACES[met[0].kind], met[0].id, met[1])

@@ -206,7 +206,7 @@ class Pui(Service[PuiConfig]):
         if self.config.people:
             return
         self._duplicate_finder.on_objects(tracker, objects)
-        duplicates = self._duplicate_finder.twins
+        duplicates = self._duplicate_finder.duplicates
         more = f" ({len(duplicates) - 1} more: `pointit track`)" if len(duplicates) > 1 else ""
         self.bus.warn("objects of two trackers", f"{duplicates[0].sentence}{more}" if duplicates else "")
 

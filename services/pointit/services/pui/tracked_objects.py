@@ -84,17 +84,17 @@ class DuplicateFinder:
             if newest.objects and abs(now_ns - newest.stamp_ns) <= fresh_ns
         }
         near = set(_near(there, now_ns))
-        self._since_ns = {twin: min(self._since_ns.get(twin, now_ns), now_ns) for twin in near}
+        self._since_ns = {duplicate: min(self._since_ns.get(duplicate, now_ns), now_ns) for duplicate in near}
 
     @property
-    def twins(self) -> tuple[DuplicateObject, ...]:
+    def duplicates(self) -> tuple[DuplicateObject, ...]:
         """Return the objects that two trackers report now, in order."""
         now_ns = self._checked_ns or 0
         return tuple(
             sorted(
-                twin
-                for twin, since_ns in self._since_ns.items()
-                if twin.object_id == twin.other_id or now_ns - since_ns >= STAYS_S * NS_PER_S
+                duplicate
+                for duplicate, since_ns in self._since_ns.items()
+                if duplicate.object_id == duplicate.other_id or now_ns - since_ns >= STAYS_S * NS_PER_S
             )
         )
 

@@ -99,13 +99,13 @@ class Workspace:
             vector.wrap(vector.azimuth(reach) - vector.azimuth(direction)),
             vector.elevation(reach) - vector.elevation(direction),
         )
-        hit = self.meet(eyes_m, direction, feet_m)
+        hit = self.intersect(eyes_m, direction, feet_m)
         if hit is None or math.dist(hit.point_m, point_m) > SAME_M * max(1.0, hit.range_m):
             raise WorkspaceError(
                 f"the ray is too near parallel to a {self.kind} workspace: point elsewhere, or choose another"
             )
 
-    def meet(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Hit | None:
+    def intersect(self, eyes_m: Vec3, direction: Vec3, feet_m: Vec3) -> Hit | None:
         """Return the hit of the ray from the eyes, with misses to the unsteered ray, or None."""
         steered = self._steered(vector.normalized(direction))
         if self._plane is not None:

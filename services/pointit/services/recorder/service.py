@@ -75,8 +75,8 @@ class Recorder(Service[RecorderConfig]):
         self._reported: set[str] = set()
         self._others: set[str] = set()
         self._alone_s: float | None = self._began_s if self.IS_COMMAND else None
-        """Monotonic time since which no other service is there. None if there is one, or it was said."""
-        self.has_heard = False
+        """Monotonic time since which no other service is there. None if there is one, or it was reported."""
+        self.has_received = False
         """True if anything of the site has been received."""
         for presence in PRESENCES:
             self.bus.watch(presence, functools.partial(self._on_presence, presence))
@@ -128,7 +128,7 @@ class Recorder(Service[RecorderConfig]):
             log.warning(
                 "no service runs on site %s%s: `pointit doctor` tells of problems, Ctrl-C ends the recording",
                 self.bus.site,
-                " any more" if self.has_heard else "",
+                " any more" if self.has_received else "",
             )
 
     def _warn(self, topic: str, sentence: str) -> None:
@@ -153,7 +153,7 @@ class Recorder(Service[RecorderConfig]):
 
     def _should_record(self, name: str) -> bool:
         is_of_site = not name.startswith(NOT_OF_SITE)
-        self.has_heard = self.has_heard or is_of_site
+        self.has_received = self.has_received or is_of_site
         return is_of_site
 
 

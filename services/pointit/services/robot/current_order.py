@@ -1,4 +1,4 @@
-"""The order that a robot carries out, as far as it has told, and whether it moves or stands as ordered."""
+"""The order that a robot carries out, by its reports, and whether it moves or stands as ordered."""
 
 import math
 from dataclasses import dataclass, replace
@@ -116,11 +116,11 @@ class CurrentOrder:
 
 
 class StandstillMonitor:
-    """Notices by a robot's places that it moves though it was told to stop, or has done its last order."""
+    """Notices by a robot's places that it moves after an order to stop, or after its last order."""
 
     def __init__(self, config: RobotConfig, robot: str) -> None:
         self._braking_s = config.max_speed_mps / config.max_acceleration_mps2
-        self._text = f"{robot} moves although it has no order or was told to stop: press its emergency stop"
+        self._text = f"{robot} moves without an order or after an order to stop: press its emergency stop"
         self.problem = ""
         """That it does, as one sentence, or `""`."""
         self._due_ns: int | None = None

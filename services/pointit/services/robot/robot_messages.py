@@ -41,10 +41,10 @@ class RobotMessages:
     def state(self, now_ns: int) -> RobotState | None:
         """Return the state ten times a second, and at once if its phase, user or reason changes."""
         pilot, config = self._pilot, self._config
-        told = (pilot.phase, pilot.user, pilot.reason)
-        if told == self._reported and 0 <= now_ns - self._state_ns < STATE_NS:
+        current = (pilot.phase, pilot.user, pilot.reason)
+        if current == self._reported and 0 <= now_ns - self._state_ns < STATE_NS:
             return None
-        self._reported, self._state_ns = told, now_ns
+        self._reported, self._state_ns = current, now_ns
         self._states += 1
         yaw_rad = math.radians(config.start_yaw_deg)
         report = pilot.report

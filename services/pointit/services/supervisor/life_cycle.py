@@ -292,7 +292,7 @@ class LifeCycle:
         if self._attempt is None:
             self._over_ns = max(self._over_ns, now_ns)
 
-    def said(self, text: str, now_ns: int) -> list[Output]:
+    def cue_of_text(self, text: str, now_ns: int) -> list[Output]:
         """Return the cue of a `text` for the person that is not about the life cycle.
 
         Its turn of 0 rad says that there is nothing to point at, as a missing one would.

@@ -214,7 +214,7 @@ class Supervisor(Service[SupervisorConfig]):
         return Done(message=what)
 
     async def _say(self, query: Say, _user: str) -> Done:
-        self._do(self._cycle.said(query.text, self.clock.now_ns()))
+        self._do(self._cycle.cue_of_text(query.text, self.clock.now_ns()))
         return Done(message=f"{self.user} is told")
 
     async def _store_offset(self) -> str:

@@ -88,7 +88,7 @@ class Transition(NamedTuple):
     then: Stage | Literal["before"]
     """Next stage. `before`: `idle` or `pointing`, whichever preceded the attempt."""
     reason: str = ""
-    """Reason that the person is told, unless the event gives one. `""`: as before."""
+    """Reason that is shown to the person, unless the event gives one. `""`: as before."""
     cue: Cue | Literal[""] = ""
     """Cue of the outcome. `started` follows if pointing begins, and `stopped` if a success leads to idle."""
     effects: tuple[Effect, ...] = ()

@@ -17,7 +17,7 @@ POSTURE: Quaternion = rotation.from_azimuth_elevation(0.7, -0.3)
 OTHER_POSTURE: Quaternion = rotation.from_azimuth_elevation(-1.1, 0.4)
 NEAR_RAD = 0.05
 """Maximum error of a received orientation, since formats round, rad."""
-KEPT = 64
+MAX_READINGS = 64
 """Number of readings that a trial remembers; it must not need memory of its own."""
 
 
@@ -55,7 +55,7 @@ class ImuTrial(Trial):
     def __init__(self, harness: ImuHarness) -> None:
         super().__init__(harness)
         self.harness = harness
-        self.readings: deque[Reading | RawReading] = deque(maxlen=KEPT)
+        self.readings: deque[Reading | RawReading] = deque(maxlen=MAX_READINGS)
         self.count = 0
         self.reconnections = 0
         """Number of `Reconnected` so far."""
@@ -96,10 +96,10 @@ class ImuTrial(Trial):
         """Send a reading until it is delivered. Raises CheckFailedError if it is not."""
         self.readings.clear()
 
-        def heard() -> bool:
+        def is_received() -> bool:
             return any(shows(each, orientation_xyzw) for each in self.readings)
 
-        await self.until(heard, failure, lambda: self.send(orientation_xyzw))
+        await self.until(is_received, failure, lambda: self.send(orientation_xyzw))
 
     def _deliver(self, item: Item) -> None:
         self.health.note_thread("deliver")

@@ -19,7 +19,7 @@ Change = Literal["none", "level", "lamps"]
 class _Hovered(NamedTuple):
     """The lamp of the thing at which a person points, and its brightness as last shown."""
 
-    heard_ns: int
+    received_ns: int
     lamp: str
     level: float
 
@@ -79,7 +79,7 @@ class ThingLamps:
         A selected thing has its owner's colour. Among people who point at one, the greatest progress counts.
         """
         for user, hovered in list(self._hovered.items()):
-            if not 0 <= now_ns - hovered.heard_ns < self._timeout_ns:
+            if not 0 <= now_ns - hovered.received_ns < self._timeout_ns:
                 del self._hovered[user]
         nearest: dict[str, tuple[float, str]] = {}
         for user, (_, lamp, level) in self._hovered.items():
@@ -102,4 +102,4 @@ class ThingLamps:
 
     def ends_ns(self) -> list[int]:
         """Return the times at which hovers end without new ones."""
-        return [hovered.heard_ns + self._timeout_ns for hovered in self._hovered.values()]
+        return [hovered.received_ns + self._timeout_ns for hovered in self._hovered.values()]

@@ -31,8 +31,8 @@ Verdict = Literal["safe", "hold", "free", "other_master"]
 """Result of the safety checks."""
 
 Change = Literal["-", "resume", "end", "note", "halt", "release"]
-"""`end`: the order; `note`: so, for the new reason; `halt`: so, and it is told to stop; `release`: so, and
-all who want it have to name it again."""
+"""`end` ends the order. `note` stores the new reason. `halt` also stops the robot. `release` also
+makes its users name it again."""
 
 HOLDS: Mapping[Hold, Mapping[Verdict, Change]] = {
     "none": {"safe": "-", "hold": "halt", "free": "release", "other_master": "release"},

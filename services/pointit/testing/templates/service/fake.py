@@ -9,10 +9,10 @@ EVENT = SelectionEvent(stamp_ns=1, seq=1, event="selected", object_id="package-1
 
 async def counts(trial: ServiceTrial) -> None:
     """Check that a selection is counted."""
-    heard: list[Count] = []
-    trial.bus.subscribe(COUNT, lambda count, _name: heard.append(count))
+    messages: list[Count] = []
+    trial.bus.subscribe(COUNT, lambda count, _name: messages.append(count))
     trial.bus.publisher(topics.SELECTION_EVENTS).put(EVENT)
-    await trial.until(lambda: bool(heard) and heard[-1].selected == 1, "a selection was not counted")
+    await trial.until(lambda: bool(messages) and messages[-1].selected == 1, "a selection was not counted")
 
 
 DEVICE = ServiceHarness(plugin=SERVICE, messages=((topics.SELECTION_EVENTS, EVENT),), works=counts)

@@ -7,7 +7,7 @@ from collections.abc import AsyncGenerator
 import pytest
 
 from pointit.api.site import Site
-from pointit.assistants.site_door import SiteConnection
+from pointit.assistants.site_connection import SiteConnection
 from pointit.errors import ConnectError, PointItError, WrongSiteError
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import VirtualClock

@@ -26,7 +26,7 @@ evaluate = group(
         ),
         command(
             "honesty",
-            "whether stated uncertainties hold, with faults injected",
+            "coverage of stated uncertainties, with faults injected",
             "pointit_lab.cli.honesty:honesty",
         ),
         command(
@@ -51,7 +51,7 @@ evaluate = group(
         ),
         command(
             "scan",
-            "simulated rooms are photographed and scanned: errors, what is stated",
+            "simulated rooms are photographed and scanned: errors, stated sigma",
             "pointit_lab.cli.scan:scan",
         ),
     ),

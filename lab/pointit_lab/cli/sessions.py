@@ -47,7 +47,7 @@ def evaluate_sessions(
         row for row in (*solved, *sessions.rows()) if not subjects or row.subject in (ALL, *subjects)
     )
     if not rows:
-        raise ConfigError(f"--subject {subjects[0]}: nobody of that name can be scored in these recordings")
+        raise ConfigError(f"--subject {subjects[0]}: no person of that name can be scored here")
     over = over_people(rows, OURS)
     if not write_json({**document(rows), "over_people": [each.as_json() for each in over]}, json_file):
         _show([row for row in rows if row.subject == ALL] if brief else rows, over)

@@ -15,18 +15,18 @@ TOPIC = """See the messages of a running site, their rates, and what each topic 
 Example: pointit topic list && pointit topic hz --all
 """
 
-PERSON = """Add a person to a running site, and correct what differs from person to person.
+PERSON = """Add a person to a running site, and calibrate them.
 
-USER is their name. A person's pose is found by pointing at lamps, or set by hand; drift and errors are
-corrected by pointing at one lamp, or measured once.
+USER is the person's name. Their pose is found by pointing at lamps, or is set by hand. Pointing at one lamp
+corrects its drift. Errors of a person are measured once.
 
 Example: pointit person add anna --imu serial:/dev/ttyUSB0 --localize
 """
 
-CALIBRATE = """Measure what differs from person to person, once; the result is stored.
+CALIBRATE = """Measure a person's mounting and pointing offset once. The result is stored.
 
-First the mounting, if the sensor is worn differently from the configuration. Then the person, who must have
-a known pose. --show prints the stored result and --erase deletes it.
+Measure the mounting first if the sensor is worn differently from the configuration. Then measure the offset,
+for which the pose must be known. --show prints the stored result. --erase deletes it.
 
 Example: pointit person calibrate mounting anna && pointit person calibrate user anna
 """
@@ -38,7 +38,7 @@ People steer robots by pointing; see docs/how-to/robots.md.
 Example: pointit robot list
 """
 
-THINGS = """See the things of a running site's map, which react when people point at them.
+THINGS = """List and try the things of a running site's map. They react when people point at them.
 
 Example: pointit things list
 """
@@ -50,23 +50,23 @@ Example: pointit service run selector --help
 
 MAP = """Create, check, draw, fetch and list maps: positions of lamps, LED strips, belts and objects.
 
-A map is a YAML file, also that of the ROS toolkit. MAP is the name of a shipped one (conveyor) or the
-path of a file (./site.yaml). `pointit map new` writes one.
+A map is a YAML file of PointIt or of the ROS toolkit. MAP is the name of a shipped map (conveyor) or the path
+of a file (./site.yaml). `pointit map new` writes one.
 
 Example: pointit map check ./site.yaml && pointit map plot ./site.yaml -o site.svg
 """
 
-PLUGIN = """List what can be plugged in, check that it works, or begin a plug-in of your own.
+PLUGIN = """List plug-ins, check them, or start a plug-in of your own.
 
 Plug-ins are devices, selection methods and services of this and of other packages.
 
 Example: pointit plugin new imu-source my-wrist && pytest my-wrist
 """
 
-SITE = """Manage who may join a site, and their rights.
+SITE = """Manage the identities that may join a site, and their rights.
 
-A site's folder holds a small certificate authority, the router's files, and a folder for each identity.
-Copy the latter to its machine and name it there by --credentials (or POINTIT_CREDENTIALS). A person may
+A site's folder holds a small certificate authority, the router's files, and a folder for each identity. Copy
+an identity's folder to its machine and name it there by --credentials (or POINTIT_CREDENTIALS). A person may
 write only under their own name; dashboards only view.
 
 \b
@@ -103,7 +103,7 @@ _ROUTER = ours("router", "run a router that joins several machines", "site.route
 COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
     "Start": (
         ours("run", "start a scenario: its services, simulated people, a live view", "run.run:run"),
-        ours("dashboard", "open the page of a site that runs elsewhere, in the browser", "page.dashboard"),
+        ours("dashboard", "open the page of a site on this or another machine", "page.dashboard"),
         ours("list", "list scenarios, maps, plug-ins and services", "inspect.listings"),
     ),
     "On a running site": (
@@ -147,7 +147,7 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
         ),
         noun(
             "things",
-            "list and try what reacts to pointing",
+            "list and try things that react to pointing",
             THINGS,
             ours("list", "list things: mode, light, how often they fired", "things.things:list_things"),
             ours("react", "start programs when people point at things", "things.things:react_to_things"),
@@ -161,12 +161,12 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             ours("run", "run one service; its --help documents every parameter", "run.service"),
             ours("call", "send a request to a service; without arguments, list requests", "inspect.call"),
         ),
-        ours("mcp", "let assistants ask and act, by the Model Context Protocol", "assistants.mcp"),
+        ours("mcp", "serve a site to assistants, by the Model Context Protocol", "assistants.mcp"),
         ours("metrics", "serve metrics of the site to Prometheus", "inspect.metrics"),
-        ours("audit", "show who selected what, when and how confidently", "inspect.audit"),
+        ours("audit", "show selections with person, object, time and confidence", "inspect.audit"),
     ),
     "Record and replay": (
-        ours("record", "record everything that travels on a site, in a file", "recordings.record"),
+        ours("record", "record all messages of a site in a file", "recordings.record"),
         ours("replay", "run the services of a recording again, and compare", "recordings.replay"),
         ours("export", "write a recording as CSV tables", "recordings.export"),
         ours("import", "make a recording of a CSV file or a ROS 2 bag", "recordings.import_"),
@@ -198,20 +198,20 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
         ),
         noun(
             "plugin",
-            "list, check and begin what can be plugged in",
+            "list, check and start plug-ins",
             PLUGIN,
-            ours("new", "write a package with a plug-in that works, and its tests", "plugins.new"),
+            ours("new", "write a package with a working plug-in and its tests", "plugins.new"),
             ours("check", "check that plug-ins keep the promises of their kind", "plugins.check"),
-            ours("list", "list plug-ins, their packages, what is wrong", "inspect.listings:list_plugins"),
+            ours("list", "list plug-ins, their packages and problems", "inspect.listings:list_plugins"),
         ),
     ),
     "Several machines": (
         noun(
             "site",
-            "manage who may join a site, and their rights",
+            "manage the identities of a site, and their rights",
             SITE,
             ours("init", "create a site: authority, router, identities", "site.site:init"),
-            ours("show", "list identities, and when they expire", "site.site:list_identities"),
+            ours("show", "list identities and their expiry", "site.site:list_identities"),
             noun(
                 "user",
                 "add, remove and list the people of a site",
@@ -240,12 +240,12 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             ours("run", "run a study with people, or with simulated ones", "study.run"),
             ours("check", "find missing trials, wrong clocks, broken balance", "study.check"),
             ours("report", "report a study: a page and a notebook, with tables and figures", "study.report"),
-            ours("power", "say how many participants find a stated effect", "study.power"),
+            ours("power", "compute the number of participants for a stated effect", "study.power"),
         ),
     ),
     LABORATORY: (
         of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),
-        of_package(LAB, "load", "measure the number of people this machine, or a site, carries"),
+        of_package(LAB, "load", "measure the number of people that this machine or a site supports"),
     ),
     "Your shell": (ours("completion", "install completion with the Tab key", "shell.completion"),),
 }

@@ -31,7 +31,7 @@ async def test_things_have_their_light_and_how_often_they_fired(site: Site) -> N
     site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=(SCREWS, RADIO)))
     ended = await site.pointit("things", "list", "--json")
     assert json.loads(ended.out)["things"][1]["fired"] is None
-    assert "how often things fired is unknown: selector does not answer" in ended.err
+    assert "the counts of the things are unknown: selector does not answer" in ended.err
     site.bus.serve(READ_HISTORY, history)
     ended = await site.pointit("things", "list", "--json")
     assert ended.code == 0

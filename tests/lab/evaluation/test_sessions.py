@@ -195,7 +195,7 @@ def test_what_is_missing_is_told_in_one_sentence(tmp_path: Path) -> None:
     whole = session(tmp_path / "whole.mcap", pointing_at_lamps("anna", stand), seen("anna", stand))
     _, err = invoke("--recording", whole, "--recording", nobody)
     assert "note: " in err
-    with pytest.raises(ConfigError, match="--subject carla: nobody of that name"):
+    with pytest.raises(ConfigError, match="--subject carla: no person of that name"):
         invoke("--recording", whole, "--subject", "carla")
     with pytest.raises(ConfigError, match="leave it out with --recording"):
         invoke("--recording", whole, "--set", "motion_relloc")

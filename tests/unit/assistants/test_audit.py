@@ -63,7 +63,7 @@ def test_without_calls_it_says_so() -> None:
 
 def test_people_and_objects_are_no_filter_of_calls(audit: AuditFile) -> None:
     audit.begin("", "viewer", "things", {})
-    with pytest.raises(ConfigError, match="--assistants: has no --user"):
+    with pytest.raises(ConfigError, match="--assistants excludes --user"):
         shown("--user", "anna")
 
 

@@ -125,5 +125,5 @@ def test_what_is_no_time_is_refused(text: str) -> None:
 
 @pytest.mark.usefixtures("journal")
 def test_after_the_end_of_time_there_is_nothing() -> None:
-    assert "nothing of that kind is in" in audit("--since", "9999-01-01").output
+    assert "no matching entry is in" in audit("--since", "9999-01-01").output
     assert audit("--last", "9" * 25).exit_code == 2  # a mistake of the caller's, told by click

@@ -56,7 +56,7 @@ def test_more_strips_than_a_map_can_have_make_no_map(tmp_path: Path, monkeypatch
     monkeypatch.setattr("pointit.maps.file.MAX_KEYS", 30)  # the real limit takes 27000 strips
     pixels = tmp_path / "hall.csv"
     pixels.write_text("strip,x,y,z\n" + "".join(f"s{n},0,0,{n}\ns{n},0.1,0,{n}\n" for n in range(10)))
-    with pytest.raises(ConfigError, match=r"hall.csv: makes no map that can be read, see above"):
+    with pytest.raises(ConfigError, match=r"hall.csv: gives a map with the errors above"):
         imported(pixels, "csv")
     assert not pixels.with_suffix(".yaml").exists()
 

@@ -99,7 +99,7 @@ def test_a_simulated_room_is_open_to_this_machine_only(started: Started) -> None
     ("arguments", "sentence"),
     [
         ((), "no strips are given: add --strip NAME=PIXELS"),
-        (("--simulated", "--all"), "--known and --all go with --from only"),
+        (("--simulated", "--all"), "--known and --all need --from"),
         (("--strip", "shelf"), "--strip shelf: write NAME=PIXELS, such as shelf=90"),
         (("--strip", "shelf=1"), "with 2 to 4096 pixels"),
         (("--strip", "a b=10"), "write NAME=PIXELS"),

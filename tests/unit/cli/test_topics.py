@@ -319,5 +319,5 @@ async def test_rates_of_objects_or_poses_come_with_the_errors_of_poses(
 def test_without_a_tracker_the_remedy_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     show(TrackerMeters().take(3.0, 3.0), 3.0, as_json=False)
     assert capsys.readouterr().err == (
-        "no tracker was heard within 3 s; start one, or see `pointit doctor`\n"
+        "no tracker sent a message within 3 s; start one, or see `pointit doctor`\n"
     )

@@ -25,7 +25,7 @@ EXTRA = "mcp"
     help="serve streamable HTTP at this loopback address, such as 127.0.0.1:8096, with the page's tokens; "
     "port 0: any free one  [default: standard input and output]",
 )
-@click.option("--view-only", is_flag=True, help="look and stop robots only, whatever the token")
+@click.option("--view-only", is_flag=True, help="allow only to look and to stop robots, whatever the token")
 def command(*, listen: tuple[str, int] | None, view_only: bool, site: str, connect: tuple[str, ...]) -> int:
     """Connect an assistant, which can query pointing, light things and send robots (Model Context Protocol).
 

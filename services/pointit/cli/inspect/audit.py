@@ -52,7 +52,7 @@ UNITS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 def command(
     *, site: str, user: str, object_id: str, since: str, last: int | None, assistants: bool, as_json: bool
 ) -> None:
-    """Show who selected what and when, with which confidence, and the outcome.
+    """Show selections with person, object, time, confidence and outcome.
 
     Reads the journal of the selector that runs, or ran, on this machine, without disturbing it. A confidence
     of - means unknown. Programs use --json, with stamps in ns.
@@ -63,7 +63,7 @@ def command(
     if assistants:
         if user or object_id:
             raise ConfigError(
-                "--assistants: has no --user or --object; use --json, and look in its arguments"
+                "--assistants excludes --user and --object; use --json and filter its arguments"
             )
         calls = deque(_calls(site, since_ns(since, time.time_ns())), maxlen=last)
         plain = tuple(calls if as_json else map(_call_row, calls))
@@ -77,7 +77,7 @@ def command(
     last_records = deque(records, maxlen=last)
     rows = tuple(_plain(record) if as_json else _row(record) for record in last_records)
     if not rows and not as_json:
-        click.echo(f"nothing of that kind is in {path}")
+        click.echo(f"no matching entry is in {path}")
         return
     show([OutputSection(name="events", about=f"of site {site}, the latest last", rows=rows)], as_json=as_json)
 

@@ -188,14 +188,14 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
     help="time to look for the site, s",
 )
 @click.option(
-    "--only", default="", show_default=False, metavar="NAME", help="look at this service or person only"
+    "--only", default="", show_default=False, metavar="NAME", help="show only this service or person"
 )
 @click.option(
     "--site-folder",
     "folder",
     type=click.Path(path_type=Path),
-    help="show when all certificates of this site's folder expire  [default: the folder that contains "
-    "the credentials, if one does; else only they]",
+    help="show the expiry of all certificates in this site's folder  [default: the folder that contains the "
+    "credentials, or only the own certificate]",
 )
 @json_option
 def command(
@@ -301,7 +301,7 @@ def _show(
     if folded := sum(each.follows for each in findings):
         screen.print(Text(f"    {folded} more follow from it (--json lists them)", style="dim"))
     if findings and HELP.is_file():
-        screen.print(Text(f"each word in brackets has a line in {HELP}", style="dim"))
+        screen.print(Text(f"each code in brackets is explained in {HELP}", style="dim"))
     if healthy:
         many = "1 service runs" if len(instances) == 1 else f"{len(instances)} services run"
         screen.print(Text(f"all is well: {many}", style="green"))

@@ -123,7 +123,7 @@ def command(
     """
     if not keys and not everything:
         raise UnknownNameError(
-            f"which KEY? Name one, such as '{IMU.at(ANY)}', or measure every topic with --all"
+            f"KEY is missing: name one, such as '{IMU.at(ANY)}', or measure all topics with --all"
         )
     wanted = resolve_all([EVERYTHING] if everything else keys)
     named = resolve_all(key for key in keys if ANY not in key)
@@ -223,7 +223,7 @@ def show(
         print_table(console(), OutputSection(name="rates", about=f"over {window_s:g} s", rows=rows))
         print_errors(console(), truth)
     else:
-        click.echo(f"nothing came within {window_s:g} s; who runs? See `pointit doctor`", err=True)
+        click.echo(f"nothing came within {window_s:g} s; see `pointit doctor`", err=True)
     return True
 
 

@@ -209,16 +209,16 @@ MAX_WAITING = 65536
 @click.option("--watch", is_flag=True, help="repeat until Ctrl-C, every --count samples")
 @json_option
 def command(user: str, *, count: int, watch: bool, as_json: bool, **at: Unpack[AtSite]) -> int:
-    """Show the way of samples of the person USER from capture to light, with the time of each hop.
+    """Show the path of USER's samples from capture to light, with the time of each hop.
 
     Every message keeps the capture time of the sample that it is derived from. By this time `trace` finds
     the sample on its way: imu (from the wrist), ray, cursor, hover (selector), frame (pixels of the strips),
-    light (the last byte to the slowest controller, as measured by led-driver). It costs nothing while it
-    does not run.
+    light (the last byte to the slowest controller, as measured by led-driver).
 
-    The first table is the newest sample that came farthest. The second is over all samples: the share that
-    reached each hop, median and 99th percentile of the time since the hop before and since capture, in ms.
-    Times are those of publication by the clock of the publisher's machine. Clocks that differ are named.
+    The first table shows the newest of the samples that reached most hops. The second is over all samples:
+    the share that reached each hop, median and 99th percentile of the time since the hop before and since
+    capture, in ms. Times are those of publication by the clock of the publisher's machine. Clocks that differ
+    are named.
 
     A frame carries the time of its newest cursor. With several people, or more samples than frames, only
     some samples are seen in a frame. Lamps and beams carry no capture time.

@@ -163,8 +163,8 @@ def command(
     """Show the trackers of a site and their objects: rates, latency, positions and their uncertainty.
 
     TRACKER is the name of one; without, all are shown. The age of a message is measured by this machine's
-    clock. Localized people whom motion capture sees, too, are compared with their true pose. Says when two
-    trackers report the same object. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0. With
+    clock. Poses of localized people are compared with those of motion capture, if any. A warning names
+    objects that two trackers report. The exit code is 1 if nothing arrived; Ctrl-C ends it with 0. With
     --json each window is one object on one line.
 
     Example: pointit track conveyor --watch
@@ -199,7 +199,7 @@ def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
         return write_line(to_json({"window_s": window_s, **asdict(tracking)}))
     if not tracking.trackers:
         click.echo(
-            f"no tracker was heard within {window_s:g} s; start one, or see `pointit doctor`", err=True
+            f"no tracker sent a message within {window_s:g} s; start one, or see `pointit doctor`", err=True
         )
         return True
     trackers = tuple(

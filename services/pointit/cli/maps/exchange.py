@@ -49,7 +49,7 @@ CELL = click.option(
     "import", cls=PanelCommand, usual=("kind", "url", "token_file", "entities", "areas", "into", "output")
 )
 @click.argument("source", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--as", "kind", type=click.Choice(FORMATS), help="format of FILE, which needs it")
+@click.option("--as", "kind", type=click.Choice(FORMATS), help="format of FILE; required")
 @click.option(
     "--url",
     default="",
@@ -91,7 +91,7 @@ def import_(
     cell_m: float,
     output: Path | None,
 ) -> None:
-    """Make a map of FILE: strips with their lines and pixels, or of `home-assistant`: things.
+    """Make a map of strips from FILE, or a map of things from `home-assistant`.
 
     csv has a pixel a line: x,y,z in metres, as xLights and mapping programs write them, with a header or
     without. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
@@ -127,7 +127,7 @@ def import_(
         has, findings = examined(str(path), path, lambda: parse_map_file(content.encode(), path))
     print_findings(str(path), has, findings, err=True)
     if not has:
-        raise ConfigError(f"{source}: makes no map that can be read, see above; correct the file")
+        raise ConfigError(f"{source}: gives a map with the errors above; correct the file")
     _write(output, content)
 
 
@@ -176,7 +176,10 @@ def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[s
 @click.argument("name_or_path", metavar="MAP", shell_complete=maps)
 @click.option("--as", "kind", type=click.Choice(FORMATS), required=True, help="format to write")
 @click.option(
-    "--view", type=click.Choice(list(exchange.VIEWS)), default="front", help="from where a ledmap is seen"
+    "--view",
+    type=click.Choice(list(exchange.VIEWS)),
+    default="front",
+    help="side from which a ledmap is seen",
 )
 @CELL
 @OUTPUT

@@ -56,7 +56,7 @@ def _prompted(name: str, kind: "click.ParamType[Any]", default: float, text: str
 def command(*, file: Path, width: float, depth: float, lamps: int, strips: int) -> None:
     """Write the map of a room of your own to FILE, room.yaml by default.
 
-    Asks for what is not given by an option. Lamps and strips are spread over the walls; replace their
+    Asks for each value that no option gives. Lamps and strips are spread over the walls; replace their
     positions with measured ones. Prints the next commands.
 
     Example: pointit map new room.yaml --width 6 --depth 4 --lamps 4 --strips 2

@@ -176,7 +176,7 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
     "kind",
     type=click.Choice(list(CORNERS)),
     default="lamp",
-    help="kind of the named things; of boxes, screens and tables the corners are pointed at",
+    help="kind of NAMES; people point at the corners of boxes, screens and tables",
 )
 @click.option(
     "-o",
@@ -190,8 +190,8 @@ Work = Callable[["PointingSession"], Awaitable[tuple[str, int]]]
     "room",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     metavar="MAP",
-    help="a scanned map: USER stands where its origin shall be, and points at NAMES, its lamps or ends of "
-    "its strips (STRIP:first, STRIP:last); x points to the first one",
+    help="a scanned map: USER stands at its future origin and points at NAMES, which are its lamps or the "
+    "ends of its strips (STRIP:first, STRIP:last); x points to the first one",
 )
 @click.option(
     "--into",
@@ -219,16 +219,16 @@ def command(
 ) -> int:
     """Find positions by pointing: USER points at NAMES one after the other, from two or three positions.
 
-    USER stands at a place with a known pose (`pointit person pose`), points at each thing with a straight arm
-    and presses their button, or Space here; then from a second place that is at least 60 degrees aside as
-    seen from the things. A third place is asked for where two do not suffice. A person's common error is
-    estimated along. Positions are good to 0.2 or 0.3 m, with the standard deviation stated: enough for
-    lamps, boxes and screens, too little for strips, which `pointit map scan` finds.
+    USER stands at a position with a known pose (`pointit person pose`), points at each thing with a straight
+    arm and presses their button, or Space here. Then USER does the same from a second position, at least 60
+    degrees aside as seen from the things. If two positions do not suffice, a third is requested. The person's
+    constant error is estimated, too. Errors are 0.2 to 0.3 m, and the standard deviation is printed. That
+    suffices for lamps, boxes and screens. For strips, use `pointit map scan`.
 
     With --into, NAMES are things of a map, such as those of `pointit map import home-assistant`.
 
-    With --origin, one place suffices, whose pose nobody knows: two ends, one of them low and both far apart
-    sideways, place a scanned map, and the floor becomes z = 0.
+    With --origin, one position suffices, and its pose may be unknown. Two ends place a scanned map: one of
+    them is low, and they are far apart sideways. The floor becomes z = 0.
 
     Example: pointit map point anna door window -o lamps.yaml
     """
@@ -424,8 +424,8 @@ class PointingSession:
         if not poses:
             return self._latest_pose.value or await self._pose_at_another_place(poses)
         self._tell(
-            f"{self.user}: go to another place, at least 60 degrees aside as seen from the things, "
-            "and have your pose set there"
+            f"{self.user}: go to another position, at least 60 degrees aside as seen from the things, and "
+            "set your pose there"
         )
         return await self._pose_at_another_place(poses)
 

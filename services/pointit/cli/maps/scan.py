@@ -227,7 +227,7 @@ def _mark(text: str) -> Mark:
     metavar="NAME:PIXEL,NAME:PIXEL,M",
     help="a measured distance between two pixels or lamps, m; scales everything",
 )
-@click.option("--all", "also_doubtful", is_flag=True, help="write what is not identified, too")
+@click.option("--all", "also_doubtful", is_flag=True, help="also write lights that are not identified")
 @live_options
 @click.pass_context
 def command(
@@ -240,7 +240,7 @@ def command(
     also_doubtful: bool,
     **live: Any,
 ) -> int:
-    """Map a room by a camera: its strips blink their numbers, and a phone's page finds where they are.
+    """Map a room with a camera. Its strips blink their numbers, and a page on a phone finds their positions.
 
     Starts a site with the strips, and prints a link, and a QR code for a phone in the same network. The page
     leads from view to view, and writes the map. No picture leaves the phone. With --from, the map is
@@ -255,7 +255,7 @@ def command(
     """
     if source is None:
         if known is not None or also_doubtful:
-            raise ConfigError("--known and --all go with --from only; the page has such a choice")
+            raise ConfigError("--known and --all need --from; without it, choose in the page")
         return scan_live(context, output or Path("room.yaml"), **live)
     survey = read_survey(source)
     if known is not None:

@@ -61,11 +61,10 @@ class PrintedWarnings(NullHealth):
 )
 @json_option
 def command(output: str, *, strips: tuple[str, ...], as_json: bool, **at: Unpack[AtSite]) -> int:
-    """Show strips of a running site on OUTPUT, too, such as ddp:HOST for a WLED.
+    """Show strips of a running site on one more OUTPUT, such as ddp:HOST for a WLED.
 
-    The site is not restarted, and its other outputs stay as they are. Ctrl-C ends it, and the lights go
-    dark; so they do while the site's led-driver does not run. With --json, each line is an object with the
-    `warnings` from then on.
+    The site keeps running, and its other outputs do not change. The lights go dark after Ctrl-C, and while
+    the site's led-driver does not run. With --json, each line is an object with the `warnings` from then on.
 
     Example: pointit output add ddp:wled-kitchen.local --strip shelf
     """

@@ -61,7 +61,7 @@ def command(*, file: Path, port: int | None, no_browser: bool, output: Path | No
 
     asked: dict[str, Any] = {} if port is None else {"port": port}
     if output is not None and port is not None:
-        raise click.UsageError("--port is for a page that is served, --to writes a file: leave one out")
+        raise click.UsageError("--port and --to exclude each other: --to writes a file, which needs no port")
     with Recording.open(file) as recording:
         if output is not None:
             return _write(recording, file, output, overwrite=overwrite)

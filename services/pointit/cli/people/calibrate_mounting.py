@@ -347,7 +347,7 @@ class _Wrist:
                     await self._next()
         except TimeoutError:
             why = silence_reason(IMU, self._user, there)
-            raise NoAnswerError(f"nothing comes from the wrist of {self._user}: {why}") from None
+            raise NoAnswerError(f"no samples arrive from the wrist of {self._user}: {why}") from None
 
     async def rest(
         self, name: str, guidance: GuidanceOptions, show: Callable[[str], None], apart_from: Quaternion | None

@@ -268,5 +268,5 @@ async def _profile(bus: Bus, user: str) -> UserProfile:
     with site_link.notify_if_slow(f"waiting for the profile of {user} …"):
         profile = await LatestMessage(bus, PROFILE, user).wait(site_link.TIMEOUT_S)
     if profile is None:
-        raise NoAnswerError(f"no profile of {user} came")
+        raise NoAnswerError(f"the profile of {user} did not arrive")
     return profile

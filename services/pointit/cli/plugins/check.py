@@ -40,9 +40,9 @@ class CheckResult:
 def command(*, name: str | None, as_json: bool) -> None:
     """Check that plug-ins keep the promises of their kind: NAME, or all of other packages.
 
-    Devices are simulated: a package declares how by an entry point of the group pointit.fake_devices; those
-    of PointIt's own plug-ins are in the laboratory. It takes some seconds a plug-in. The exit code is 1 if a
-    promise is broken.
+    Devices are simulated. A package declares its simulated device by an entry point of the group
+    pointit.fake_devices. Those of PointIt's own plug-ins are in the laboratory. Each plug-in takes some
+    seconds. The exit code is 1 if a promise is broken.
 
     Example: pointit plugin check hold
     """
@@ -82,7 +82,7 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
         return found
     if name is None:
         raise UnknownNameError(
-            "no other package has plug-ins; check one of ours, `pointit plugin check hold`"
+            "no other package has plug-ins; name one of PointIt, as in `pointit plugin check hold`"
         )
     raise UnknownNameError(
         f"no plug-in {name!r} is installed; {nearest(name, [each for _, each in packages])}"

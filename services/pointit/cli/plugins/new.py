@@ -48,10 +48,10 @@ NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
     help="folder of the package [default: ./NAME]",
 )
 def command(*, kind: str, name: str, folder: Path | None) -> None:
-    """Write a package with a plug-in NAME of a KIND that works, and tests that pass.
+    """Write a package with a working plug-in NAME of a KIND, and tests that pass.
 
-    A device of the example is reached by TCP, and simulated in tests. Change how it is connected and what it
-    sends; the tests show broken promises.
+    The device of the example is connected by TCP, and simulated in tests. Change its connection and its
+    messages; the tests show broken promises.
 
     Example: pointit plugin new imu-source my-wrist
     """
@@ -61,7 +61,7 @@ def command(*, kind: str, name: str, folder: Path | None) -> None:
     check_free(kind, name)
     target = folder or Path(name)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise ConfigError(f"{target} is there already: give another --folder, or move it away")
+        raise ConfigError(f"{target} exists already: give another --folder, or move it away")
     for path, text in package(kind, name, module).items():
         place = target / path
         try:

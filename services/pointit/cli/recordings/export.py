@@ -40,7 +40,7 @@ def command(*, recording: Path, folder: Path, overwrite: bool, form: str, task: 
 
     Motion-BIDS has motion, channels and events of each person. More recordings join the same dataset.
 
-    Exit code 1: FILE is damaged, and messages are left out of which is unknown what they are.
+    Exit code 1: FILE is damaged, and unreadable messages are left out.
 
     Example: pointit export session.mcap --to tables
     """

@@ -57,14 +57,15 @@ def command(
     site: str,
     connect: tuple[str, ...],
 ) -> int:
-    """Record everything that travels on a site in FILE: messages, requests with replies, presence.
+    """Record all messages, requests, replies and presence of a site in FILE.
 
     FILE is an MCAP file, which Foxglove and Lichtblick open, too; without it, pointit-SITE-TIME.mcap in the
     current folder. An existing file is not overwritten. Ctrl-C ends the recording. If it is killed, or the
     disk gets full, all but the last second is readable.
 
-    On a secured site give the identity of a supervisor; a person's records their own movements only, and
-    others may not record. Exit code 1: it could not be written to the end, or nothing of the site came.
+    On a secured site, use the identity of a supervisor. The identity of a person records only their own
+    movements. Other identities may not record. Exit code 1: the recording is incomplete, or no message of the
+    site arrived.
 
     Example: pointit record session.mcap --without imu
     """

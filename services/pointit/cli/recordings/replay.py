@@ -65,9 +65,9 @@ MAX_FIELDS = 3
 @click.option(
     "--speed",
     type=Finite(0.01, 100),
-    help="seconds of the recording per second of the wall; without it, as fast as this machine computes",
+    help="speed relative to real time; without it, as fast as this machine computes",
 )
-@click.option("--to", "output", type=click.Path(path_type=Path, dir_okay=False), help="write the result here")
+@click.option("--to", "output", type=click.Path(path_type=Path, dir_okay=False), help="file for the result")
 @click.option("--overwrite", is_flag=True, help="replace the file of --to if it exists")
 @click.option("--compare", is_flag=True, help="compare with the recording; exits with 1 if they differ")
 @click.option(
@@ -79,7 +79,7 @@ MAX_FIELDS = 3
     "outputs",
     type=click.Choice(["none", "recorded"]),
     default="none",
-    help="with --live: outputs that are driven, those at the recorded addresses or none",
+    help="with --live: drive the outputs at the recorded addresses, or none",
 )
 @json_option
 def command(

@@ -18,7 +18,7 @@ def _options(function: Any) -> Any:
         "--record",
         type=click.Path(path_type=Path),
         metavar="FILE",
-        help="record everything that travels in this file, as `pointit record` does",
+        help="record all messages in this file, as `pointit record` does",
     )(recorder_options(function))
 
 

@@ -45,9 +45,8 @@ USUAL_OPTIONS = ("imu", "localize", "poses", "hand", "stature_m", "connect", "du
 @click.option(
     "--here",
     is_flag=True,
-    help="also compute this person's cursor and hovers in this process, so that their rays leave this "
-    "machine for nobody; parameters of the site's pui and selector that its scenario does not have must be "
-    "given here, too",
+    help="also compute this person's cursor and hovers in this process, so that their rays do not leave this "
+    "machine; repeat here the parameters of the site's pui and selector that are not in its scenario",
 )
 def command(name: str, scenario: str | None, place: int | None, *, here: bool, **options: Any) -> int:
     """Add the person NAME to a running site: their IMU, pointing, localizer and supervisor.

@@ -129,7 +129,7 @@ def init(
     click.echo(f"site {name} is in {path}: {len(roles)} identities and the router's")
     click.echo(f"1. run its router: pointit site router --site-folder {path}")
     click.echo(f"2. copy {path / 'identities'}/NAME to the machine of NAME, and there: --credentials NAME")
-    click.echo(f"3. keep {path / 'authority'} secret: it allows to take any identity on this site")
+    click.echo(f"3. keep {path / 'authority'} secret: with it, anyone can take any identity of this site")
 
 
 @click.command("add")

@@ -38,7 +38,7 @@ from pointit.study.study_folder import StudyFolder
     "  [default: that of the pilot]",
 )
 @click.option("--measure", default="selection_s", help="column of trials.csv")
-@click.option("--most", default=100, type=click.IntRange(4, 1000), help="most participants")
+@click.option("--most", default=100, type=click.IntRange(4, 1000), help="maximum number of participants")
 @click.option("--runs", default=2000, type=click.IntRange(100, 100_000), help="studies of each size")
 @click.option("--seed", default=0, type=click.IntRange(0), help="of the draws")
 @json_option
@@ -57,8 +57,8 @@ def command(
 ) -> None:
     """Print the number of participants that find an effect of a stated size with 80 and with 90 %.
 
-    Simulated participants run the study FILE, as many as it names. Participants are drawn of them, or of
-    --pilot, with replacement; their differences are centred and the effect is added. Each drawn study is
+    Simulated participants run the study FILE, as many as it names. Participants are drawn from them, or from
+    --pilot, with replacement. Their differences are centred, and the effect is added. Each drawn study is
     tested at 5 %: by a paired two-sided t-test of the participants' medians, or by Welch's test if the factor
     is between participants (then numbers are of each group). Intervals are of the number of runs. They ignore
     how representative the pilot is.

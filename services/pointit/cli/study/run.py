@@ -159,7 +159,7 @@ PATH = click.Path(path_type=Path)
 @click.option(
     "--output", default="", show_default=False, metavar="OUTPUT", help="output of light, as for `pointit run`"
 )
-@click.option("--localize", is_flag=True, help="the participant points at lamps first, to be located")
+@click.option("--localize", is_flag=True, help="first localize the participant by pointing at lamps")
 @click.option(
     "--listen",
     default="",
@@ -186,12 +186,11 @@ def command(
     in_page: bool,
     lan: bool,
 ) -> int:
-    """Run the study FILE with one participant, from where they are.
+    """Run the study FILE with one participant, from their first trial that is not done.
 
-    Each trial is on the disk when it ends. After a crash, the same command goes on. Keys: r
-    repeats the trial, s skips it with a reason, p pauses, q stops; --page prints the links of
-    two pages instead, which are secret. --simulated takes virtual time. Without it and --imu, the
-    participant is simulated in real time.
+    Each trial is stored when it ends. After a crash, the same command continues. Keys: r repeats the trial, s
+    skips it with a reason, p pauses, q stops; --page prints the links of two pages instead, which are secret.
+    --simulated takes virtual time. Without it and --imu, the participant is simulated in real time.
 
     Example: pointit study run my_study.yaml --imu page
     """

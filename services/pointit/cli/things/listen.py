@@ -36,16 +36,16 @@ END_TIMEOUT_S = 15.0
     usual=("text", "audio", "recogniser", "verbs", "speak", "connect"),
 )
 @click.argument("user")
-@click.option("--text", metavar="FILE", help="lines `TIME WORD`, or of words alone; - is standard input")
+@click.option("--text", metavar="FILE", help="file with lines `TIME WORD` or `WORD`; - is standard input")
 @click.option("--audio", metavar="FILE", help="a WAV file, - for raw samples of 16 kHz, or `microphone`")
-@click.option("--recogniser", default="pocketsphinx", metavar="NAME", help="of --audio; a plug-in")
+@click.option("--recogniser", default="pocketsphinx", metavar="NAME", help="plug-in for --audio")
 @click.option(
     "--verb",
     "verbs",
     multiple=True,
     metavar="'VERB THING=PROGRAM|URL'",
-    help="a verb of a thing, one word, and what it does, as `pointit run --on`; without = programs of "
-    "yours follow what was understood. Repeatable",
+    help="a verb of a thing, one word, and its program or URL, as for `pointit run --on`; without =, your "
+    "own programs follow the understood commands. Repeatable",
 )
 @click.option("--speak", is_flag=True, help="speak the understood sentence, by espeak-ng")
 def command(
@@ -60,15 +60,15 @@ def command(
 ) -> int:
     """Follow spoken commands of USER, who points: take that, put that there, turn this on, stop.
 
-    Words come from --text or --audio, and from any program on the topic users/USER/speech; without either
-    only from there. Prints the understood commands. Unclear ones are asked back: candidates blink in turn.
-    The person needs the service listener, which `pointit run --with listener` starts.
+    Words come from --text or --audio, and from any program on the topic users/USER/speech; without either,
+    only from that topic. Prints the understood commands. If one is unclear, its candidates blink in turn and
+    the person confirms. The person needs the service listener, which `pointit run --with listener` starts.
 
     Example: echo "turn that on" | pointit listen anna --text -
     """
     check_name(user, "user")
     if text and audio:
-        raise click.UsageError("--text or --audio, not both")
+        raise click.UsageError("--text and --audio exclude each other")
     quiet()
     return run_until_shutdown(_listen(user, text, audio, recogniser, verbs, speak=speak, **at))
 

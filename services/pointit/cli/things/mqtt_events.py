@@ -308,7 +308,7 @@ class MqttThings:
         # what was pointed at while there was no broker would happen long after
         if not self._is_connected or self._publications.full():
             self._dropped += 1
-            self._log(f"{self._config.broker}: what people point at is lost until the broker takes it again")
+            self._log(f"{self._config.broker}: events are lost until the broker accepts them again")
             return
         self._publications.put_nowait(publication)
 

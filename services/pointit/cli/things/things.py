@@ -45,7 +45,7 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
         try:
             events = (await bus.call(READ_HISTORY, ReadHistory(since_ns=room.stamp_ns))).events
         except RequestError as error:
-            say(f"how often things fired is unknown: {error}", err=True)
+            say(f"the counts of the things are unknown: {error}", err=True)
             events = None
     if not room.things and not as_json:
         say(f"the map {room.name} has no things; add a section `things`", err=True)
@@ -60,7 +60,7 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
 async def _map(bus: Bus) -> Environment:
     room = await LatestMessage(bus, MAP).wait(TIMEOUT_S)
     if room is None:
-        raise NoMessageError("no map has come, which `pui` publishes; see `pointit doctor`")
+        raise NoMessageError("no map arrived from `pui`; see `pointit doctor`")
     return room
 
 
@@ -120,7 +120,7 @@ async def _try(thing: str, user: str, *, on: bool | None, **at: Unpack[AtSite]) 
 @click.argument("on", nargs=-1, metavar="[FILE.yaml|THING=PROGRAM|THING=URL]...")
 @mqtt_options
 def react_to_things(*, on: tuple[str, ...], mqtt: str, mqtt_ca_file: str, **at: Unpack[AtSite]) -> int:
-    """Start programs and tell web servers when people point at things of a running site, until Ctrl-C.
+    """Start programs and send web requests when people point at things of a running site, until Ctrl-C.
 
     The arguments are values of `--on` of `pointit run`; FILE.yaml has several, `THING: PROGRAM or URL`. A
     thing that the map does not have is refused.

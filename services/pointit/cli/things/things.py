@@ -9,8 +9,8 @@ from typing import Unpack
 import click
 
 from pointit.api.reactions import check_things, is_reaction
-from pointit.cli.common.output import OutputSection, Row, json_option, say, show
 from pointit.cli.common.latest_message import LatestMessage
+from pointit.cli.common.output import OutputSection, Row, json_option, say, show
 from pointit.cli.common.site_link import TIMEOUT_S, AtSite, join_site, quiet, site_options
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reaction, Reactions, reactions_in

@@ -163,7 +163,7 @@ class SiteModel:
         """Store a message, encoded once for all pages. Return False if there is no room for its key."""
         if isinstance(message, Environment):
             self._lamps = frozenset(lamp.id for lamp in message.lamps)
-            self._sight.home_things = home_things(message)
+            self._observation.home_things = home_things(message)
         elif topic is LAMP_COLOR and self._lamps is not None and name not in self._lamps:
             return True  # possibly invented: lamps that are not on the map are not shown
         elif isinstance(message, Deployment):

@@ -7,7 +7,7 @@ from pointit.diagnosis.writers import present_writers, restart_remedy, row_of
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas.environment import Environment
 from pointit.schemas.system import RUN, split_instance
-from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY
+from pointit.schemas.topics import CURSOR, HOVER, IMU, MAP, RAY
 from pointit.services.registry import HOME_ASSISTANT, person_of
 
 CHAIN: tuple[AnyTopic, ...] = (IMU, RAY, CURSOR, HOVER)
@@ -99,7 +99,10 @@ def find_people_without_cursor(seen: Observation) -> Iterator[Finding]:
 def find_missing_bridge(seen: Observation) -> Iterator[Finding]:
     """Find things that are entities of a Home Assistant on a site that is not connected to it."""
     services = {*seen.present, *seen.left, *seen.expected}
-    if seen.home_things and seen.present and HOME_ASSISTANT.name not in services:
+    is_map_in_use = bool(
+        present_writers(MAP, "", seen.present)
+    )  # a retained one may be of a run that is over
+    if seen.home_things and is_map_in_use and HOME_ASSISTANT.name not in services:
         yield Finding("warning", "no-bridge", "", unconnected_sentence(seen.home_things), HOME_REMEDY)
 
 

@@ -182,6 +182,16 @@ async def test_nothing_is_left_to_restore_after_an_orderly_end_short_after_a_hov
     assert stored_lights(folder) == {NO_LIGHTS}, "a lamp that is set by hand meanwhile stays so"
 
 
+async def test_nothing_is_left_to_restore_after_an_orderly_end_during_a_hover(tmp_path: Path) -> None:
+    home, folder = lit_home(), tmp_path / "state"
+    folder.mkdir()
+    async with bridge(home, folder, Process(MAX_EFFECTS)) as site, site.hovering("desk"):
+        await until(lambda: brightness(home) != BRIGHTNESS[LAMP], what="the hover")
+        await site._bench.stop()
+    assert brightness(home) == BRIGHTNESS[LAMP]
+    assert stored_lights(folder) == {NO_LIGHTS}
+
+
 @pytest.mark.parametrize(
     ("acts", "next_acts", "is_killed_again"),
     [

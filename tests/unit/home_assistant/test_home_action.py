@@ -87,10 +87,12 @@ def test_hovered_lamp_changes_by_a_fifth_and_returns_exactly(
     assert call is not None
     during = call.data["brightness"]
     assert 1 <= during <= 255
+    assert during != brightness
     assert abs(during - brightness) == pytest.approx(0.2 * brightness, abs=1)
     again = feedback(folder)  # after kill -9
     assert again.entities == (LAMP,)
     assert shown(again.end(LAMP, lamp(during))) == ("light", "turn_on", brightness)
+    assert again.end(LAMP, lamp(brightness), is_sent=True) is None
     again.forget(LAMP)
     assert feedback(folder).entities == ()
 

@@ -319,13 +319,18 @@ def test_things_of_a_home_assistant_that_is_not_connected_are_a_finding() -> Non
             for number, action in enumerate(actions)
         )
         model.take(MAP, "", Environment(stamp_ns=1, name="home", things=things), 1, 0.0)
-        status = model.status([], 1.0, viewers=0, lan_url="", speed=1.0)
-        return [finding.sentence for finding in status.findings]
+        status = model.status([], now_s, viewers=0, lan_url="", speed=1.0)
+        return [finding.sentence for finding in status.findings if "Home Assistant" in finding.sentence]
 
+    now_s = GRACE_S / 2
+    assert findings("light.desk") == [], "its service may not be known yet"
+    now_s = GRACE_S + 1.0
     assert findings("light.desk", "") == [
         "Home Assistant is not connected: pointing at lamp_0 switches nothing there"
     ]
     assert findings("", "") == []
+    model.set_service("pui", False, now_s)
+    assert findings("light.desk") == [], "the run is over, and the map is that of before"
 
 
 def test_the_events_of_a_run_begin_with_it() -> None:

@@ -86,8 +86,7 @@ class EntityCommands:
         if not is_lost:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_TIMEOUT_S):
-                    lamps = (self._restore(connection, each, timeout_s=0.0) for each in self._dimmed())
-                    await asyncio.gather(*lamps)
+                    await asyncio.gather(*(self._restore_at_end(connection, each) for each in self._dimmed()))
         self._restored_s.clear()
 
     def send(self, call: ServiceCall, parameter: str) -> None:
@@ -171,6 +170,11 @@ class EntityCommands:
                 *(entity, latency_s, limit_s),
             )
         return True
+
+    async def _restore_at_end(self, connection: HomeAssistantConnection, entity: str) -> None:
+        """Restore a lamp, and erase what is stored once its state shows that."""
+        while await self._restore(connection, entity, timeout_s=0.0):  # noqa: ASYNC110 - a rate, no wait
+            await asyncio.sleep(1.0 / self._config.rate_hz)
 
     async def _restore(
         self, connection: HomeAssistantConnection, entity: str, *, timeout_s: float = RESTORE_TIMEOUT_S

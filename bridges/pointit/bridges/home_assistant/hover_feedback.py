@@ -62,7 +62,7 @@ class HoverFeedback:
         if light is not None and not light.is_own(brightness):  # somebody else has set it meanwhile
             light = None
         if light is None:
-            brighter = round(brightness * (1 + CHANGE)) + (brightness == 1)
+            brighter = max(round(brightness * (1 + CHANGE)), brightness + 1)
             during = brighter if brighter <= MAX_BRIGHTNESS else round(brightness * (1 - CHANGE))
             light = DimmedLight(before=brightness, during=max(during, 1))
             self._store({**self._lights, entity: light})

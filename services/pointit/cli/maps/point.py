@@ -365,7 +365,7 @@ def stand_at(room: Path, content: bytes, ends: Mapping[str, Vec3], floor_m: floa
         )
         say(note)
         yaw_deg = math.degrees(math.remainder(pose.yaw_rad - heading_rad, math.tau))
-        say(f"{session.user} there: pointit person pose {session.user} 0,0,{yaw_deg:.0f}")
+        say(f"{session.user} there: pointit person pose {session.user} 0 0 --yaw {yaw_deg:.0f}")
         return placed(content, room, (pose.x_m, pose.y_m, z_m), heading_rad, note).decode(), 0
 
     return work
@@ -393,7 +393,7 @@ class PointingSession:
         """
         if await self._latest_pose.wait(TIMEOUT_S) is None:
             raise NoMessageError(
-                f"{self.user} has no pose: set it by `pointit person pose {self.user} X,Y`, or localize"
+                f"{self.user} has no pose: set it by `pointit person pose {self.user} X Y`, or localize"
             )
         targets: dict[str, str] = {
             target_name(name, number, corners): f"{corner + ' of ' if corner else ''}{name}"

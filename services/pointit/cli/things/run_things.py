@@ -15,6 +15,7 @@ from pointit.launch.plan.plan import MakeWatcher
 from pointit.launch.plan.scenario import Scenario
 from pointit.launch.plan.scenario_catalog import room_of
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.options import given_credentials
 from pointit.services.registry import HOME_ASSISTANT
 
 
@@ -62,7 +63,8 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
     if options["mqtt"] or ca_file:
         config = broker_of(options["mqtt"], ca_file)
         watchers.append(lambda _launches: MqttThings(config))
-    return Added(watchers=watchers, notes=_home_notes(scenario, choices))
+    may_run_elsewhere = bool(options.get("connect")) or given_credentials() is not None
+    return Added(watchers=watchers, notes=() if may_run_elsewhere else _home_notes(scenario, choices))
 
 
 def _home_notes(scenario: Scenario, choices: Choices) -> list[str]:

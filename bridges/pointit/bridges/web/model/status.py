@@ -150,6 +150,8 @@ class SiteObservation:
         is_starting = name not in self._left_s and now_s < self._began_run_s + STARTING_S
         if finding.code in {"absent", "silent", "stale"} and is_starting:
             return False
+        if finding.code == "no-bridge":
+            return now_s >= max(self._began_s + GRACE_S, self._began_run_s + STARTING_S)
         if finding.code == "absent":
             return now_s - self._left_s.get(name, self._missed_s.get(name, now_s)) >= GRACE_S
         if finding.code == "silent":

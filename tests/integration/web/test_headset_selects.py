@@ -93,7 +93,7 @@ class Wearer:
             await self.frame(at_m)
 
     async def pinch(self, at_m: Vec3) -> None:
-        """Close and open the fingers. The page tells of it when they open, and when they touched."""
+        """Close and open the fingers. The page sends the press at the end, with its duration."""
         frames = round(CLOSING_S / FRAME_S)
         for number in range(frames):
             share = (number + 1) / frames

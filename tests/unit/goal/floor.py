@@ -77,9 +77,10 @@ class Anna:
         self.outputs += self.steps.tick(self.now_ns)
         return self
 
-    def press(self, gesture: Any = "press", ago_s: float = 0.0) -> "Anna":
+    def press(self, gesture: Any = "press", ago_s: float = 0.0, source: str = "device") -> "Anna":
         stamp_ns = self.now_ns - round(ago_s * NS_PER_S)
-        self.outputs += self.steps.on_button(ButtonEvent(stamp_ns=stamp_ns, gesture=gesture), self.now_ns)
+        event = ButtonEvent(stamp_ns=stamp_ns, gesture=gesture, source=source)
+        self.outputs += self.steps.on_button(event, self.now_ns)
         return self
 
     def change(self, what: Callable[[GoalConfirmation], object]) -> "Anna":

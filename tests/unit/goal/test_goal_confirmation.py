@@ -183,6 +183,14 @@ def test_a_press_elsewhere_or_late_is_refused() -> None:
     assert (again.cues, again.goals) == (["selected", "selected"], [])
 
 
+@pytest.mark.parametrize("held_s", [0.15, 0.6, 1.5])
+def test_a_press_of_a_headset_is_stamped_at_its_beginning_and_comes_at_its_end(held_s: float) -> None:
+    anna = Anna(confirm="press").stay(THERE).stay(THERE, 2.0).press(ago_s=held_s, source="headset")
+    assert [goal.confirmed_by for goal in anna.goals] == ["press"]
+    late = Anna(confirm="press").stay(THERE).stay(THERE, 3.0).press(ago_s=2.5, source="headset")
+    assert (late.cues, late.goals) == (["selected", "refused"], [])
+
+
 def test_a_step_back_of_the_wrists_clock_restarts_the_stay() -> None:
     anna = Anna().stay(THERE, 0.9)
     anna.lag_s = 5.0

@@ -58,9 +58,10 @@ class Things:
             self.take(self.engine.tick(now_ns))
         return [(event.event, event.object_id) for event in self.events[before:]]
 
-    def press(self, user: str = "anna") -> list[tuple[str, str]]:
+    def press(self, user: str = "anna", held_s: float = -0.1) -> list[tuple[str, str]]:
         before = len(self.events)
-        self.take(self.engine.on_button(user, ButtonEvent(stamp_ns=at(self.time_s + 0.1), gesture="press")))
+        event = ButtonEvent(stamp_ns=at(self.time_s - held_s), gesture="press")
+        self.take(self.engine.on_button(user, event))
         return [(event.event, event.object_id) for event in self.events[before:]]
 
     def take(self, outputs: list[Output]) -> None:
@@ -157,6 +158,16 @@ def test_some_things_want_a_press_too() -> None:
     room = Things(thing("screws"))
     room.point(0.0, 0.5)
     assert room.press() == []
+
+
+@pytest.mark.parametrize("held_s", [0.3, 0.7, 1.4])
+def test_a_press_that_comes_late_fires_the_thing_of_its_beginning_which_is_shown(held_s: float) -> None:
+    room = Things(thing("kettle", press=True))
+    room.point(0.0, 3.0)
+    room.point(20.0, held_s - 0.1)
+    assert room.press(held_s=held_s) == [("selected", "kettle")]
+    assert room.point(20.0, 0.35) == [], "shown after the press came, too"
+    assert room.point(20.0, 0.4) == [("deselected", "kettle")]
 
 
 def test_the_time_on_a_thing_is_its_own() -> None:

@@ -5,12 +5,20 @@ import math
 from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.geometry.plane import is_level
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
+from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Interaction, UserPose
 from pointit.schemas.text import round_beyond
 from pointit.services.goal.config import GoalConfig
 
 LEVEL_M = 0.3
 """Height above or below the person's floor up to which a requested place is on it, m."""
+MAX_PRESS_S = 2.0
+"""Longest press of a headset, s. It is stamped when the button goes down, and sent when it comes up."""
+
+
+def is_late(event: ButtonEvent, now_ns: int, max_age_s: float) -> bool:
+    """Return True if a press is older than `max_age_s`, or from the future by as much."""
+    age_s = (now_ns - event.stamp_ns) / NS_PER_S
+    return not -max_age_s <= age_s <= max_age_s + (MAX_PRESS_S if event.source == "headset" else 0.0)
 
 
 class GoalChecker:

@@ -12,7 +12,7 @@ from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Feedback, Goal, Interaction, UserPose
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_checks import GoalChecker
+from pointit.services.goal.goal_checks import GoalChecker, is_late
 from pointit.services.goal.goal_cues import CueFactory
 from pointit.services.goal.stay_detector import StayDetector
 
@@ -92,7 +92,7 @@ class GoalConfirmation:
         is_confirmed = self._config.confirm == "press" and event.gesture == "press"
         if proposal is None or self._cursor is None or not is_confirmed or event.stamp_ns < proposal.stamp_ns:
             return outputs
-        if abs(now_ns - event.stamp_ns) > round(self._config.max_age_s * NS_PER_S):
+        if is_late(event, now_ns, self._config.max_age_s):
             late = "your press came late, or by another clock: point there and press once more"
             return [*outputs, *self._refuse(late, now_ns)]
         here = self._checker.place(self._cursor)

@@ -26,7 +26,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.cues import Cue
 from pointit.services.goal.config import GoalConfig
-from pointit.services.goal.goal_checks import GoalChecker
+from pointit.services.goal.goal_checks import MAX_PRESS_S, GoalChecker, is_late
 from pointit.services.goal.goal_cues import CueFactory
 from pointit.services.goal.robot_choice import ChosenRobot, RobotChoice
 from pointit.services.goal.stay_detector import StayDetector
@@ -182,7 +182,7 @@ class RobotSteering:
         self._requested_m: Vec3 | None = None
         """Place to which the robot is sent as soon as it obeys the person, or None."""
         self._places: deque[tuple[int, Vec3, str]] = deque()
-        """Stamp, place and surface of the cursors of the last `LAND_BEFORE_S`."""
+        """Stamp, place and surface of the cursors from `LAND_BEFORE_S` before the longest press on."""
         self._cursor: Cursor | None = None
         self._pointing_since_ns = 0
         self._published: Steering | None = None
@@ -262,7 +262,7 @@ class RobotSteering:
             self._places.clear()
         else:
             self._places.append((cursor.stamp_ns, place_m, cursor.surface_id))
-            while self._places[0][0] < cursor.stamp_ns - LAND_BEFORE_S[0] * NS_PER_S:
+            while self._places[0][0] < cursor.stamp_ns - (MAX_PRESS_S + LAND_BEFORE_S[0]) * NS_PER_S:
                 self._places.popleft()
         mean_m = self._stays.on_cursor(place_m, cursor.surface_id, cursor.stamp_ns)
         if self._taken is None and self._checker.is_pointing:
@@ -279,7 +279,7 @@ class RobotSteering:
         is_ours = event.gesture == "press" and self._checker.is_pointing
         if not is_ours or event.stamp_ns <= self._pointing_since_ns:  # that press began the pointing
             return outputs
-        if abs(now_ns - event.stamp_ns) > round(self._config.max_age_s * NS_PER_S):
+        if is_late(event, now_ns, self._config.max_age_s):
             late = "your press came late, or by another clock: point there and press once more"
             outputs.append(self._cues.make("refused", late, now_ns))
         elif self._taken is None:

@@ -22,6 +22,8 @@ MAX_DECIDED = 64
 MAX_RESERVED = 2
 """Limit of objects that a shard can reserve for a person: the one that they point at and the one before."""
 
+MAX_PRESS_DELAY_NS = 200_000_000
+"""Time after the stamp of a press from which its button counts as shown later, ns: headsets send it late."""
 SHOWN_NS = 600_000_000
 """Time for which a button is selected at least, ns. It ends with the next tick."""
 
@@ -66,6 +68,8 @@ class Arbiter:
         """Stamps of the last claims by person."""
         self._budget = ClaimBudget()
         self._selected_ns = 0
+        self._shown_ns: dict[tuple[str, int], int] = {}
+        """Time since which each fired button is shown, ns, by id and stamp of the press."""
         """Time of the last selection, ns."""
 
     def use(self, config: SelectorConfig) -> None:
@@ -259,8 +263,15 @@ class Arbiter:
         """Handle departed objects, expired reservations, and buttons that were shown for long enough."""
         self._has_changed |= self._reservations.expire(now_ns)
         outputs: list[Output] = []
-        for object_id, entry in list(self._ledger.entries.items()):
-            if self._positions.mode(object_id) == "button" and now_ns - entry.since_ns >= SHOWN_NS:
+        self._shown_ns = {
+            (object_id, entry.since_ns): self._shown_ns.get(
+                (object_id, entry.since_ns), max(entry.since_ns, now_ns - MAX_PRESS_DELAY_NS)
+            )
+            for object_id, entry in self._ledger.entries.items()
+            if self._positions.mode(object_id) == "button"
+        }
+        for (object_id, _), shown_ns in self._shown_ns.items():
+            if now_ns - shown_ns >= SHOWN_NS:
                 outputs += self._publisher.event(self._ledger.end(object_id, now_ns))
         self._has_changed |= bool(outputs)
         return outputs + (self.depart(now_ns) or self.changed_selection(now_ns))

@@ -86,7 +86,7 @@ REQUESTS: dict[Role, tuple[topics.Request[Any, Any], ...]] = {
 MAX_EDITS = 1000
 
 MAX_HELD_S = 2.0
-"""Largest duration of a press, s."""
+"""Greatest time since the button went down, s: headsets send a press when it comes up."""
 
 OLDEST_S = 60.0
 """Largest age of a word, s."""
@@ -107,7 +107,9 @@ class Press(_Extras):
     """Parameters of a press."""
 
     gesture: Literal["press", "double", "hold"] = "press"
-    held_s: float = Field(default=0.0, ge=0.0, le=MAX_HELD_S, description="age of its onset")
+    held_s: float = Field(
+        default=0.0, ge=0.0, le=MAX_HELD_S, description="time since the button went down, s"
+    )
 
 
 class StepBeside(_Extras):

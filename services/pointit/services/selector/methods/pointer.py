@@ -20,8 +20,8 @@ from pointit.services.selector.selection_methods import (
 CLOCK_STEP_NS = 2 * NS_PER_S
 """A stamp earlier by more than this means that the wrist's clock was set back. One by less is late."""
 
-HISTORY_NS = NS_PER_S
-"""Time for which hovered objects are remembered, ns."""
+HISTORY_NS = 3 * NS_PER_S
+"""Time for which hovered objects are remembered, ns: presses of headsets come up to 2 s late."""
 
 FIRST_WAIT_NS = NS_PER_S
 """Time for which it is left out after its first failure, ns. It doubles with each further one."""

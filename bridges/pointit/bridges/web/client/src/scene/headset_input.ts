@@ -4,7 +4,7 @@ import type { Alignment } from "../geometry/alignment";
 import type { Vec3 } from "../geometry/vec";
 import type { Arm } from "../view";
 
-/** Minimum time between two messages, ms: every frame of a headset with 120 a second, which the server accepts. */
+/** Minimum time between two messages, ms: nearly every frame of a headset with 120 a second. */
 const LEAST_MS = 8;
 /** Time for which a hand stays where it was tracked last, ms. Then the arm hangs. */
 const LOST_MS = 400;

@@ -18,6 +18,10 @@ import { HeadsetInput } from "./headset_input";
 const HOLD_MS = 1500;
 /** A pinch moves the finger tip: its mean position in this interval before the pinch counts, ms. */
 const BEFORE_PINCH_MS = [200, 500] as const;
+/** The same of a hand that points, which may have moved until then, ms. */
+const BEFORE_PRESS_MS = [200, 250] as const;
+/** Greatest age of a position that counts if there is none in that interval, ms. */
+const MAX_TIP_AGE_MS = 1000;
 /** Maximum number of positions of a finger tip that are kept; enough for that interval at 120 Hz. */
 const MAX_TIPS = 64;
 /** Time for which a result is shown, ms. */
@@ -292,8 +296,8 @@ export class Immersive implements Immersion {
 
   /** Position that `source` touched before it was pressed, levelled; null: it is not tracked. */
   private touched(frame: XRFrame, source: XRInputSource): Vec3 | null {
-    const now = performance.now(), [least, most] = BEFORE_PINCH_MS;
-    const before = (this.tips.get(source) ?? []).filter(([time]) => now - time >= least);
+    const now = performance.now(), [least, most] = this.alignment ? BEFORE_PRESS_MS : BEFORE_PINCH_MS;
+    const before = (this.tips.get(source) ?? []).filter(([time]) => now - time >= least && now - time <= MAX_TIP_AGE_MS);
     const counted = before.filter(([time], i) => now - time <= most || i === before.length - 1).map(([, at]) => at);
     return counted.length ? scale(counted.reduce((sum, at) => add(sum, at)), 1 / counted.length) : this.tip(frame, source);
   }

@@ -180,8 +180,10 @@ def test_a_pose_shows_its_error_where_motion_capture_knows_it() -> None:
 async def test_the_truth_of_a_person_is_that_of_the_tracker_that_sees_them() -> None:
     async with memory_bench() as bench:
         truth = LatestTruth(bench.bus, "anna")
-        for tracker, name, kind in (("mocap", "anna", "person_frame"), ("robot", "cup", "red")):
-            each = TrackedObject(id=name, kind=kind, position_m=(1.0, -1.5, 1.7), yaw_rad=0.5)
+        seen = (("mocap", "anna", "person_frame"), ("robot", "cup", "red"), ("camera", "anna", "person"))
+        for tracker, name, kind in seen:
+            x_m = 4.0 if tracker == "camera" else 1.0  # the one that knows the yaw is used
+            each = TrackedObject(id=name, kind=kind, position_m=(x_m, -1.5, 1.7), yaw_rad=0.5)
             bench.put(topics.OBJECTS, TrackedObjects(stamp_ns=10 * S, objects=(each,)), tracker)
         await bench.settle()
         assert await truth.wait(0.0) is not None

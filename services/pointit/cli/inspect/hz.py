@@ -166,10 +166,9 @@ class TopicCounter:
                 self._meter(topic, name)
         self._subscriptions = [bus.subscribe(row, self._handler(row), name or ANY) for row, name in wanted]
         topics = [row for row, _ in wanted]
-        if OBJECTS in topics and POSE not in topics:
-            bus.subscribe(POSE, self.pose_errors.add)
-        elif POSE in topics and OBJECTS not in topics:
+        if OBJECTS in topics or POSE in topics:
             bus.subscribe(OBJECTS, self.pose_errors.add)
+            bus.subscribe(POSE, self.pose_errors.add)
 
     def take(self, now_s: float, window_s: float) -> list[TopicRate]:
         """Return the rates in the last `window_s` by key, and start the next window."""
@@ -184,7 +183,6 @@ class TopicCounter:
     def _handler(self, topic: AnyTopic) -> Any:
         def on_message(message: Message, name: str) -> None:
             self._meter(topic, name).add(self._loop.time(), len(encode(message)))
-            self.pose_errors.add(message, name)
 
         return on_message
 

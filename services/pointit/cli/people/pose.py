@@ -192,6 +192,7 @@ class LatestTruth(LatestMessage[TrackedObjects]):
         """Subscribe to all trackers."""
         self._user = user
         self._true_pose: TruePose | None = None
+        self._tracked: dict[str, TrackedObjects] = {}
         super().__init__(bus, OBJECTS, ANY)
 
     def error_of(self, pose: UserPose) -> PoseError | None:
@@ -199,7 +200,8 @@ class LatestTruth(LatestMessage[TrackedObjects]):
         return None if self._true_pose is None else self._true_pose.error_of(pose)
 
     def _on_message(self, message: TrackedObjects, name: str) -> None:
-        true_pose = find_true_poses({name: message}).get(self._user)
+        self._tracked[name] = message
+        true_pose = find_true_poses(self._tracked).get(self._user)
         if true_pose is not None:
             self._true_pose = true_pose
             super()._on_message(message, name)

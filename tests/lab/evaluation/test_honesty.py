@@ -302,7 +302,7 @@ def test_rows_are_pooled_by_kind_of_people_and_condition() -> None:
             set=name,
             condition=condition,
             duration=duration,
-            subject=name,
+            subject="seed 0",
             taken=True,
             error_m=0.7,
             in_place=in_place,
@@ -323,3 +323,4 @@ def test_rows_are_pooled_by_kind_of_people_and_condition() -> None:
         ("simulated people", "drift", EVERY, 1),
     ]
     assert [None if row.wrong is None else row.wrong.value for row in pooled] == [0.5, 0.0, 0.0]
+    assert [row.independent for row in pooled] == [2, 1, 1], "equal names in two sets are two people"

@@ -1,7 +1,7 @@
 """Rows of the table of honesty, and what they should be."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -123,8 +123,13 @@ def pooled_rows(judged: Iterable[Judged], simulated: Collection[str]) -> list[Ho
     groups: dict[tuple[str, str], list[Judged]] = {}
     for each in judged:
         kind = "simulated people" if each.set in simulated else "recorded people"
-        groups.setdefault((kind, each.condition), []).append(each)
-    return [_row(kind, condition, EVERY, groups[kind, condition]) for kind, condition in sorted(groups)]
+        # people of different sets may have the same name
+        subject, unit = f"{each.set} {each.subject}", each.unit and f"{each.set} {each.unit}"
+        groups.setdefault((kind, each.condition), []).append(replace(each, subject=subject, unit=unit))
+    return [
+        _row(kind, condition, EVERY, groups[kind, condition])
+        for kind, condition in sorted(groups, key=lambda key: key[0])
+    ]
 
 
 def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> HonestyRow:

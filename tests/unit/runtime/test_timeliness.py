@@ -193,6 +193,8 @@ def test_clock_skew_is_reported_with_machine_and_amount(skew_s: float) -> None:
 def test_delays_of_an_overloaded_machine_are_no_clock_and_a_wireless_link_hides_none() -> None:
     loaded_s = [0.07 + 0.01 * number for number in range(20)]
     assert watched({}, {"here": [0.001] * 20, "busy": loaded_s}) == []
+    own_s = [0.4 + 0.05 * number for number in range(10)]
+    assert watched({}, {"here": own_s, "busy": [0.07 + each for each in own_s]}) == []
     wireless_s = [0.004 + 0.003 * (number % 10) for number in range(20)]
     assert [skew.host for skew in watched({"there": -0.06}, {"there": wireless_s})] == ["there"]
 

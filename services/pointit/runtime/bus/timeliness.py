@@ -240,7 +240,7 @@ class ClockSkewMonitor:
             behind_s = values[0] - max(0.0, own)
             if values[0] <= -APART_S and len(values) >= MIN_AHEAD:
                 yield ClockSkew(host=host, ahead_s=-values[0])
-            elif behind_s >= APART_S and _is_sure(values):
+            elif behind_s >= APART_S and _is_sure([value - max(0.0, own) for value in values]):
                 yield ClockSkew(host=host, ahead_s=-behind_s)
 
 

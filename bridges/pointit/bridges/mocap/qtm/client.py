@@ -163,8 +163,9 @@ class QtmClient(asyncio.Protocol):
         if position is not None:
             (count,) = struct.unpack_from("<I", data, position)
             end = position + _BODIES_AT + count * _BODY.size
-            if end > len(data):
-                raise ValueError(f"{count} bodies in {len(data)} bytes")
+            (size,) = struct.unpack_from("<I", data, position - _HEADER.size)
+            if end > min(len(data), position - _HEADER.size + size):
+                raise ValueError(f"{count} bodies in a component of {size} bytes")
             rows = _BODY.iter_unpack(data[position + _BODIES_AT : end])
             bodies = [(row[:3], row[3:12], row[12]) for row in rows]
             self._session.receive(frame.timestamp, bodies, self._now_ns())

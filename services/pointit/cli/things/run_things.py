@@ -63,8 +63,8 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
     if options["mqtt"] or ca_file:
         config = broker_of(options["mqtt"], ca_file)
         watchers.append(lambda _launches: MqttThings(config))
-    may_run_elsewhere = bool(options.get("connect")) or given_credentials() is not None
-    return Added(watchers=watchers, notes=() if may_run_elsewhere else _home_notes(scenario, choices))
+    has_other_processes = bool(options.get("connect")) or given_credentials() is not None
+    return Added(watchers=watchers, notes=() if has_other_processes else _home_notes(scenario, choices))
 
 
 def _home_notes(scenario: Scenario, choices: Choices) -> list[str]:

@@ -48,11 +48,11 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
 
     services: list[NetworkService] = []
     with contextlib.suppress(OSError):  # a machine without a network finds nothing
-        async with AsyncZeroconf(ip_version=IPVersion.V4Only) as network:
-            browser = AsyncServiceBrowser(network.zeroconf, full_kind, handlers=[on_change])
+        async with AsyncZeroconf(ip_version=IPVersion.V4Only) as zeroconf:
+            browser = AsyncServiceBrowser(zeroconf.zeroconf, full_kind, handlers=[on_change])
             await asyncio.sleep(seconds / 2)
             infos = [AsyncServiceInfo(full_kind, name) for name in sorted(names)]
-            await asyncio.gather(*(info.async_request(network.zeroconf, 500 * seconds) for info in infos))
+            await asyncio.gather(*(info.async_request(zeroconf.zeroconf, 500 * seconds) for info in infos))
             await browser.async_cancel()
             for info in infos:
                 for address in info.parsed_addresses(IPVersion.V4Only)[:1]:

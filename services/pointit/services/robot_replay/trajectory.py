@@ -45,10 +45,10 @@ class Trajectory:
         """Return report `index` of a recording that started at `start_ns`."""
         x, y, z = self._places[index]
         vx, vy, vz = self._velocities[index]
-        robot = TrackedObject(id=self._robot_id, kind=KIND, position_m=(x, y, z), velocity_mps=(vx, vy, vz))
+        tracked = TrackedObject(id=self._robot_id, kind=KIND, position_m=(x, y, z), velocity_mps=(vx, vy, vz))
         return TrackedObjects(
             stamp_ns=start_ns + self.times_ns[index],
             seq=index + 1,
-            objects=(robot,),
+            objects=(tracked,),
             latency_sigma_s=LATENCY_SIGMA_S,
         )

@@ -207,11 +207,14 @@ async def test_lamp_that_reports_late_returns_exactly_after_a_flickering_hover(
         site = HomeSite(bench, thing("desk", LAMP))
         start(bench, config_of(tmp_path, port))
         await until(lambda: "desk" in site.selected, what="the state of the lamp")
+
+        def last_brightness() -> Any:
+            return memory_home.calls[-1][2]["brightness"] if memory_home.calls else None
+
         for _ in range(4):
-            before = len(memory_home.calls)
             async with site.hovering("desk"):
-                await until(lambda before=before: len(memory_home.calls) > before, what="a call")  # type: ignore[misc]
-            await until(lambda before=before: len(memory_home.calls) > before + 1, what="its end")  # type: ignore[misc]
+                await until(lambda: last_brightness() == 120, what="the hover")
+            await until(lambda: last_brightness() == 100, what="its end")
         await until(lambda: brightness(memory_home) == 100, what="the lamp to return")
     assert {data["brightness"] for _service, _entity, data in memory_home.calls} == {100, 120}
 

@@ -113,7 +113,7 @@ async def test_lost_events_are_one_line_of_the_log_and_all_are_counted(
         for _ in range(5):
             point(bench, "screws")
         await until(lambda: watcher.summary()["mqtt"]["dropped"] == 5, what="the events")
-    assert len([text for text in caplog.messages if "is lost" in text]) == 1
+    assert len([text for text in caplog.messages if "events are lost" in text]) == 1
 
 
 async def test_what_is_pointed_at_without_a_broker_is_counted_and_never_told_later(

@@ -55,7 +55,7 @@ class Selector:
         assert query.is_restored
         self.switched.append((query.thing, query.on, user))
         if not self.has_lamp:
-            raise RefusedError("there is no button or switch radio now")
+            raise RefusedError("no button or switch radio is placed")
         self.select(*([user] if query.on else []))
         return Done(message="done")
 

@@ -92,7 +92,7 @@ def lag(bench: Bench, page: Page, late_s: float) -> str:
     late = models.Health(stamp_ns=stamp_ns, service="pui", instance="pui", pid=1, host="plant")
     bench.put(topics.HEALTH, late, "pui")
     warnings: list[str] = page.states.get((topics.HEALTH.key, "web"), {}).get("warnings", [])
-    return "".join(warning for warning in warnings if "machine plant sends" in warning)
+    return "".join(warning for warning in warnings if "messages of plant reach" in warning)
 
 
 async def test_that_what_is_shown_is_long_past_is_told(bench: Bench, page: Page) -> None:

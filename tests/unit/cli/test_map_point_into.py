@@ -52,7 +52,7 @@ async def pointing_person(bench: Bench) -> AsyncGenerator[PointingSession]:
 
     def obey(text: str) -> None:
         nonlocal place
-        if "another place" in text:
+        if "another position" in text:
             place += 1
             stand()
         elif asked := re.search(r"point at (\S+) and press", text):

@@ -126,7 +126,7 @@ async def test_a_session_asks_for_places_until_all_is_known_and_makes_a_map() ->
 
         def obey(text: str) -> None:
             told.append(text)
-            if "another place" in text:
+            if "another position" in text:
                 stand()
             elif "point at" in text:
                 lamp = next(lamp for name, lamp in LAMPS.items() if f"at {name} " in text)

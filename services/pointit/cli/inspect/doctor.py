@@ -195,7 +195,7 @@ STYLES = {"error": "red", "warning": "yellow", "note": "dim"}
     "folder",
     type=click.Path(path_type=Path),
     help="show the expiry of all certificates in this site's folder  [default: the folder that contains the "
-    "credentials, or only the own certificate]",
+    "credentials; without one, only their certificate]",
 )
 @json_option
 def command(

@@ -215,10 +215,10 @@ def command(user: str, *, count: int, watch: bool, as_json: bool, **at: Unpack[A
     the sample on its way: imu (from the wrist), ray, cursor, hover (selector), frame (pixels of the strips),
     light (the last byte to the slowest controller, as measured by led-driver).
 
-    The first table shows the newest of the samples that reached most hops. The second is over all samples:
-    the share that reached each hop, median and 99th percentile of the time since the hop before and since
-    capture, in ms. Times are those of publication by the clock of the publisher's machine. Clocks that differ
-    are named.
+    The first table shows the newest of the samples that reached the most hops. The second is over all
+    samples: the share that reached each hop, median and 99th percentile of the time since the hop before
+    and since capture, in ms. Times are those of publication by the clock of the publisher's machine.
+    Clocks that differ are named.
 
     A frame carries the time of its newest cursor. With several people, or more samples than frames, only
     some samples are seen in a frame. Lamps and beams carry no capture time.

@@ -49,7 +49,7 @@ CELL = click.option(
     "import", cls=PanelCommand, usual=("kind", "url", "token_file", "entities", "areas", "into", "output")
 )
 @click.argument("source", metavar="FILE", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--as", "kind", type=click.Choice(FORMATS), help="format of FILE; required")
+@click.option("--as", "kind", type=click.Choice(FORMATS), help="format of FILE; not for home-assistant")
 @click.option(
     "--url",
     default="",

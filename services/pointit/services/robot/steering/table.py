@@ -31,8 +31,8 @@ Verdict = Literal["safe", "hold", "free", "other_master"]
 """Result of the safety checks."""
 
 Change = Literal["-", "resume", "end", "note", "halt", "release"]
-"""`end` ends the order. `note` stores the new reason. `halt` also stops the robot. `release` also
-makes its users name it again."""
+"""`end` ends the order. `note` ends it and stores the new reason. `halt` does both and stops the robot.
+`release` stops the robot and takes it from its user: all who want it must name it again."""
 
 HOLDS: Mapping[Hold, Mapping[Verdict, Change]] = {
     "none": {"safe": "-", "hold": "halt", "free": "release", "other_master": "release"},

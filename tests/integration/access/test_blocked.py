@@ -97,7 +97,7 @@ def test_blocked_identity_is_closed_at_each_reconnection_and_named_once(
 
             def write() -> None:
                 for each in flooding:
-                    each.write(200)
+                    each.write(1000)  # on a busy machine it takes long until the next call
 
             wait(lambda: BLOCKED in router.said, "the block", write)
             # Zenoh itself comes back from another port, with the same session

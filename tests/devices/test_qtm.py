@@ -110,6 +110,18 @@ async def test_a_damaged_packet_costs_itself_only() -> None:
         assert qtm.commands.count("version 1.8") == 1, "the connection went on"
 
 
+async def test_bodies_beyond_their_component_are_damage_and_not_read_from_the_next_one() -> None:
+    qtm = server()
+    async with serving(qtm) as port, running(port, system="qtm") as (watcher, _):
+        await until(lambda: watcher.sees("cup"))
+        three = bytearray(qtm_server.frame(10, bodies(0)[:3])[8:])
+        struct.pack_into("<I", three, 12, 2)  # components
+        struct.pack_into("<I", three, 24, 4)  # bodies
+        markers = struct.pack("<IIIHH", 16 + 48, 1, 3, 0, 0) + bytes(48)
+        qtm.send(qtm_server.packet(qtm_server.DATA, bytes(three) + markers))
+        await until(lambda: watcher.warns("packets that cannot be read"))
+
+
 @contextlib.asynccontextmanager
 async def answering(data: bytes, *, ends: bool = False, echoes: bool = False) -> AsyncGenerator[int]:
     """Run a server of something else, which sends `data`."""

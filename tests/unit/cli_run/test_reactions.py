@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+import click
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,6 +20,7 @@ from pointit.launch.plan import scenario_catalog
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.link.credentials import VARIABLE
 from pointit.schemas import Environment, SelectionEvent
 from pointit.schemas.environment import Thing
 from pointit.schemas.topics import SELECTION_EVENTS
@@ -341,6 +343,11 @@ def test_things_of_a_home_assistant_without_its_service_are_named_at_the_start(t
     (note,) = notes()
     assert "is not connected: pointing at desk switches nothing there; add --with home-assistant" in note
     assert notes("home_assistant") == []
+    joined = THINGS_PART.add(scenario, Choices(), {"on": (), "mqtt": "", "connect": ("tcp/hub:7447",)})
+    assert not joined.notes, "its bridge may run there"
+    with click.Context(click.Command("run")) as context:
+        context.meta[VARIABLE] = "credentials"
+        assert not notes(), "on a secured site the bridge is a process of its own"
     assert THINGS_PART.add(read_scenario("shelf"), Choices(), {"on": (), "mqtt": ""}).notes == []
 
 

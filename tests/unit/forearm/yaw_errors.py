@@ -28,8 +28,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--arms", type=int, default=100, help="arms for each row")
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="first seed")
+    parser.add_argument("--movement", choices=MOVEMENTS, action="append", help="only this; may be repeated")
     options = parser.parse_args()
-    for name, (make, duration_s) in MOVEMENTS.items():
+    for name in options.movement or MOVEMENTS:
+        make, duration_s = MOVEMENTS[name]
         for lasting_s in LASTING_S:
             errors_deg: list[float] = []
             within: list[bool] = []

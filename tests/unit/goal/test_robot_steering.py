@@ -77,8 +77,9 @@ class Ben:
                     self.report(robot)
         return self
 
-    def press(self, ago_s: float = 0.0) -> "Ben":
-        event = ButtonEvent(stamp_ns=self.now_ns - round(ago_s * NS_PER_S), gesture="press")
+    def press(self, ago_s: float = 0.0, source: str = "device") -> "Ben":
+        stamp_ns = self.now_ns - round(ago_s * NS_PER_S)
+        event = ButtonEvent(stamp_ns=stamp_ns, gesture="press", source=source)
         self.outputs += self.steps.on_button(event, self.now_ns)
         return self
 
@@ -214,6 +215,13 @@ def test_a_press_lands_the_quadrotor_where_the_cursor_was_just_before() -> None:
     assert (ben.steering.robot, ben.steering.mode, ben.text) == ("", "none", "quad has landed")
     assert ben.cues[-1].chime == "double"
     assert ben.steering.target_m is None
+
+
+def test_a_long_press_of_a_headset_lands_it_where_the_cursor_was_before() -> None:
+    ben = Ben().take("quad").set("quad", phase="idle").point(THERE)
+    ben.point((THERE[0] + 0.3, THERE[1], 0.0), 1.5).press(ago_s=1.5, source="headset")
+    assert ben.steering.mode == "land"
+    assert ben.steering.target_m == pytest.approx(THERE)
 
 
 def test_a_refused_landing_leaves_the_quadrotor_following() -> None:

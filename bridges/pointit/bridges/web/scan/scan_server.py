@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 
 from pydantic import BaseModel, ValidationError
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from pointit.bridges.web.scan import wire
@@ -20,7 +20,7 @@ from pointit.bridges.web.scan.session import ScanSession
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import info_of
-from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
+from pointit.bridges.web.server.bundle import Bundle, file_response, redirect_with_cookie, refusal
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.runtime.errors import PointItError
 from pointit.schemas import SchemaError, summarize_validation_error
@@ -104,16 +104,7 @@ class ScanServer:
             secret = self._pairing.redeem(token, time.monotonic())
             if secret is None:
                 return refusal(403, "Not paired", CLOSED)
-            response = RedirectResponse("/scan", 303, {"Cache-Control": "no-store"})
-            response.set_cookie(
-                _cookie(request),
-                secret,
-                max_age=COOKIE_S,
-                httponly=True,
-                secure=request.url.scheme == "https",
-                samesite="lax",  # the QR code may have been scanned in another site's page
-            )
-            return response
+            return redirect_with_cookie(request, "/scan", _cookie(request), secret, COOKIE_S)
         if not self._is_admitted(request):
             return refusal(403, "Not paired", CLOSED)
         return file_response(request, self._bundle, "scan.html")

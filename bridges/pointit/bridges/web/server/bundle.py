@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import Receive, Scope, Send
 
 STATIC = Path(__file__).parents[1] / "static"
@@ -131,6 +131,20 @@ def refusal(status: int, title: str, sentence: str) -> Response:
         status,
         headers={"Cache-Control": "no-store"},
     )
+
+
+def redirect_with_cookie(request: Request, path: str, cookie: str, secret: str, duration_s: int) -> Response:
+    """Return a redirection to `path` of this site that stores `secret` in the browser's `cookie`."""
+    response = RedirectResponse(path, 303, {"Cache-Control": "no-store"})
+    response.set_cookie(
+        cookie,
+        secret,
+        max_age=duration_s,
+        httponly=True,
+        secure=request.url.scheme == "https",
+        samesite="lax",  # the QR code may have been scanned in another site's page
+    )
+    return response
 
 
 def file_response(request: Request, bundle: Bundle, name: str) -> Response:

@@ -16,11 +16,11 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
-from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from pointit.bridges.web.server.bundle import Bundle, file_response, refusal
+from pointit.bridges.web.server.bundle import Bundle, file_response, redirect_with_cookie, refusal
 from pointit.bridges.web.wire import REPLACED, UNPAIRED, Cue, Hello
 from pointit.bridges.web.wrists.pairing import Pairing, Phone
 from pointit.bridges.web.wrists.phone_connection import PhoneConnection, PhoneHost
@@ -199,16 +199,7 @@ class Phones:
         if secret is None:
             return refusal(403, "Not paired", NOT_PAIRED)
         self._host.changed()
-        response = RedirectResponse("/phone", 303, {"Cache-Control": "no-store"})
-        response.set_cookie(
-            _cookie(request),
-            secret,
-            max_age=COOKIE_S,
-            httponly=True,
-            secure=request.url.scheme == "https",
-            samesite="lax",  # the QR code may have been scanned in another site's page
-        )
-        return response
+        return redirect_with_cookie(request, "/phone", _cookie(request), secret, COOKIE_S)
 
     async def _post(self, request: Request) -> Response:
         phone = self._phone(request)

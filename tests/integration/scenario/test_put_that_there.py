@@ -5,13 +5,13 @@ The times of the voice's words are moved to those of the person's gestures: simu
 
 import asyncio
 import contextlib
+import json
 import shutil
 import subprocess
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
-import yaml
 
 import pointit
 from pointit.api.site import Site
@@ -71,7 +71,7 @@ def scenario(folder: Path, name: str, places: list[dict[str, object]], **site: o
     """Return a scenario with a listener."""
     found = read_scenario(name)
     path = folder / "spoken.yaml"
-    path.write_text(yaml.safe_dump({
+    path.write_text(json.dumps({
         "about": found.about, "explained": found.explained, "duration_s": 120, "places": places,
         "site": {**found.site, **site}, "user": {**found.user, "listener": {}},
     }), encoding="utf-8")  # fmt: skip

@@ -25,7 +25,7 @@ LASTING_S = (0.0, 1.0)
 
 def main() -> None:
     """Print a row for each movement and time for which errors last."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--arms", type=int, default=100, help="arms for each row")
     parser.add_argument("--seed", type=int, default=FIRST_SEED, help="first seed")
     parser.add_argument("--movement", choices=MOVEMENTS, action="append", help="only this; may be repeated")

@@ -4,7 +4,7 @@ import difflib
 import math
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import yaml
@@ -217,7 +217,8 @@ def written(draw: st.DrawFn) -> tuple[str, dict[str, dict[str, Any]]]:
 
 
 def yaml_text(value: str) -> str:
-    return yaml.safe_dump(value, default_style='"', width=1000, allow_unicode=True).strip()
+    text: str = cast("Any", yaml).safe_dump(value, default_style='"', width=1000, allow_unicode=True)
+    return text.strip()
 
 
 @given(written(), st.data())

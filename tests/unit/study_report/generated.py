@@ -1,12 +1,12 @@
 """Folders of studies with a known truth, of the columns that `pointit study run` writes."""
 
 import csv
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from pointit.study.columns import COLUMNS
 from pointit.study.study_folder import ANSWER_COLUMNS
@@ -136,7 +136,7 @@ def write_yaml(folder: Path, people: int, in_block: int, **factors: tuple[str, d
     study = {"name": "made", "participants": people * 2, "order": "as_written", "factors": named}
     study |= {"repetitions": in_block}
     folder.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump({**study, "task": {"kind": "tapping"}}, sort_keys=False)
+    text = json.dumps({**study, "task": {"kind": "tapping"}})
     (folder / "study.yaml").write_text(text, encoding="utf-8")
 
 

@@ -165,6 +165,17 @@ def test_with_confirmation_only_a_press_selects_what_was_hovered_before_it(metho
     assert room.told[1:] == [("selected", "b", "anna")]
 
 
+def test_a_press_of_a_slow_device_counts_after_one_of_a_quick_device() -> None:
+    room = Room(package("a", 5.0), package("b", 6.0), confirm="press", look_back_s=0.2)
+    room.stay(1.0, 100.0, anna=5.0)
+    slow_s = room.time_s
+    room.stay(1.0, 100.0, anna=6.0)
+    for _ in range(2):
+        press(room, "anna", room.time_s)
+        press(room, "anna", slow_s)
+    assert room.told == [("selected", "b", "anna"), ("selected", "a", "anna")]
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_late_and_doubled_cursors_are_left_out(method: str) -> None:
     plain = Room(package("a", 5.0), method=method)

@@ -68,9 +68,9 @@ class Arbiter:
         """Stamps of the last claims by person."""
         self._budget = ClaimBudget()
         self._selected_ns = 0
+        """Time of the last selection, ns."""
         self._shown_ns: dict[tuple[str, int], int] = {}
         """Time since which each fired button is shown, ns, by id and stamp of the press."""
-        """Time of the last selection, ns."""
 
     def use(self, config: SelectorConfig) -> None:
         """Note a change of the method or its times."""

@@ -23,6 +23,9 @@ CLOCK_STEP_NS = 2 * NS_PER_S
 HISTORY_NS = 3 * NS_PER_S
 """Time for which hovered objects are remembered, ns: presses of headsets come up to 2 s late."""
 
+MAX_PRESSES = 8
+"""Number of presses that are remembered, to ignore those that come again."""
+
 FIRST_WAIT_NS = NS_PER_S
 """Time for which it is left out after its first failure, ns. It doubles with each further one."""
 
@@ -67,7 +70,8 @@ class PersonPointer:
         """True until the person's first object is handled. Of what happened before nothing is known here."""
         self._ready: str | None = None
         self._stamp_ns: int | None = None
-        self._press_ns: int | None = None
+        self._presses_ns: deque[int] = deque(maxlen=MAX_PRESSES)
+        """Stamps of the last presses, ns. One that comes again is the same press."""
         self._history: deque[tuple[int, str | None]] = deque()
         """Hovered objects with the time since which each was hovered, ns."""
 
@@ -138,9 +142,9 @@ class PersonPointer:
 
         With an announcer: the one that was announced then, or `""`.
         """
-        if self._press_ns is not None and -CLOCK_STEP_NS <= stamp_ns - self._press_ns <= 0:
+        if stamp_ns in self._presses_ns:
             return None
-        self._press_ns = stamp_ns
+        self._presses_ns.append(stamp_ns)
         target_ns = stamp_ns - round(self._config.look_back_s * NS_PER_S)
         if self._stamp_ns is None or target_ns - self._stamp_ns > self._gap_ns:
             return None  # the last cursor is too old
@@ -178,7 +182,8 @@ class PersonPointer:
     def _forget(self) -> None:
         self._set_method(self._config)
         self._history.clear()
-        self.hovered = self._ready = self._stamp_ns = self._press_ns = None
+        self._presses_ns.clear()
+        self.hovered = self._ready = self._stamp_ns = None
         if self.announcer is not None:
             self.announcer.forget()
         self.is_new = True

@@ -337,12 +337,15 @@ def test_things_of_a_home_assistant_without_its_service_are_named_at_the_start(t
     path.write_text("things: {desk: {home_assistant: light.desk, center: [0, 1, 1], size: [1, 1, 1]}}")
     scenario = read_scenario(str(path))
 
-    def notes(*services: str) -> Sequence[str]:
-        return THINGS_PART.add(scenario, Choices(services=services), {"on": (), "mqtt": ""}).notes
+    def notes(*services: str, imu: Sequence[str] = (), **options: object) -> Sequence[str]:
+        choices = Choices(services=services, imu=imu)
+        return THINGS_PART.add(scenario, choices, {"on": (), "mqtt": "", **options}).notes
 
     (note,) = notes()
     assert "is not connected: pointing at desk switches nothing there; add --with home-assistant" in note
-    assert notes("home_assistant") == []
+    (note,) = notes("home_assistant")
+    assert note.startswith("a simulated person points, and switches desk of your Home Assistant; ")
+    assert notes("home_assistant", imu=["page"]) == notes("home_assistant", site_only=True) == []
     joined = THINGS_PART.add(scenario, Choices(), {"on": (), "mqtt": "", "connect": ("tcp/hub:7447",)})
     assert not joined.notes, "its bridge may run there"
     with click.Context(click.Command("run")) as context:

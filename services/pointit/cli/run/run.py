@@ -126,7 +126,7 @@ def run(
     choices = run_options.choices_of(options, output)
     people = 0 if site_only else users
     _check_people(choices, people)
-    added = [part.add(chosen, choices, options) for part in run_options.PARTS]
+    added = [part.add(chosen, choices, options | {"site_only": not people}) for part in run_options.PARTS]
     given = [setting for each in added for setting in each.settings]
     is_moved = any(each.moves_wrists for each in added)
     asked = choices

@@ -9,7 +9,7 @@ from pointit.cli.common.run_part import Added, RunPart
 from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reactions, reactions_in
-from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, unconnected_sentence
+from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, listed, unconnected_sentence
 from pointit.launch.plan.launches import Choices, site_launches
 from pointit.launch.plan.plan import MakeWatcher
 from pointit.launch.plan.scenario import Scenario
@@ -63,20 +63,26 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
     if options["mqtt"] or ca_file:
         config = broker_of(options["mqtt"], ca_file)
         watchers.append(lambda _launches: MqttThings(config))
-    has_other_processes = bool(options.get("connect")) or given_credentials() is not None
-    return Added(watchers=watchers, notes=() if has_other_processes else _home_notes(scenario, choices))
+    return Added(watchers=watchers, notes=_home_notes(scenario, choices, options))
 
 
-def _home_notes(scenario: Scenario, choices: Choices) -> list[str]:
-    """Return the sentence on things of a Home Assistant that is not connected, if there are some."""
+def _home_notes(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> list[str]:
+    """Return who switches the things of a Home Assistant unexpectedly: nobody, or a simulated person."""
     try:
         launches = site_launches(scenario, choices)
         room = room_of(launches)
     except ConfigError:  # reported when all options are known
         return []
     is_connected = any(HOME_ASSISTANT.name == launch.service.NAME for launch in launches)
-    things = () if room is None or is_connected else home_things(room)
-    return [f"{unconnected_sentence(things)}; {HOME_REMEDY}"] if things else []
+    things = () if room is None else home_things(room)
+    has_other_processes = bool(options.get("connect")) or given_credentials() is not None
+    is_simulated = "user-sim" in scenario.user and not choices.imu and not options.get("site_only")
+    if things and is_connected and is_simulated:
+        switched = f"a simulated person points, and switches {listed(things)} of your Home Assistant"
+        return [f"{switched}; to point yourself, add --imu page, or --imu with a wrist"]
+    if things and not is_connected and not has_other_processes:
+        return [f"{unconnected_sentence(things)}; {HOME_REMEDY}"]
+    return []
 
 
 def summary_lines(summary: Mapping[str, Any]) -> list[str]:

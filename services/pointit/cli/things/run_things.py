@@ -67,7 +67,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
 
 
 def _home_notes(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> list[str]:
-    """Return who switches the things of a Home Assistant unexpectedly: nobody, or a simulated person."""
+    """Return a note if nobody switches the things of a Home Assistant, or a simulated person does."""
     try:
         launches = site_launches(scenario, choices)
         room = room_of(launches)

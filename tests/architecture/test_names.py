@@ -1,4 +1,4 @@
-"""`scripts/names`: its checks on small packages, and the product within its limits."""
+"""`scripts/names`: its checks on small packages. `scripts/check` runs it on the product."""
 
 import importlib.util
 import sys
@@ -12,7 +12,6 @@ import pytest
 
 from tests.architecture.sources import ROOT
 from tests.support import there
-from tests.support.invoked import python
 
 SCRIPT = ROOT / "scripts/names"
 Write = Callable[[str, str], None]
@@ -45,11 +44,6 @@ def hits(names: ModuleType, tmp_path: Path) -> Callable[[str], list[str]]:
         return sorted(hit.name for hit in found if hit.check == check)
 
     return of
-
-
-def test_the_product_keeps_its_limits_and_each_is_as_low_as_it_can_be() -> None:
-    done = python(SCRIPT, "--limits")
-    assert (done.returncode, done.stdout) == (0, "no limit is exceeded\n"), done.stdout + done.stderr
 
 
 def test_identifiers_are_split_at_case_and_underscore(names: ModuleType) -> None:

@@ -47,7 +47,8 @@ class Build:
     def python(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Run Python with this copy only: `-S` leaves out the .pth file of the checkout's installation."""
         paths = (str(self.folder), sysconfig.get_path("purelib"), sysconfig.get_path("platlib"))
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # each start would compile the whole copy
         environment["POINTIT_STATE"] = str(self.folder / "state")
         return python("-S", *arguments, cwd=self.folder, env=environment)
 

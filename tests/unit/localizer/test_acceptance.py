@@ -123,7 +123,9 @@ def test_a_pose_is_judged_by_where_cursors_three_metres_away_would_be() -> None:
         ({"covariance": np.diag([0.8, 0.8, 0.04])}, False),  # too uncertain a place
         ({"covariance": np.diag([0.8, 0.8, 0.04]), "scatter": 0.5}, True),  # of rays that follow closely
         ({"scatter": 2.0}, False),  # rays that scatter
-        ({"covariance": np.diag([0.3, 0.3, 0.065])}, False),  # too uncertain a yaw
+        ({"covariance": np.diag([0.3, 0.3, 0.065])}, True),  # a yaw of 14.6°
+        ({"covariance": np.diag([0.3, 0.3, 0.065]), "scatter": 0.0}, False),  # lamps: up to 14°
+        ({"covariance": np.diag([0.3, 0.3, 0.07]), "scatter": 0.5}, False),  # too uncertain a yaw: 15.2°
         ({"of_latency": np.array([0.045, 0.0, 0.0])}, True),
         ({"of_latency": np.array([0.03, 0.04, 0.0])}, False),  # moved by the latency by 0.5 m
         ({"covariance": np.diag([0.9, 0.9, 0.04]), "scatter": 0.0}, True),  # lamps: by the place alone

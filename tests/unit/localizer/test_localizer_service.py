@@ -27,7 +27,7 @@ from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
 from pointit.services.localizer.config import DriftConfig, LocalizerConfig, TrustConfig
 from pointit.services.localizer.drift.filter import DriftSettings
 from pointit.services.localizer.estimation.estimator import SolverSettings
-from pointit.services.localizer.estimation.solution import MAX_MISS_RATIO
+from pointit.services.localizer.estimation.solution import MAX_MISS_RATIO, MAX_YAW_RATIO
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
@@ -282,10 +282,8 @@ def test_defaults_of_configuration_and_cores_are_equal() -> None:
     drift, settings = config.drift.settings(), DriftSettings()
     assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
-    assert (MAX_MISS_RATIO * want.max_position_sigma_m, config.trust.max_yaw_sigma_deg) == (
-        UNSURE_M,
-        UNSURE_DEG,
-    )
+    assert MAX_MISS_RATIO * want.max_position_sigma_m == UNSURE_M
+    assert MAX_YAW_RATIO * config.trust.max_yaw_sigma_deg == UNSURE_DEG == config.drift.max_yaw_sigma_deg
 
 
 def test_health_does_not_warn_of_what_localization_accepts() -> None:
@@ -297,6 +295,6 @@ def test_health_does_not_warn_of_what_localization_accepts() -> None:
         manager.set_pose(pose, 0)
         return manager.problem(0)
 
-    assert warned(13.5, TrustConfig()) == ""
-    assert "uncertain by 15°" in warned(15.0, TrustConfig())
+    assert warned(14.5, TrustConfig()) == ""
+    assert "uncertain by 16°" in warned(15.6, TrustConfig())
     assert "uncertain by 13°" in warned(13.0, TrustConfig(max_yaw_sigma_deg=8.0))

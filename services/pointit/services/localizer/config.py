@@ -111,7 +111,7 @@ class TrustConfig(Config):
         default=_degrees(_SETTINGS.max_yaw_sigma_rad),
         gt=0,
         le=90,
-        description="poses less certain than this are refused, degrees",
+        description="poses less certain than this are refused, degrees; of following, than 1.07 times it",
     )
 
     def settings(self, *, free_height: bool = False) -> SolverSettings:

@@ -32,6 +32,7 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.estimation.rays import Mean
+from pointit.services.localizer.estimation.solution import MAX_YAW_RATIO
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.procedures.next_target import EYES_M
@@ -341,7 +342,8 @@ class PoseManager:
                 f"(`pointit person pose {user} --facing …`)"
             )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
-        if sigma_deg <= max(self._config.drift.max_yaw_sigma_deg, self._config.trust.max_yaw_sigma_deg):
+        accepted_deg = MAX_YAW_RATIO * self._config.trust.max_yaw_sigma_deg
+        if sigma_deg <= max(self._config.drift.max_yaw_sigma_deg, accepted_deg):
             return ""
         return (
             f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}° because the IMU drifts; have them "

@@ -20,6 +20,7 @@ from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, P
 from pointit.services.localizer.estimation.solution import (
     AWAY_M,
     MAX_MISS_RATIO,
+    MAX_YAW_RATIO,
     Refusal,
     Solution,
     SolverSettings,
@@ -241,9 +242,10 @@ def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
 
 def _stated(solution: Solution, settings: SolverSettings) -> str:
     what, sigma_m, limit_m = "the pose", solution.position_sigma_m, settings.max_position_sigma_m
+    yaw_deg, limit_deg = math.degrees(solution.yaw_sigma_rad), math.degrees(settings.max_yaw_sigma_rad)
     if solution.scatter:
         what, sigma_m, limit_m = f"a cursor {AWAY_M:g} m away", solution.miss_m, MAX_MISS_RATIO * limit_m
-    yaw_deg, limit_deg = math.degrees(solution.yaw_sigma_rad), math.degrees(settings.max_yaw_sigma_rad)
+        limit_deg *= MAX_YAW_RATIO
     return (
         f"{what} is uncertain by {round_beyond(min(sigma_m, 99.0), limit_m, 2)} m and "
         f"{round_beyond(min(yaw_deg, 180.0), limit_deg)}° and at most {limit_m:.3g} m, {limit_deg:.3g}° "

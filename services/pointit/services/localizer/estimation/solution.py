@@ -21,6 +21,9 @@ MAX_MISS_RATIO, MAX_LATENCY_RATIO = 1.2, 0.46
 than the limit), as multiples of the limit of the position.
 """
 
+MAX_YAW_RATIO = 15.0 / 14.0
+"""Largest sigma of the yaw of following, as a multiple of that of lamps: the miss limits this yaw, too."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolverSettings:
@@ -88,11 +91,12 @@ class SolverSettings:
 
     def accepts(self, pose: "Solution") -> bool:
         """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
-        place_m = pose.position_sigma_m
+        place_m, yaw_rad = pose.position_sigma_m, pose.yaw_sigma_rad
         if pose.scatter:
             late_m = float(np.linalg.norm(pose.of_latency[:2])) / max(pose.latency_sigma_s, KNOWN)
             place_m = max(pose.miss_m / MAX_MISS_RATIO, late_m / MAX_LATENCY_RATIO)
-        return place_m <= self.max_position_sigma_m and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
+            yaw_rad /= MAX_YAW_RATIO
+        return place_m <= self.max_position_sigma_m and yaw_rad <= self.max_yaw_sigma_rad
 
     def weights(self) -> Weights:
         """Return the weights of the descent."""

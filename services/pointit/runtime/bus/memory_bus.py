@@ -19,16 +19,16 @@ from pointit.runtime.bus.contract import (
     Subscription,
     Tap,
 )
-from pointit.runtime.bus.endpoints import (
+from pointit.runtime.bus.local_broker import (
     MailboxSubscription,
     MemoryPublisher,
+    Participant,
     PresenceWatcher,
     RequestHandler,
     RetainedStateServer,
     no_answer,
     shutting_down,
 )
-from pointit.runtime.bus.local_broker import Participant
 from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
 from pointit.runtime.errors import BusClosedError, RefusedError
 from pointit.schemas import Message, Query, Reply

@@ -12,8 +12,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.runtime.bus.dispatcher import Dispatcher
-from pointit.runtime.bus.endpoints import PresenceWatcher
-from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.local_broker import Participant, PresenceWatcher
 from pointit.runtime.zenoh.wire_format import name_from_key
 from pointit.schemas import SchemaError
 from pointit.schemas.topics import ANY, Presence

@@ -23,8 +23,7 @@ from dataclasses import dataclass, field
 import zenoh
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic, Sent
-from pointit.runtime.bus.endpoints import MailboxSubscription
-from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.local_broker import MailboxSubscription, Participant
 from pointit.runtime.bus.mailbox import Mailbox
 from pointit.runtime.zenoh.declarations import declare_caching_subscriber, declare_subscriber
 from pointit.runtime.zenoh.queries import query_samples

@@ -30,8 +30,13 @@ from pointit.runtime.bus.contract import (
     Subscription,
     Tap,
 )
-from pointit.runtime.bus.endpoints import MemoryPublisher, RequestHandler, no_answer, shutting_down
-from pointit.runtime.bus.local_broker import Participant
+from pointit.runtime.bus.local_broker import (
+    MemoryPublisher,
+    Participant,
+    RequestHandler,
+    no_answer,
+    shutting_down,
+)
 from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError, NoAnswerError, RefusedError, RequestError

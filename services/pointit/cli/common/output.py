@@ -16,7 +16,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pointit.schemas.text import one_line, plain
+from pointit.runtime.service.plain_console import say as say  # noqa: PLC0414 - commands print by it, too
+from pointit.schemas.text import plain
 
 Row = Mapping[str, Any]
 
@@ -25,9 +26,6 @@ PIPE_WIDTH = 1000
 
 ROOMY_WIDTH = 130
 """A terminal with fewer columns does not show a table's `roomy` ones."""
-
-LONGEST_LINE = 2000
-"""Limit of a line with text from other processes, characters."""
 
 _UNMINDED = re.compile("[\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 
@@ -114,11 +112,6 @@ def console() -> Console:
         with contextlib.suppress(OSError):
             width = os.get_terminal_size(sys.stderr.fileno()).columns or width
     return Console(markup=False, emoji=False, width=width)
-
-
-def say(text: str, *, err: bool = False) -> None:
-    """Print `text` on one line, without terminal control characters: other processes may have written it."""
-    click.echo(one_line(text, LONGEST_LINE), err=err)
 
 
 def print_json(value: Any, *, indent: int | None = 2) -> None:

@@ -9,12 +9,12 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.output import say
 from pointit.cli.display.display_part import DisplayPart
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import replaced_file
+from pointit.runtime.service.plain_console import say
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 
 

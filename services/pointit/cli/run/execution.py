@@ -9,7 +9,6 @@ from collections.abc import AsyncGenerator
 from rich.console import Console
 from rich.text import Text
 
-from pointit.cli.common.output import say
 from pointit.cli.display.screen import on_screen
 from pointit.cli.display.summary import write_summary
 from pointit.cli.display.view import figures
@@ -22,7 +21,7 @@ from pointit.runtime.bus.site_clock import publish_time
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
 from pointit.runtime.host.extras import present
 from pointit.runtime.service.logs import setup_logging
-from pointit.runtime.service.plain_console import PlainConsole
+from pointit.runtime.service.plain_console import PlainConsole, say
 from pointit.runtime.service.service import check_launches
 from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

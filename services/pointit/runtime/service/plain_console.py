@@ -1,12 +1,16 @@
-"""Terminal console that shows untrusted text safely."""
+"""Terminal output that shows untrusted text safely."""
 
 from collections.abc import Iterable
 from typing import Any
 
+import click
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from pointit.schemas.text import plain
+from pointit.schemas.text import one_line, plain
+
+LONGEST_LINE = 2000
+"""Limit of a line with text from other processes, characters."""
 
 
 class PlainConsole(Console):
@@ -22,3 +26,8 @@ class PlainConsole(Console):
                 yield segment
             else:
                 yield Segment(plain(segment.text), segment.style)
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Print `text` on one line, without terminal control characters: other processes may have written it."""
+    click.echo(one_line(text, LONGEST_LINE), err=err)

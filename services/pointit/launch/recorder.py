@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from pointit.launch.plan.extras import load
 from pointit.launch.plan.plan import Beside
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import AnyService, Launch
@@ -79,4 +78,4 @@ def recorder_launch(
         person=person,
         seed=seed,
     )
-    return Launch(service=service or load(registry.process(registry.RECORDER)), config=config)
+    return Launch(service=service or registry.process(registry.RECORDER).load(), config=config)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pointit.runtime.config.installed import installed_entry_points
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.extras import import_room
+from pointit.runtime.host.extras import import_room, remedy
 from pointit.schemas import topics
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import Presence, Request, Topic
@@ -68,10 +68,19 @@ class Process:
         return getattr(module, f"{self.name.title().replace('-', '')}Config")
 
     def load(self) -> Any:
-        """Return its service class."""
+        """Return its service class.
+
+        Raises:
+            ConfigError: If it needs an extra that is not installed.
+        """
         if self.plugin is not None:
             return self.plugin.make
-        return import_room(f"{self.package}.service", self.name).SERVICE
+        try:
+            return import_room(f"{self.package}.service", self.name).SERVICE
+        except ImportError as error:
+            if not self.extra or (error.name or "").partition(".")[0] == "pointit":
+                raise  # not a missing extra but a bug of ours
+            raise ConfigError(f"{self.name} needs {remedy(self.extra)}") from error
 
 
 RECORDER = "recorder"

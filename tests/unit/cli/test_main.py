@@ -18,7 +18,6 @@ from pointit.cli.common import installed_commands
 from pointit.cli.common.installed_commands import HEADING, LAB
 from pointit.cli.common.lazy import LazyEntry, LazyGroup
 from pointit.cli.main import EXAMPLES, PATHS, command, front, main
-from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 from pointit.services.registry import process
@@ -166,9 +165,9 @@ def test_a_service_that_needs_an_extra_says_so(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(importlib, "import_module", lacks)
     with pytest.raises(ConfigError, match=r"^web needs `scripts/setup web` in the folder of PointIt$"):
-        load(row)
+        row.load()
     with pytest.raises(ModuleNotFoundError):  # that is nothing that can be installed
-        load(replace(row, extra=""))
+        replace(row, extra="").load()
 
 
 @pytest.mark.parametrize(("name", "lacks"), [("foxglove", "foxglove"), ("web", "starlette")])

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import click
 
 from pointit.cli.common.lazy import LazyEntry, LazyGroup, print_help_without_action
-from pointit.launch.plan.extras import load
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.process import service_command, unavailable_command
 from pointit.services.registry import PROCESSES, names, process
@@ -15,7 +14,7 @@ def _loader(name: str) -> Callable[[], click.Command]:
     def loaded() -> click.Command:
         row = process(name)
         try:
-            return service_command(load(row), row.label)
+            return service_command(row.load(), row.label)
         except ConfigError as error:  # its help is available before its dependencies are installed
             return unavailable_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
 

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.link_file import keep_link, without_token
 from pointit.launch.page.page_tokens import Tokens
-from pointit.launch.plan.extras import has_extra, load
+from pointit.launch.plan.extras import has_extra
 from pointit.launch.plan.launches import PAGE
 from pointit.launch.plan.settings import Settings, layers_of, service_of
 from pointit.runtime.errors import ConfigError, ListenError
@@ -45,7 +45,7 @@ class NumberedLaunch(Launch):
 
 
 def _load() -> type[AnyService]:
-    service: type[AnyService] = load(registry.process(PAGE))
+    service: type[AnyService] = registry.process(PAGE).load()
     return service
 
 

@@ -1,12 +1,7 @@
-"""Optional dependencies of services: whether they are installed, and the error message if they are not."""
+"""Optional dependencies of PointIt: whether they are installed."""
 
 import importlib.metadata
 import re
-from typing import Any
-
-from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.extras import remedy
-from pointit.services.registry import Process
 
 NAME = re.compile(r"[\w.-]+")
 EXTRA = re.compile(r"extra\s*==\s*['\"](?P<extra>[\w.-]+)['\"]")
@@ -24,17 +19,3 @@ def has_extra(extra: str) -> bool:
         except importlib.metadata.PackageNotFoundError:
             return False
     return True
-
-
-def load(row: Process) -> Any:
-    """Return the service class of a row of the process table.
-
-    Raises:
-        ConfigError: If it needs an extra that is not installed.
-    """
-    try:
-        return row.load()
-    except ImportError as error:
-        if not row.extra or (error.name or "").partition(".")[0] == "pointit":
-            raise  # not a missing extra but a bug of ours
-        raise ConfigError(f"{row.name} needs {remedy(row.extra)}") from error

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 
 from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
-from pointit.launch.plan.extras import load
 from pointit.launch.plan.scenario import REALISTIC, FloorPose, Scenario, ScenarioPlace, body_of
 from pointit.launch.plan.settings import Settings, layers_of
 from pointit.runtime.config.plugins import PluginGroup
@@ -332,7 +331,7 @@ def _launch(
     row = _row(name, f"{scenario.source}: {scope}")
     if row.scope != scope:
         raise ConfigError(f"{scenario.source}: {scope}: {name} must stand under {row.scope}")
-    service = load(row)
+    service = row.load()
     named = dict(zip(("defaults of scenarios", scenario.source, "command line"), layered, strict=True))
     config = layers_of(name, named, choices).build(service.CONFIG)
     which = split_instance(name)[1]

@@ -4,13 +4,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pointit.runtime.config.network_address import MAX_PORT
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.credentials import Credentials
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """The address where `pointit run` listens and every other command connects, on this machine only."""
 DEFAULT_SITE = "lab"
+
+MAX_PORT = 65535
 ENDPOINT = re.compile(
     r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
 )

@@ -7,7 +7,7 @@ from pointit.runtime.host.extras import OptionalPart
 
 if TYPE_CHECKING:  # the listings need none of them
     from pointit.cli.common.run_part import RunPart
-    from pointit.cli.display.display_part import DisplayPart
+    from pointit.cli.display.display_part import DisplayPart, LiveView
 
 PersonCheck: TypeAlias = Callable[[str], None]
 """Checks whether a command may start the services of a person; raises ConfigError."""
@@ -25,6 +25,11 @@ RUN_PARTS: tuple[OptionalPart["RunPart"], ...] = (
     OptionalPart("pointit.cli.things.run_names:NAMES_PART", _NAMES_ROOMS),
 )
 """Panels of options of `run`, in the order of its help."""
+
+LIVE_VIEWS: tuple[OptionalPart["LiveView"], ...] = (
+    OptionalPart("pointit.cli.display.screen:on_screen", ("pointit.cli.common.keyboard",)),
+)
+"""The view of a run in the terminal. Without one, a run logs."""
 
 DISPLAY_PARTS: tuple[OptionalPart["DisplayPart"], ...] = (
     OptionalPart(

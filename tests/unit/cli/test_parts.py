@@ -6,7 +6,7 @@ import pytest
 
 from pointit.cli.common.run_part import RunPart
 from pointit.cli.display.display_part import DisplayPart
-from pointit.cli.parts import DISPLAY_PARTS, PERSON_CHECKS, RUN_PARTS
+from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS, PERSON_CHECKS, RUN_PARTS
 from pointit.launch.parts import WATCHERS
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import OptionalPart, load_object, present
@@ -17,7 +17,8 @@ def test_each_part_is_there_and_of_the_type_of_its_table() -> None:
     assert [len(run), len(display)] == [len(RUN_PARTS), len(DISPLAY_PARTS)]
     assert all(isinstance(part, RunPart) for part in run)
     assert all(isinstance(part, DisplayPart) for part in display)
-    (check,), (watcher,) = present(PERSON_CHECKS), present(WATCHERS)
+    (view,), (check,), (watcher,) = present(LIVE_VIEWS), present(PERSON_CHECKS), present(WATCHERS)
+    assert list(inspect.signature(view).parameters) == ["scenario", "console", "end_s", "looks_on", "parts"]
     assert len(inspect.signature(check).parameters) == 1
     assert len(inspect.signature(watcher).parameters) == 1
 

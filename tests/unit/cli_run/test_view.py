@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
+from pointit.cli.display.summary import figures
 from pointit.cli.display.view import (
     MAX_STRIPS,
     NAME_WIDTH,
@@ -16,7 +17,6 @@ from pointit.cli.display.view import (
     TextBlock,
     Worth,
     drop_to_height,
-    figures,
     pixels_along,
 )
 from pointit.launch.run.monitor import LINES, Monitor

@@ -19,23 +19,20 @@ from pointit.schemas.topics import BUTTON
 @contextlib.contextmanager
 def on_screen(
     scenario: RunningScenario,
-    console: Console | None,
+    console: Console,
     end_s: Callable[[], float | None],
     looks_on: Callable[[], bool],
     parts: Sequence[DisplayPart],
 ) -> Generator[None]:
-    """Draw the run, if there is a terminal; its Space key is the first person's button.
+    """Draw the run in the terminal. Its Space key is the first person's button.
 
     Args:
         scenario: the scenario to draw; it may change.
-        console: the terminal. None: draw nothing.
+        console: the terminal.
         end_s: returns the monotonic time when the run ends by itself, if ever.
         looks_on: returns True if a page is open, for which the run continues.
         parts: what optional rooms show in it.
     """
-    if console is None:
-        yield
-        return
     button = functools.cache(functools.partial(scenario.bus.publisher, BUTTON))
 
     def press() -> None:

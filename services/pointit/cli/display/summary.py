@@ -1,21 +1,29 @@
-"""The summary of a run, printed and written to a file."""
+"""The summary of a run, printed and written to a file, and its figures while it runs."""
 
 import json
 import math
 import os
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+from rich.text import Text
 
 from pointit.cli.display.display_part import DisplayPart
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.atomic_file import replaced_file
+from pointit.runtime.link.outage import SILENT_S, find_outage
 from pointit.runtime.service.plain_console import say
+from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
+from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
+
+SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
+"""Topics whose rates are shown: the pipeline from wrist to light."""
 
 
 def check_writable(summary: Path) -> None:
@@ -161,3 +169,39 @@ def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ())
     for port, rate_hz in summary.get("light_hz", {}).items():
         lines.append(f"{port} carries {rate_hz:.1f} frames a second.")
     return lines
+
+
+def figures(monitor: Monitor) -> Text:
+    """Return latency, rates, selection counts and services with warnings, in one line."""
+    parts: list[str] = []
+    latency = monitor.latency.quantiles_ms()
+    if latency["p50"] is not None:
+        parts.append(f"wrist to light p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms")
+    rates: dict[str, float] = {}
+    for health in list(monitor.health.values()):
+        for key in health.keys:
+            if key.direction == "out" and key.rate_hz > 0:
+                rates[key.key] = rates.get(key.key, 0.0) + key.rate_hz
+    parts += [f"{name} {rates[row.key]:.0f} Hz" for name, row in SHOWN_RATES.items() if row.key in rates]
+    lights = (figure for health in list(monitor.health.values()) for figure in health.figures)
+    parts += [
+        f"{figure.name.removeprefix(FRAME_RATE).strip()} up to {figure.value:.0f} Hz"
+        for figure in lights
+        if figure.name.startswith(FRAME_RATE)
+    ]
+    if monitor.score.target_kinds:
+        counts: dict[str, Any] = monitor.score.counts()
+        parts.append(f"selected {counts['selected']}, missed {counts['missed']}, wrong {counts['wrong']}")
+    received_s, now_s = dict(monitor.heard_s), time.monotonic()
+    ill = [
+        name
+        for name, health in list(monitor.health.items())
+        if health.warnings or now_s - received_s.get(name, now_s) > SILENT_S
+    ]
+    text = Text(" · ".join(parts))
+    silent = {name for name, at_s in received_s.items() if now_s - at_s > SILENT_S}
+    if outage := find_outage(received_s, silent, monitor.warnings()):
+        text.append(f"  {outage.sentence}; {outage.remedy}", style="red")
+    elif ill:
+        text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")
+    return text

@@ -1,10 +1,9 @@
 """The terminal view: strips in their real colours, cursors, people, rates and latency."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.panel import Panel
@@ -13,12 +12,10 @@ from rich.text import Text
 
 from pointit.cli.display import people_view
 from pointit.cli.display.display_part import DisplayPart
+from pointit.cli.display.summary import figures
 from pointit.geometry.polyline import Polyline
 from pointit.launch.run.monitor import Monitor
-from pointit.runtime.link.outage import SILENT_S, find_outage
 from pointit.schemas import Strip, StripsFrame
-from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
-from pointit.services.led_driver.outputs import FRAME_RATE
 
 REFRESH_HZ = 8
 """Refresh rate of the view, which is drawn in a thread of its own."""
@@ -35,10 +32,7 @@ CELLS_PER_M = 8
 """Scale of strips drawn side by side; it shrinks if one is wider than the terminal."""
 OLD_EVENTS, PLACES, EVENTS, WORDS, STRIPS = range(5)
 """Order in which parts are left out of a low terminal."""
-SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
-"""Topics whose rates are shown: the pipeline from wrist to light."""
 END = "Ctrl-C ends it"
-
 Worth: TypeAlias = tuple[int, int] | None
 """Priority of a part: the lowest is left out first. None: always shown."""
 
@@ -203,42 +197,6 @@ def _lamps(monitor: Monitor) -> Text:
         on = any(lamp.color)
         colour = f"rgb({lamp.color[0]},{lamp.color[1]},{lamp.color[2]})" if on else "dim"
         text.append(f"{'●' if on else '○'} {name}  ", style=colour)
-    return text
-
-
-def figures(monitor: Monitor) -> Text:
-    """Return latency, rates, selection counts and services with warnings, in one line."""
-    parts: list[str] = []
-    latency = monitor.latency.quantiles_ms()
-    if latency["p50"] is not None:
-        parts.append(f"wrist to light p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms")
-    rates: dict[str, float] = {}
-    for health in list(monitor.health.values()):
-        for key in health.keys:
-            if key.direction == "out" and key.rate_hz > 0:
-                rates[key.key] = rates.get(key.key, 0.0) + key.rate_hz
-    parts += [f"{name} {rates[row.key]:.0f} Hz" for name, row in SHOWN_RATES.items() if row.key in rates]
-    lights = (figure for health in list(monitor.health.values()) for figure in health.figures)
-    parts += [
-        f"{figure.name.removeprefix(FRAME_RATE).strip()} up to {figure.value:.0f} Hz"
-        for figure in lights
-        if figure.name.startswith(FRAME_RATE)
-    ]
-    if monitor.score.target_kinds:
-        counts: dict[str, Any] = monitor.score.counts()
-        parts.append(f"selected {counts['selected']}, missed {counts['missed']}, wrong {counts['wrong']}")
-    received_s, now_s = dict(monitor.heard_s), time.monotonic()
-    ill = [
-        name
-        for name, health in list(monitor.health.items())
-        if health.warnings or now_s - received_s.get(name, now_s) > SILENT_S
-    ]
-    text = Text(" · ".join(parts))
-    silent = {name for name, at_s in received_s.items() if now_s - at_s > SILENT_S}
-    if outage := find_outage(received_s, silent, monitor.warnings()):
-        text.append(f"  {outage.sentence}; {outage.remedy}", style="red")
-    elif ill:
-        text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")
     return text
 
 

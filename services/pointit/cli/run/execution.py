@@ -9,10 +9,8 @@ from collections.abc import AsyncGenerator
 from rich.console import Console
 from rich.text import Text
 
-from pointit.cli.display.screen import on_screen
-from pointit.cli.display.summary import write_summary
-from pointit.cli.display.view import figures
-from pointit.cli.parts import DISPLAY_PARTS
+from pointit.cli.display.summary import figures, write_summary
+from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS
 from pointit.launch.plan.plan import Beside, Plan
 from pointit.launch.plan.startup_notices import stored_mounting_notices, stored_offset_notices
 from pointit.launch.run.run_site import ScenarioRequests, ViewerPresence, adapt_to_site, clock_of, open_bus
@@ -45,7 +43,8 @@ def execute(plan: Plan, log_level: str) -> int:
     beside = [launch for each in plan.beside for launch in each.checked()]
     check_launches([*plan.launches, *beside], plan.link.addresses)
     console = PlainConsole(stderr=True)
-    drawn = plan.view and console.is_terminal and not console.is_dumb_terminal
+    is_wanted = plan.view and console.is_terminal and not console.is_dumb_terminal
+    drawn = is_wanted and bool(present(LIVE_VIEWS))
     setup_logging(log_level if not drawn else "warning", console if drawn else None)
     notes = [*plan.notes, *stored_mounting_notices(plan.launches)]
     if drawn:  # else the supervisors log their own
@@ -134,9 +133,12 @@ class _Run:
                         self._limit_s = scenario.end_s
                     if self._plan.scenario:
                         listening.callback(self._bus.serve(RUN_SCENARIO, self._requests.serve).close)
-                    parts = present(DISPLAY_PARTS)
-                    with on_screen(scenario, self._console, self._end_s, self._is_looked_on, parts):
-                        await self._until_over(scenario)
+                    if self._console is not None:
+                        parts = present(DISPLAY_PARTS)
+                        for view in present(LIVE_VIEWS):
+                            drawn = view(scenario, self._console, self._end_s, self._is_looked_on, parts)
+                            listening.enter_context(drawn)
+                    await self._until_over(scenario)
             finally:
                 self.lasted_s = self._lasted_s(scenario)
                 await scenario.end()

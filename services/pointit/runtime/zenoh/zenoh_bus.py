@@ -8,10 +8,9 @@ model itself.
 """
 
 import asyncio
-import contextlib
 import functools
 import time
-from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 import zenoh
@@ -39,12 +38,12 @@ from pointit.runtime.bus.local_broker import (
 )
 from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.errors import AccessDeniedError, NoAnswerError, RefusedError, RequestError
+from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
+from pointit.runtime.host.extras import load_object
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.connections import LinkWatch
 from pointit.runtime.zenoh.declarations import Declared, declare_publisher
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
-from pointit.runtime.zenoh.permission_probe import PermissionProbe
 from pointit.runtime.zenoh.queries import MAX_WAITING, OverflowCounter, QueuedQueryable, query_replies, refuse
 from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, recall_for_others
 from pointit.runtime.zenoh.session import close_session, open_session
@@ -216,6 +215,9 @@ async def send_query(
     raise no_answer(request, key)
 
 
+RESTRICTED = "pointit.runtime.zenoh.restricted_bus:RestrictedBus"
+"""Class of the bus of a process with credentials."""
+
 LIST_S = 1.0
 """Timeout for listing the present names, s. It takes ms."""
 
@@ -233,16 +235,21 @@ class ZenohBus(MemoryBus):
         self._state_fetcher: RetainedStateFetcher | None = None
         self._turned_away = OverflowCounter()
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
-        self._self_test: PermissionProbe | None = None
         self._is_observer = link.credentials is not None and link.credentials.is_observer
         """True if health and presence of this process are not sent, since the router would refuse them."""
-        if link.credentials is not None and self._watch is not None:
-            self._self_test = PermissionProbe(session, link.credentials, self._second, lambda: self.connected)
 
     @classmethod
     async def open(cls, link: Link, *, patience_s: float | None = None) -> "ZenohBus":
-        """Return a bus that is connected to `link`. Raises the errors of `open_session`."""
-        return cls(await open_session(link, patience_s=patience_s), link)
+        """Return a bus that is connected to `link`, with credentials one that knows its rights.
+
+        Raises:
+            BusError: As `open_session`.
+            ConfigError: As `open_session`, or if there are credentials and this build joins no secured site.
+        """
+        if link.credentials is None or not link.connect:
+            return cls(await open_session(link, patience_s=patience_s), link)
+        restricted: Callable[..., ZenohBus] = load_object(RESTRICTED, "joining a secured site")
+        return restricted(await open_session(link, patience_s=patience_s), link, link.credentials)
 
     @property
     def connected(self) -> bool:
@@ -256,25 +263,9 @@ class ZenohBus(MemoryBus):
 
     @property
     def problem(self) -> str:
-        """Return a message if the router is lost, a right is denied or queries are rejected, else `""`."""
+        """Return a message if the router is lost or queries are rejected, else `""`."""
         lost = "" if self._watch is None else self._watch.problem
-        denied = "" if self._self_test is None else self._self_test.problem
-        return lost or denied or self._turned_away.problem(time.monotonic())
-
-    @property
-    def is_restricted(self) -> bool:
-        """Return True if access rules of a router apply."""
-        return self._self_test is not None
-
-    async def denial_reason(self, verb: str, topic: AnyTopic, name: str) -> str:
-        """Return the reason if a right of this identity is denied, else `""`. The test takes 2 s.
-
-        `verb`: `writes` or `reads`. `name`: the placeholder, or `*` for any.
-
-        Returns:
-            `""` also without credentials, or without a router.
-        """
-        return "" if self._self_test is None else await self._self_test.denial_reason(verb, topic.at(name))
+        return lost or self._turned_away.problem(time.monotonic())
 
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""
@@ -348,11 +339,6 @@ class ZenohBus(MemoryBus):
         reply = self.spawn(send_query(self.session, request, key, query, timeout_s), f"call {key}")
         try:
             return await self._wait_for(reply, request, key, timeout_s)
-        except NoAnswerError as error:
-            denied = "" if self._self_test is None else await self._self_test.denial_reason("asks", key)
-            if denied:
-                raise AccessDeniedError(denied) from error
-            raise
         finally:
             reply.cancel()
 
@@ -394,8 +380,6 @@ class ZenohBus(MemoryBus):
             self._watch.close()
         if self._state_fetcher is not None:
             self._state_fetcher.close()
-        if self._self_test is not None:
-            await self._self_test.close()
         await super().close()
         await close_session(self.session)
 
@@ -410,17 +394,7 @@ class ZenohBus(MemoryBus):
         return Declaration(undo, self.declarations)
 
     def _want(self, verb: str, key: str) -> None:
-        if self._self_test is not None:
-            self._self_test.add(verb, key)
+        """Note that a right is used. Without access rules all are granted."""
 
     def _on_back(self) -> None:
-        if self._self_test is not None:
-            self._self_test.retest()
-
-    @contextlib.asynccontextmanager
-    async def _second(self) -> AsyncGenerator[zenoh.Session]:
-        session = await open_session(self.link, patience_s=0.0)
-        try:
-            yield session
-        finally:
-            await close_session(session)
+        """Note that a lost router is back."""

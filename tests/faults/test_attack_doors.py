@@ -11,8 +11,9 @@ import pytest
 import zenoh
 
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.link.credentials import connection_refusal, read_credentials
+from pointit.runtime.link.credentials import read_credentials
 from pointit.runtime.link.link import Link
+from pointit.runtime.link.refusal import connection_refusal
 from pointit.runtime.zenoh.session import configuration
 from tests.faults.account import Account
 from tests.faults.attackers import attack, besieged, keys_of, new_rules

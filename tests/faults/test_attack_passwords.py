@@ -17,8 +17,8 @@ import pytest
 
 from pointit.access.denied_operations import RECENT_S
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.link.credentials import connection_refusal
 from pointit.runtime.link.link import Link
+from pointit.runtime.link.refusal import connection_refusal
 from pointit.runtime.zenoh.session import configuration
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import CURSOR, IMU, POSE, RAY, SET_METHOD, USER_ALIVE

@@ -15,9 +15,10 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import BusError, ConfigError, ConnectError, ListenError
+from pointit.runtime.host.extras import load_object
 from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.link.credentials import PassingRefusal, connection_refusal
+from pointit.runtime.link.credentials import Credentials, PassingRefusal
 from pointit.runtime.link.link import LEASE_MS, Link, check_addresses, ports_of
 from pointit.schemas.topics import check_name
 
@@ -33,6 +34,8 @@ SYSTEM_REASON = re.compile(r"([^:\[\]\s][^:\[\]]*) \(os error \d+\)")
 IN_USE = re.compile(r"\(os error (48|98|10048)\)")
 """Numbers by which macOS, Linux and Windows report that an address is in use."""
 OPEN_RETRY_S = 0.5
+REFUSAL = "pointit.runtime.link.refusal:connection_refusal"
+"""Function that tells why a router refuses credentials."""
 PASSES_S = 10.0
 """Time after which a repeated `PassingRefusal` counts as permanent, s."""
 CLOSE_TIMEOUT_S = 1.0
@@ -244,5 +247,6 @@ def refusals(link: Link) -> str:
     """
     if link.credentials is None:
         return ""
-    reasons = [connection_refusal(link.credentials, endpoint) for endpoint in link.connect]
+    refusal_at: Callable[[Credentials, str], str] = load_object(REFUSAL, "joining a secured site")
+    reasons = [refusal_at(link.credentials, endpoint) for endpoint in link.connect]
     return reasons[0] if reasons and all(reasons) else ""

@@ -1,0 +1,103 @@
+"""Why a router rejects credentials. Zenoh reports every refusal as a time-out."""
+
+import socket
+import ssl
+
+from pointit.runtime.link.credentials import CA, CERTIFICATE, KEY, SECURE, Credentials, PassingRefusal
+
+HANDSHAKE_S = 1.0
+"""Time limit of each step when probing for the reason of a refusal."""
+NO_SECURED_ROUTER = "{} is not a router of a secured site; give its address with --connect"
+X509_TOO_OLD, X509_TOO_YOUNG, X509_OTHER_HOST = 10, 9, (62, 64)
+"""OpenSSL's verify codes: expired; not yet valid; the certificate names another host or address."""
+
+REFUSALS = {
+    "CERTIFICATE_EXPIRED": "has expired or is not valid yet, by the router's clock",
+    "UNKNOWN_CA": "is of another authority than the router's site",
+    "BAD_CERTIFICATE": "is none that the router takes",
+    "CERTIFICATE_UNKNOWN": "is none that the router takes",
+    "DECRYPT_ERROR": "is of another authority of the same name",
+    "CERTIFICATE_REQUIRED": "was not shown, and the router wants one",
+}
+"""Meaning of a router's alert on our certificate, by the end of OpenSSL's name for it."""
+
+
+def connection_refusal(credentials: Credentials, endpoint: str) -> str:
+    """Return a message if the router at `endpoint` rejects a connection, else `""` (also without an answer).
+
+    A `PassingRefusal` is not certain. Zenoh reports every refusal as a time-out, so the handshake is tried
+    again without it. Blocks for up to 3 s: call it in a thread.
+    """
+    found = SECURE.match(endpoint)
+    if not found:
+        return ""
+    host, port = found["ipv6"] or found["host"], int(found["port"])
+    name = credentials.link.name
+    try:
+        context = _context(credentials)
+    except (OSError, ssl.SSLError) as error:
+        return f"{credentials.folder}: its certificates cannot be used ({_reason(error)})"
+    try:
+        plain = socket.create_connection((host, port), timeout=HANDSHAKE_S)
+    except OSError:
+        return ""  # no answer or no route: the usual message fits
+    is_secured = False
+    try:
+        with plain, context.wrap_socket(plain, server_hostname=host) as secured:
+            is_secured = True
+            secured.recv(1)  # the router's verdict on our certificate follows the handshake
+    except ssl.SSLError as error:
+        if is_secured or not isinstance(error, ssl.SSLEOFError | ssl.SSLZeroReturnError):  # to OpenSSL 3.5
+            return _handshake_problem(error, endpoint, credentials)
+        return PassingRefusal(NO_SECURED_ROUTER.format(endpoint))
+    except OSError:  # includes a time-out, which means success once the connection is secured
+        if not is_secured:
+            return PassingRefusal(NO_SECURED_ROUTER.format(endpoint))
+    if credentials.link.password:
+        return PassingRefusal(
+            f"the router at {endpoint} refuses {name}'s password, or is too busy to check it; if that "
+            f"persists, renew it with `pointit site renew {name}` and copy the folder here"
+        )
+    return ""
+
+
+def _context(credentials: Credentials) -> ssl.SSLContext:
+    context = ssl.create_default_context(cafile=str(credentials.folder / CA))
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if not credentials.link.password:
+        context.load_cert_chain(credentials.folder / CERTIFICATE, credentials.folder / KEY)
+    return context
+
+
+def _handshake_problem(error: ssl.SSLError, endpoint: str, credentials: Credentials) -> str:
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return _distrust(error, endpoint, credentials)
+    name = credentials.link.name
+    for alert, why in REFUSALS.items():
+        if (error.reason or "").endswith(alert):
+            return (
+                f"the router at {endpoint} refuses {name}'s certificate: it {why}; "
+                f"renew it with `pointit site renew {name}`"
+            )
+    return PassingRefusal(f"{endpoint} does not speak TLS as a router does ({_reason(error)})")
+
+
+def _distrust(error: ssl.SSLCertVerificationError, endpoint: str, credentials: Credentials) -> str:
+    router = f"the router at {endpoint}"
+    if error.verify_code == X509_TOO_OLD:
+        return f"{router} has a certificate that expired; renew it with `pointit site renew router`"
+    if error.verify_code == X509_TOO_YOUNG:
+        return f"{router} has a certificate that is not valid yet by this machine's clock; set the clock"
+    if error.verify_code in X509_OTHER_HOST:
+        return (
+            f"{router} has a certificate for other names; "
+            "add this one with `pointit site renew router --host NAME`"
+        )
+    return (
+        f"{router} is not the one of site {credentials.link.site}: another authority certified it; "
+        "use that site's credentials, or the right address"
+    )
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "reason", None) or getattr(error, "strerror", None) or type(error).__name__

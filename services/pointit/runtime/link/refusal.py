@@ -1,4 +1,4 @@
-"""Why a router rejects credentials. Zenoh reports every refusal as a time-out."""
+"""Reasons of routers that reject credentials. Zenoh reports every refusal as a time-out."""
 
 import socket
 import ssl

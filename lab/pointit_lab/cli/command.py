@@ -79,6 +79,11 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
     metavar="FILE",
     help="score this recorded session instead of the sets; may be repeated",
 )
+@click.option(
+    "--memory",
+    is_flag=True,
+    help="instead: following for 2 and 3 s with the bias that another localization of the person told",
+)
 @JOBS
 def localization(
     *,
@@ -89,6 +94,7 @@ def localization(
     json_file: Path | None,
     brief: bool,
     baselines: bool,
+    memory: bool,
     jobs: int,
 ) -> None:
     """Evaluate poses of people: errors, stated sigma and time of our solver and of two baselines.
@@ -108,6 +114,9 @@ def localization(
         if sets:
             raise ConfigError("--set: recordings have none; leave it out with --recording")
         evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
+        return
+    if memory:
+        _evaluate_memory(data, sets, subjects, json_file, brief=brief)
         return
     from pointit_lab.cli.table import print_over_people  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
@@ -143,6 +152,43 @@ def localization(
         for name, of_set in over.items():
             if of_set:
                 print_over_people(screen, f"{name}, over people", of_set, OURS)
+
+
+def _evaluate_memory(
+    data: Path | None,
+    sets: tuple[str, ...],
+    subjects: tuple[str, ...],
+    json_file: Path | None,
+    *,
+    brief: bool,
+) -> None:
+    from pointit_lab.cli.table import print_over_people  # noqa: PLC0415 - SciPy is wanted only here
+    from pointit_lab.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.localization.memory import OTHERS, REMARK, WITHOUT, memory_rows  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above
+
+    check_sets(sets, list(SETS))
+    check_writable(json_file)
+    with interruptible():
+        followed = read_trials(recordings_folder(data), sets, subjects).followed
+        with progress() as tell_progress:
+            rows = memory_rows(
+                [each for each in followed if not subjects or each.subject in subjects],
+                tick=lambda done: tell_progress("localizations", done),
+            )
+        if not rows:
+            raise ConfigError("--memory: no two recordings of following are of 10 s; give more data")
+        is_other = {row.solver: row.solver in (OTHERS, WITHOUT) for row in rows}
+        own = over_people([row for row in rows if not is_other[row.solver]], OURS)
+        others = over_people([row for row in rows if is_other[row.solver]], WITHOUT)
+        written = [each.as_json() for each in (*own, *others)]
+        if write_json({**document(rows), "over_people": {"memory": written}}, json_file):
+            return
+        screen = evaluation_console()
+        print_rows(screen, shown(rows, brief=brief), [REMARK])
+        for of_set, reference in ((own, OURS), (others, WITHOUT)):
+            if of_set:
+                print_over_people(screen, "memory, over people", of_set, reference)
 
 
 @click.command("pointing")

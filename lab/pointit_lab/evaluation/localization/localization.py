@@ -130,7 +130,7 @@ def outcome(trial: LocalizationTrial, bound_m: float, name: str, solver: Solver)
     taken_m = None
     if solver is ours:
         verdict = judged(trial.pointings)
-        taken_m = _off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf
+        taken_m = off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf
     if isinstance(found, Refusal):
         best = solve(trial.pointings, ANY)
         return Outcome(
@@ -141,7 +141,7 @@ def outcome(trial: LocalizationTrial, bound_m: float, name: str, solver: Solver)
             taken_m=taken_m,
             recording=trial.recording,
             start_s=trial.start_s,
-            position_m=_off_m(best, trial) if isinstance(best, Solution) else math.nan,
+            position_m=off_m(best, trial) if isinstance(best, Solution) else math.nan,
             bound_m=bound_m,
         )
     yaw_deg = math.nan
@@ -155,7 +155,7 @@ def outcome(trial: LocalizationTrial, bound_m: float, name: str, solver: Solver)
         key=key,
         solver=name,
         solve_ms=solve_ms,
-        position_m=_off_m(found, trial),
+        position_m=off_m(found, trial),
         yaw_deg=yaw_deg,
         position_sigma_m=sigma_m,
         yaw_sigma_deg=yaw_sigma_deg,
@@ -167,9 +167,10 @@ def outcome(trial: LocalizationTrial, bound_m: float, name: str, solver: Solver)
     )
 
 
-def _off_m(solution: Solution | BaselineEstimate, trial: LocalizationTrial) -> float:
-    off_m = math.hypot(solution.x_m - trial.x_m, solution.y_m - trial.y_m)
-    return min(off_m, FARTHEST_M) if math.isfinite(off_m) else FARTHEST_M
+def off_m(solution: Solution | BaselineEstimate, trial: LocalizationTrial) -> float:
+    """Return the horizontal error of `solution`, at most `FARTHEST_M`."""
+    error_m = math.hypot(solution.x_m - trial.x_m, solution.y_m - trial.y_m)
+    return min(error_m, FARTHEST_M) if math.isfinite(error_m) else FARTHEST_M
 
 
 def judged(pointings: Pointings, settings: SolverSettings = LIMITS) -> Solution | Refusal:

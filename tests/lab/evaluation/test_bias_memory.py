@@ -1,0 +1,112 @@
+"""Elevation bias remembered between localizations: its filter and its guard."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings
+from pointit_lab.evaluation.localization.bias_memory import (
+    REFERENCE_RAD,
+    WANDER_RAD,
+    BiasMemory,
+    RememberedBias,
+)
+from tests.unit.localizer.person import EYES_M, Person, solved
+
+SETTINGS = SolverSettings().unlimited()
+NEW = RememberedBias(covariance=np.diag([math.radians(10.0) ** 2, 0.15**2]), origin_height_m=EYES_M)
+
+
+def following(person: Person, seconds: float, *, start_s: float = 0.0) -> Pointings:
+    """Return rays of `person` at a robot that flies a figure of eight 2 m ahead, 25 a second."""
+    times_s = start_s + np.arange(0.0, seconds + 1e-9, 0.04)
+    x_m, y_m = 2.0 + 0.8 * np.sin(2.0 * times_s), 1.0 * np.sin(times_s)
+    targets_m = np.stack([x_m, y_m, 0.8 + 0.3 * np.sin(1.3 * times_s)], axis=1)
+    directions = np.array([person.direction(tuple(target)) for target in targets_m.tolist()])
+    origins_m = np.tile([0.0, 0.0, EYES_M], (len(times_s), 1))
+    return Pointings(times_s - times_s[0], origins_m, directions, targets_m)
+
+
+def learned(person: Person, seconds: float = 10.0) -> BiasMemory:
+    memory = BiasMemory()
+    assert memory.learn(following(person, seconds), SETTINGS, 0.0)
+    return memory
+
+
+def test_the_filter_is_the_least_squares_fit_of_all_measurements() -> None:
+    elevations, biases = np.radians([-20.0, -45.0, -5.0]), np.radians([6.0, 9.0, 3.5])
+    sigmas = np.radians([3.0, 4.0, 2.5])
+    memory = NEW
+    for elevation, bias, sigma in zip(elevations.tolist(), biases.tolist(), sigmas.tolist(), strict=True):
+        memory = memory.updated(bias, sigma, elevation)
+    # one row a measurement and one a prior, each divided by its standard deviation
+    spreads = np.hypot(sigmas, WANDER_RAD)
+    rows = np.vstack([np.stack([1.0 / spreads, (elevations - REFERENCE_RAD) / spreads], axis=1),
+                      np.diag([1.0 / math.radians(10.0), 1.0 / 0.15])])  # fmt: skip
+    fit, *_ = np.linalg.lstsq(rows, np.concatenate([biases / spreads, [0.0, 0.0]]), rcond=None)
+    covariance = np.linalg.inv(rows.T @ rows)
+    assert (memory.bias_rad, memory.slope) == pytest.approx(fit, rel=1e-9)
+    np.testing.assert_allclose(memory.covariance, covariance)
+    assert memory.localizations == 3
+    mean_rad, sigma_rad = memory.expected_bias(math.radians(-30.0))
+    row = np.array([1.0, math.radians(-30.0) - REFERENCE_RAD])
+    assert mean_rad == pytest.approx(row @ fit)
+    assert sigma_rad == pytest.approx(math.sqrt(row @ covariance @ row + WANDER_RAD**2))
+
+
+def test_one_measurement_of_3_degrees_makes_the_prior_4_degrees() -> None:
+    _, sigma_rad = NEW.updated(0.1, math.radians(3.0), REFERENCE_RAD).expected_bias(REFERENCE_RAD)
+    assert math.degrees(sigma_rad) == pytest.approx(3.93, abs=0.01)  # (1/100 + 1/13)^-1 + 4, square root
+
+
+def test_a_localization_of_ten_seconds_measures_the_bias_and_a_shorter_one_does_not() -> None:
+    person = Person(0.5, -0.3, 0.4, math.radians(7.0))
+    memory = learned(person)
+    assert memory.remembered is not None
+    rays = following(person, 2.0, start_s=20.0)
+    believed = memory.believed(rays, SETTINGS, 0.0)
+    assert math.degrees(believed.bias_rad) == pytest.approx(7.0, abs=1.5)
+    assert math.degrees(believed.bias_sigma_rad) < 5.0
+    limits_rad = [each.bias_sigma_limit * each.bias_sigma_rad for each in (believed, SETTINGS)]
+    assert limits_rad[0] == pytest.approx(limits_rad[1])
+    assert solved(rays, believed).bias_sigma_rad < solved(rays, SETTINGS).bias_sigma_rad
+    short = BiasMemory()
+    assert not short.learn(following(person, 9.0), SETTINGS, 0.0)
+    assert short.remembered is None
+
+
+def test_rays_of_another_person_are_solved_without_memory_and_an_accepted_pose_replaces_it() -> None:
+    memory = learned(Person(bias_rad=math.radians(-12.0)))
+    before = memory.remembered
+    other = Person(bias_rad=math.radians(9.0))
+    assert memory.believed(following(other, 5.0), SETTINGS, 0.0) is SETTINGS
+    assert memory.remembered is before  # no pose is accepted yet
+    assert not memory.learn(following(other, 5.0), SETTINGS, 0.0)
+    assert memory.remembered is None
+    assert memory.learn(following(other, 10.0), SETTINGS, 0.0)
+    assert memory.remembered is not None
+    assert memory.remembered.localizations == 1
+    assert math.degrees(memory.remembered.expected_bias(math.radians(-22.0))[0]) == pytest.approx(9.0, abs=2)
+
+
+def test_rays_of_another_body_are_solved_without_memory() -> None:
+    person = Person(bias_rad=math.radians(5.0))
+    memory = learned(person)
+    rays = following(person, 4.0)
+    assert memory.believed(rays, SETTINGS, 0.0).bias_rad > 0.0
+    taller = dataclasses.replace(rays, origins_m=np.add(rays.origins_m, [0.0, 0.0, 0.06]))
+    assert memory.believed(taller, SETTINGS, 0.0) is SETTINGS
+
+
+def test_a_second_localization_makes_it_more_certain() -> None:
+    person = Person(bias_rad=math.radians(4.0))
+    memory = learned(person)
+    first = memory.remembered
+    assert memory.learn(following(person, 10.0, start_s=30.0), SETTINGS, 0.0)
+    assert first is not None
+    assert memory.remembered is not None
+    assert memory.remembered.localizations == 2
+    elevation_rad = math.radians(-22.0)
+    assert memory.remembered.expected_bias(elevation_rad)[1] < first.expected_bias(elevation_rad)[1]

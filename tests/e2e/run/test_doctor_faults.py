@@ -118,7 +118,8 @@ async def test_a_run_in_processes_that_starts_and_then_it_or_one_of_them_is_stop
     """One run for all: its processes take ten seconds of CPU to start."""
     plant = run_at(commands, endpoint, "--processes")
     await plant.run.says("of site")
-    assert await plant.findings() == []  # while it starts
+    # on a busy machine services that start may warn of messages that come late
+    assert [each for each in await plant.findings() if each["code"] != "warning"] == [], "while it starts"
     await plant.is_well()
     await finds_it_stopped(plant)
     pui = next(each for each in plant.run.family() if "pointit.services.pui" in each.cmdline())

@@ -4,12 +4,12 @@ A package adds a command by an entry point of the group `pointit.commands`: see 
 A command joins a site by `pointit.open` or `pointit.connect`.
 """
 
+from pointit.cli.common.address_option import host_port
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import OutputSection, console, json_option, print_json, print_table, say, show
 from pointit.cli.common.progress import ProgressCallback, interruptible, progress
 from pointit.runtime.config.nearest_name import nearest
-from pointit.runtime.config.network_address import host_port
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.host.extras import pointit_version, remedy

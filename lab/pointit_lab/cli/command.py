@@ -111,8 +111,9 @@ def localization(
     if recordings:
         from pointit_lab.cli.sessions import evaluate_sessions  # noqa: PLC0415 - SciPy is wanted only here
 
-        if sets:
-            raise ConfigError("--set: recordings have none; leave it out with --recording")
+        if sets or memory:
+            option = "--set" if sets else "--memory"
+            raise ConfigError(f"{option}: not of recordings; leave it out with --recording")
         evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
         return
     if memory:
@@ -170,10 +171,12 @@ def _evaluate_memory(
     check_sets(sets, list(SETS))
     check_writable(json_file)
     with interruptible():
-        followed = read_trials(recordings_folder(data), sets, subjects).followed
+        reading = read_trials(recordings_folder(data), sets, subjects)
+        for note in reading.notes:
+            click.echo(f"note: {note}", err=True)
         with progress() as tell_progress:
             rows = memory_rows(
-                [each for each in followed if not subjects or each.subject in subjects],
+                [each for each in reading.followed if not subjects or each.subject in subjects],
                 tick=lambda done: tell_progress("localizations", done),
             )
         if not rows:

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from pointit.cli.common.address_option import host_port
 from pointit.cli.common.output import print_file
 from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.launch.page.page import is_available, page_unavailable_error
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.config.network_address import host_port
 from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import Message

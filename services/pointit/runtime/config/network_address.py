@@ -3,8 +3,6 @@
 import ipaddress
 import re
 
-import click
-
 MAX_PORT = 65535
 _BRACKETED = re.compile(r"\[([^\[\]]*)\](?::(.*))?")
 _NO_NAME = re.compile(r"[\s\0/@?#%\\\[\]]|^\.|\.\.|[^.]{64}")
@@ -39,23 +37,6 @@ def parse_address(text: str) -> tuple[str, int | None]:
     if int(port) > MAX_PORT:
         raise ValueError(f"port {port} is above {MAX_PORT}: correct it")
     return host, int(port)
-
-
-def host_port(_ctx: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[str, int] | None:
-    """Return host and port of `text`, an IPv6 address in brackets, or None without a text.
-
-    Raises:
-        click.BadParameter: If it is anything else.
-    """
-    if text is None:
-        return None
-    try:
-        host, port = parse_address(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
-    if port is None:
-        raise click.BadParameter(f"{text!r} has no port; write an address such as 127.0.0.1:9464")
-    return host, port
 
 
 def _numeric_host(kind: type[ipaddress.IPv4Address | ipaddress.IPv6Address], host: str, text: str) -> str:

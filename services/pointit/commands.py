@@ -4,7 +4,7 @@ A package adds a command by an entry point of the group `pointit.commands`: see 
 A command joins a site by `pointit.open` or `pointit.connect`.
 """
 
-from pointit.cli.common.address_option import host_port
+from pointit.cli.address_option import host_port
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import OutputSection, console, json_option, print_json, print_table, say, show

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pointit.cli.common.address_option import host_port
+from pointit.cli.address_option import host_port
 from pointit.cli.common.output import print_file
 from pointit.cli.common.site_link import join_site, quiet, site_options
 from pointit.launch.page.page import is_available, page_unavailable_error

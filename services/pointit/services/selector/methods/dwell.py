@@ -6,8 +6,12 @@ from collections.abc import Collection
 from typing import Literal
 
 from pointit.schemas import NS_PER_S
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.selection_methods import PointingSample, SelectionMethod, SelectionProgress
 
 Method = Literal["hold", "fraction"]
+
+NOTHING = SelectionProgress()
 
 
 class Dwell:
@@ -130,3 +134,45 @@ class Dwell:
         self._steps.clear()
         self._away[object_id] = 0
         return object_id
+
+
+class DwellMethod:
+    """Method `hold` or `fraction` for one person."""
+
+    def __init__(self, name: Method, config: SelectorConfig) -> None:
+        self._dwell = Dwell(
+            name,
+            window_s=config.window_s,
+            timestep_s=config.timestep_s,
+            fraction=config.fraction,
+            release_s=config.release_s,
+            longest_gap_s=config.longest_gap_s,
+        )
+        self.latch = self._dwell.latch
+
+    @property
+    def latched(self) -> Collection[str]:
+        """Return the objects that fired and were not left since."""
+        return self._dwell.latched
+
+    def step(self, pointing: PointingSample) -> SelectionProgress:
+        """Process a cursor."""
+        cursor, under, _, acts = pointing
+        fired = self._dwell.step(cursor.stamp_ns, under)
+        if under is None and fired is None:
+            return NOTHING
+        if under is None or not acts(under):
+            return SelectionProgress(under, 0.0, fired)
+        return SelectionProgress(under, self._dwell.progress(under), fired)
+
+
+HOLD = SelectionMethod(
+    summary="the same object at every timestep of a window",
+    config=SelectorConfig,
+    make=lambda config, _surroundings: DwellMethod("hold", config),
+)
+FRACTION = SelectionMethod(
+    summary="the same object at most timesteps of a window",
+    config=SelectorConfig,
+    make=lambda config, _surroundings: DwellMethod("fraction", config),
+)

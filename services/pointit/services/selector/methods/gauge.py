@@ -1,4 +1,4 @@
-"""Gauges of one person: one per object, filled by steady pointing; the ray's speed (pointing.md §6)."""
+"""Method `gauge`: a gauge for each object, filled by steady pointing; the ray's speed (pointing.md §6)."""
 
 import math
 from collections.abc import Collection, Container
@@ -7,6 +7,8 @@ from statistics import median
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.selection_methods import PointingSample, SelectionMethod, SelectionProgress
 
 
 class Gauges:
@@ -155,3 +157,67 @@ class RaySpeedEstimator:
         raised = median(self._elevations[-half:]) - median(self._elevations[:half])
         per_s = NS_PER_S / span_ns
         return turned * math.cos(self._elevations[-1]) * per_s, raised * per_s
+
+
+class GaugeMethod:
+    """Method `gauge` for one person."""
+
+    def __init__(self, config: SelectorConfig) -> None:
+        self._config = gauge = config.gauge
+        self._snap_rad = math.radians(gauge.snap_deg)
+        self._sparse_rad = math.radians(gauge.sparse_deg)
+        self._steady_rad_s = math.radians(gauge.steady_deg_per_s)
+        self._gap_ns = round(config.longest_gap_s * NS_PER_S)
+        self._steadiness = RaySpeedEstimator(gauge.speed_window_s)
+        self._gauges = Gauges(
+            drain_share=gauge.drain_share,
+            leave_s=gauge.leave_s,
+            longest_gap_s=config.longest_gap_s,
+            full_s=gauge.full_s,
+        )
+        self.latch = self._gauges.latch
+        self._hovered: str | None = None
+        self._stamp_ns: int | None = None
+
+    @property
+    def latched(self) -> Collection[str]:
+        """Return the objects that fired and were not left since."""
+        return self._gauges.latched
+
+    def step(self, pointing: PointingSample) -> SelectionProgress:
+        """Process a cursor."""
+        cursor, hovered, view, acts = pointing
+        gauge = self._config
+        gauges = self._gauges
+        if self._stamp_ns is not None and cursor.stamp_ns - self._stamp_ns > self._gap_ns:
+            self._steadiness.clear()
+        self._stamp_ns = cursor.stamp_ns
+        fills, full_s, near = True, gauge.full_s, set[str]()
+        if cursor.direction is not None:
+            self._steadiness.add(cursor.stamp_ns, cursor.direction)
+        if view is not None:
+            hovered = view.pick(self._hovered, self._snap_rad, gauge.hysteresis)
+            latched = gauges.latched
+            if latched:
+                near = view.near(latched, self._snap_rad, gauge.leave_factor)
+        elif hovered is not None:
+            near = {hovered}
+        if hovered is not None and view is not None:
+            rate = self._steadiness.rate()
+            fills = rate is not None and view.relative_rate(hovered, rate) < self._steady_rad_s
+            if gauge.sparse_full_s != full_s and view.is_isolated(self._sparse_rad):
+                full_s = gauge.sparse_full_s
+        fills = fills and hovered is not None and acts(hovered)
+        fired = gauges.step(cursor.stamp_ns, hovered, fills=fills, full_s=full_s, near=near)
+        self._hovered = hovered
+        if hovered is None:
+            return SelectionProgress(None, fired=fired)
+        return SelectionProgress(hovered, gauges.fill(hovered), fired, gauges.filled_s(hovered))
+
+
+GAUGE = SelectionMethod(
+    summary="a gauge that fills during steady pointing, and drains otherwise",
+    config=SelectorConfig,
+    make=lambda config, _surroundings: GaugeMethod(config),
+    by_angle=True,
+)

@@ -1,10 +1,12 @@
 """Draws the life cycle, docs/explanation/life_cycle.md: `python docs/pictures/life_cycle.py`."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TypeVar, get_args
 
-from pointit.services.supervisor.transitions import CONDITIONS, EFFECTS, EVENTS, STAGES, TABLE, Transition
+from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage, Transition
 
+W = TypeVar("W", bound=str)
 FILE = Path(__file__).parents[1] / "explanation" / "life_cycle.md"
 HEAD = """# Life cycle of an interaction
 
@@ -14,6 +16,53 @@ HEAD = """# Life cycle of an interaction
 runs it for each person. An arrow shows its events, with conditions in brackets.
 `before` is the stage that preceded the attempt.
 """
+
+STAGES: Mapping[Stage, str] = {
+    "idle": "the person rests",
+    "pointing": "the person has a cursor",
+    "localizing": "the person asked to be localized, and points at the targets",
+    "anchoring": "the person points at one lamp, which corrects the pose",
+    "joined": "another client asked to localize the person, who points at its targets",
+}
+
+EVENTS: Mapping[Event, str] = {
+    "press": "a short press of the button",
+    "double": "a double press",
+    "hold": "the button is held",
+    "sample": "a timely sample of the wrist",
+    "target": "the localizer names a target or a queue",
+    "found": "the localizer has found or corrected the pose",
+    "refused": "the localizer found no pose",
+    "cancelled": "the attempt was cancelled elsewhere",
+    "restarted": "the localizer does not know the attempt",
+    "lost": "the localizer does something else",
+    "rejected": "the localizer rejected the request",
+    "recovered": "a localization that an earlier supervisor requested continues",
+    "anchor requested": "another client requested an anchor",
+    "pose requested": "another client requested a localization",
+    "silent": "nothing was heard from the wrist for `imu_timeout_s`",
+    "timeout": "no further target within `localization_timeout_s`",
+}
+
+CONDITIONS: Mapping[Condition, str] = {
+    "must localize": "`localize`, and no pose is known or `relocalize_each_time`",
+    "localizes": "`localize`",
+    "no pose": "no pose is known",
+    "has pose": "a pose is known",
+    "press ends": "`press_while_pointing` is `ends`",
+    "may start": "`autostart`, not forbidden, and no delay runs",
+    "may resume": "pointing was interrupted within `resume_s`, and the pose is still known",
+}
+
+EFFECTS: Mapping[Effect, str] = {
+    "request pose": "request a localization",
+    "request anchor": "request an anchor",
+    "cancel": "cancel what the localizer does",
+    "allow autostart": "samples may start pointing, with `autostart`",
+    "forbid autostart": "only the button starts pointing",
+    "retry later": "samples start nothing for `retry_s`",
+    "resume soon": "samples may resume pointing for `resume_s`, if it was interrupted",
+}
 
 
 def page() -> str:
@@ -41,10 +90,10 @@ def page() -> str:
                 ),
             ),
             "",
-            *legend("stage", STAGES.items()),
-            *legend("event", EVENTS.items()),
-            *legend("condition", CONDITIONS.items()),
-            *legend("effect", EFFECTS.items()),
+            *legend("stage", get_args(Stage), STAGES),
+            *legend("event", get_args(Event), EVENTS),
+            *legend("condition", get_args(Condition), CONDITIONS),
+            *legend("effect", get_args(Effect), EFFECTS),
         ]
     )
 
@@ -73,9 +122,9 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
         yield f"| {' | '.join(cells)} |"
 
 
-def legend(name: str, meanings: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """Yield the lines of a table that explains words."""
-    yield from (*table((name, "meaning"), meanings), "")
+def legend(name: str, words: Iterable[W], meanings: Mapping[W, str]) -> Iterator[str]:
+    """Yield the lines of a table that explains `words`."""
+    yield from (*table((name, "meaning"), ((word, meanings[word]) for word in words)), "")
 
 
 def _listed(words: Iterable[str]) -> str:

@@ -1,8 +1,8 @@
 """The life cycle of a pointing-based interaction (paper, §II-D), for one person, as one table.
 
-`python docs/pictures/life_cycle.py` draws it in docs/explanation/life_cycle.md. The stages `localizing`,
-`anchoring` and `joined` are published as the state `localizing`: the person points at targets, and no cursor
-is shown.
+`python docs/pictures/life_cycle.py` draws it in docs/explanation/life_cycle.md, which explains each word. The
+stages `localizing`, `anchoring` and `joined` are published as the state `localizing`: the person points at
+targets, and no cursor is shown.
 
 The cues alone are sufficient instructions: while a cue `waits`, wait; `started`: continue; `target`: point at
 what it names; `stopped` and `refused`: rest. `localized`, and a `refused` or `stopped` attempt, are followed
@@ -17,14 +17,6 @@ from pointit.services.supervisor import user_messages as text
 
 Stage = Literal["idle", "pointing", "localizing", "anchoring", "joined"]
 
-STAGES: Mapping[Stage, str] = {
-    "idle": "the person rests",
-    "pointing": "the person has a cursor",
-    "localizing": "the person asked to be localized, and points at the targets",
-    "anchoring": "the person points at one lamp, which corrects the pose",
-    "joined": "another client asked to localize the person, who points at its targets",
-}
-
 Event = Literal[
     "press", "double", "hold", "sample",
     "target", "found", "refused", "cancelled", "restarted", "lost", "rejected",
@@ -32,53 +24,14 @@ Event = Literal[
     "silent", "timeout",
 ]  # fmt: skip
 
-EVENTS: Mapping[Event, str] = {
-    "press": "a short press of the button",
-    "double": "a double press",
-    "hold": "the button is held",
-    "sample": "a timely sample of the wrist",
-    "target": "the localizer names a target or a queue",
-    "found": "the localizer has found or corrected the pose",
-    "refused": "the localizer found no pose",
-    "cancelled": "the attempt was cancelled elsewhere",
-    "restarted": "the localizer does not know the attempt",
-    "lost": "the localizer does something else",
-    "rejected": "the localizer rejected the request",
-    "recovered": "a localization that an earlier supervisor requested continues",
-    "anchor requested": "another client requested an anchor",
-    "pose requested": "another client requested a localization",
-    "silent": "nothing was heard from the wrist for `imu_timeout_s`",
-    "timeout": "no further target within `localization_timeout_s`",
-}
-
 Condition = Literal[
     "must localize", "localizes", "no pose", "has pose", "press ends", "may start", "may resume",
 ]  # fmt: skip
-
-CONDITIONS: Mapping[Condition, str] = {
-    "must localize": "`localize`, and no pose is known or `relocalize_each_time`",
-    "localizes": "`localize`",
-    "no pose": "no pose is known",
-    "has pose": "a pose is known",
-    "press ends": "`press_while_pointing` is `ends`",
-    "may start": "`autostart`, not forbidden, and no delay runs",
-    "may resume": "pointing was interrupted within `resume_s`, and the pose is still known",
-}
 
 Effect = Literal[
     "request pose", "request anchor", "cancel",
     "allow autostart", "forbid autostart", "retry later", "resume soon",
 ]  # fmt: skip
-
-EFFECTS: Mapping[Effect, str] = {
-    "request pose": "request a localization",
-    "request anchor": "request an anchor",
-    "cancel": "cancel what the localizer does",
-    "allow autostart": "samples may start pointing, with `autostart`",
-    "forbid autostart": "only the button starts pointing",
-    "retry later": "samples start nothing for `retry_s`",
-    "resume soon": "samples may resume pointing for `resume_s`, if it was interrupted",
-}
 
 
 class Transition(NamedTuple):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.closest import TINY, Hit, make_hit
+from pointit.geometry.closest import TINY, Hit, Measure, make_hit
 from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
@@ -175,6 +175,23 @@ class CloudTree:
             near &= along - radii <= ray.reach_m
         rows, columns = near.nonzero()
         return rows, columns
+
+
+class CloudCaster:
+    """Clouds, numbered as given, in one tree."""
+
+    def __init__(self, clouds: Sequence[Array], *, measure: Measure) -> None:
+        self._tree = CloudTree(np.concatenate(clouds), measure=measure)
+        self._ends = np.cumsum([len(cloud) for cloud in clouds])
+
+    def cast(
+        self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
+    ) -> Hit | None:
+        """Return the closest point to the ray with the index of its cloud as target; see `CloudTree.cast`."""
+        hit = self._tree.cast(origin_m, direction, tolerance, reach_m)
+        if hit is None:
+            return None
+        return hit._replace(target=int(np.searchsorted(self._ends, hit.target, side="right")))
 
 
 def _seen(places: Array, ray: _Ray) -> tuple[Array, Array]:

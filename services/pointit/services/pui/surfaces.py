@@ -2,20 +2,15 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit, Measure
-from pointit.geometry.cloud_tree import CloudTree
 from pointit.geometry.plane import GRAZING_RAD
-from pointit.geometry.point_tree import REACH_M, STEP_M, PointTree
-from pointit.geometry.polyline import Polyline
 from pointit.geometry.ray_cast import SAME, RayCaster, SolidCaster
 from pointit.geometry.solids import Solid
 from pointit.geometry.vector import Vec3
+from pointit.runtime.host.extras import import_room
 from pointit.schemas import Environment
 from pointit.services.pui.shapes import Clouds, Kind, Shape, SolidKind, Surface, group_by_priority, solids_of
 
@@ -58,8 +53,8 @@ class Surfaces:
         method: Literal["exact", "kd_tree"] = "exact",
         tolerance_rad: float = math.radians(12.0),
         tolerance_m: float | None = None,
-        step_m: float = STEP_M,
-        reach_m: float = REACH_M,
+        step_m: float = 0.05,
+        reach_m: float = 20.0,
         clouds: Clouds | None = None,
         priority: Mapping[str, int] | None = None,
         opaque: Sequence[SolidKind] = OPAQUE,
@@ -164,51 +159,29 @@ class Surfaces:
     def _parties(
         self, shapes: list[Shape], method: Literal["exact", "kd_tree"], step_m: float, reach_m: float
     ) -> list[_CasterGroup]:
-        lines: list[Polyline] = []
-        points: list[Vec3] = []
-        clouds: list[NDArray[Any]] = []
-        solids: list[Any] = []
-        named: dict[int, list[Surface]] = {0: [], 1: [], 2: [], 3: []}
-        for surface, form in shapes:
-            if isinstance(form, Polyline):
-                lines.append(form)
-                named[0].append(surface)
-            elif isinstance(form, tuple):
-                points.append(form)
-                named[1].append(surface)
-            elif isinstance(form, np.ndarray):
-                clouds.append(form)
-                named[2].append(surface)
-            else:
-                solids.append(form)
-                named[3].append(surface)
+        def targets(*kinds: Kind) -> tuple[list[Surface], list[Any]]:
+            own = [shape for shape in shapes if shape.surface.kind in kinds]
+            return [surface for surface, _ in own], [form for _, form in own]
+
+        on_lines, lines = targets("strip", "belt")
+        at_points, points = targets("lamp")
+        in_clouds, clouds = targets("points")
+        on_solids, solids = targets(*get_args(SolidKind))
         parties: list[_CasterGroup] = []
         if method == "kd_tree" and (lines or points or clouds):
-            tree = PointTree(lines, points, clouds, step_m=step_m, reach_m=reach_m)
-            parties.append(_CasterGroup(tree, named[0] + named[1] + named[2]))
+            trees = import_room("pointit.geometry.point_tree", "the method kd_tree")
+            tree = trees.PointTree(lines, points, clouds, step_m=step_m, reach_m=reach_m)
+            parties.append(_CasterGroup(tree, on_lines + at_points + in_clouds))
         elif lines or points:
-            parties.append(_CasterGroup(RayCaster(lines, points, measure=self._measure), named[0] + named[1]))
+            parties.append(
+                _CasterGroup(RayCaster(lines, points, measure=self._measure), on_lines + at_points)
+            )
         if clouds and method == "exact":
-            parties.append(_CasterGroup(_CloudCaster(clouds, self._measure), named[2]))
+            trees = import_room("pointit.geometry.cloud_tree", "pointing at clouds")
+            parties.append(_CasterGroup(trees.CloudCaster(clouds, measure=self._measure), in_clouds))
         if solids:
-            parties.append(_CasterGroup(SolidCaster(solids, measure=self._measure), named[3]))
+            parties.append(_CasterGroup(SolidCaster(solids, measure=self._measure), on_solids))
         return parties
-
-
-class _CloudCaster:
-    """Clouds, numbered as given, in one tree."""
-
-    def __init__(self, clouds: list[NDArray[Any]], measure: Measure) -> None:
-        self._tree = CloudTree(np.concatenate(clouds), measure=measure)
-        self._ends = np.cumsum([len(cloud) for cloud in clouds])
-
-    def cast(
-        self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
-    ) -> Hit | None:
-        hit = self._tree.cast(origin_m, direction, tolerance, reach_m)
-        if hit is None:
-            return None
-        return hit._replace(target=int(np.searchsorted(self._ends, hit.target, side="right")))
 
 
 class Occluders:

@@ -1,6 +1,6 @@
 """Geometry of the things of a map: lines, points, solids, clouds, each with its kind and id."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -126,28 +126,16 @@ def solids_of(
     environment: Environment, kinds: Collection[Kind], grazing_rad: float
 ) -> list[tuple[Surface, Solid]]:
     """Return the solids of `kinds`."""
-    solids: list[tuple[Surface, Solid]] = []
-    if "box" in kinds:
-        solids += [
-            (Surface("box", box.id), BoxSolid(box.center_m, box.size_m, box.yaw_rad))
-            for box in environment.boxes
-        ]
-    if "plane" in kinds:
-        solids += [
-            (
-                Surface("plane", plane.id),
-                PlaneSolid(plane.center_m, plane.normal, plane.size_m, grazing_rad=grazing_rad),
-            )
+    solids: dict[SolidKind, Iterable[tuple[str, Solid]]] = {
+        "box": ((box.id, BoxSolid(box.center_m, box.size_m, box.yaw_rad)) for box in environment.boxes),
+        "plane": (
+            (plane.id, PlaneSolid(plane.center_m, plane.normal, plane.size_m, grazing_rad=grazing_rad))
             for plane in environment.planes
-        ]
-    if "cylinder" in kinds:
-        solids += [
-            (Surface("cylinder", each.id), CylinderSolid(each.center_m, each.radius_m, each.height_m))
+        ),
+        "cylinder": (
+            (each.id, CylinderSolid(each.center_m, each.radius_m, each.height_m))
             for each in environment.cylinders
-        ]
-    if "sphere" in kinds:
-        solids += [
-            (Surface("sphere", ball.id), SphereSolid(ball.center_m, ball.radius_m))
-            for ball in environment.spheres
-        ]
-    return solids
+        ),
+        "sphere": ((ball.id, SphereSolid(ball.center_m, ball.radius_m)) for ball in environment.spheres),
+    }
+    return [(Surface(kind, name), solid) for kind in solids if kind in kinds for name, solid in solids[kind]]

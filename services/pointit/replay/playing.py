@@ -18,9 +18,8 @@ from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
 from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import RequestError
+from pointit.runtime.errors import RequestError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
-from pointit.runtime.service.plugin_guard import first_leaf
 from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import NS_PER_S, Configuration, Health, Message, Query, ServedRequest
 from pointit.schemas.system import split_instance
@@ -319,7 +318,7 @@ async def play(
             async with asyncio.TaskGroup() as group:
                 await _Player(plan, buses, clock, listener).play(folder, group)
     except ExceptionGroup as errors:
-        raise first_leaf(errors) or errors from errors
+        raise first_cause(errors) from errors
 
 
 class _Player:

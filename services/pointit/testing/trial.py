@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from pointit.plugins import Surroundings
-from pointit.runtime.service.plugin_guard import first_leaf
+from pointit.runtime.errors import first_cause
 from pointit.runtime.virtual_time import START_NS
 from pointit.testing.check import CheckFailedError, Harness, P
 from pointit.testing.devices import FakeDevice
@@ -220,9 +220,9 @@ class Trial(ABC):
 
 
 def failure_of(task: asyncio.Task[None]) -> BaseException | None:
-    """Return the exception of a `task` that is done, the first one of a group, or None."""
+    """Return the exception of a `task` that is done, the one to show of a group, or None."""
     error = None if task.cancelled() else task.exception()
-    return first_leaf(error) if isinstance(error, Exception) else error
+    return None if error is None else first_cause(error)
 
 
 async def go_through(trial: Trial) -> None:

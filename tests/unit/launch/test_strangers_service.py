@@ -18,9 +18,8 @@ from pointit.runtime.bus.local_broker import LocalBroker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Config
-from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.errors import ConfigError, ListenError, first_cause
 from pointit.runtime.service import plugin_guard
-from pointit.runtime.service.plugin_guard import first_leaf
 from pointit.runtime.service.service import Launch, Service, check_launches, run_service, run_services
 from pointit.schemas import SelectionEvent, topics
 from pointit.schemas.topics import Delivery, Topic
@@ -285,7 +284,10 @@ async def test_service_alone_in_its_process_ends_if_it_cannot_start_and_is_resta
     with pytest.raises(ExceptionGroup) as raised:
         async with asyncio.timeout(60):
             await run_service(launch, bus, WallClock())
-    assert (len(lives), str(first_leaf(raised.value))) == (1, "127.0.0.1:8765 is in use: choose another port")
+    assert (len(lives), str(first_cause(raised.value))) == (
+        1,
+        "127.0.0.1:8765 is in use: choose another port",
+    )
     work = asyncio.create_task(run_service(launch, bus, WallClock()))
     await until(lambda: len(lives) > 2, 60, "a restart after 40 s")
     assert not work.done()

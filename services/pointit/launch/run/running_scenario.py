@@ -11,7 +11,6 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable, Sequence
-from typing import cast
 
 from pointit.launch.parts import WATCHERS
 from pointit.launch.plan.plan import Beside, Plan
@@ -20,7 +19,7 @@ from pointit.launch.run.score import RunScore
 from pointit.launch.run.service_group import ServiceGroup
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus, Closable, Publisher
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import ConfigError
+from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import claim_names
@@ -309,6 +308,5 @@ async def _until_present(bus: Bus, beside: Beside) -> None:
 
 
 def _sentence(error: BaseException) -> str:
-    while isinstance(error, BaseExceptionGroup):
-        error = cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
-    return str(error) or type(error).__name__
+    cause = first_cause(error)
+    return str(cause) or type(cause).__name__

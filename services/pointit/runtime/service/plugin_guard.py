@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Awaitable, Callable, Container
 from pathlib import Path
 from types import FrameType
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError, PointItError
@@ -138,14 +138,6 @@ class PluginGuard:
 def describe(error: BaseException) -> str:
     """Return the class and the message of `error`, in one line."""
     return f"{type(error).__name__}: {error}".partition("\n")[0][:200].rstrip(": ")
-
-
-def first_leaf(error: Exception, kind: type[Exception] = Exception) -> Exception | None:
-    """Return `error` if it is of `kind`, or the first such error in a group, or None."""
-    if isinstance(error, ExceptionGroup):
-        inner = cast("ExceptionGroup[Exception]", error).exceptions
-        return next((found for each in inner if (found := first_leaf(each, kind)) is not None), None)
-    return error if isinstance(error, kind) else None
 
 
 async def _contained(run: Callable[[], Awaitable[None]]) -> None:

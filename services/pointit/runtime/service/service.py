@@ -13,12 +13,12 @@ from pointit.runtime.bus.contract import Bus, Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import MAX_SLEW_S, Clock, SteadyClock
 from pointit.runtime.config.config import Config, published_parameters
-from pointit.runtime.errors import BusClosedError, ConfigError, PointItError
+from pointit.runtime.errors import BusClosedError, ConfigError, PointItError, first_cause
 from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
-from pointit.runtime.service.plugin_guard import PluginGuard, describe, first_leaf, watch_for_stalls
+from pointit.runtime.service.plugin_guard import PluginGuard, describe, watch_for_stalls
 from pointit.runtime.service.surroundings import NullHealth, PluginHealth, Surroundings
 from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of
@@ -192,11 +192,11 @@ async def run_service(launch: Launch, bus: Bus, clock: Clock) -> None:
     started_s = asyncio.get_running_loop().time() + START_S if launch.is_alone else 0.0
     while True:
         steady = SteadyClock(clock, may_step=launch.service.TIME_MAY_STEP)
-        error: Exception | None = None
+        error: BaseException | None = None
         try:
             end = await _run_once(launch, bus, steady, guard)
         except Exception as raised:
-            end, error = "ended", first_leaf(raised)
+            end, error = "ended", first_cause(raised)
             is_refusal = isinstance(error, PointItError) and asyncio.get_running_loop().time() < started_s
             if guard is None or bus.is_closed or is_refusal:  # closed publishers raise BusClosedError, too
                 raise

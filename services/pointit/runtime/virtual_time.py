@@ -39,7 +39,6 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """A loop whose time passes only where all its tasks wait, and then at once."""
 
     def __init__(self) -> None:
-        """Begin at 0 s."""
         self.virtual = _NoWaiting()
         super().__init__(self.virtual)
 

@@ -85,12 +85,12 @@ def health(viewers: float | None, service: str = "web") -> Health:
 
 def test_who_has_a_page_open_looks_on_until_it_was_not_heard_for_a_while() -> None:
     onlookers = ViewerPresence()
-    assert not onlookers.are_there(0.0)
+    assert onlookers.until_s <= 0.0
     assert onlookers.on_health(health(2.0), 10.0)
-    assert onlookers.are_there(10.0 + SILENT_S - 0.1)
+    assert onlookers.until_s > 10.0 + SILENT_S - 0.1
     assert not onlookers.on_health(health(0.0), 11.0)  # closed, or only reloaded
-    assert onlookers.are_there(10.0 + SILENT_S - 0.1)
-    assert not onlookers.are_there(10.0 + SILENT_S)
+    assert onlookers.until_s > 10.0 + SILENT_S - 0.1
+    assert onlookers.until_s <= 10.0 + SILENT_S
 
 
 PLAN = Plan(name="anna", person="anna", launches=(), link=Link())

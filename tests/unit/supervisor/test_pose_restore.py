@@ -54,7 +54,7 @@ def test_a_localizer_that_begins_after_the_pose_gets_it_back_once() -> None:
     assert place.due(11 * S - 1) is None
     assert place.due(11 * S) == BACK
     assert place.due(20 * S) is None
-    place.on_rejected(20 * S)
+    place.renew(20 * S)
     assert place.due(21 * S) is not None
 
 

@@ -168,7 +168,7 @@ class _Run:
             self._changed.set()
 
     def _is_looked_on(self) -> bool:
-        return self._limit_s is None and self._viewers.are_there(time.monotonic())
+        return self._limit_s is None and time.monotonic() < self._viewers.until_s
 
     def _end_s(self) -> float | None:
         """Return the monotonic time at which it ends without viewers, or None."""

@@ -197,7 +197,3 @@ class ViewerPresence:
             self.until_s = max(self.until_s, now_s + VIEWER_SILENT_S)
             return True
         return False
-
-    def are_there(self, now_s: float) -> bool:
-        """Return True if viewers are present at `now_s`."""
-        return now_s < self.until_s

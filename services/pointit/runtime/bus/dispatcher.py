@@ -32,14 +32,9 @@ class Dispatcher:
         """Buffers to drain. A caller that adds one must then call `wake`, unless the loop `is_awake`."""
         self.is_awake = False
         """True if the loop will check `ready` before it sleeps."""
-        self._closed = False
+        self.is_closed = False
         self._log_lock = threading.Lock()
         self._logged_s: dict[tuple[str, str], float] = {}
-
-    @property
-    def is_closed(self) -> bool:
-        """Return True if the dispatcher is closed."""
-        return self._closed
 
     def should_log(self, key: str, problem: str) -> bool:
         """Return True if a log line on `problem` about the topic `key` is due. Any thread."""
@@ -63,18 +58,18 @@ class Dispatcher:
         try:
             (self._loop.call_soon if is_here else self._loop.call_soon_threadsafe)(self._drain_all)
         except RuntimeError:  # the loop is closed: this is a late callback of another thread
-            self._closed = True
+            self.is_closed = True
 
     def close(self) -> None:
         """Stop draining."""
-        self._closed = True
+        self.is_closed = True
         self.ready.clear()
 
     def _drain_all(self) -> None:
         ready = self.ready
         try:
             rounds, left = MAX_ROUNDS, len(ready)  # cheaper than a `range` for each round
-            while ready and not self._closed:
+            while ready and not self.is_closed:
                 if not left:
                     rounds, left = rounds - 1, len(ready)
                     if not rounds:
@@ -84,5 +79,5 @@ class Dispatcher:
         finally:
             # A thread that added a buffer since the last check saw `is_awake`: check again.
             self.is_awake = False
-            if ready and not self._closed:
+            if ready and not self.is_closed:
                 self.wake()

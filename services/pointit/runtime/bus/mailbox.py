@@ -47,7 +47,7 @@ class Mailbox:
         """
         self.topic = topic
         self.traffic = SubscriptionStats()
-        self._handler = handler
+        self._handler: Callable[[Any, str], None] = handler
         self._dispatcher = dispatcher
         self._make_ready = dispatcher.ready.append
         self._thread = dispatcher.thread
@@ -224,7 +224,7 @@ class Mailbox:
         with self._lock:
             self._closed = True
         self._thread = 0  # makes `put` call `offer`, which accepts no item
-        self._handler = _ignore  # items of a drain that is still running
+        self._handler = lambda _message, _name: None  # items of a drain that is still running
         self._fetch()
         for rest in (self._live, self._recalled, self._retained):
             rest.clear()
@@ -261,7 +261,3 @@ class TapMailbox(Mailbox):
     def drain(self) -> None:
         """Deliver a retained state."""
         self._drain_retained()
-
-
-def _ignore(_message: Any, _name: str) -> None:
-    """Ignore the item."""

@@ -114,7 +114,6 @@ class TopicMeter:
     """Message counter of one topic in one direction. The message handler increments it."""
 
     def __init__(self, topic: AnyTopic) -> None:
-        """Begin at 0."""
         self.topic = topic
         self.count = 0
         """Messages since the last report."""

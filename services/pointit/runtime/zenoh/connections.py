@@ -1,7 +1,5 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 # (the stubs of zenoh leave return types out)
-# pyright: reportUnknownMemberType=false
-# (the stubs of zenoh leave types out)
 """Connections of a session to other sessions, and detection of a lost or refusing router."""
 
 import asyncio

@@ -91,7 +91,6 @@ class OverflowCounter:
     """Counts rejections by full queues, for all queues of a process and from any thread."""
 
     def __init__(self) -> None:
-        """Create a counter of 0."""
         self._lock = threading.Lock()
         self._count = 0
         self._key = ""

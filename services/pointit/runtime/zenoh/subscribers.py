@@ -1,6 +1,5 @@
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 # (the stubs of zenoh leave return types out)
-# pyright: reportUnknownMemberType=false
 """Readers of topics over Zenoh. Callbacks run on Zenoh's threads and only fill mailboxes.
 
 After a link loss, the writer is queried for lost events until it answers.

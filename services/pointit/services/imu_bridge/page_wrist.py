@@ -85,8 +85,9 @@ class PageWrist:
             self.late += 1
             return None
         device = sample.device
-        if not goes_on or newest is None or newest.device != device:
-            self._take_over(device)
+        if device == "arm" and not (goes_on and newest is not None and newest.device == device):
+            self._frames[device].set_yaw_origin(0.0)
+            self._epochs[device] = None
         if device == "phone" and sample.session != self._session:
             self._session = sample.session
             self._start_new_epoch(device)
@@ -120,11 +121,6 @@ class PageWrist:
         self._frames["phone"].set_mounting(sensor_from_arm)
         if self._session is not None:
             self._start_new_epoch("phone")
-
-    def _take_over(self, device: Device) -> None:
-        if device == "arm":
-            self._frames[device].set_yaw_origin(0.0)
-            self._epochs[device] = None
 
     def _start_new_epoch(self, device: Device) -> None:
         self._epochs[device] = next(self._numbers)

@@ -167,11 +167,6 @@ def fault(item: Item) -> str:
                 "dropped: check its units"
             )
         return time_fault(item.stamp_ns, item.device_time_ns)
-    return event_fault(item)
-
-
-def event_fault(item: Press | StepGesture | Battery | Signal | Reconnected | Disconnected) -> str:
-    """Return an error message if the values of `item` cannot be used, else `""`."""
     if isinstance(item, Press | StepGesture):
         return time_fault(item.stamp_ns, None)
     if isinstance(item, Battery) and not 0.0 <= item.level <= 1.0:

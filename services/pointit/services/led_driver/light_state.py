@@ -17,7 +17,6 @@ class LightState:
     """Strips and lamps of one map. Pure: calls pass the time, and nothing is drawn unless requested."""
 
     def __init__(self, config: LedDriverConfig) -> None:
-        """Create without a map."""
         self._config = config
         self.content = StripContent(config)
         self.things = ThingLamps(self.content.profile_color, int(config.cursor_timeout_s * NS_PER_S))

@@ -54,7 +54,7 @@ class PoseRestorer:
             return
         was_set_back = pose.stamp_ns > now_ns + MAX_AHEAD_NS  # the clock, so that stamps do not compare
         if localization.stamp_ns > pose.stamp_ns or was_set_back:
-            self._renew(now_ns)
+            self.renew(now_ns)
 
     def localizer(self, now_ns: int, *, is_present: bool) -> None:
         """Record the presence of the localizer."""
@@ -63,7 +63,7 @@ class PoseRestorer:
             self._is_sampling = False
         elif self._is_away:
             self._is_away = False
-            self._renew(now_ns)
+            self.renew(now_ns)
 
     def due(self, now_ns: int) -> SetPose | None:
         """Return the request that restores the pose, once, if it is due."""
@@ -82,10 +82,7 @@ class PoseRestorer:
             elevation_bias_rad=pose.elevation_bias_rad,
         )
 
-    def on_rejected(self, now_ns: int) -> None:
-        """Record that the localizer did not accept the pose, so that it becomes due again."""
-        self._renew(now_ns)
-
-    def _renew(self, now_ns: int) -> None:
+    def renew(self, now_ns: int) -> None:
+        """Record that the localizer lacks the pose, or did not accept it, so that it becomes due."""
         if self._new_ns is None:
             self._new_ns = now_ns

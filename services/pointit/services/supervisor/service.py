@@ -183,7 +183,7 @@ class Supervisor(Service[SupervisorConfig]):
             await self.bus.call(topics.SET_POSE, place, self.user)
         except RequestError as error:
             self.bus.warn("place", f"the restarted localizer did not accept the person's pose: {error}")
-            self._restorer.on_rejected(self.clock.now_ns())
+            self._restorer.renew(self.clock.now_ns())
             self._moved.set()
         else:
             self.bus.clear("place")

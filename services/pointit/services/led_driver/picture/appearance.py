@@ -50,7 +50,6 @@ class AppearanceTable:
     """Maps kinds and states of objects to their appearance."""
 
     def __init__(self, style: StyleConfig) -> None:
-        """Create for `style`."""
         self._style = style
         self._kinds = {kind: number + 1 for number, kind in enumerate(style.kind_colors)}
         colors = np.array([style.default_color, *style.kind_colors.values()], dtype=np.float64)

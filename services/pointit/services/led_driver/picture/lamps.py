@@ -32,7 +32,6 @@ class Lamps:
     """
 
     def __init__(self, config: LedDriverConfig, things: ThingLamps) -> None:
-        """Create without lamps except the state lamp."""
         self._config = config.lamps
         self._things = things
         self._id = config.state_lamp
@@ -185,7 +184,6 @@ class FlashGuard:
     """
 
     def __init__(self) -> None:
-        """Create with a dark lamp."""
         self.shown: Rgb = (0, 0, 0)
         self._signals = [_Signal() for _ in range(4)]
         self.free_ns: int | None = None

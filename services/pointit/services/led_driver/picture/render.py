@@ -80,7 +80,6 @@ class Renderer:
     """Draws frames on one layout. All strips share one buffer, so that each operation covers all of them."""
 
     def __init__(self, layout: Layout, style: StyleConfig | None = None) -> None:
-        """Create for `layout` and `style`."""
         self._style = style if style is not None else StyleConfig()
         self.layout = layout
         self._buffer: Bytes = np.zeros((layout.count, 3), dtype=np.uint8)

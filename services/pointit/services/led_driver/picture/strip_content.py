@@ -55,7 +55,6 @@ class StripContent:
     """Stores received messages and drops expired ones. Ages count from arrival."""
 
     def __init__(self, config: LedDriverConfig) -> None:
-        """Create without messages and layout."""
         self._cursor_looks = config.cursors
         self._cursor_timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self._objects_timeout_ns = int(config.objects_timeout_s * NS_PER_S)

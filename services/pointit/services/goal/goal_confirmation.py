@@ -14,17 +14,13 @@ from pointit.schemas import NS_PER_S, ButtonEvent, Cursor, Environment, Feedback
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checks import GoalChecker, is_late
 from pointit.services.goal.goal_cues import CueFactory
-from pointit.services.goal.stay_detector import StayDetector
+from pointit.services.goal.stay_detector import StayDetector, cursor_order
 
 Output = Goal | Feedback
 
-GAP_NS = 300_000_000
-"""Time without cursors that ends a stay."""
 THERE = 1.5
 """Distance at which a second stay is still at the place of the first, in radii. People return without seeing
 the cursor, and two reaches differ by some degrees (pointing.md §7)."""
-BACK_NS = NS_PER_S
-"""A cursor older than the one before by at most this is late. One older still is of a clock that was set."""
 
 
 class _Proposal(NamedTuple):
@@ -74,13 +70,11 @@ class GoalConfirmation:
     def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
         """Process a cursor; cursors out of order are ignored."""
         outputs = self.tick(now_ns)
-        before = self._cursor
-        if before is not None:
-            step_ns = cursor.stamp_ns - before.stamp_ns
-            if -BACK_NS <= step_ns < 0:
-                return outputs
-            if not 0 <= step_ns <= GAP_NS:
-                self._stays.interrupt()
+        order = cursor_order(self._cursor, cursor)
+        if order == "late":
+            return outputs
+        if order == "gap":
+            self._stays.interrupt()
         self._cursor = cursor
         mean_m = self._stays.on_cursor(self._checker.place(cursor), cursor.surface_id, cursor.stamp_ns)
         return outputs if mean_m is None else [*outputs, *self._stayed(mean_m, cursor, now_ns)]

@@ -29,7 +29,7 @@ from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.goal_checks import MAX_PRESS_S, GoalChecker, is_late
 from pointit.services.goal.goal_cues import CueFactory
 from pointit.services.goal.robot_choice import ChosenRobot, RobotChoice
-from pointit.services.goal.stay_detector import StayDetector
+from pointit.services.goal.stay_detector import StayDetector, cursor_order
 
 ANSWER_NS = 3 * NS_PER_S
 """Time within which a robot answers a request, or a goal."""
@@ -148,10 +148,6 @@ class TakenRobot:
 
 Output = Goal | Feedback | Steering
 
-GAP_NS = 300_000_000
-"""Time without cursors that ends a stay."""
-BACK_NS = NS_PER_S
-"""A cursor older than the one before by at most this is late. One older still is of a clock that was set."""
 SILENT_NS = 2 * NS_PER_S
 """Time without a report of a robot's process after which its user loses it and no user can choose it, s."""
 TICK_NS = NS_PER_S // 5
@@ -248,14 +244,12 @@ class RobotSteering:
     def on_cursor(self, cursor: Cursor, now_ns: int) -> list[Output]:
         """Process a cursor; cursors out of order are ignored."""
         outputs = self.tick(now_ns)
-        before = self._cursor
-        if before is not None:
-            step_ns = cursor.stamp_ns - before.stamp_ns
-            if -BACK_NS <= step_ns < 0:
-                return outputs
-            if not 0 <= step_ns <= GAP_NS:
-                self._stays.interrupt()
-                self._places.clear()
+        order = cursor_order(self._cursor, cursor)
+        if order == "late":
+            return outputs
+        if order == "gap":
+            self._stays.interrupt()
+            self._places.clear()
         self._cursor = cursor
         place_m = self._checker.place(cursor)
         if place_m is None:

@@ -2,13 +2,27 @@
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S
+from pointit.schemas import NS_PER_S, Cursor
+
+GAP_NS = 300_000_000
+"""Time without cursors that ends a stay."""
+BACK_NS = NS_PER_S
+"""A cursor older than the one before by at most this is late. One older still is of a clock that was set."""
 
 LEFT = 2.0
 """Distance at which a place is left, in radii."""
+
+
+def cursor_order(before: Cursor | None, cursor: Cursor) -> Literal["late", "next", "gap"]:
+    """Return whether `cursor` is late, follows the one before, or comes after a time without cursors."""
+    step_ns = 0 if before is None else cursor.stamp_ns - before.stamp_ns
+    if -BACK_NS <= step_ns < 0:
+        return "late"
+    return "next" if 0 <= step_ns <= GAP_NS else "gap"
 
 
 @dataclass

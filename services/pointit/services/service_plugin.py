@@ -1,5 +1,6 @@
 """Services of installed packages: processes with rows of the tables of their own."""
 
+import contextlib
 import re
 from dataclasses import dataclass
 from typing import Any, cast, get_args
@@ -138,3 +139,10 @@ def usable(name: str) -> ServicePlugin:
         ) from error
     plugin.add_rows()
     return plugin
+
+
+def add_all_rows() -> None:
+    """Add the rows of all installed plug-ins that can be used. The others are reported if named."""
+    for name in SERVICES.names:
+        with contextlib.suppress(ConfigError):
+            usable(name)

@@ -17,7 +17,7 @@ from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.config import KeeperConfig
 from pointit.services.keeper.record import FILE, read, write
 from pointit.services.keeper.retained_states import RetainedStates, retained
-from pointit.services.registry import add_installed
+from pointit.services.service_plugin import add_all_rows
 
 SETTLE_S = 0.5
 """Wall time after the start until presence and living writers' states are known, and queries are answered."""
@@ -41,7 +41,7 @@ class Keeper(Service[KeeperConfig]):
 
     def __init__(self, config: KeeperConfig, context: Context) -> None:
         super().__init__(config, context)
-        add_installed()  # their services may run in other processes
+        add_all_rows()  # their services may run in other processes
         self._topics = retained()
         self._retained = RetainedStates(config)
         self._path = _path(self.bus.site)

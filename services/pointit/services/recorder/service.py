@@ -18,7 +18,7 @@ from pointit.schemas.topics import ANY, IMU, PRESENCES, RAY, SERVICE_ALIVE, TOPI
 from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.pseudonyms import Pseudonyms
 from pointit.services.recorder.sink import Arrival, Sink
-from pointit.services.registry import add_installed
+from pointit.services.service_plugin import add_all_rows
 
 REPORT_S = 0.5
 PROGRESS_S = 10.0
@@ -64,7 +64,7 @@ class Recorder(Service[RecorderConfig]):
 
     def __init__(self, config: RecorderConfig, context: Context) -> None:
         super().__init__(config, context)
-        add_installed()  # their services may run in other processes
+        add_all_rows()  # their services may run in other processes
         now_ns = self.clock.now_ns()
         path = expand_home(config.file or f"pointit-{self.bus.site}-{now_ns // NS_PER_S}.mcap")
         head = make_head(

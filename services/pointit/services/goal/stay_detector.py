@@ -18,7 +18,7 @@ LEFT = 2.0
 
 
 def cursor_order(before: Cursor | None, cursor: Cursor) -> Literal["late", "next", "gap"]:
-    """Return whether `cursor` is late, follows the one before, or comes after a time without cursors."""
+    """Return the order of `cursor`: late, next after the one before, or next after a gap."""
     step_ns = 0 if before is None else cursor.stamp_ns - before.stamp_ns
     if -BACK_NS <= step_ns < 0:
         return "late"

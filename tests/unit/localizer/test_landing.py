@@ -218,6 +218,16 @@ def test_exact_pose_is_not_corrected() -> None:
     assert person.outputs == []
 
 
+def test_landing_before_the_pose_is_followed_is_not_used() -> None:
+    person = Listener(covariance=None)
+    person.reach()
+    person.announce()
+    pose = SetPose(position_m=(0.0, 0.0, 0.0), covariance=COVARIANCE, method="static_targets")
+    person.core.set_pose(pose, person.arm.now_ns)
+    person.confirm()
+    assert person.outputs == []
+
+
 def test_landing_is_the_beginning_of_the_rest_and_is_taken_once() -> None:
     detector, arm = LandingDetector(), Arm()
     for ray in arm.reach(0.0, 1.0):

@@ -61,28 +61,29 @@ class HeadingWindow:
     """Keeps the newest rays."""
 
     def __init__(self) -> None:
-        self._rays: deque[PointingRay] = deque(maxlen=MAX_RAYS)
+        self._rays: deque[tuple[int, PointingRay]] = deque(maxlen=MAX_RAYS)
+        """With their stamps: to read a message costs several times as much as a tuple."""
 
     def add(self, ray: PointingRay) -> None:
         """Add `ray` unless it is not newer than the last one."""
         rays, stamp_ns = self._rays, ray.stamp_ns
-        if rays and stamp_ns <= rays[-1].stamp_ns:
+        if rays and stamp_ns <= rays[-1][0]:
             return
-        rays.append(ray)
-        while rays[0].stamp_ns < stamp_ns - RECENT_NS:
+        rays.append((stamp_ns, ray))
+        while rays[0][0] < stamp_ns - RECENT_NS:
             rays.popleft()
 
     @property
     def eyes_m(self) -> float:
         """Return the eye height above the floor by the newest ray."""
-        return self._rays[-1].origin_m[2] if self._rays else EYES_M
+        return self._rays[-1][1].origin_m[2] if self._rays else EYES_M
 
     def mean(self, now_ns: int) -> Mean | Refusal:
         """Return the mean of the newest rays, or a refusal if they have no direction."""
         rays = self._rays
-        if len(rays) < MIN_RAYS or rays[-1].stamp_ns < now_ns - round(FRESH_RAY_S * NS_PER_S):
+        if len(rays) < MIN_RAYS or rays[-1][0] < now_ns - round(FRESH_RAY_S * NS_PER_S):
             return Refusal("no rays come; check that the IMU is on and sends, then point and ask again")
-        mean = ray_math.mean(list(rays))
+        mean = ray_math.mean([ray for _, ray in rays])
         if mean is None or mean.spread_rad > MAX_SPREAD_RAD:
             limit_deg = math.degrees(MAX_SPREAD_RAD)
             wandered = (
@@ -240,7 +241,8 @@ class PoseManager:
     def on_ray(self, ray: PointingRay, now_ns: int) -> list[Output]:
         """Process a ray of the person."""
         self._heading_window.add(ray)
-        self._landing_detector.add(ray)
+        if self._tracking.follows:  # no other pose is corrected by landings
+            self._landing_detector.add(ray)
         self._procedures.on_ray(ray)
         changed = self._tracking.on_ray(ray, now_ns)
         return [] if changed is None else [changed]

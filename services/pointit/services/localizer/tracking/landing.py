@@ -5,6 +5,7 @@ from collections import deque
 from dataclasses import replace
 
 from pointit.geometry import vector
+from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.localizer.estimation.rays import Mean, mean, unfiltered
 
@@ -22,27 +23,30 @@ class LandingDetector:
     """First landing of the present reach."""
 
     def __init__(self) -> None:
-        self._rays: deque[PointingRay] = deque(maxlen=256)
+        self._recent: deque[tuple[int, Vec3, PointingRay]] = deque(maxlen=256)
+        """Stamp, unfiltered direction and ray: each is read from the ray once, which costs most of `add`."""
         self._is_moving = False
         self._landing_mean: Mean | None = None
         self._landed_ns = 0
 
     def add(self, ray: PointingRay) -> None:
         """Process a ray."""
-        rays, stamp_ns = self._rays, ray.stamp_ns
-        if rays and not 0 < stamp_ns - rays[-1].stamp_ns <= 3 * WINDOW_NS:
-            rays.clear()
-        rays.append(ray)
-        if (passed_ns := stamp_ns - rays[0].stamp_ns) < WINDOW_NS:
+        recent, stamp_ns, direction = self._recent, ray.stamp_ns, unfiltered(ray)
+        if recent and not 0 < stamp_ns - recent[-1][0] <= 3 * WINDOW_NS:
+            recent.clear()
+        recent.append((stamp_ns, direction, ray))
+        first_ns, first, _ = recent[0]
+        if (passed_ns := stamp_ns - first_ns) < WINDOW_NS:
             return
-        speed_radps = vector.angle_between(unfiltered(rays[0]), unfiltered(ray)) * NS_PER_S / passed_ns
-        if self._is_moving and speed_radps < RESTING_RADPS and (landing := mean(list(rays))) is not None:
+        speed_radps = vector.angle_between(first, direction) * NS_PER_S / passed_ns
+        is_landing = self._is_moving and speed_radps < RESTING_RADPS
+        if is_landing and (landing := mean([each for _, _, each in recent])) is not None:
             if self._landing_mean is None or not 0 <= stamp_ns - self._landed_ns <= CORRECTION_NS:
                 self._landing_mean = replace(landing, sigma_rad=SIGMA_RAD)
             self._landed_ns = stamp_ns
         self._is_moving = speed_radps > MOVING_RADPS or (self._is_moving and speed_radps >= RESTING_RADPS)
-        while stamp_ns - rays[0].stamp_ns >= WINDOW_NS:
-            rays.popleft()
+        while stamp_ns - recent[0][0] >= WINDOW_NS:
+            recent.popleft()
 
     def take(self) -> Mean | None:
         """Return the mean of the rays at the first landing of the reach, once. None if there is none."""

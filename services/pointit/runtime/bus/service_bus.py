@@ -227,7 +227,7 @@ class ServiceBus:
         if sentence:
             self._warnings[topic] = sentence
         else:
-            self.clear(topic)
+            self._warnings.pop(topic, None)
 
     def clear(self, topic: str) -> None:
         """Clear the warning about `topic`."""

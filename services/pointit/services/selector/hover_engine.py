@@ -245,12 +245,13 @@ class HoverEngine:
         standing: tuple[Action, str],
     ) -> Hover | None:
         object_id, stamp_ns = pointed.object_id, cursor.stamp_ns
-        empty_ns = self._empty_ns.pop(user, None)
         if object_id is None:
+            empty_ns = self._empty_ns.get(user)
             if empty_ns is not None and 0 <= stamp_ns - empty_ns < EMPTY_PERIOD_NS:
-                self._empty_ns[user] = empty_ns
                 return None
             self._empty_ns[user] = stamp_ns
+        else:
+            self._empty_ns.pop(user, None)
         self._sent[user] += 1
         seq = self._sent[user]
         if object_id is None:

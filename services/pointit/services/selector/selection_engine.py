@@ -44,7 +44,7 @@ class SelectionEngine(PointingEngine, Arbiter):
             return []
         self.on_activity(user, now_ns)
         outputs = self._hovers.on_cursor(user, cursor)
-        if not all(isinstance(output.message, Hover) for output in outputs):
+        if outputs and not all(isinstance(output.message, Hover) for output in outputs):
             outputs = self._decide(outputs)
         return outputs + self.changed_selection(now_ns) if self._has_changed else outputs
 

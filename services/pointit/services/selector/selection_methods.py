@@ -46,6 +46,10 @@ class SelectionProgress(NamedTuple):
     """Another object that is as probable although the person stays, of which they are told now, or None."""
 
 
+NO_PROGRESS = SelectionProgress()
+"""Result without an object, of most cursors. It is known by its identity, which saves its check."""
+
+
 class PersonMethod(Protocol):
     """A method for one person. It decides from the stamps of the cursors.
 

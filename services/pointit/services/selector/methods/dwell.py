@@ -7,11 +7,14 @@ from typing import Literal
 
 from pointit.schemas import NS_PER_S
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.selection_methods import PointingSample, SelectionMethod, SelectionProgress
+from pointit.services.selector.selection_methods import (
+    NO_PROGRESS,
+    PointingSample,
+    SelectionMethod,
+    SelectionProgress,
+)
 
 Method = Literal["hold", "fraction"]
-
-NOTHING = SelectionProgress()
 
 
 class Dwell:
@@ -160,7 +163,7 @@ class DwellMethod:
         cursor, under, _, acts = pointing
         fired = self._dwell.step(cursor.stamp_ns, under)
         if under is None and fired is None:
-            return NOTHING
+            return NO_PROGRESS
         if under is None or not acts(under):
             return SelectionProgress(under, 0.0, fired)
         return SelectionProgress(under, self._dwell.progress(under), fired)

@@ -11,6 +11,7 @@ from pointit.services.selector.methods.method import MakeMethod, make_method
 from pointit.services.selector.objects.view import View
 from pointit.services.selector.selection_methods import (
     METHODS,
+    NO_PROGRESS,
     NameAwareMethod,
     PersonMethod,
     PointingSample,
@@ -170,6 +171,8 @@ class PersonPointer:
         self._method = GuardedMethod(lambda: self._make(config, self._user))
 
     def _result(self, made: SelectionProgress) -> PointerResult:
+        if made is NO_PROGRESS:
+            return NOTHING
         object_id, progress, fired, spent_s, confidence, rival = made
         if object_id is None and fired is None and rival is None and confidence is None:
             return NOTHING
@@ -231,7 +234,8 @@ class GuardedMethod:
             if spoken is not None and isinstance(method, NameAwareMethod):
                 method.set_spoken(*spoken)
             result = method.step(pointing)
-            check_progress(result)
+            if result is not NO_PROGRESS:
+                check_progress(result)
         except Exception as error:  # noqa: BLE001 - code of others, which may raise anything
             self._on_failure(error)
             return SelectionProgress(pointing.under)

@@ -8,6 +8,7 @@ from pointit.schemas.base import (
     FARTHEST,
     MAX_ID,
     Along,
+    Count,
     Distance,
     Extent,
     Fraction,
@@ -63,7 +64,7 @@ class PointingRay(Message):
 class UserPose(Message):
     """{H} in {W}: where the person stands and how their IMU's yaw origin lies in the room."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     position_m: Vec3
     yaw_rad: Annotated[Real, Field(description="azimuth of {H}'s x axis in {W}")]
@@ -82,6 +83,9 @@ class UserPose(Message):
         Ns, Field(description="last time at which pointing at a known point determined the pose; 0 if never")
     ] = 0
     z_sigma_m: Annotated[Extent, Field(description="1 sigma of the height; 0: the floor is known")] = 0.0
+    remembered_localizations: Annotated[
+        Count, Field(description="localizations by a robot from which the next one expects an elevation bias")
+    ] = 0
 
 
 class Candidate(SchemaModel):

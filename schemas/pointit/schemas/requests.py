@@ -75,6 +75,13 @@ class StartLocalization(Query):
 class CancelLocalization(Query):
     """Stop localizing and keep the last pose."""
 
+    version: ClassVar[int] = 2
+
+    forget_bias: Annotated[
+        bool,
+        Field(description="forget the elevation bias that earlier localizations told, as of another person"),
+    ] = False
+
 
 class SetPose(Query):
     """Set the pose of the person."""

@@ -253,7 +253,12 @@ export interface ButtonEvent {
 /**
  * Stop localizing and keep the last pose.
  */
-export interface CancelLocalization {}
+export interface CancelLocalization {
+  /**
+   * forget the elevation bias that earlier localizations told, as of another person
+   */
+  forget_bias: boolean;
+}
 /**
  * A person served by a shard of the selector wants an object. The site's selector decides.
  *
@@ -2223,6 +2228,10 @@ export interface UserPose {
    * @maxItems 3
    */
   position_m: [number, number, number];
+  /**
+   * localizations by a robot from which the next one expects an elevation bias
+   */
+  remembered_localizations: number;
   /**
    * rms angle between rays and targets
    */

@@ -82,7 +82,7 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
 @click.option(
     "--memory",
     is_flag=True,
-    help="instead: following for 2 and 3 s with the bias that another localization of the person told",
+    help="instead: following for 2 and 3 s with the bias that other localizations of the person told",
 )
 @JOBS
 def localization(
@@ -180,7 +180,7 @@ def _evaluate_memory(
                 tick=lambda done: tell_progress("localizations", done),
             )
         if not rows:
-            raise ConfigError("--memory: no two recordings of following are of 10 s; give more data")
+            raise ConfigError("--memory: nobody is localized twice; give longer recordings of following")
         is_other = {row.solver: row.solver in (OTHERS, WITHOUT) for row in rows}
         own = over_people([row for row in rows if not is_other[row.solver]], OURS)
         others = over_people([row for row in rows if is_other[row.solver]], WITHOUT)

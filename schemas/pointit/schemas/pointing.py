@@ -61,6 +61,22 @@ class PointingRay(Message):
     ] = None
 
 
+class RememberedBias(SchemaModel):
+    """Elevation bias of a person with one wearing of the sensor, from their localizations so far.
+
+    The rays lie above their targets by `bias_rad` at the elevation -20 degrees, and by `slope` more per rad.
+    """
+
+    localizations: Annotated[Count, Field(description="number of those that measured it")]
+    origin_height_m: Annotated[Real, Field(description="height of the rays' origin over the feet")]
+    bias_rad: Real
+    slope: Real
+    covariance: Annotated[
+        tuple[Real, Real, Real, Real], Field(description="of (bias, slope), row by row, rad², rad, rad, 1")
+    ]
+    mounting: Annotated[str, Field(max_length=128, description="of the sensor, see ImuSample")] = ""
+
+
 class UserPose(Message):
     """{H} in {W}: where the person stands and how their IMU's yaw origin lies in the room."""
 
@@ -83,9 +99,10 @@ class UserPose(Message):
         Ns, Field(description="last time at which pointing at a known point determined the pose; 0 if never")
     ] = 0
     z_sigma_m: Annotated[Extent, Field(description="1 sigma of the height; 0: the floor is known")] = 0.0
-    remembered_localizations: Annotated[
-        Count, Field(description="localizations by a robot from which the next one expects an elevation bias")
-    ] = 0
+    remembered_bias: Annotated[
+        RememberedBias | None,
+        Field(description="elevation bias that the next localization by a robot expects, None if unknown"),
+    ] = None
 
 
 class Candidate(SchemaModel):

@@ -19,7 +19,7 @@ from pointit.schemas.base import (
     Vec3,
 )
 from pointit.schemas.person import MAX_WORDS, Deictic, PointingOffset, Referent
-from pointit.schemas.pointing import Covariance
+from pointit.schemas.pointing import Covariance, RememberedBias
 from pointit.schemas.selection import SelectionEvent
 
 
@@ -86,7 +86,7 @@ class CancelLocalization(Query):
 class SetPose(Query):
     """Set the pose of the person."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     position_m: Vec3
     yaw_rad: Real = 0.0
@@ -96,6 +96,9 @@ class SetPose(Query):
     ] = "fixed"
     covariance: Annotated[Covariance | None, Field(description="of a pose that is not exact")] = None
     elevation_bias_rad: Annotated[Real, Field(description="found with it, see UserPose")] = 0.0
+    remembered_bias: Annotated[
+        RememberedBias | None, Field(description="of the localizer before; None: what is remembered stays")
+    ] = None
 
 
 class SetHeading(Query):

@@ -1,11 +1,12 @@
-"""Second localizations of people with the bias that a first one told, and with another person's."""
+"""Localizations of people with the bias that their earlier ones told, and with another person's."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+from pointit.schemas import RememberedBias
+from pointit.services.localizer.estimation.bias_memory import BiasMemory
 from pointit.services.localizer.estimation.estimator import Solution, solve
-from pointit_lab.evaluation.localization.bias_memory import BiasMemory
 from pointit_lab.evaluation.localization.localization import LIMITS, OURS, STATED, judged, off_m, outcome
 from pointit_lab.evaluation.localization.scoring import Outcome, rows_of
 from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
@@ -14,62 +15,90 @@ from pointit_lab.evaluation.recordings.row import Row
 OWN, OTHERS = "memory", "other's memory"
 """Solvers: with the memory of the same person, and of each other person of the set."""
 
-FIRST_S = 10.0
-"""Length of first localizations; each next one begins when the one before has ended."""
+LENGTHS_S = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 10.0)
+"""Times at which the pose of a localization may be accepted, which ends it."""
 
 SECOND_S = (2.0, 3.0)
-"""Lengths of second localizations."""
+"""Lengths of localizations with memory."""
+
+PAUSE_S = 1.0
+"""Time until the next localization if no pose was accepted."""
 
 REMARK = (
-    "`memory`: with the elevation bias of a localization of 10 s in another recording of the person; "
-    "`other's memory`: in the first one of each other person. Each pair of localizations counts; `pointit` "
-    "and `without` are the same pairs without memory."
+    "`memory`: with the elevation bias that the person's accepted localizations told, those of other "
+    "recordings and those before in the same one; `other's memory`: of all those of another person, each "
+    "counts. `pointit` and `without` are the same localizations without memory."
 )
 
 WITHOUT = "without"
-"""Solver of the pairs of `OTHERS`, without memory."""
+"""Solver of the localizations of `OTHERS`, without memory."""
 
 
 def memory_rows(
     followed: Sequence[FollowRecording], tick: Callable[[int], None] = lambda _: None
 ) -> list[Row]:
-    """Return the rows of second localizations of people of `followed`, each with and without memory."""
-    memories = {(each.set, each.name): memories_of(each) for each in followed}
-    first_of: dict[tuple[str, str], BiasMemory] = {}
-    for each in followed:
-        for memory in memories[each.set, each.name][:1]:
-            first_of.setdefault((each.set, each.subject), memory)
+    """Return the rows of localizations of people of `followed`, each with and without memory."""
+    accepted = [list(accepted_of(each)) for each in followed]
+    people = [(each.set, each.subject) for each in followed]
+    memory_of = {
+        person: remembered_of([trials for trials, of in zip(accepted, people, strict=True) if of == person])
+        for person in people
+    }
     outcomes: list[Outcome] = []
-    for second in followed:
-        person = (second.set, second.subject)
-        others = [memory for other, memory in first_of.items() if other != person]
-        own = [
-            memory
-            for each in followed
-            if (each.set, each.subject) == person and each.name != second.name
-            for memory in memories[each.set, each.name]
+    for index, second in enumerate(followed):
+        person = people[index]
+        others = [memory for other, memory in memory_of.items() if other != person and memory is not None]
+        elsewhere = [
+            trials for each, trials in enumerate(accepted) if people[each] == person and each != index
         ]
+        own_after: dict[int, RememberedBias | None] = {}  # so many localizations of the same recording
         for trial in second.trials(SECOND_S):
+            before = [each for each in accepted[index] if _end_s(each) <= trial.start_s]
+            if len(before) not in own_after:
+                own_after[len(before)] = remembered_of([*elsewhere, before])
+            own = own_after[len(before)]
             without = _outcome(trial, OURS, None)
-            for name, reference, tried in ((OWN, OURS, own), (OTHERS, WITHOUT, others)):
-                outcomes += [replace(without, solver=reference)] * len(tried)
-                outcomes += [_outcome(trial, name, memory) for memory in tried]
+            tried = [(OWN, OURS, own)] if own is not None else []
+            tried += [(OTHERS, WITHOUT, memory) for memory in others]
+            for name, reference, memory in tried:
+                outcomes += [replace(without, solver=reference), _outcome(trial, name, memory)]
             tick(len(outcomes))
     return rows_of(outcomes)
 
 
-def memories_of(first: FollowRecording) -> list[BiasMemory]:
-    """Return the memory after each localization of `FIRST_S` alone, none shorter."""
-    memories: list[BiasMemory] = []
-    for trial in first.trials([FIRST_S]):
-        memory = BiasMemory()
-        if trial.start_s % FIRST_S == 0.0 and memory.learn(trial.pointings, STATED, 0.0):
-            memories.append(memory)
-    return memories
+def accepted_of(recording: FollowRecording) -> Iterator[LocalizationTrial]:
+    """Yield localizations one after another, each as long as it takes until its pose is accepted."""
+    by_start: dict[float, list[LocalizationTrial]] = {}
+    for trial in recording.trials(LENGTHS_S):
+        by_start.setdefault(round(trial.start_s, 3), []).append(trial)
+    free_s = -math.inf
+    for start_s in sorted(by_start):
+        if start_s < free_s:
+            continue
+        accepted = (each for each in by_start[start_s] if isinstance(judged(each.pointings), Solution))
+        if (trial := next(accepted, None)) is None:
+            free_s = start_s + PAUSE_S
+        else:
+            free_s = _end_s(trial)
+            yield trial
 
 
-def _outcome(trial: LocalizationTrial, name: str, memory: BiasMemory | None) -> Outcome:
-    limits = LIMITS if memory is None else memory.believed(trial.pointings, LIMITS, 0.0)
+def remembered_of(recordings: Sequence[Sequence[LocalizationTrial]]) -> RememberedBias | None:
+    """Return what is remembered after these accepted localizations of one person."""
+    memory = BiasMemory()
+    for trial in (trial for trials in recordings for trial in trials):
+        memory.learn(trial.pointings, STATED, 0.0)
+    return memory.remembered
+
+
+def _end_s(trial: LocalizationTrial) -> float:
+    return trial.start_s + float(trial.condition.removesuffix(" s"))
+
+
+def _outcome(trial: LocalizationTrial, name: str, remembered: RememberedBias | None) -> Outcome:
+    memory = BiasMemory()
+    memory.remembered = remembered
+    limits = memory.believed(trial.pointings, LIMITS, 0.0)
     found = outcome(trial, math.nan, name, lambda pointings: solve(pointings, limits.unlimited()))
     verdict = judged(trial.pointings, limits)
     taken_m = off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf

@@ -20,6 +20,7 @@ from pointit.schemas import (
     LampLeases,
     Localization,
     PointingRay,
+    RememberedBias,
     RobotState,
     SelectionEvent,
     SetPose,
@@ -211,6 +212,11 @@ class PoseManager:
         return self._procedures.is_busy
 
     @property
+    def remembered_bias(self) -> RememberedBias | None:
+        """Return the elevation bias that the next localization by a robot expects, None if unknown."""
+        return self._procedures.bias_memory.remembered
+
+    @property
     def is_followed(self) -> bool:
         """Return True if the pose must be checked periodically."""
         return self._tracking.follows or self._external_pose.pose is not None
@@ -284,7 +290,7 @@ class PoseManager:
         If its yaw has another origin than before, the pose's yaw is unknown. While no cursor is shown, a
         resting arm shows the IMU's drift.
         """
-        self._procedures.on_wrist(sample.latency_sigma_s)
+        self._procedures.on_wrist(sample.latency_sigma_s, sample.mounting)
         change = self._origin.add(sample)
         out: list[Output] = []
         if change:
@@ -374,9 +380,14 @@ class PoseManager:
         self._external_pose.take_over()
         return Response(self._queued() or f"localizing by {method.replace('_', ' ')}", begun)
 
-    def cancel(self, now_ns: int) -> Response:
-        """Stop the running procedure."""
+    def cancel(self, now_ns: int, *, forget_bias: bool = False) -> Response:
+        """Stop the running procedure. With `forget_bias`, also forget the person's elevation bias."""
         out = self._procedures.stop(now_ns)
+        if forget_bias:
+            self._procedures.bias_memory.remembered = None
+            pose = self._tracking.pose(now_ns)
+            out += [] if pose is None else [pose]
+            return Response("forgotten: the next localization expects no elevation bias", out)
         return Response("cancelled; the last pose stays" if out else "nothing was going on", out)
 
     def set_pose(self, query: SetPose, now_ns: int) -> Response | Refusal:
@@ -385,6 +396,8 @@ class PoseManager:
             return Refusal(taken)
         out = self._procedures.stop(now_ns)
         self._external_pose.take_over()
+        if query.remembered_bias is not None:
+            self._procedures.bias_memory.remembered = query.remembered_bias
         pose = UserPose(
             stamp_ns=now_ns,
             position_m=query.position_m,

@@ -27,6 +27,7 @@ from pointit.schemas import (
 from pointit.schemas.text import round_beyond
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
+from pointit.services.localizer.estimation.bias_memory import BiasMemory
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.estimation.rays import Mean
 from pointit.services.localizer.outputs import AnchorOutcome, Output, Phase
@@ -250,6 +251,8 @@ class ProcedureRunner:
         """Creates the procedure of the last request for lamps."""
         self._running: Procedure | None = None
         self._wrist_sigma_s: float | None = None
+        self.bias_memory = BiasMemory()
+        """What is remembered of the person for localizations by a robot."""
         self._published_ns = 0
 
     @property
@@ -317,9 +320,10 @@ class ProcedureRunner:
         self._leases = ()
         self._gone_ns = now_ns
 
-    def on_wrist(self, latency_sigma_s: float | None) -> None:
-        """Update 1 sigma of the time of the person's rays, None if unknown."""
+    def on_wrist(self, latency_sigma_s: float | None, mounting: str) -> None:
+        """Update 1 sigma of the time of the person's rays, None if unknown, and how the sensor is worn."""
         self._wrist_sigma_s = latency_sigma_s
+        self.bias_memory.mounting = mounting
         if isinstance(self._running, MovingTarget):
             self._running.wrist_sigma_s = latency_sigma_s
 
@@ -359,7 +363,7 @@ class ProcedureRunner:
     def start_moving_target(self, now_ns: int) -> list[Output]:
         """Start following a robot; stop the procedure that runs."""
         out = self.stop(now_ns)
-        self._running = MovingTarget(self._config)
+        self._running = MovingTarget(self._config, self.bias_memory)
         self._running.wrist_sigma_s = self._wrist_sigma_s
         self._tracking.end_rest()
         return [*out, *self._running.start(now_ns)]

@@ -186,8 +186,8 @@ class Localizer(Service[LocalizerConfig]):
     async def _start(self, query: StartLocalization, _user: str) -> Done:
         return self._done(self._pose_manager.start(query.method, self.clock.now_ns()))
 
-    async def _cancel(self, _query: CancelLocalization, _user: str) -> Done:
-        return self._done(self._pose_manager.cancel(self.clock.now_ns()))
+    async def _cancel(self, query: CancelLocalization, _user: str) -> Done:
+        return self._done(self._pose_manager.cancel(self.clock.now_ns(), forget_bias=query.forget_bias))
 
     async def _set_pose(self, query: SetPose, _user: str) -> Done:
         return self._done(self._pose_manager.set_pose(query, self.clock.now_ns()))
@@ -232,7 +232,10 @@ class Localizer(Service[LocalizerConfig]):
     def _publish_pose(self, pose: UserPose) -> None:
         if self._poses is None:
             self._poses = self.bus.publisher(topics.POSE, self.user)
-        self._poses.put(pose.model_copy(update={"seq": self._next(topics.POSE.key)}))
+        remembered = self._pose_manager.remembered_bias
+        self._poses.put(
+            pose.model_copy(update={"seq": self._next(topics.POSE.key), "remembered_bias": remembered})
+        )
         self._show(self.clock.now_ns())
 
     def _withdraw_pose(self) -> None:

@@ -73,13 +73,16 @@ class PoseRestorer:
             return None
         self._new_ns = None
         if not any(pose.covariance):  # exact, as it was set
-            return SetPose(position_m=pose.position_m, yaw_rad=pose.yaw_rad)
+            return SetPose(
+                position_m=pose.position_m, yaw_rad=pose.yaw_rad, remembered_bias=pose.remembered_bias
+            )
         return SetPose(
             position_m=pose.position_m,
             yaw_rad=pose.yaw_rad,
             method=pose.method,
             covariance=pose.covariance,
             elevation_bias_rad=pose.elevation_bias_rad,
+            remembered_bias=pose.remembered_bias,
         )
 
     def renew(self, now_ns: int) -> None:

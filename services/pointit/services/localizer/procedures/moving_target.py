@@ -14,6 +14,7 @@ from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
 from pointit.schemas.text import round_beyond
 from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimation.bias_memory import BiasMemory
 from pointit.services.localizer.estimation.estimator import (
     SAME_PLACE_M,
     Pointings,
@@ -192,8 +193,10 @@ class MovingTarget(Procedure):
     _span_s: float
     """Time of pointing in the window at the last solution."""
 
-    def __init__(self, config: LocalizerConfig) -> None:
+    def __init__(self, config: LocalizerConfig, memory: BiasMemory | None = None) -> None:
+        """Create; `memory` of the person's bias is used, and learns from the pose that is accepted first."""
         super().__init__(config)
+        self._memory = memory or BiasMemory()
         self.wrist_sigma_s: float | None = None
         """1 sigma of the time of the rays, as the wrist states it. None if it does not."""
         self._settings = config.believed()
@@ -295,7 +298,11 @@ class MovingTarget(Procedure):
         wrong = mounting_fault(pointings, result, settings, floor_m)
         if not wrong and isinstance(result, Solution):
             wrong = self._unsure(pointings, result)
-        return Refusal(wrong, result.residual_rad) if wrong else result
+        if wrong:
+            return Refusal(wrong, result.residual_rad)
+        if isinstance(result, Solution) and settings is self._settings:
+            self._memory.learn(pointings, self._timed(settings, meant), floor_m)
+        return result
 
     def _unsure(self, pointings: Pointings, found: Solution) -> str:
         x, y, _ = pointings.targets_m.mean(axis=0).tolist()
@@ -327,10 +334,16 @@ class MovingTarget(Procedure):
             return Refusal("keep following the robot with the arm straight")
         if float(np.ptp(pointings.targets_m, axis=0).max()) < SAME_PLACE_M:
             return Refusal(f"{robot} stands still: follow it with the arm as soon as it moves")
+        floor_m, timed = self._config.floor_m, self._timed(settings, track)
+        if settings is self._settings:  # a calibration leaves no bias to remember
+            timed = self._memory.believed(pointings, timed, floor_m)
+        return followed(pointings, timed, floor_m=floor_m, start=self._solution)
+
+    def _timed(self, settings: SolverSettings, track: Track) -> SolverSettings:
+        """Return `settings` with the uncertainty of the times of the rays and of `track`."""
         tracker_s = settings.latency_sigma_s if track.latency_sigma_s is None else track.latency_sigma_s
         wrist_s = WRIST_SIGMA_S if self.wrist_sigma_s is None else self.wrist_sigma_s
-        settings = replace(settings, latency_sigma_s=math.hypot(tracker_s, wrist_s))
-        return followed(pointings, settings, floor_m=self._config.floor_m, start=self._solution)
+        return replace(settings, latency_sigma_s=math.hypot(tracker_s, wrist_s))
 
     def _is_late(self, now_ns: int) -> bool:
         return now_ns - self.since_ns >= self._config.give_up_s * NS_PER_S

@@ -78,6 +78,7 @@ export interface Everything {
   SetMountingReply: SetMountingReply;
   PointingOffset: PointingOffset;
   SetOffset: SetOffset;
+  RememberedBias: RememberedBias;
   SetPose: SetPose;
   SetSpeed: SetSpeed;
   SetThing: SetThing;
@@ -1804,6 +1805,34 @@ export interface SetOffset {
   offset: PointingOffset | null;
 }
 /**
+ * Elevation bias of a person with one wearing of the sensor, from their localizations so far.
+ *
+ * The rays lie above their targets by `bias_rad` at the elevation -20 degrees, and by `slope` more per rad.
+ */
+export interface RememberedBias {
+  bias_rad: number;
+  /**
+   * of (bias, slope), row by row, rad², rad, rad, 1
+   *
+   * @minItems 4
+   * @maxItems 4
+   */
+  covariance: [number, number, number, number];
+  /**
+   * number of those that measured it
+   */
+  localizations: number;
+  /**
+   * of the sensor, see ImuSample
+   */
+  mounting: string;
+  /**
+   * height of the rays' origin over the feet
+   */
+  origin_height_m: number;
+  slope: number;
+}
+/**
  * Set the pose of the person.
  */
 export interface SetPose {
@@ -1824,6 +1853,10 @@ export interface SetPose {
    * @maxItems 3
    */
   position_m: [number, number, number];
+  /**
+   * of the localizer before; None: what is remembered stays
+   */
+  remembered_bias: RememberedBias | null;
   yaw_rad: number;
 }
 /**
@@ -2229,9 +2262,9 @@ export interface UserPose {
    */
   position_m: [number, number, number];
   /**
-   * localizations by a robot from which the next one expects an elevation bias
+   * elevation bias that the next localization by a robot expects, None if unknown
    */
-  remembered_localizations: number;
+  remembered_bias: RememberedBias | null;
   /**
    * rms angle between rays and targets
    */

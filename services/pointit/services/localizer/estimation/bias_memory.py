@@ -1,0 +1,150 @@
+"""Elevation bias of a person, remembered between localizations by following (localization.md).
+
+Each accepted localization measures the bias without any truth. A Kalman filter over the bias at
+`REFERENCE_RAD` and its slope by the elevation gives the expected bias of the next localization, in place of
+that of any person.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from pointit.schemas import RememberedBias
+from pointit.services.localizer.estimation.angular_residuals import Array
+from pointit.services.localizer.estimation.estimator import Pointings, Solution, SolverSettings, solve
+
+REFERENCE_RAD = math.radians(-20.0)
+"""Elevation of the filter's bias: the median of rays at robots 2 to 5 m away."""
+
+WANDER_RAD = math.radians(2.0)
+"""Standard deviation of one person's bias between localizations."""
+
+MIN_SPAN_S = 2.4
+"""Shortest time of following that measures the bias: 2.5 s, less the interval of the rays."""
+
+MAX_SIGMAS = 2.0
+"""Difference from the remembered bias, in its standard deviations, from which it is another person's."""
+
+MAX_HEIGHT_CHANGE_M = 0.05
+"""Change of the origin's height from which the rays are those of another body."""
+
+
+def expected_bias(remembered: RememberedBias, elevation_rad: float) -> tuple[float, float]:
+    """Return mean and standard deviation (rad) of the next bias of rays at `elevation_rad`."""
+    row = np.array([1.0, elevation_rad - REFERENCE_RAD])
+    mean_rad = float(row @ (remembered.bias_rad, remembered.slope))
+    return mean_rad, math.sqrt(float(row @ _covariance(remembered) @ row) + WANDER_RAD**2)
+
+
+def updated(
+    remembered: RememberedBias, bias_rad: float, sigma_rad: float, elevation_rad: float
+) -> RememberedBias:
+    """Return what is remembered after one more measurement of the bias (Kalman filter).
+
+    Args:
+        remembered: before; without any localization, what is expected of anybody.
+        bias_rad: as measured without memory and without a prior.
+        sigma_rad: its standard deviation.
+        elevation_rad: mean elevation of the rays.
+    """
+    row, covariance = np.array([1.0, elevation_rad - REFERENCE_RAD]), _covariance(remembered)
+    mean_rad, spread_rad = expected_bias(remembered, elevation_rad)
+    gain = covariance @ row / (spread_rad**2 + sigma_rad**2)
+    left = covariance - np.outer(gain, row @ covariance)
+    moved = gain * (bias_rad - mean_rad)
+    return remembered.model_copy(
+        update={
+            "localizations": remembered.localizations + 1,
+            "bias_rad": remembered.bias_rad + float(moved[0]),
+            "slope": remembered.slope + float(moved[1]),
+            "covariance": tuple(left.ravel().tolist()),
+        }
+    )
+
+
+class BiasMemory:
+    """The remembered bias of one person, who may be another one the next time."""
+
+    def __init__(self) -> None:
+        self.remembered: RememberedBias | None = None
+        """None before the first localization."""
+        self.mounting = ""
+        """How the sensor is worn now, see `ImuSample`. With another one the bias is another one, too."""
+
+    def believed(self, pointings: Pointings, settings: SolverSettings, floor_m: float) -> SolverSettings:
+        """Return `settings` with the remembered bias, or as they are if the rays contradict it.
+
+        Args:
+            pointings: of the localization so far.
+            settings: without memory.
+            floor_m: height of the floor in {W}.
+        """
+        remembered = self.remembered
+        if remembered is None or len(pointings) < settings.min_samples:
+            return settings
+        found = solve(pointings, settings.any_fit(), floor_m=floor_m)
+        if not isinstance(found, Solution) or self._contradicts(remembered, found.bias_rad, pointings):
+            return settings
+        mean_rad, sigma_rad = expected_bias(remembered, _mean_elevation(pointings))
+        if sigma_rad >= settings.bias_sigma_rad:
+            return settings
+        # the largest bias that is pointing stays
+        limit = settings.bias_sigma_limit * settings.bias_sigma_rad / sigma_rad
+        return replace(settings, bias_rad=mean_rad, bias_sigma_rad=sigma_rad, bias_sigma_limit=limit)
+
+    def learn(self, pointings: Pointings, settings: SolverSettings, floor_m: float) -> bool:
+        """Forget a bias that the rays of an accepted pose contradict, and measure it if they are enough.
+
+        Args:
+            pointings: of the localization.
+            settings: without memory.
+            floor_m: height of the floor in {W}.
+
+        Returns:
+            True if the bias was measured.
+        """
+        found = solve(pointings, settings.any_fit(), floor_m=floor_m)
+        if not isinstance(found, Solution):
+            return False
+        if self.remembered is not None and self._contradicts(self.remembered, found.bias_rad, pointings):
+            self.remembered = None
+        # what the rays say without the prior: the filter has it already
+        information = found.bias_sigma_rad**-2 - settings.bias_sigma_rad**-2
+        if pointings.span_s < MIN_SPAN_S or information <= 0.0:
+            return False
+        before = self.remembered or RememberedBias(
+            localizations=0,
+            origin_height_m=_origin_height_m(pointings),
+            bias_rad=settings.bias_rad,
+            slope=0.0,
+            covariance=(settings.bias_sigma_rad**2, 0.0, 0.0, settings.elevation_slope_sigma**2),
+            mounting=self.mounting,
+        )
+        shift_rad = (found.bias_rad - settings.bias_rad) / found.bias_sigma_rad**2 / information
+        bias_rad, sigma_rad = settings.bias_rad + shift_rad, information**-0.5
+        self.remembered = updated(before, bias_rad, sigma_rad, _mean_elevation(pointings))
+        return True
+
+    def _contradicts(self, remembered: RememberedBias, bias_rad: float, pointings: Pointings) -> bool:
+        """Return True if who points so, with this bias found without memory, is not the remembered one."""
+        mean_rad, sigma_rad = expected_bias(remembered, _mean_elevation(pointings))
+        change_m = abs(_origin_height_m(pointings) - remembered.origin_height_m)
+        return (
+            self.mounting != remembered.mounting
+            or change_m > MAX_HEIGHT_CHANGE_M
+            or abs(bias_rad - mean_rad) > MAX_SIGMAS * sigma_rad
+        )
+
+
+def _covariance(remembered: RememberedBias) -> Array:
+    return np.array(remembered.covariance, dtype=np.float64).reshape(2, 2)
+
+
+def _mean_elevation(pointings: Pointings) -> float:
+    x, y, z = pointings.directions.T
+    return float(np.arctan2(z, np.hypot(x, y)).mean())
+
+
+def _origin_height_m(pointings: Pointings) -> float:
+    return float(pointings.origins_m[:, 2].mean())

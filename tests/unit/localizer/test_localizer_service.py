@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from pointit.geometry.rotation import IDENTITY
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import Clock, sleep
 from pointit.runtime.config.config import Layers
@@ -16,11 +17,13 @@ from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     CancelLocalization,
     Environment,
+    ImuSample,
     Lamp,
     SetPose,
     StartLocalization,
     TrackedObject,
     TrackedObjects,
+    UserPose,
 )
 from pointit.schemas import topics as at
 from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
@@ -260,6 +263,70 @@ async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
         assert poses[-1].method == "moving_target"
         await until(lambda: room.phase == "solved", what="solved")
         assert room.progress[-1].target_id == "drone"
+
+
+# exact rays are certain enough after 1.5 s, which measures no bias
+LONG = LocalizerConfig(method="moving_target", trust=TrustConfig(max_position_sigma_m=0.36))
+
+
+async def localize_by_robot(room: Room, mounting: str = "band") -> UserPose:
+    """Let the person follow a robot until a pose is accepted, and return it."""
+    bench, clock = room.bench, room.bench.clock
+
+    async def follow() -> None:
+        for tick in itertools.count():
+            now_ns = clock.now_ns()
+            angle = math.tau * tick / 100.0
+            robot = (2.5 + math.cos(angle), 1.0 + math.sin(angle), 0.7 + 0.4 * math.sin(2.0 * angle))
+            item = TrackedObject(id="drone", kind="robot", position_m=robot)
+            sample = ImuSample(stamp_ns=now_ns, orientation_xyzw=IDENTITY, mounting=mounting)
+            bench.put(at.IMU, sample, USER)
+            bench.put(at.OBJECTS, TrackedObjects(stamp_ns=now_ns, objects=(item,)), "room")
+            bench.put(at.RAY, room.person.ray(robot, now_ns), USER)
+            await sleep(clock, 0.04)
+
+    await room.start()
+    await bench.settle()
+    following = asyncio.create_task(follow(), name="a person following")
+    await until(lambda: room.phase == "solved", what="a pose")
+    following.cancel()
+    await asyncio.wait({following})
+    return room.poses[-1]
+
+
+@in_virtual_time
+async def test_localizations_by_a_robot_remember_the_elevation_bias_until_it_is_forgotten() -> None:
+    person = Person(0.5, -0.3, 1.1, math.radians(6.0))
+    async with room_of(LONG, person, VirtualClock(), None) as room:
+        first = (await localize_by_robot(room)).remembered_bias
+        second = (await localize_by_robot(room)).remembered_bias
+        assert first is not None
+        assert second is not None
+        assert (first.localizations, second.localizations) == (1, 2)
+        assert second.covariance[0] < first.covariance[0]
+        assert math.degrees(second.bias_rad) == pytest.approx(6.0, abs=2.0)
+        # by hand it stays, as the person does
+        await room.set_pose((1.0, 2.0, 0.0), 0.0)
+        assert room.poses[-1].remembered_bias == second
+        forget = CancelLocalization(forget_bias=True)
+        answer = await room.bench.bus.call(at.CANCEL_LOCALIZATION, forget, USER)
+        await room.bench.settle()
+        assert answer.message == "forgotten: the next localization expects no elevation bias"
+        assert room.poses[-1].position_m == (1.0, 2.0, 0.0)
+        assert room.poses[-1].remembered_bias is None
+        third = (await localize_by_robot(room)).remembered_bias
+        assert third is not None
+        assert third.localizations == 1
+
+
+@in_virtual_time
+async def test_a_sensor_that_is_worn_otherwise_begins_a_new_memory() -> None:
+    async with room_of(LONG, Person(0.5, -0.3, 1.1), VirtualClock(), None) as room:
+        await localize_by_robot(room)
+        await localize_by_robot(room)
+        remembered = (await localize_by_robot(room, mounting="phone")).remembered_bias
+        assert remembered is not None
+        assert (remembered.localizations, remembered.mounting) == (1, "phone")
 
 
 def test_configuration_speaks_degrees_and_the_solver_radians() -> None:

@@ -10,7 +10,16 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Launch, run_service
 from pointit.runtime.virtual_time import VirtualClock, run_virtually
-from pointit.schemas import ButtonEvent, Done, Interaction, Localization, PointingRay, SetPose, UserPose
+from pointit.schemas import (
+    ButtonEvent,
+    Done,
+    Interaction,
+    Localization,
+    PointingRay,
+    RememberedBias,
+    SetPose,
+    UserPose,
+)
 from pointit.schemas.topics import BUTTON, CURSOR, INTERACTION, POSE, RAY, SERVICE_ALIVE, SET_POSE
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
@@ -31,6 +40,9 @@ BACK = SetPose(
     method="static_targets",
     covariance=COVARIANCE,
     elevation_bias_rad=0.1,
+    remembered_bias=RememberedBias(
+        localizations=2, origin_height_m=1.6, bias_rad=0.1, slope=0.05, covariance=(0.004, 0.0, 0.0, 0.02)
+    ),
 )
 
 
@@ -67,9 +79,11 @@ def test_localizer_that_restarts_because_the_clock_was_set_back_gets_its_pose_ba
 
 def test_a_pose_that_was_fixed_is_given_back_as_such() -> None:
     place = PoseRestorer()
-    place.pose(UserPose(stamp_ns=2 * S, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5))
+    remembered = BACK.remembered_bias
+    fixed = UserPose(stamp_ns=2 * S, position_m=(1.0, 2.0, 0.0), yaw_rad=0.5, remembered_bias=remembered)
+    place.pose(fixed)
     place.localization(*idle(10))
-    assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5)
+    assert place.due(11 * S) == SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.5, remembered_bias=remembered)
 
 
 def test_a_new_localizers_configured_pose_does_not_replace_what_anchors_told() -> None:

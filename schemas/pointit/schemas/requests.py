@@ -97,7 +97,7 @@ class SetPose(Query):
     covariance: Annotated[Covariance | None, Field(description="of a pose that is not exact")] = None
     elevation_bias_rad: Annotated[Real, Field(description="found with it, see UserPose")] = 0.0
     remembered_bias: Annotated[
-        RememberedBias | None, Field(description="of the localizer before; None: what is remembered stays")
+        RememberedBias | None, Field(description="of the localizer before; the remembered one stays if empty")
     ] = None
 
 

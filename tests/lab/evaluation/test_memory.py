@@ -14,7 +14,7 @@ from pointit_lab.evaluation.localization.memory import (
     WITHOUT,
     accepted_of,
     memory_rows,
-    remembered_of,
+    remembered_bias,
 )
 from pointit_lab.evaluation.localization.trial import FollowRecording
 from pointit_lab.evaluation.recordings.row import MetricSpread
@@ -49,10 +49,10 @@ def test_localizations_follow_one_another_and_each_adds_to_the_memory(tmp_path: 
     ends_s = [each.start_s + float(each.condition.split()[0]) for each in accepted]
     assert len(accepted) > 1
     assert all(each.start_s >= end_s for each, end_s in zip(accepted[1:], ends_s[:-1], strict=True))
-    remembered = remembered_of([accepted])
+    remembered = remembered_bias(accepted)
     assert remembered is not None
     assert 1 <= remembered.localizations <= len(accepted)
-    assert remembered_of([[]]) is None
+    assert remembered_bias([]) is None
 
 
 def test_who_is_localized_once_has_no_second_localization(tmp_path: Path) -> None:

@@ -41,21 +41,26 @@ def memory_rows(
     accepted = [list(accepted_of(each)) for each in followed]
     people = [(each.set, each.subject) for each in followed]
     memory_of = {
-        person: remembered_of([trials for trials, of in zip(accepted, people, strict=True) if of == person])
+        person: remembered_bias(
+            [each for trials, of in zip(accepted, people, strict=True) if of == person for each in trials]
+        )
         for person in people
     }
     outcomes: list[Outcome] = []
     for index, second in enumerate(followed):
         person = people[index]
         others = [memory for other, memory in memory_of.items() if other != person and memory is not None]
-        elsewhere = [
-            trials for each, trials in enumerate(accepted) if people[each] == person and each != index
+        of_others = [
+            trial
+            for each, trials in enumerate(accepted)
+            if people[each] == person and each != index
+            for trial in trials
         ]
         own_after: dict[int, RememberedBias | None] = {}  # so many localizations of the same recording
         for trial in second.trials(SECOND_S):
             before = [each for each in accepted[index] if _end_s(each) <= trial.start_s]
             if len(before) not in own_after:
-                own_after[len(before)] = remembered_of([*elsewhere, before])
+                own_after[len(before)] = remembered_bias([*of_others, *before])
             own = own_after[len(before)]
             without = _outcome(trial, OURS, None)
             tried = [(OWN, OURS, own)] if own is not None else []
@@ -75,18 +80,18 @@ def accepted_of(recording: FollowRecording) -> Iterator[LocalizationTrial]:
     for start_s in sorted(by_start):
         if start_s < free_s:
             continue
-        accepted = (each for each in by_start[start_s] if isinstance(judged(each.pointings), Solution))
-        if (trial := next(accepted, None)) is None:
-            free_s = start_s + PAUSE_S
-        else:
-            free_s = _end_s(trial)
-            yield trial
+        free_s = start_s + PAUSE_S
+        for trial in by_start[start_s]:
+            if isinstance(judged(trial.pointings), Solution):
+                free_s = _end_s(trial)
+                yield trial
+                break
 
 
-def remembered_of(recordings: Sequence[Sequence[LocalizationTrial]]) -> RememberedBias | None:
-    """Return what is remembered after these accepted localizations of one person."""
+def remembered_bias(trials: Sequence[LocalizationTrial]) -> RememberedBias | None:
+    """Return the bias that is remembered after these accepted localizations of one person."""
     memory = BiasMemory()
-    for trial in (trial for trials in recordings for trial in trials):
+    for trial in trials:
         memory.learn(trial.pointings, STATED, 0.0)
     return memory.remembered
 

@@ -252,7 +252,7 @@ class ProcedureRunner:
         self._running: Procedure | None = None
         self._wrist_sigma_s: float | None = None
         self.bias_memory = BiasMemory()
-        """What is remembered of the person for localizations by a robot."""
+        """Elevation bias of the person, for localizations by a robot."""
         self._published_ns = 0
 
     @property

@@ -40,7 +40,7 @@ def expected_bias(remembered: RememberedBias, elevation_rad: float) -> tuple[flo
 def updated(
     remembered: RememberedBias, bias_rad: float, sigma_rad: float, elevation_rad: float
 ) -> RememberedBias:
-    """Return what is remembered after one more measurement of the bias (Kalman filter).
+    """Return the remembered bias after one more measurement (Kalman filter).
 
     Args:
         remembered: before; without any localization, what is expected of anybody.
@@ -70,7 +70,7 @@ class BiasMemory:
         self.remembered: RememberedBias | None = None
         """None before the first localization."""
         self.mounting = ""
-        """How the sensor is worn now, see `ImuSample`. With another one the bias is another one, too."""
+        """Mounting of the sensor now, see `ImuSample`. With another one the bias is another one, too."""
 
     def believed(self, pointings: Pointings, settings: SolverSettings, floor_m: float) -> SolverSettings:
         """Return `settings` with the remembered bias, or as they are if the rays contradict it.

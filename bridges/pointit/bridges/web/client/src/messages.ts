@@ -1854,7 +1854,7 @@ export interface SetPose {
    */
   position_m: [number, number, number];
   /**
-   * of the localizer before; None: what is remembered stays
+   * of the localizer before; the remembered one stays if empty
    */
   remembered_bias: RememberedBias | null;
   yaw_rad: number;

@@ -34,6 +34,8 @@ class PlayedLocalizer:
     """Whether pointing comes to no end."""
     asked: list[str] = field(default_factory=list[str])
     position_m: Vec3 = (2.0, 0.5, 0.0)
+    remembered_bias: models.RememberedBias | None = None
+    """Elevation bias that the next localization expects."""
 
     def __post_init__(self) -> None:
         self._tasks: set[asyncio.Task[None]] = set()
@@ -87,7 +89,12 @@ class PlayedLocalizer:
             accepted=not reason, reason=reason,
         )  # fmt: skip
 
-    async def _cancel(self, _query: models.CancelLocalization, _user: str) -> models.Done:
+    async def _cancel(self, query: models.CancelLocalization, _user: str) -> models.Done:
+        if query.forget_bias:
+            self.asked.append("forget")
+            self.remembered_bias = None
+            self._put_pose()
+            return models.Done(message="forgotten: the next localization expects no elevation bias")
         self.asked.append("cancel")
         self._tell("cancelled", since_ns=0)
         return models.Done()
@@ -114,6 +121,7 @@ class PlayedLocalizer:
                 yaw_rate_radps=math.radians(0.2) if anchored_ns else 0.0,
                 yaw_rate_sigma_radps=math.radians(0.1) if anchored_ns else None,
                 anchored_ns=anchored_ns,
+                remembered_bias=self.remembered_bias,
             )
         )
 

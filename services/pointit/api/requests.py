@@ -136,9 +136,9 @@ class LocalizerRequests(_Requests[D]):
         """Begin to localize `user`, by the configured method unless one is given."""
         return self._do(topics.START_LOCALIZATION, user, method=method)
 
-    def cancel(self, user: str) -> D:
-        """Stop localizing and keep the last pose."""
-        return self._do(topics.CANCEL_LOCALIZATION, user)
+    def cancel(self, user: str, *, forget_bias: bool = False) -> D:
+        """Stop localizing and keep the last pose; `forget_bias`: forget the elevation bias of `user`, too."""
+        return self._do(topics.CANCEL_LOCALIZATION, user, forget_bias=forget_bias)
 
     def set_pose(
         self,

@@ -12,7 +12,17 @@ import pytest_asyncio
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import Anchor, Done, Localization, PointAnchor, SetPose, UserPose, UserProfile
+from pointit.schemas import (
+    Anchor,
+    CancelLocalization,
+    Done,
+    Localization,
+    PointAnchor,
+    RememberedBias,
+    SetPose,
+    UserPose,
+    UserProfile,
+)
 from pointit.schemas.topics import LOCALIZATION, PROFILE
 from pointit.services.pui.service import Pui
 from pointit.services.supervisor.service import Supervisor
@@ -48,6 +58,7 @@ class ErringLocalizer(PlayedLocalizer):
         pose = UserPose(
             stamp_ns=time.time_ns(), position_m=self.position_m, yaw_rad=self.yaw_rad, covariance=variances,
             method="static_targets", elevation_bias_rad=bias_rad,
+            remembered_bias=self.remembered_bias,
         )  # fmt: skip
         self._poses.put(pose)
 
@@ -56,6 +67,11 @@ class ErringLocalizer(PlayedLocalizer):
             self.asked.append(f"anchor {query.lamp}".strip())
             raise RefusedError(self.refuses)
         return await super()._point_anchor(query, _user)
+
+    async def _cancel(self, query: CancelLocalization, user: str) -> Done:
+        if query.forget_bias and self.refuses:
+            raise RefusedError(self.refuses)
+        return await super()._cancel(query, user)
 
     async def _set_pose(self, query: SetPose, _user: str) -> Done:
         self.poses.append(query)
@@ -226,6 +242,42 @@ async def test_a_typed_place_keeps_the_found_yaw_and_sigma(site: Site, localizer
     assert said.err == ""
 
 
+def remembered_bias(localizations: int) -> RememberedBias:
+    return RememberedBias(
+        localizations=localizations,
+        origin_height_m=1.64,
+        bias_rad=0.05,
+        slope=0.0,
+        covariance=(1e-4, 0.0, 0.0, 1e-2),
+    )
+
+
+async def test_a_remembered_bias_is_shown_and_forgotten(site: Site, localizer: ErringLocalizer) -> None:
+    localizer.remembered_bias = remembered_bias(localizations=3)
+    localizer.find(yaw_sigma_rad=math.radians(4.0))
+    shown = await site.pointit("person", "pose", ANNA, code=0)
+    assert "remembered    elevation bias of 3 localizations\n" in shown.out
+    localizer.refuses = "the state file cannot be deleted"
+    ended = await site.pointit("person", "pose", ANNA, "--forget-bias", code=1)
+    assert (ended.out, ended.sentence) == ("", "the state file cannot be deleted")
+    localizer.refuses = ""
+    told = await site.pointit("person", "pose", ANNA, "--forget-bias", code=0)
+    assert told.out == "anna: forgotten: the next localization expects no elevation bias\n"
+    assert localizer.asked == ["forget"]
+    shown = await site.pointit("person", "pose", ANNA, code=0)
+    assert "remembered" not in shown.out
+
+
+async def test_the_json_of_forgetting_is_the_pose_after_it(site: Site, localizer: ErringLocalizer) -> None:
+    localizer.remembered_bias = remembered_bias(localizations=1)
+    localizer.find(yaw_sigma_rad=math.radians(4.0))
+    shown = await site.pointit("person", "pose", ANNA, "--json", code=0)
+    assert json.loads(shown.out)["remembered_localizations"] == 1
+    told = await site.pointit("person", "pose", ANNA, "--forget-bias", "--json", code=0)
+    assert json.loads(told.out)["remembered_localizations"] == 0
+    assert localizer.asked == ["forget"]
+
+
 async def test_no_offset_of_a_wrong_pose(site: Site, localizer: ErringLocalizer, own_state: Path) -> None:
     localizer.position_m = (5.0, -2.0, 0.0)  # in truth at 2.0, 0.5
     localizer.truly_m = (2.0, 0.5, 0.0)
@@ -271,6 +323,9 @@ async def test_what_is_typed_wrongly_is_said(site: Site) -> None:
         (("anna", "--yaw", "3"), "--yaw belongs to X Y"),
         (("anna", "1", "2", "--yaw", "3", "--facing", "4"), "excludes --facing"),
         (("anna", "--now"), "--now belongs to --facing"),
+        (("anna", "1", "2", "--forget-bias"), "--forget-bias excludes X Y, --yaw and --facing"),
+        (("anna", "--forget-bias", "--yaw", "3"), "--forget-bias excludes X Y, --yaw and --facing"),
+        (("anna", "--forget-bias", "--facing", "4"), "--forget-bias excludes X Y, --yaw and --facing"),
         (("anna", "nan", "2"), "'nan' is neither a coordinate in metres"),
     ):
         ended = await site.pointit("person", "pose", *arguments, code=2)

@@ -17,7 +17,15 @@ from pointit.forearm.true_pose import PoseError
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Anchor, PointingOffset, TrackedObject, TrackedObjects, UserPose, topics
+from pointit.schemas import (
+    Anchor,
+    PointingOffset,
+    RememberedBias,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+    topics,
+)
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from tests.support import there
 from tests.support.bench import memory_bench
@@ -155,6 +163,18 @@ def test_a_pose_in_peoples_units() -> None:
     ]
     low = known.model_copy(update={"elevation_bias_rad": math.radians(-3.2)})
     assert pose_text.lines(pose_text.fields(low, 12 * S))[2] == "rays too low  by 3.2°"
+    for count, row in ((1, "elevation bias of 1 localization"), (3, "elevation bias of 3 localizations")):
+        bias = RememberedBias(
+            localizations=count,
+            origin_height_m=1.6,
+            bias_rad=0.05,
+            slope=0.0,
+            covariance=(1e-4, 0.0, 0.0, 0.01),
+        )
+        remembering = known.model_copy(update={"remembered_bias": bias})
+        fields = pose_text.fields(remembering, 12 * S)
+        assert fields["remembered_localizations"] == count
+        assert pose_text.lines(fields)[2:4] == ["rays too high by 3.0°", f"remembered    {row}"]
     unknown = known.model_copy(update={"yaw_rate_radps": 0.0, "yaw_rate_sigma_radps": math.radians(0.25)})
     assert "drift         not known yet" in pose_text.lines(pose_text.fields(unknown, 12 * S))
     given = pose_text.lines(pose_text.fields(pose(), 400 * S))

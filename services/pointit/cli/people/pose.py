@@ -22,11 +22,12 @@ from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.service.shutdown import run_until_shutdown
-from pointit.schemas import Localization, SetHeading, SetPose, TrackedObjects, UserPose
+from pointit.schemas import CancelLocalization, Localization, SetHeading, SetPose, TrackedObjects, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.text import plain
 from pointit.schemas.topics import (
     ANY,
+    CANCEL_LOCALIZATION,
     LOCALIZATION,
     MAP,
     OBJECTS,
@@ -60,11 +61,15 @@ Examples:
   pointit person pose anna 2.0 0.5          set the position, m; the yaw stays
   pointit person pose anna 2 0.5 --yaw 20   set the yaw, too
   pointit person pose anna --facing 90      set it: anna points level along y
+  pointit person pose anna --forget-bias    another person wears the sensor
 
 X Y alone corrects the position of a pose that was found by pointing: its
 sigma is then 5 cm, that of the yaw does not change, and the drift of the IMU
 is still tracked. With --yaw, or if the pose was given before, all of it counts
 as exact.
+
+With --forget-bias, the next localization by a robot expects no elevation
+bias. It cancels a running localization. The pose does not change.
 
 The exit code is 1 if the pose is unknown, or the localizer refuses.
 """
@@ -77,7 +82,7 @@ _DEGREES = Finite(-360, 360)
     params=site_link.site_options(),
     help=HELP,
     cls=PanelCommand,
-    usual=("yaw_deg", "facing_deg", "now", "as_json", "connect"),
+    usual=("yaw_deg", "facing_deg", "now", "forget_bias", "as_json", "connect"),
     # a position may be negative, which looks like an option
     context_settings={"ignore_unknown_options": True},
 )
@@ -96,6 +101,11 @@ _DEGREES = Finite(-360, 360)
     help="azimuth in the room towards which the person points level, °: 0 along x, 90 along y",
 )
 @click.option("--now", is_flag=True, help="with --facing: do not wait for Enter, the person points already")
+@click.option(
+    "--forget-bias",
+    is_flag=True,
+    help="forget the elevation bias of earlier localizations, as of another person",
+)
 @json_option
 def command(
     user: str,
@@ -104,12 +114,15 @@ def command(
     yaw_deg: float | None,
     facing_deg: float | None,
     now: bool,
+    forget_bias: bool,
     as_json: bool,
     **at: Unpack[site_link.AtSite],
 ) -> int:
     """Show or set a person's pose."""
     check_name(user, "user")
     query = _place(numbers, yaw_deg)
+    if forget_bias and (query, yaw_deg, facing_deg) != (None, None, None):
+        raise UnknownNameError("--forget-bias excludes X Y, --yaw and --facing")
     if yaw_deg is not None and (query is None or facing_deg is not None):
         raise UnknownNameError(
             "--yaw belongs to X Y and excludes --facing; to turn a person where they stand: --facing"
@@ -119,7 +132,7 @@ def command(
     site_link.quiet()
     if facing_deg is not None and not now:
         check_keyboard(WITHOUT_KEYBOARD)  # before anything is changed
-    asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now)
+    asked = _Asked(query, keeps_yaw=yaw_deg is None, facing_deg=facing_deg, now=now, forget_bias=forget_bias)
     return run_until_shutdown(_pose(user, asked, as_json=as_json, **at))
 
 
@@ -129,6 +142,7 @@ class _Asked:
     keeps_yaw: bool
     facing_deg: float | None
     now: bool
+    forget_bias: bool
 
 
 def _place(words: tuple[str, ...], yaw_deg: float | None) -> SetPose | None:
@@ -166,7 +180,7 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
             raise (
                 error
                 if user in people(there)
-                else NoAnswerError(f"the pose is not set: {missing_reason(POSE, user, there)}")
+                else NoAnswerError(f"nothing was changed: {missing_reason(POSE, user, there)}")
             ) from error
         except asyncio.CancelledError:
             return INTERRUPTED
@@ -174,6 +188,8 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
             for sentence in sentences:
                 say(f"{user}: {sentence}{site_link.default_address_note(**at)}")
             return 0
+        if asked.forget_bias:
+            await latest_pose.wait(YAW_TIMEOUT_S, lambda pose: pose.remembered_bias is None)
         pose = await found(bus, user, latest_pose, latest_localization)
         await asyncio.gather(clock.wait_for_tick(CLOCK_TIMEOUT_S), latest_truth.wait(TRUTH_TIMEOUT_S))
         shown = pose_text.fields(pose, clock.now_ns(), latest_truth.error_of(pose))
@@ -245,6 +261,8 @@ def with_yaw_of(query: SetPose, before: UserPose) -> SetPose:
 
 async def _say(bus: Bus, user: str, asked: _Asked, latest_pose: LatestMessage[UserPose]) -> list[str]:
     """Request the changes of the pose from the localizer, and return its answers as sentences."""
+    if asked.forget_bias:
+        return [(await bus.call(CANCEL_LOCALIZATION, CancelLocalization(forget_bias=True), user)).message]
     sentences: list[str] = []
     before = latest_pose.value
     if asked.place is not None:

@@ -57,6 +57,7 @@ def fields(pose: UserPose, now_ns: int, error: PoseError | None = None) -> dict[
         "yaw_deg": math.degrees(math.remainder(pose.yaw_rad, math.tau)),
         "yaw_sigma_deg": math.degrees(yaw_sigma_rad),
         "elevation_bias_deg": math.degrees(pose.elevation_bias_rad),
+        "remembered_localizations": pose.remembered_bias.localizations if pose.remembered_bias else 0,
         "drift_deg_per_min": drift_degpmin(pose),
         "drift_sigma_deg_per_min": None if rate_sigma is None else math.degrees(rate_sigma) * 60.0,
         "anchor_age_s": _age_s(pose.anchored_ns, now_ns) if pose.anchored_ns else None,
@@ -90,6 +91,8 @@ def lines(shown: Mapping[str, Any]) -> list[str]:
         ("method", METHODS[shown["method"]] + (", counts as exact" if is_exact else "")),
         ("published", f"{_age(shown['age_s'])} ago"),
     ]
+    if count := shown["remembered_localizations"]:
+        rows.insert(2, ("remembered", f"elevation bias of {count} localization{'s' * (count > 1)}"))
     if shown["elevation_bias_deg"]:
         which = "high" if shown["elevation_bias_deg"] > 0 else "low"
         rows.insert(2, (f"rays too {which}", f"by {abs(shown['elevation_bias_deg']):.1f}°"))

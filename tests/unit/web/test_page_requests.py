@@ -30,7 +30,7 @@ from pointit.bridges.web.wire import Ask, Role
 from pointit.bridges.web.wire_schema import json_schema
 from pointit.maps.edit.edited_map import edited
 from pointit.runtime.errors import PointItError, RefusedError
-from pointit.schemas import SchemaError, SetSpeed, StopRobot, topics
+from pointit.schemas import CancelLocalization, SchemaError, SetSpeed, StopRobot, topics
 from pointit.services.shown_topics import SHOWN
 
 BY_NAME = {action.name: action for action in ACTIONS}
@@ -49,6 +49,16 @@ def test_everybody_who_sees_a_robot_may_stop_it() -> None:
     for role in ("operator", "viewer"):
         call = parse_request(ask(topics.STOP_ROBOT.key, name="quad", reason="too near"), role)
         assert call == Call(request=topics.STOP_ROBOT, query=StopRobot(reason="too near"), name="quad")
+
+
+def test_whoever_may_cancel_a_localization_may_forget_the_bias() -> None:
+    wish = ask(topics.CANCEL_LOCALIZATION.key, name="anna", forget_bias=True)
+    for role in ("operator", "wrist"):
+        call = parse_request(wish, role)
+        query = CancelLocalization(forget_bias=True)
+        assert call == Call(request=topics.CANCEL_LOCALIZATION, query=query, name="anna")
+    with pytest.raises(RefusedError, match="only looks on"):
+        parse_request(wish, "viewer")
 
 
 def test_a_viewer_may_do_nothing_else_but_look() -> None:

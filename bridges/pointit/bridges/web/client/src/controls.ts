@@ -4,7 +4,7 @@ import type { Reply, Wish } from "./site/asks";
 import { Refusal } from "./site/asks";
 import type { Connection } from "./site/connection";
 import { byName, capital } from "./format";
-import type { SelectionEvent } from "./messages";
+import type { CancelLocalization, SelectionEvent } from "./messages";
 import { seenRobots } from "./site/robots";
 import type { Settings } from "./settings";
 import { siteNow, type Person, type Site } from "./site/site";
@@ -188,8 +188,9 @@ export class Controls {
     if (this.may("localizer/{user}/start")) void this.askAloud({ key: "localizer/{user}/start", name: this.user });
   }
 
-  cancel(): void {
-    if (this.may("localizer/{user}/cancel")) void this.askAloud({ key: "localizer/{user}/cancel", name: this.user });
+  /** Stop localizing; with `forget_bias`, the next localization by a robot expects no elevation bias. */
+  cancel(query: Partial<CancelLocalization> = {}): void {
+    if (this.may("localizer/{user}/cancel")) void this.askAloud({ key: "localizer/{user}/cancel", name: this.user, query });
   }
 
   /** Whether the person has selected something that they can clear. */

@@ -9,7 +9,9 @@ import { fitSentence } from "./devices/wearing";
 import type { Health } from "./messages";
 import { wordsOf } from "./glossary";
 import { readSettings } from "./settings";
-import { listed, pressTitle } from "./words";
+import { Controls } from "./controls";
+import { emptyPerson, emptySite } from "./site/site";
+import { listed, pressTitle, rememberedSentence } from "./words";
 
 test("numbers as people read them", () => {
   assert.deepEqual([5.9, 61, 7500, 200_000].map(duration), ["5 s", "1 min", "2 h 05 min", "2 d"]);
@@ -74,6 +76,28 @@ test("the button says what it does", () => {
   assert.equal(title("pointing", "Point with your arm straight; press the button to stop."), "Stop pointing");
   assert.equal(title("pointing", "Point with your arm straight and press the button to confirm; hold it to stop."), "Confirm");
   assert.equal(title("pointing", "Double press: point at a lamp once, your direction has become uncertain."), "Press the button");
+});
+
+test("what earlier localizations told of the elevation is said until it is forgotten", () => {
+  const sentence = (localizations: number) => rememberedSentence({ remembered_bias: { localizations } as never });
+  assert.equal(sentence(3), "The next localization by a robot expects the elevation bias of 3 localizations.");
+  assert.match(sentence(1), / of 1 localization\.$/);
+  assert.deepEqual([rememberedSentence({ remembered_bias: null }), rememberedSentence(null), rememberedSentence({} as never)], ["", "", ""], "of an old recording, too");
+});
+
+test("to forget it is a request of the chosen person's localizer, if the page may cancel", () => {
+  const site = emptySite(), asked: object[] = [];
+  const controls = new Controls(site, {} as never, { ask: (wish: object) => (asked.push(wish), Promise.resolve({})) } as never, {} as never, () => {});
+  site.people.set("ada", emptyPerson("ada")).set("bea", emptyPerson("bea"));
+  const appears = (requests: string[]) =>
+    Object.assign(site, { connected: true, hello: { deeds: [], requests }, status: { services: [{ instance: "localizer.bea", present: true }] } });
+  appears([]);
+  controls.choose("bea");
+  controls.cancel({ forget_bias: true });
+  assert.deepEqual(asked, []);
+  appears(["localizer/{user}/cancel"]);
+  controls.cancel({ forget_bias: true });
+  assert.deepEqual(asked, [{ key: "localizer/{user}/cancel", name: "bea", query: { forget_bias: true } }]);
 });
 
 test("the glossary is plain text, of the first table only", () => {

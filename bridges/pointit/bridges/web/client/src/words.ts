@@ -2,7 +2,7 @@
 
 import { capital } from "./format";
 import { isBox } from "./geometry/appearance";
-import type { Interaction, SelectionEvent, TrackedObject } from "./messages";
+import type { Interaction, SelectionEvent, TrackedObject, UserPose } from "./messages";
 import type { LogLine, Site } from "./site/site";
 
 /** Names in one sentence; one more is not worth a count. */
@@ -48,6 +48,12 @@ export function pressTitle(interaction: Pick<Interaction, "state" | "next_step">
   if (interaction.state === "localizing") return "Stop localizing";
   if (/button to stop\b/.test(interaction.next_step)) return "Stop pointing";
   return /button to confirm\b/.test(interaction.next_step) ? "Confirm" : "Press the button";
+}
+
+/** Sentence on the elevation bias that earlier localizations told, or "" if `pose` remembers none. */
+export function rememberedSentence(pose: Pick<UserPose, "remembered_bias"> | null): string {
+  const count = pose?.remembered_bias?.localizations ?? 0; // none in old recordings
+  return count > 0 ? `The next localization by a robot expects the elevation bias of ${count} localization${count > 1 ? "s" : ""}.` : "";
 }
 
 /** A tracked object by its id, of any tracker. */

@@ -6,7 +6,7 @@ import { el, icon, key, mark, show, write } from "../dom";
 import { byName, capital } from "../format";
 import { cssColor } from "../geometry/appearance";
 import { standingOf } from "../site/site";
-import { friendly, pressTitle, stateTitle, thing } from "../words";
+import { friendly, pressTitle, rememberedSentence, stateTitle, thing } from "../words";
 import type { PanelPart } from "./panel_part";
 
 const ICONS = { idle: "pause", localizing: "place", pointing: "point" } as const;
@@ -34,11 +34,13 @@ export function nowPart(controls: Controls): PanelPart {
   const clear = action("Clear", "clear", "X", () => controls.clear());
   const actions = el("div", { className: "pairs" }, localize, cancel, undo, clear);
   const place = el("p", { className: "muted" });
+  const remembered = el("p", { className: "muted" });
+  const forget = el("button", { type: "button", text: "Forget", "aria-label": "Forget the elevation bias", onclick: () => controls.cancel({ forget_bias: true }) });
   const nobody = el("p", { className: "muted", text: "Nobody is here yet. Add a person: pointit person add anna" });
   let nobodySince = Infinity;
   const body = el("div", { className: "now" }, el("div", { className: "state" }, badge, el("div", {}, state, next)), gaugeRow);
   const viewer = el("p", { className: "muted" });
-  const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, place, viewer, press, actions);
+  const element = el("section", { className: "part", "aria-label": "Now" }, who.element, nobody, body, place, viewer, press, actions, remembered, forget);
 
   function showGauge(): void {
     const hover = controls.person?.hover;
@@ -89,6 +91,9 @@ export function nowPart(controls: Controls): PanelPart {
         if (button.disabled === can) button.disabled = !can;
         button.title = can ? "" : `There is nothing to ${what}`;
       }
+      write(remembered, rememberedSentence(controls.person?.pose ?? null));
+      show(remembered, remembered.textContent !== "");
+      show(forget, !remembered.hidden && !isLocalizing && controls.may("localizer/{user}/cancel")); // it would cancel
       show(actions, [localize, cancel, undo, clear].some((each) => !each.hidden));
       showGauge();
     },

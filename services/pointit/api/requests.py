@@ -11,7 +11,15 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import ValidationError
 
-from pointit.schemas import LitPixels, PointingOffset, Query, SchemaError, summarize_validation_error, topics
+from pointit.schemas import (
+    LitPixels,
+    PointingOffset,
+    Query,
+    RememberedBias,
+    SchemaError,
+    summarize_validation_error,
+    topics,
+)
 from pointit.schemas.base import Rgb
 from pointit.schemas.person import Deictic
 from pointit.schemas.topics import Request
@@ -149,6 +157,7 @@ class LocalizerRequests(_Requests[D]):
         method: Literal["fixed", "static_targets", "moving_target"] = "fixed",
         covariance: Sequence[float] | None = None,
         elevation_bias_rad: float = 0.0,
+        remembered_bias: RememberedBias | None = None,
     ) -> D:
         """Set the pose of `user`; `covariance` of (x, y, yaw), row by row, if it is not exact."""
         return self._do(
@@ -159,6 +168,7 @@ class LocalizerRequests(_Requests[D]):
             method=method,
             covariance=covariance,
             elevation_bias_rad=elevation_bias_rad,
+            remembered_bias=remembered_bias,
         )
 
     def set_heading(self, user: str, azimuth_rad: float) -> D:

@@ -8,7 +8,6 @@ from pointit.schemas.base import (
     FARTHEST,
     MAX_ID,
     Along,
-    Count,
     Distance,
     Extent,
     Fraction,
@@ -67,7 +66,7 @@ class RememberedBias(SchemaModel):
     The rays lie above their targets by `bias_rad` at the elevation -20 degrees, and by `slope` more per rad.
     """
 
-    localizations: Annotated[Count, Field(description="number of those that measured it")]
+    localizations: Annotated[int, Field(ge=0, lt=2**31, description="number of those that measured it")]
     origin_height_m: Annotated[Real, Field(description="height of the rays' origin over the feet")]
     bias_rad: Real
     slope: Real

@@ -19,6 +19,8 @@ from pointit.schemas import (
     Environment,
     ImuSample,
     Lamp,
+    PointingRay,
+    RememberedBias,
     SetPose,
     StartLocalization,
     TrackedObject,
@@ -34,7 +36,7 @@ from pointit.services.localizer.estimation.solution import MAX_MISS_RATIO, MAX_Y
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.service import Localizer
 from tests.support.bench import Bench, ManualClock, in_virtual_time, memory_bench, until
-from tests.unit.localizer.person import LAB, LAMPS, ROOM, USER, Person, yaw_difference
+from tests.unit.localizer.person import EYES_M, LAB, LAMPS, ROOM, USER, Person, yaw_difference
 
 FOUR = (*LAMPS, Lamp(id="led_3", position_m=LAB[3]))
 WITH_FOUR = ROOM.model_copy(update={"lamps": FOUR})
@@ -265,6 +267,13 @@ async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
         assert room.progress[-1].target_id == "drone"
 
 
+class Calibrated(Person):
+    """Points with an offset that was measured."""
+
+    def ray(self, target: Vec3, stamp_ns: int) -> PointingRay:
+        return super().ray(target, stamp_ns).model_copy(update={"elevation_sigma_rad": math.radians(3.0)})
+
+
 # exact rays are certain enough after 1.5 s, which measures no bias
 LONG = LocalizerConfig(method="moving_target", trust=TrustConfig(max_position_sigma_m=0.36))
 
@@ -317,6 +326,45 @@ async def test_localizations_by_a_robot_remember_the_elevation_bias_until_it_is_
         third = (await localize_by_robot(room)).remembered_bias
         assert third is not None
         assert third.localizations == 1
+
+
+@in_virtual_time
+async def test_a_new_localizer_continues_with_the_bias_that_the_one_before_remembered() -> None:
+    person = Person(0.5, -0.3, 1.1, math.radians(6.0))
+    remembered = RememberedBias(
+        localizations=4,
+        origin_height_m=EYES_M,
+        bias_rad=math.radians(5.0),
+        slope=0.0,
+        covariance=(math.radians(3.0) ** 2, 0.0, 0.0, 0.01),
+        mounting="band",
+    )
+    async with room_of(LONG, person, VirtualClock(), None) as room:
+        query = SetPose(position_m=(1.0, 2.0, 0.0), yaw_rad=0.0, remembered_bias=remembered)
+        await room.bench.bus.call(at.SET_POSE, query, USER)
+        await room.bench.settle()
+        assert room.poses[-1].remembered_bias == remembered
+        after = (await localize_by_robot(room)).remembered_bias
+        assert after is not None
+        assert after.localizations == 5
+        assert after.bias_rad > remembered.bias_rad
+
+
+@in_virtual_time
+async def test_a_calibrated_person_has_no_bias_to_remember() -> None:
+    person = Calibrated(0.5, -0.3, 1.1, math.radians(1.0))
+    async with room_of(LONG, person, VirtualClock(), None) as room:
+        assert (await localize_by_robot(room)).remembered_bias is None
+
+
+@in_virtual_time
+async def test_a_robot_that_is_followed_from_the_start_is_followed_on_after_the_bias_is_forgotten() -> None:
+    config = LocalizerConfig(method="moving_target", autostart=True)
+    async with room_of(config, Person(0.5, -0.3, 1.1), VirtualClock(), None) as room:
+        forget = CancelLocalization(forget_bias=True)
+        await room.bench.bus.call(at.CANCEL_LOCALIZATION, forget, USER)
+        await room.bench.settle()
+        assert room.phase == "sampling"
 
 
 @in_virtual_time

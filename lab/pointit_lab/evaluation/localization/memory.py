@@ -7,6 +7,7 @@ from dataclasses import replace
 from pointit.schemas import RememberedBias
 from pointit.services.localizer.estimation.bias_memory import BiasMemory
 from pointit.services.localizer.estimation.estimator import Solution, solve
+from pointit.services.localizer.verification.holds import without_spikes
 from pointit_lab.evaluation.localization.localization import LIMITS, OURS, STATED, judged, off_m, outcome
 from pointit_lab.evaluation.localization.scoring import Outcome, rows_of
 from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
@@ -92,7 +93,7 @@ def remembered_bias(trials: Sequence[LocalizationTrial]) -> RememberedBias | Non
     """Return the bias that is remembered after these accepted localizations of one person."""
     memory = BiasMemory()
     for trial in trials:
-        memory.learn(trial.pointings, STATED, 0.0)
+        memory.learn(without_spikes(trial.pointings), STATED, 0.0)
     return memory.remembered
 
 
@@ -103,7 +104,7 @@ def _end_s(trial: LocalizationTrial) -> float:
 def _outcome(trial: LocalizationTrial, name: str, remembered: RememberedBias | None) -> Outcome:
     memory = BiasMemory()
     memory.remembered = remembered
-    limits = memory.believed(trial.pointings, LIMITS, 0.0)
+    limits = memory.believed(without_spikes(trial.pointings), LIMITS, 0.0)
     found = outcome(trial, math.nan, name, lambda pointings: solve(pointings, limits.unlimited()))
     verdict = judged(trial.pointings, limits)
     taken_m = off_m(verdict, trial) if isinstance(verdict, Solution) else math.inf

@@ -387,6 +387,8 @@ class PoseManager:
             self._procedures.bias_memory.remembered = None
             pose = self._tracking.pose(now_ns)
             out += [] if pose is None else [pose]
+            if self._config.autostart and self._config.method == "moving_target":
+                out += self._procedures.start_moving_target(now_ns)
             return Response("forgotten: the next localization expects no elevation bias", out)
         return Response("cancelled; the last pose stays" if out else "nothing was going on", out)
 

@@ -26,6 +26,9 @@ MIN_SPAN_S = 2.4
 MAX_SIGMAS = 2.0
 """Difference from the remembered bias, in its standard deviations, from which it is another person's."""
 
+MAX_LOCALIZATIONS = 1_000_000
+"""Number from which localizations are not counted any more."""
+
 MAX_HEIGHT_CHANGE_M = 0.05
 """Change of the origin's height from which the rays are those of another body."""
 
@@ -34,7 +37,7 @@ def expected_bias(remembered: RememberedBias, elevation_rad: float) -> tuple[flo
     """Return mean and standard deviation (rad) of the next bias of rays at `elevation_rad`."""
     row = np.array([1.0, elevation_rad - REFERENCE_RAD])
     mean_rad = float(row @ (remembered.bias_rad, remembered.slope))
-    return mean_rad, math.sqrt(float(row @ _covariance(remembered) @ row) + WANDER_RAD**2)
+    return mean_rad, math.sqrt(max(0.0, float(row @ _covariance(remembered) @ row)) + WANDER_RAD**2)
 
 
 def updated(
@@ -55,7 +58,7 @@ def updated(
     moved = gain * (bias_rad - mean_rad)
     return remembered.model_copy(
         update={
-            "localizations": remembered.localizations + 1,
+            "localizations": min(remembered.localizations + 1, MAX_LOCALIZATIONS),
             "bias_rad": remembered.bias_rad + float(moved[0]),
             "slope": remembered.slope + float(moved[1]),
             "covariance": tuple(left.ravel().tolist()),
@@ -76,42 +79,43 @@ class BiasMemory:
         """Return `settings` with the remembered bias, or as they are if the rays contradict it.
 
         Args:
-            pointings: of the localization so far.
+            pointings: of the localization so far, without spikes.
             settings: without memory.
             floor_m: height of the floor in {W}.
         """
         remembered = self.remembered
         if remembered is None or len(pointings) < settings.min_samples:
             return settings
-        found = solve(pointings, settings.any_fit(), floor_m=floor_m)
+        found = solve(pointings, settings.any_bias(), floor_m=floor_m)
         if not isinstance(found, Solution) or self._contradicts(remembered, found.bias_rad, pointings):
             return settings
         mean_rad, sigma_rad = expected_bias(remembered, _mean_elevation(pointings))
-        if sigma_rad >= settings.bias_sigma_rad:
+        # no larger bias is pointing than without memory
+        left_rad = settings.bias_sigma_limit * settings.bias_sigma_rad - abs(mean_rad - settings.bias_rad)
+        if sigma_rad >= settings.bias_sigma_rad or left_rad <= 0.0:
             return settings
-        # the largest bias that is pointing stays
-        limit = settings.bias_sigma_limit * settings.bias_sigma_rad / sigma_rad
+        limit = left_rad / sigma_rad
         return replace(settings, bias_rad=mean_rad, bias_sigma_rad=sigma_rad, bias_sigma_limit=limit)
 
     def learn(self, pointings: Pointings, settings: SolverSettings, floor_m: float) -> bool:
-        """Forget a bias that the rays of an accepted pose contradict, and measure it if they are enough.
+        """Measure the bias if the rays of an accepted pose are enough, and forget one that they contradict.
 
         Args:
-            pointings: of the localization.
+            pointings: of the localization, without spikes.
             settings: without memory.
             floor_m: height of the floor in {W}.
 
         Returns:
             True if the bias was measured.
         """
-        found = solve(pointings, settings.any_fit(), floor_m=floor_m)
-        if not isinstance(found, Solution):
+        found = solve(pointings, settings.any_bias(), floor_m=floor_m)
+        if not isinstance(found, Solution) or pointings.span_s < MIN_SPAN_S:
             return False
         if self.remembered is not None and self._contradicts(self.remembered, found.bias_rad, pointings):
             self.remembered = None
         # what the rays say without the prior: the filter has it already
         information = found.bias_sigma_rad**-2 - settings.bias_sigma_rad**-2
-        if pointings.span_s < MIN_SPAN_S or information <= 0.0:
+        if information <= 0.0:
             return False
         before = self.remembered or RememberedBias(
             localizations=0,

@@ -89,6 +89,10 @@ class SolverSettings:
         inf = math.inf
         return replace(self.unlimited(), max_residual_rad=inf, max_act_residual_rad=inf, bias_sigma_limit=inf)
 
+    def any_bias(self) -> "SolverSettings":
+        """Return the settings that accept any uncertainty and bias, but not rays that miss by more."""
+        return replace(self.unlimited(), bias_sigma_limit=math.inf)
+
     def accepts(self, pose: "Solution") -> bool:
         """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
         place_m, yaw_rad = pose.position_sigma_m, pose.yaw_sigma_rad

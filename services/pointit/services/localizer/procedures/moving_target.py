@@ -5,6 +5,7 @@ Pure: rays, tracked objects and the time go in; progress and poses come out.
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,6 +34,7 @@ from pointit.services.localizer.verification.following import (
     followed,
     has_settled,
 )
+from pointit.services.localizer.verification.holds import without_spikes
 
 MEANT = 0.9
 """Probability from which a robot is chosen; below it the choice is ambiguous."""
@@ -268,6 +270,7 @@ class MovingTarget(Procedure):
         self._counts_from_ns = None
         self._span_s = 0.0
         self._surest = None
+        self._expected = copy(self._memory)  # without these rays, which would count twice
 
     def _try(self) -> Solution | Refusal:
         if not self._tracks:
@@ -301,7 +304,7 @@ class MovingTarget(Procedure):
         if wrong:
             return Refusal(wrong, result.residual_rad)
         if isinstance(result, Solution) and settings is self._settings:
-            self._memory.learn(pointings, self._timed(settings, meant), floor_m)
+            self._memory.learn(without_spikes(pointings), self._timed(settings, meant), floor_m)
         return result
 
     def _unsure(self, pointings: Pointings, found: Solution) -> str:
@@ -336,7 +339,7 @@ class MovingTarget(Procedure):
             return Refusal(f"{robot} stands still: follow it with the arm as soon as it moves")
         floor_m, timed = self._config.floor_m, self._timed(settings, track)
         if settings is self._settings:  # a calibration leaves no bias to remember
-            timed = self._memory.believed(pointings, timed, floor_m)
+            timed = self._expected.believed(without_spikes(pointings), timed, floor_m)
         return followed(pointings, timed, floor_m=floor_m, start=self._solution)
 
     def _timed(self, settings: SolverSettings, track: Track) -> SolverSettings:

@@ -80,8 +80,8 @@ test("the button says what it does", () => {
 
 test("what earlier localizations told of the elevation is said until it is forgotten", () => {
   const sentence = (localizations: number) => rememberedSentence({ remembered_bias: { localizations } as never });
-  assert.equal(sentence(3), "The next localization by a robot expects the elevation bias of 3 localizations.");
-  assert.match(sentence(1), / of 1 localization\.$/);
+  assert.equal(sentence(3), "The elevation bias of 3 localizations by a robot is remembered.");
+  assert.match(sentence(1), / of 1 localization by a robot is remembered\.$/);
   assert.deepEqual([rememberedSentence({ remembered_bias: null }), rememberedSentence(null), rememberedSentence({} as never)], ["", "", ""], "of an old recording, too");
 });
 

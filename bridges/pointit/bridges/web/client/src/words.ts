@@ -53,7 +53,7 @@ export function pressTitle(interaction: Pick<Interaction, "state" | "next_step">
 /** Sentence on the elevation bias that earlier localizations told, or "" if `pose` remembers none. */
 export function rememberedSentence(pose: Pick<UserPose, "remembered_bias"> | null): string {
   const count = pose?.remembered_bias?.localizations ?? 0; // none in old recordings
-  return count > 0 ? `The next localization by a robot expects the elevation bias of ${count} localization${count > 1 ? "s" : ""}.` : "";
+  return count > 0 ? `The elevation bias of ${count} localization${count > 1 ? "s" : ""} by a robot is remembered.` : "";
 }
 
 /** A tracked object by its id, of any tracker. */

@@ -26,9 +26,6 @@ MIN_SPAN_S = 2.4
 MAX_SIGMAS = 2.0
 """Difference from the remembered bias, in its standard deviations, from which it is another person's."""
 
-MAX_LOCALIZATIONS = 1_000_000
-"""Number from which localizations are not counted any more."""
-
 MAX_HEIGHT_CHANGE_M = 0.05
 """Change of the origin's height from which the rays are those of another body."""
 
@@ -58,7 +55,7 @@ def updated(
     moved = gain * (bias_rad - mean_rad)
     return remembered.model_copy(
         update={
-            "localizations": min(remembered.localizations + 1, MAX_LOCALIZATIONS),
+            "localizations": min(remembered.localizations + 1, 2**31 - 1),  # as a message can hold
             "bias_rad": remembered.bias_rad + float(moved[0]),
             "slope": remembered.slope + float(moved[1]),
             "covariance": tuple(left.ravel().tolist()),
@@ -94,8 +91,9 @@ class BiasMemory:
         left_rad = settings.bias_sigma_limit * settings.bias_sigma_rad - abs(mean_rad - settings.bias_rad)
         if sigma_rad >= settings.bias_sigma_rad or left_rad <= 0.0:
             return settings
-        limit = left_rad / sigma_rad
-        return replace(settings, bias_rad=mean_rad, bias_sigma_rad=sigma_rad, bias_sigma_limit=limit)
+        return replace(
+            settings, bias_rad=mean_rad, bias_sigma_rad=sigma_rad, bias_sigma_limit=left_rad / sigma_rad
+        )
 
     def learn(self, pointings: Pointings, settings: SolverSettings, floor_m: float) -> bool:
         """Measure the bias if the rays of an accepted pose are enough, and forget one that they contradict.

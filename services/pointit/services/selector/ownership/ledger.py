@@ -1,4 +1,4 @@
-"""Ownership of selected objects: actions and departures in, records out."""
+"""Ownership of selected objects, and undo: actions and departures in, records out."""
 
 import dataclasses
 from collections import deque

@@ -145,6 +145,10 @@ def test_no_larger_bias_is_pointing_than_without_memory() -> None:
     assert isinstance(solve(following(person, 5.0), believed), Solution)
     assert isinstance(solve(rays, SETTINGS), Refusal)
     assert isinstance(solve(rays, believed), Refusal)
+    memory.remembered = NEW.model_copy(
+        update={"bias_rad": math.radians(26.0), "covariance": (math.radians(3.0) ** 2, 0.0, 0.0, 0.01)}
+    )
+    assert memory.believed(following(Person(bias_rad=math.radians(24.0)), 5.0), SETTINGS, 0.0) is SETTINGS
 
 
 def test_single_rays_that_miss_by_far_teach_nothing() -> None:

@@ -19,7 +19,6 @@ from pointit.schemas import (
     Environment,
     ImuSample,
     Lamp,
-    PointingRay,
     RememberedBias,
     SetPose,
     StartLocalization,
@@ -267,13 +266,6 @@ async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
         assert room.progress[-1].target_id == "drone"
 
 
-class Calibrated(Person):
-    """Points with an offset that was measured."""
-
-    def ray(self, target: Vec3, stamp_ns: int) -> PointingRay:
-        return super().ray(target, stamp_ns).model_copy(update={"elevation_sigma_rad": math.radians(3.0)})
-
-
 # exact rays are certain enough after 1.5 s, which measures no bias
 LONG = LocalizerConfig(method="moving_target", trust=TrustConfig(max_position_sigma_m=0.36))
 
@@ -348,13 +340,6 @@ async def test_a_new_localizer_continues_with_the_bias_that_the_one_before_remem
         assert after is not None
         assert after.localizations == 5
         assert after.bias_rad > remembered.bias_rad
-
-
-@in_virtual_time
-async def test_a_calibrated_person_has_no_bias_to_remember() -> None:
-    person = Calibrated(0.5, -0.3, 1.1, math.radians(1.0))
-    async with room_of(LONG, person, VirtualClock(), None) as room:
-        assert (await localize_by_robot(room)).remembered_bias is None
 
 
 @in_virtual_time

@@ -9,12 +9,14 @@ import pytest
 
 from pointit.geometry.floor_sigma import place_sigma_m
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects, UserPose
-from pointit.services.localizer.config import LocalizerConfig
+from pointit.schemas import NS_PER_S, RememberedBias, TrackedObject, TrackedObjects, UserPose
+from pointit.services.localizer.config import LocalizerConfig, TrustConfig
+from pointit.services.localizer.estimation.bias_memory import BiasMemory
+from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import CONTRADICTED, WRIST_SIGMA_S, MovingTarget
 from pointit.services.localizer.procedures.time_sync import RayWindow, Track
-from tests.unit.localizer.person import START_NS, Person, config, poses, told, yaw_difference
+from tests.unit.localizer.person import EYES_M, START_NS, Person, config, poses, told, yaw_difference
 
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))
 NEAR_M = 0.08
@@ -61,6 +63,7 @@ def fly(
     reports: Reports = drone,
     aim: Callable[[float], Vec3] = place,
     noise_rad: float = 0.0,
+    elevation_sigma_rad: float | None = None,
 ) -> list[Output]:
     """The person follows the robot; rays and reports come at 50 Hz."""
     outputs = procedure.start(START_NS)
@@ -68,7 +71,8 @@ def fly(
         t_s = tick / 50.0
         now_ns = START_NS + round(t_s * NS_PER_S)
         bias_rad = PERSON.bias_rad + noise_rad * math.sin(t_s / 0.7)
-        procedure.on_ray(dataclasses.replace(PERSON, bias_rad=bias_rad).ray(aim(t_s), now_ns))
+        ray = dataclasses.replace(PERSON, bias_rad=bias_rad).ray(aim(t_s), now_ns)
+        procedure.on_ray(ray.model_copy(update={"elevation_sigma_rad": elevation_sigma_rad}))
         for tracker, report in reports(t_s).items():
             procedure.on_objects(tracker, report)
         outputs += procedure.step(now_ns)
@@ -365,3 +369,68 @@ def test_rays_of_before_the_start_make_no_pose_however_late_they_come() -> None:
     assert (poses(outputs), told(outputs)[-1].samples) == ([], 0)
     assert "no rays come" in told(outputs)[-1].reason
     assert told(live(procedure, 12.1, 14.5))[-1].samples == pytest.approx(10, abs=6)  # after the reaction
+
+
+REMEMBERED = RememberedBias(
+    localizations=3,
+    origin_height_m=EYES_M,
+    bias_rad=PERSON.bias_rad,
+    slope=0.0,
+    covariance=(math.radians(1.0) ** 2, 0.0, 0.0, 0.05**2),
+)
+
+
+class RecordingMemory(BiasMemory):
+    """A memory that keeps what it is asked."""
+
+    def __init__(self, remembered: RememberedBias | None = None) -> None:
+        super().__init__()
+        self.remembered = remembered
+        self.used: list[RememberedBias | None] = []
+        self.learned: list[Pointings] = []
+
+    def believed(self, pointings: Pointings, settings: SolverSettings, floor_m: float) -> SolverSettings:
+        self.used.append(self.remembered)
+        return super().believed(pointings, settings, floor_m)
+
+    def learn(self, pointings: Pointings, settings: SolverSettings, floor_m: float) -> bool:
+        self.learned.append(pointings)
+        return super().learn(pointings, settings, floor_m)
+
+
+def test_who_is_remembered_is_found_sooner() -> None:
+    def found_s(memory: BiasMemory) -> float:
+        limits = TrustConfig(max_position_sigma_m=0.36)
+        last = told(fly(MovingTarget(config(trust=limits), memory), 20.0, noise_rad=0.01))[-1]
+        assert last.phase == "solved"
+        return (last.stamp_ns - START_NS) / NS_PER_S
+
+    assert found_s(RecordingMemory(REMEMBERED)) < found_s(BiasMemory())
+
+
+def test_who_is_calibrated_is_not_remembered() -> None:
+    memory = RecordingMemory(REMEMBERED)
+    assert poses(fly(MovingTarget(config(), memory), 12.0, elevation_sigma_rad=math.radians(3.0)))
+    assert (memory.used, memory.learned) == ([], [])
+
+
+def test_rays_that_go_on_are_no_second_measurement_of_the_bias() -> None:
+    memory = RecordingMemory()
+    procedure = MovingTarget(config(autostart=True, trust=TrustConfig(max_position_sigma_m=0.36)), memory)
+    assert len(poses(fly(procedure, 12.0))) > 5
+    assert len(memory.learned) == 1
+    assert memory.remembered is not None
+    assert memory.remembered.localizations == 1
+    assert set(memory.used) == {None}  # as at the start
+
+
+def test_a_spike_teaches_nothing() -> None:
+    memory = RecordingMemory()
+
+    def aim(t_s: float) -> Vec3:
+        x, y, z = place(t_s)
+        return (x, y, z - 1.5) if round(50 * t_s) % 20 == 0 else (x, y, z)
+
+    assert poses(fly(MovingTarget(config(), memory), 12.0, aim=aim))
+    (learned,) = memory.learned
+    assert np.diff(learned.directions[:, 2]).max() < 0.1

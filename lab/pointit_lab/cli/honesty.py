@@ -76,7 +76,15 @@ def honesty(
         sources = sources_of(found.followed, found.rooms, chosen, size.windows)
         with progress(len(sources)) as tell_progress:
             verdicts = judged_sources(sources, jobs=jobs, tick=lambda done, _: tell_progress("people", done))
-        verdicts = drawn_again(verdicts, chosen, size, seed, jobs=jobs, tick=lambda _done, _of: None)
+        with progress() as tell_progress:
+            verdicts = drawn_again(
+                verdicts,
+                chosen,
+                size,
+                seed,
+                jobs=jobs,
+                tick=lambda done, of: tell_progress(f"further people of rows with few poses: {done} of {of}"),
+            )
         rows, pooled = rows_of(verdicts), pooled_rows(verdicts, SIMULATED)
         asked = {
             (name, each.name)

@@ -3,13 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from pointit.diagnosis.observation import BUSY_START_S, DiagnosisReport, Finding, Observation
-from pointit.runtime.bus.timeliness import LONGEST_HOST
-from pointit.schemas import Health
-from pointit.schemas.system import split_instance
-from pointit.schemas.text import one_line, round_beyond
-from pointit.schemas.topics import TOPICS, Delivery
-from pointit.services.localizer.certainty import (
+from pointit.diagnosis.certainty import (
     ANCHOR_AGE,
     OLD_ANCHOR_S,
     POSITION_SIGMA,
@@ -19,6 +13,12 @@ from pointit.services.localizer.certainty import (
     YAW_SIGMA,
     figure,
 )
+from pointit.diagnosis.observation import BUSY_START_S, DiagnosisReport, Finding, Observation
+from pointit.runtime.bus.timeliness import LONGEST_HOST
+from pointit.schemas import Health
+from pointit.schemas.system import split_instance
+from pointit.schemas.text import one_line, round_beyond
+from pointit.schemas.topics import TOPICS, Delivery
 from pointit.services.registry import person_of
 
 SLOW_S = 0.1

@@ -11,6 +11,7 @@ import statistics
 import numpy as np
 import pytest
 
+from pointit.diagnosis.certainty import UNSURE_M, position_sigma_m
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
 from pointit.launch.plan.scenario import read_scenario
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -18,7 +19,6 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import UserPose
 from pointit.schemas.topics import INTERACTION, POSE
-from pointit.services.localizer.certainty import UNSURE_M, position_sigma_m
 from tests.integration.scenario.play import Found, Outcome, play, running
 
 PERSON = ("user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=15")

@@ -10,6 +10,7 @@ from rich.segment import Segment
 from pointit.cli.display.view import ConsoleView
 from pointit.cli.inspect.truth_view import TRUTH_DISPLAY
 from pointit.cli.robots.robots_view import ROBOTS_DISPLAY
+from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
 from pointit.launch.robots.robot_watcher import RobotMonitor, RobotWatcher
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.bus.local_broker import LocalBroker
@@ -30,7 +31,6 @@ from pointit.schemas import (
     topics,
 )
 from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
-from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M
 from tests.support import there
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import FRAME, cursor, monitor_of, shown, strip

@@ -31,8 +31,10 @@ LAB: tuple[Vec3, ...] = (
 LAMPS = tuple(Lamp(id=f"led_{index}", position_m=LAB[index]) for index in range(3))
 PLACES = {lamp.id: lamp.position_m for lamp in LAMPS}
 ROOM = Environment(stamp_ns=0, name="lab", lamps=LAMPS)
-ANY_TRUST = TrustConfig().model_copy(update={"max_position_sigma_m": 1e6, "max_yaw_sigma_deg": 1e6})
-UNLIMITED = SolverSettings(max_position_sigma_m=1e6, max_yaw_sigma_rad=1e6)
+ANY_TRUST = TrustConfig().model_copy(
+    update={"min_right_probability": 0.0, "max_position_sigma_m": 1e6, "max_yaw_sigma_deg": 1e6}
+)
+UNLIMITED = SolverSettings().unlimited()
 LAX = dataclasses.replace(UNLIMITED, bias_sigma_rad=math.radians(30.0))
 LOOSE = dataclasses.replace(LAX, max_act_residual_rad=9.0)
 

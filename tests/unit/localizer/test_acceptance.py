@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from pointit.services.localizer.estimation.angular_residuals import Rays
 from pointit.services.localizer.estimation.estimator import (
@@ -102,34 +103,56 @@ def test_pose_that_is_less_certain_than_demanded_in_one_respect_is_refused(deman
 
 
 SURE = Solution(
-    x_m=0.0, y_m=0.0, yaw_rad=0.0, bias_rad=0.0, covariance=np.diag([0.3, 0.3, 0.04]), residual_rad=0.0,
+    x_m=0.0, y_m=0.0, yaw_rad=0.0, bias_rad=0.0, timely=np.diag([0.2, 0.2, 0.03]), residual_rad=0.0,
     samples=99, latency_sigma_s=0.1, of_latency=np.zeros(3), scatter=1.0,
 )  # fmt: skip
 """A pose that is just certain enough."""
 
 
-def test_a_pose_is_judged_by_where_cursors_three_metres_away_would_be() -> None:
-    """Errors drawn from the covariance, cursors all round."""
-    drawn = np.random.default_rng(3).multivariate_normal(np.zeros(3), SURE.covariance, 40_000)
-    away = 3.0 * np.exp(1j * np.linspace(0.0, math.tau, 40_000))
-    missed = drawn[:, 0] + 1j * drawn[:, 1] + 1j * drawn[:, 2] * away
-    assert float(np.sqrt(np.mean(np.abs(missed) ** 2))) == pytest.approx(SURE.miss_m, rel=0.02)
+@pytest.mark.parametrize("covariance", [SURE.timely, np.diag([0.8, 0.1, 0.01]), np.diag([0.01, 0.01, 0.1])])
+@pytest.mark.parametrize("by_latency_m", [0.0, 0.4])
+def test_a_pose_is_judged_by_the_thing_that_is_nearest_to_the_ray(
+    covariance: NDArray[np.float64], by_latency_m: float
+) -> None:
+    """People who stand and are turned otherwise than assumed point at one of eight things: is it nearest?"""
+    scatter = 0.7
+    of_latency = np.array([0.1 * by_latency_m, 0.0, 0.0])
+    pose = dataclasses.replace(SURE, timely=covariance, scatter=scatter, of_latency=of_latency)
+    rng, count, right = np.random.default_rng(3), 4_000, 0
+    errors = rng.multivariate_normal(np.zeros(3), scatter * covariance, count)
+    errors[:, 0] += rng.normal(0.0, by_latency_m, count)
+    things = [(3.0 * math.cos(turn), 3.0 * math.sin(turn)) for turn in np.arange(8) * math.pi / 4.0]
+    for number, (x, y, turned_rad) in enumerate(errors.tolist()):
+        meant = things[number % 8]
+        ray_rad = math.atan2(meant[1] - y, meant[0] - x) - turned_rad
+        away = [abs(math.remainder(math.atan2(*thing[::-1]) - ray_rad, math.tau)) for thing in things]
+        right += things[int(np.argmin(away))] == meant
+    assert pose.right_probability == pytest.approx(right / count, abs=0.035)  # of 100 draws
+
+
+def test_the_stated_covariance_follows_the_scatter_and_doubts_the_latency() -> None:
+    late = dataclasses.replace(SURE, of_latency=np.array([0.02, 0.0, 0.0]))  # moved by 0.2 m
+    for scatter, factor in ((2.0, 1.0), (0.9, 0.9), (0.1, 0.8), (0.0, 1.0)):
+        stated = dataclasses.replace(late, scatter=scatter).covariance
+        want = factor * np.diag([0.2, 0.2, 0.03]) + np.diag([(1.5 * 0.2) ** 2, 0.0, 0.0])
+        np.testing.assert_allclose(stated, want)
 
 
 @pytest.mark.parametrize(
     ("worse", "is_taken"),
     [
         ({}, True),
-        ({"covariance": np.diag([0.8, 0.8, 0.04])}, False),  # too uncertain a place
-        ({"covariance": np.diag([0.8, 0.8, 0.04]), "scatter": 0.5}, True),  # of rays that follow closely
+        ({"timely": np.diag([0.8, 0.8, 0.03])}, False),  # too uncertain a place
+        ({"timely": np.diag([0.8, 0.8, 0.03]), "scatter": 0.3}, True),  # of rays that follow closely
         ({"scatter": 2.0}, False),  # rays that scatter
-        ({"covariance": np.diag([0.3, 0.3, 0.065])}, True),  # a yaw of 14.6°
-        ({"covariance": np.diag([0.3, 0.3, 0.065]), "scatter": 0.0}, False),  # lamps: up to 14°
-        ({"covariance": np.diag([0.3, 0.3, 0.07]), "scatter": 0.5}, False),  # too uncertain a yaw: 15.2°
-        ({"of_latency": np.array([0.045, 0.0, 0.0])}, True),
-        ({"of_latency": np.array([0.03, 0.04, 0.0])}, False),  # moved by the latency by 0.5 m
-        ({"covariance": np.diag([0.9, 0.9, 0.04]), "scatter": 0.0}, True),  # lamps: by the place alone
-        ({"covariance": np.diag([1.1, 0.9, 0.01]), "scatter": 0.0}, False),
+        ({"timely": np.diag([0.05, 0.05, 0.05])}, True),  # a yaw of 12.8°
+        ({"timely": np.diag([0.05, 0.05, 0.08])}, False),  # of 16.2°
+        ({"timely": np.diag([0.05, 0.05, 0.08]), "scatter": 0.3}, True),
+        ({"timely": np.diag([0.3, 0.3, 0.08]), "scatter": 0.0}, False),  # lamps: up to 14°
+        ({"timely": np.diag([0.1, 0.1, 0.01]), "of_latency": np.array([0.045, 0.0, 0.0])}, True),
+        ({"timely": np.diag([0.1, 0.1, 0.01]), "of_latency": np.array([0.03, 0.04, 0.0])}, False),  # 0.5 m
+        ({"timely": np.diag([0.9, 0.9, 0.04]), "scatter": 0.0}, True),  # lamps: by the place alone
+        ({"timely": np.diag([1.1, 0.9, 0.01]), "scatter": 0.0}, False),
     ],
 )
 def test_latency_scatter_place_and_yaw_decide(worse: dict[str, Any], *, is_taken: bool) -> None:

@@ -137,6 +137,6 @@ def test_refusal_names_the_latency_when_it_alone_makes_the_pose_uncertain() -> N
     result = solve(gathered, SolverSettings())
     assert isinstance(result, Refusal)
     assert "uncertain by 0.15 s; have the tracker state its `latency_sigma_s`" in result.reason
-    stricter = solve(gathered, SolverSettings(max_position_sigma_m=0.01))
+    stricter = solve(gathered, SolverSettings(body_sigma_m=2.0))
     assert isinstance(stricter, Refusal)
     assert "latency" not in stricter.reason

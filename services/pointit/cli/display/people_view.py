@@ -6,11 +6,11 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M, figure, position_sigma_m, yaw_sigma_deg
 from pointit.launch.run.monitor import Monitor
 from pointit.schemas import NS_PER_S, Localization, UserPose
 from pointit.services.imu_bridge.page_wrist import LOW_BATTERY
 from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
-from pointit.services.localizer.certainty import UNSURE_DEG, UNSURE_M, figure, position_sigma_m, yaw_sigma_deg
 
 WHITE = (255, 255, 255)
 ROOMY_WIDTH = 72

@@ -12,6 +12,7 @@ import click
 from rich.text import Text
 
 from pointit.cli.display.display_part import DisplayPart
+from pointit.geometry import floor_sigma
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.errors import ConfigError
@@ -20,7 +21,6 @@ from pointit.runtime.link.outage import SILENT_S, find_outage
 from pointit.runtime.service.plain_console import say
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 from pointit.services.led_driver.outputs import FRAME_RATE
-from pointit.services.localizer.certainty import position_sigma_m, yaw_sigma_deg
 
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown: the pipeline from wrist to light."""
@@ -55,8 +55,8 @@ def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
         people[user] = {
             "method": pose.method,
             "position_m": [round(x_m, 3), round(y_m, 3)],
-            "position_sigma_m": round(position_sigma_m(pose), 3),
-            "yaw_sigma_deg": round(yaw_sigma_deg(pose), 2),
+            "position_sigma_m": round(floor_sigma.position_sigma_m(pose.covariance), 3),
+            "yaw_sigma_deg": round(math.degrees(math.sqrt(max(pose.covariance[8], 0.0))), 2),
             "drift_degpmin": round(math.degrees(pose.yaw_rate_radps) * 60.0, 2),
             "position_error_m": off_m,
             "yaw_error_deg": off_deg,

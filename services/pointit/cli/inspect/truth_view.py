@@ -8,8 +8,8 @@ from rich.text import Text
 
 from pointit.cli.display.display_part import DisplayPart
 from pointit.cli.display.people_view import color_of
+from pointit.diagnosis.certainty import figure
 from pointit.launch.run.monitor import Monitor
-from pointit.services.localizer.certainty import figure
 
 MAX_METRIC = 64
 """Number of characters to which names of metrics are cut."""

@@ -101,17 +101,24 @@ class TrustConfig(Config):
         le=10,
         description="sigmas of the elevation bias beyond which the person did not point",
     )
+    min_right_probability: float = Field(
+        default=_SETTINGS.min_right_probability,
+        ge=0,
+        lt=1,
+        description="moving_target: poses are refused by which a person who points at one of eight things, "
+        "3 m away all round, selects it with a lower probability",
+    )
     max_position_sigma_m: float = Field(
         default=_SETTINGS.max_position_sigma_m,
         gt=0,
         le=10,
-        description="poses less certain than this are refused, m; of following, cursors by 1.2 times it",
+        description="static_targets: poses less certain than this are refused, m",
     )
     max_yaw_sigma_deg: float = Field(
         default=_degrees(_SETTINGS.max_yaw_sigma_rad),
         gt=0,
         le=90,
-        description="poses less certain than this are refused, degrees; of following, than 1.07 times it",
+        description="static_targets: poses less certain than this are refused, degrees",
     )
 
     def settings(self, *, free_height: bool = False) -> SolverSettings:

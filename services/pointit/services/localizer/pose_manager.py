@@ -33,7 +33,6 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import rays as ray_math
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.estimation.solution import MAX_YAW_RATIO
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
 from pointit.services.localizer.procedures.next_target import EYES_M
@@ -56,6 +55,9 @@ MAX_SPREAD_RAD = math.radians(2.0)
 
 MAX_ELEVATION_RAD = math.radians(60.0)
 """Largest elevation at which an arm has a direction."""
+
+MAX_GROWTH, MAX_FOUND_DEG = 1.2, 25.0
+"""Factor by which drift may raise the sigma of an accepted yaw, up to this: it is stated cautiously."""
 
 
 class HeadingWindow:
@@ -350,8 +352,10 @@ class PoseManager:
                 f"(`pointit person pose {user} --facing …`)"
             )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
-        accepted_deg = MAX_YAW_RATIO * self._config.trust.max_yaw_sigma_deg
-        if sigma_deg <= max(self._config.drift.max_yaw_sigma_deg, accepted_deg):
+        base, config = self._tracking.base, self._config
+        found_deg = 0.0 if base is None else MAX_GROWTH * math.degrees(math.sqrt(base.covariance[8]))
+        limits_deg = config.drift.max_yaw_sigma_deg, config.trust.max_yaw_sigma_deg
+        if sigma_deg <= max(*limits_deg, min(found_deg, MAX_FOUND_DEG)):
             return ""
         return (
             f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}° because the IMU drifts; have them "

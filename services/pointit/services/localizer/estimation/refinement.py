@@ -78,6 +78,7 @@ def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
 def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[Array, Array, float]:
     """Return state (`STATES`), covariance and scatter of `pose` (5) of the descent, refined.
 
+    The scatter is the variance of what a block misses by beyond the one before, over the assumed one.
     Targets at rest leave the pose as it is: refined ones of recorded people were no better. The covariance is
     `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw of pointing.
     """
@@ -88,7 +89,8 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
     while True:
         rounds -= 1
         angles, jacobian = _linearized(rays, state, blocks)
-        weight, variance = _scatter(angles, samples, noise)
+        sizes = np.hypot(*(angles / noise.sigma_rad[:, None]))
+        weight, variance = huber_weight(sizes), _variance(sizes, samples)
         unit = np.sqrt(weight / max(variance, 1.0)) / noise.sigma_rad[:, None]
         flat = _independent(jacobian * unit, likeness, share).reshape(STATES, -1)
         information, slope = flat @ flat.T, flat @ _independent(angles * unit, likeness, share).ravel()
@@ -111,19 +113,19 @@ def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[
     out = out + shifted @ shifted.T + VAGUE * unknown @ unknown.T
     out[0, 0] += noise.body_sigma_m**2
     out[1, 1] += noise.body_sigma_m**2
-    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), variance
+    innovations = _independent(angles * np.sqrt(weight) / noise.sigma_rad[:, None], likeness, share)
+    scatter = _variance(np.hypot(*innovations), np.ones(len(weight)))
+    return state, np.asarray(0.5 * (out + out.T), dtype=np.float64), scatter
 
 
-def _scatter(angles: Array, sample_weights: Array, noise: NoiseModel) -> tuple[Array, float]:
-    """Return the Huber weights (m) of `angles` (2 x m) and their variance, 1 if it is as assumed.
+def _variance(sizes: Array, sample_weights: Array) -> float:
+    """Return the variance of errors of `sizes` sigmas (m), 1 if it is as assumed (Student's variance).
 
-    The size of a person's errors is the same share of both sigmas and is estimated (Student's variance).
+    The size of a person's errors is the same share of both sigmas.
     """
-    sizes = np.hypot(*(angles / noise.sigma_rad[:, None]))
-    weight = huber_weight(sizes)
     squares = float((sample_weights * np.minimum(sizes, GROSS) ** 2).sum())
     freedom = max(2.0 * float(sample_weights.sum()) - PARAMETERS, 0.0)
-    return weight, (BELIEF + squares) / (BELIEF + freedom - 2.0)
+    return (BELIEF + squares) / (BELIEF + freedom - 2.0)
 
 
 def _correlation(blocks: Blocks, independent_hz: float) -> tuple[Array, Array]:

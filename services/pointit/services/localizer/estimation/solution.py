@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from statistics import NormalDist
 
 import numpy as np
 
-from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Rays
+from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Array, Complex, Rays
 from pointit.services.localizer.estimation.levenberg_marquardt import SAME_POSE, Weights
 from pointit.services.localizer.estimation.refinement import NoiseModel
 from pointit.services.localizer.estimation.sample_blocks import Pointings
@@ -13,16 +14,23 @@ from pointit.services.localizer.estimation.sample_blocks import Pointings
 KNOWN = 1e-4
 """Standard deviation (m, s, rad) of what is known."""
 
-AWAY_M = 3.0
-"""Distance of the cursors by which a pose of following is judged: robots are 2 to 4 m away."""
-
-MAX_MISS_RATIO, MAX_LATENCY_RATIO = 1.2, 0.46
-"""Largest expected miss of them, and largest sigma of the position by the latency alone (3 % are off by more
-than the limit), as multiples of the limit of the position.
+THINGS: Complex = 3.0 * np.exp(0.25j * math.pi * np.arange(8))
+"""Places of the things by which a pose of following is judged, relative to the person, m: robots are 2 to 4 m
+away. The nearest one is meant if the ray is off by at most half of the angle between two of them.
 """
 
-MAX_YAW_RATIO = 15.0 / 14.0
-"""Largest sigma of the yaw of following, as a multiple of that of lamps: the miss limits this yaw, too."""
+DRAWS: Array = np.vectorize(NormalDist().inv_cdf)(
+    (0.5 + np.outer(np.arange(1, 101), 1.2207440846 ** -np.arange(1.0, 4.0))) % 1.0
+)
+"""Normal errors of x, y and yaw, evenly spread (the sequence R3 of Roberts, 2018)."""
+
+MAX_LATE_M = 0.46
+"""Largest sigma of the position by the latency alone: 3 % are more than 1 m off."""
+
+MIN_SCATTER, LATE_FACTOR = 0.8, 1.5
+"""Least scatter, and factor on the sigma of the latency, by which a covariance is stated: constant errors, as
+a person's slopes, show in no scatter, and some trackers are late by far.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +73,10 @@ class SolverSettings:
     """Rms angle above which the person did not point at targets at rest."""
     bias_sigma_limit: float = 2.5
     """Standard deviations of the elevation bias from the expected one beyond which it is not pointing."""
+    min_right_probability: float = 0.88
+    """Probability that a person selects the one of `THINGS` that they mean, for a pose of following."""
     max_position_sigma_m: float = 1.0
-    """Poses of recorded people are off by 0.2 to 0.4 m in the median where 0.5 to 1 m are stated."""
+    """Of a pose of lamps. Recorded ones are off by 0.2 to 0.4 m in the median where 0.5 to 1 m are stated."""
     max_yaw_sigma_rad: float = math.radians(14.0)
     trims: bool = True
     """True to try rays that miss by more again without the worst of them."""
@@ -82,7 +92,8 @@ class SolverSettings:
 
     def unlimited(self) -> "SolverSettings":
         """Return the settings that accept poses of any uncertainty."""
-        return replace(self, max_position_sigma_m=math.inf, max_yaw_sigma_rad=math.inf)
+        inf = math.inf
+        return replace(self, min_right_probability=0.0, max_position_sigma_m=inf, max_yaw_sigma_rad=inf)
 
     def any_fit(self) -> "SolverSettings":
         """Return the settings that accept the best fit, however far the rays miss."""
@@ -94,13 +105,13 @@ class SolverSettings:
         return replace(self.unlimited(), bias_sigma_limit=math.inf)
 
     def accepts(self, pose: "Solution") -> bool:
-        """Return True if `pose` is certain enough to be used: of following, by the cursors it yields."""
-        place_m, yaw_rad = pose.position_sigma_m, pose.yaw_sigma_rad
+        """Return True if `pose` is certain enough to be used: of following, if what is meant is selected."""
         if pose.scatter:
-            late_m = float(np.linalg.norm(pose.of_latency[:2])) / max(pose.latency_sigma_s, KNOWN)
-            place_m = max(pose.miss_m / MAX_MISS_RATIO, late_m / MAX_LATENCY_RATIO)
-            yaw_rad /= MAX_YAW_RATIO
-        return place_m <= self.max_position_sigma_m and yaw_rad <= self.max_yaw_sigma_rad
+            is_timely = float(np.linalg.norm(pose.by_latency[:2])) <= MAX_LATE_M
+            is_right = pose.right_probability >= self.min_right_probability
+            return self.min_right_probability == 0.0 or (is_timely and is_right)
+        is_certain = pose.position_sigma_m <= self.max_position_sigma_m
+        return is_certain and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
 
     def weights(self) -> Weights:
         """Return the weights of the descent."""
@@ -146,10 +157,11 @@ class Solution:
     """Azimuth of {H}'s x axis in {W}, in [-π, π]."""
     bias_rad: float
     """Elevation of the person's rays above the targets."""
-    covariance: Array
-    """3 x 3, of x, y, yaw, with constant errors of the rays and other poses that fit about as well.
+    timely: Array
+    """Covariance (3 x 3) of x, y and yaw by errors of the assumed size, if the tracker's latency were known.
 
-    The yaw is that of pointing: an error that turns all of a person's rays equally is part of it.
+    It includes constant errors of the rays, and other poses that fit about as well. The yaw is that of
+    pointing: an error that turns all of a person's rays equally is part of it.
     """
     residual_rad: float
     """Rms angle between rays and targets, without the latency that they show."""
@@ -166,7 +178,7 @@ class Solution:
     alternative: float = 0.0
     """Probability that the person stands at another place that fits, too."""
     scatter: float = 0.0
-    """Variance of the errors of following over the assumed one, as the rays show it; 0 at rest."""
+    """Variance of the errors of following over the assumed one, by their innovations; 0 at rest."""
     of_latency: Array = field(default_factory=lambda: np.zeros(3))
     """Covariance of x, y and yaw with the latency of the tracker."""
 
@@ -177,16 +189,27 @@ class Solution:
         return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))
 
     @property
-    def timely(self) -> Array:
-        """Return the covariance if the latency of the tracker were known."""
-        of_latency = self.of_latency / max(self.latency_sigma_s, KNOWN)
-        return self.covariance - np.outer(of_latency, of_latency)
+    def by_latency(self) -> Array:
+        """Return the change of x, y and yaw (3) by one sigma of the latency."""
+        return np.asarray(self.of_latency / max(self.latency_sigma_s, KNOWN), dtype=np.float64)
 
     @property
-    def miss_m(self) -> float:
-        """Return the rms miss of cursors `AWAY_M` away all round, by the scatter; without latency."""
-        xx, yy, turned = np.diag(self.timely).tolist()
-        return math.sqrt(max(0.0, self.scatter * (xx + yy + AWAY_M**2 * turned)))
+    def covariance(self) -> Array:
+        """Return the covariance of x, y and yaw (3 x 3) that is stated."""
+        late = LATE_FACTOR * self.by_latency
+        scatter = min(max(self.scatter, MIN_SCATTER), 1.0) if self.scatter else 1.0
+        return np.asarray(scatter * self.timely + np.outer(late, late), dtype=np.float64)
+
+    @property
+    def right_probability(self) -> float:
+        """Return the mean probability that a person who points at one of `THINGS` selects it."""
+        values, vectors = np.linalg.eigh(
+            self.scatter * self.timely + np.outer(self.by_latency, self.by_latency)
+        )
+        x, y, yaw_rad = vectors * np.sqrt(np.maximum(values, 0.0)) @ DRAWS.T
+        # seen from where the person stands, turned by the error of the yaw, cast from where they should stand
+        rays = (THINGS[:, None] - (x + 1j * y)) * np.exp(-1j * yaw_rad) * np.conj(THINGS)[:, None]
+        return float(np.mean(rays.real >= math.cos(math.pi / len(THINGS)) * np.abs(rays)))
 
     def is_near(self, other: "Solution") -> bool:
         """Return True if the two poses are the same for practical purposes."""

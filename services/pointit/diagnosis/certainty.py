@@ -5,12 +5,10 @@ import math
 from pointit.geometry import floor_sigma
 from pointit.schemas import Health, UserPose
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation.solution import MAX_MISS_RATIO, MAX_YAW_RATIO
 
 _LOCALIZER = LocalizerConfig()
 
-UNSURE_M = MAX_MISS_RATIO * _LOCALIZER.trust.max_position_sigma_m
-UNSURE_DEG = MAX_YAW_RATIO * _LOCALIZER.trust.max_yaw_sigma_deg
+UNSURE_M, UNSURE_DEG = 1.2, _LOCALIZER.drift.max_yaw_sigma_deg
 """Standard deviations above which a pose is called uncertain."""
 
 OLD_ANCHOR_S = 180.0

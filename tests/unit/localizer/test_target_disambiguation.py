@@ -18,7 +18,7 @@ def solution(residual_deg: float, x_m: float = 0.0) -> Solution:
         y_m=0.0,
         yaw_rad=0.0,
         bias_rad=0.0,
-        timely=np.eye(3) * 0.01,
+        covariance=np.eye(3) * 0.01,
         residual_rad=math.radians(residual_deg),
         samples=100,
     )

@@ -15,6 +15,7 @@ from pointit.services.localizer.estimation.estimator import (
 )
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.estimation.sample_blocks import blocks
+from pointit.services.localizer.procedures.moving_target import MIN_SPAN_S
 from pointit.services.localizer.verification.following import followed
 from pointit.services.localizer.verification.holds import held
 from pointit_lab.evaluation.localization.baselines import BaselineEstimate, mean_angle_4dof, mean_angle_z0
@@ -179,6 +180,8 @@ def judged(pointings: Pointings, settings: SolverSettings = LIMITS) -> Solution 
         return solve(pointings, settings)
     if blocks(pointings).is_still:
         return held(pointings, settings)
+    if pointings.span_s < MIN_SPAN_S:
+        return Refusal("too short")
     found = followed(pointings, settings)
     wrong = mounting_fault(pointings, found, settings, 0.0)
     return Refusal(wrong, found.residual_rad) if wrong else found

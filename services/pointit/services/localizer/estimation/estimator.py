@@ -17,7 +17,7 @@ from pointit.services.localizer.estimation.angular_residuals import Array, Rays,
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
-from pointit.services.localizer.estimation.solution import KNOWN, Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
@@ -142,14 +142,13 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
         spread += share * (covariance + np.outer(off, off))
     x_m, y_m, yaw_rad, bias_rad, z_m, _, latency_s = best.tolist()
     sigma = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
-    of_latency = spread[:3, LATENCY]
     return Solution(
         x_m=x_m,
         y_m=y_m,
         yaw_rad=math.remainder(yaw_rad, math.tau),
         bias_rad=settings.bias_rad + bias_rad,
         bias_sigma_rad=sigma[3],
-        timely=spread[:3, :3] - np.outer(of_latency, of_latency) / max(sigma[LATENCY], KNOWN) ** 2,
+        covariance=spread[:3, :3],
         residual_rad=0.0,
         samples=0,
         z_m=z_m,
@@ -157,7 +156,7 @@ def _solution(rays: Rays, summary: Blocks, poses: Array, settings: SolverSetting
         latency_s=settings.latency_s + latency_s,
         late_s=latency_s if abs(latency_s) > 2.0 * sigma[LATENCY] else 0.0,
         latency_sigma_s=sigma[LATENCY],
-        of_latency=of_latency,
+        of_latency=spread[:3, LATENCY],
         alternative=float(1.0 - probabilities[0]),
         scatter=0.0 if summary.is_still else found[0][2],
     )
@@ -225,7 +224,7 @@ def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
         return f"{stated}: all targets are at the height of the eyes; add one below the waist"
     if solution.alternative > 1.0 / (1.0 + math.exp(AMBIGUOUS_COST)):
         return f"{stated}: two places fit the pointing equally well; add a target in another direction"
-    if settings.accepts(replace(solution, of_latency=np.zeros(3))):
+    if settings.accepts(replace(solution, covariance=solution.timely, of_latency=np.zeros(3))):
         return (
             f"{stated}: the latency of what tracks the target is uncertain by "
             f"{settings.latency_sigma_s:.2f} s; have the tracker state its `latency_sigma_s`, or the target "

@@ -27,11 +27,6 @@ DRAWS: Array = np.vectorize(NormalDist().inv_cdf)(
 MAX_LATE_M = 0.46
 """Largest sigma of the position by the latency alone: 3 % are more than 1 m off."""
 
-MIN_SCATTER, LATE_FACTOR = 0.8, 1.5
-"""Least scatter, and factor on the sigma of the latency, by which a covariance is stated: constant errors, as
-a person's slopes, show in no scatter, and some trackers are late by far.
-"""
-
 
 @dataclass(frozen=True, kw_only=True)
 class SolverSettings:
@@ -157,11 +152,10 @@ class Solution:
     """Azimuth of {H}'s x axis in {W}, in [-π, π]."""
     bias_rad: float
     """Elevation of the person's rays above the targets."""
-    timely: Array
-    """Covariance (3 x 3) of x, y and yaw by errors of the assumed size, if the tracker's latency were known.
+    covariance: Array
+    """3 x 3, of x, y, yaw, with constant errors of the rays and other poses that fit about as well.
 
-    It includes constant errors of the rays, and other poses that fit about as well. The yaw is that of
-    pointing: an error that turns all of a person's rays equally is part of it.
+    The yaw is that of pointing: an error that turns all of a person's rays equally is part of it.
     """
     residual_rad: float
     """Rms angle between rays and targets, without the latency that they show."""
@@ -194,11 +188,9 @@ class Solution:
         return np.asarray(self.of_latency / max(self.latency_sigma_s, KNOWN), dtype=np.float64)
 
     @property
-    def covariance(self) -> Array:
-        """Return the covariance of x, y and yaw (3 x 3) that is stated."""
-        late = LATE_FACTOR * self.by_latency
-        scatter = min(max(self.scatter, MIN_SCATTER), 1.0) if self.scatter else 1.0
-        return np.asarray(scatter * self.timely + np.outer(late, late), dtype=np.float64)
+    def timely(self) -> Array:
+        """Return the covariance if the latency of the tracker were known."""
+        return self.covariance - np.outer(self.by_latency, self.by_latency)
 
     @property
     def right_probability(self) -> float:

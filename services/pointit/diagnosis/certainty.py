@@ -9,7 +9,7 @@ from pointit.services.localizer.config import LocalizerConfig
 _LOCALIZER = LocalizerConfig()
 
 UNSURE_M, UNSURE_DEG = 1.2, _LOCALIZER.drift.max_yaw_sigma_deg
-"""Standard deviations above which a pose is called uncertain."""
+"""Standard deviations above which a pose is called uncertain: things 3 m away and 2 m apart are confused."""
 
 OLD_ANCHOR_S = 180.0
 """Age of an anchor at which the yaw of a common IMU may be 45 deg off. It may still be certain."""

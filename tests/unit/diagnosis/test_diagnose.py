@@ -338,7 +338,7 @@ def test_a_pose_that_can(figures: dict[str, float]) -> None:
 
 
 def test_what_the_localizer_says_itself_is_not_said_twice() -> None:
-    sentence = "the yaw of anna is uncertain by 14° because the IMU drifts; have them point at a lamp once"
+    sentence = "the yaw of anna is uncertain by 14°, since IMUs drift; have them point at a lamp once"
     warned = certainty(yaw=14.0).model_copy(update={"warnings": (sentence,), "status": "degraded"})
     finding = only(observation(warned))
     assert (finding.sentence, finding.remedy) == (f"says: “{sentence}”", "")  # it says what to do itself

@@ -108,6 +108,12 @@ SURE = Solution(
 """A pose that is just certain enough."""
 
 
+def late(*moves: float) -> dict[str, Any]:
+    """Return the fields of a pose that one sigma of the latency moves by x, y and yaw `moves`."""
+    covariance = np.diag([0.1, 0.1, 0.01]) + np.outer(moves, moves)
+    return {"covariance": covariance, "of_latency": SURE.latency_sigma_s * np.array(moves)}
+
+
 @pytest.mark.parametrize("variances", [(0.2, 0.2, 0.03), (0.8, 0.1, 0.01), (0.01, 0.01, 0.1)])
 @pytest.mark.parametrize("by_latency_m", [0.0, 0.4])
 def test_a_pose_is_judged_by_the_thing_that_is_nearest_to_the_ray(
@@ -142,9 +148,13 @@ def test_a_pose_is_judged_by_the_thing_that_is_nearest_to_the_ray(
         ({"covariance": np.diag([0.05, 0.05, 0.08])}, False),  # of 16.2°
         ({"covariance": np.diag([0.05, 0.05, 0.08]), "scatter": 0.3}, True),
         ({"covariance": np.diag([0.3, 0.3, 0.08]), "scatter": 0.0}, False),  # lamps: up to 14°
-        ({"covariance": np.diag([0.1, 0.1, 0.01]), "of_latency": np.array([0.045, 0.0, 0.0])}, True),
-        # moved by the latency by 0.5 m
-        ({"covariance": np.diag([0.1, 0.1, 0.01]), "of_latency": np.array([0.03, 0.04, 0.0])}, False),
+        (late(0.45, 0.0, 0.0), True),
+        (late(0.3, 0.4, 0.0), False),  # moved by the latency by 0.5 m
+        (late(0.0, 0.0, 0.4) | {"scatter": 0.1}, False),  # turned by it by 23°, however closely rays follow
+        (late(0.0, 0.0, 0.2) | {"scatter": 0.1}, True),
+        ({"alternative": 0.05}, False),  # another place fits, too
+        ({"covariance": np.diag([0.05, 0.05, 0.01]), "alternative": 0.05}, True),
+        ({"covariance": np.diag([0.05, 0.05, 0.01]), "alternative": 0.2}, False),
         ({"covariance": np.diag([0.9, 0.9, 0.04]), "scatter": 0.0}, True),  # lamps: by the place alone
         ({"covariance": np.diag([1.1, 0.9, 0.01]), "scatter": 0.0}, False),
     ],
@@ -232,6 +242,28 @@ def test_the_stated_uncertainty_is_honest() -> None:
     assert 0.6 < math.sqrt(float(np.median(distances)) / math.log(2.0)) < 1.2
     assert 0.88 < float(np.mean(np.array(far) < 2.0)) < 0.99  # 0.92 to 0.98 with other seeds
     assert 0.87 < float(np.mean(np.array(turned) < 2.0)) < 0.98
+
+
+@pytest.mark.parametrize("size", [0.2, 0.5, 0.8])
+def test_the_scatter_of_following_is_that_of_the_innovations(size: float) -> None:
+    """Errors of `size` sigmas, correlated over half a second, beside a constant one of half a sigma."""
+    rng, rate_hz, settings = np.random.default_rng(5), 25.0, UNLIMITED
+    likeness = math.exp(-settings.independent_hz / rate_hz)
+    path = [(2.0 + math.cos(a), math.sin(a), 0.7 + 0.4 * math.sin(2.0 * a)) for a in np.arange(250) / 25.0]
+    scatters: list[float] = []
+    for trial in range(12):
+        exact = pointings(Person(0.2, -0.1, float(trial)), path, each=1, rate_hz=rate_hz)
+        errors = rng.normal(0.0, 1.0, (len(path), 2))
+        errors[1:] *= math.sqrt(1.0 - likeness**2)
+        for row in range(1, len(path)):
+            errors[row] += likeness * errors[row - 1]
+        errors = (size * errors + 0.5) * (settings.ray_sigma_rad, settings.elevation_sigma_rad)
+        x, y, z = exact.directions.T
+        azimuths, elevations = np.arctan2(y, x) + errors[:, 0], np.arcsin(z) + errors[:, 1]
+        level = np.cos(elevations)
+        rays = np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
+        scatters.append(solved(dataclasses.replace(exact, directions=rays), settings).scatter)
+    assert 0.5 < float(np.mean(scatters)) / size**2 < 1.4  # blocks are means, and large errors count less
 
 
 def test_a_longer_hold_at_a_lamp_or_another_one_tells_no_more_and_longer_following_does() -> None:

@@ -105,8 +105,8 @@ class TrustConfig(Config):
         default=_SETTINGS.min_right_probability,
         ge=0,
         lt=1,
-        description="moving_target: poses are refused by which a person who points at one of eight things, "
-        "3 m away all round, selects it with a lower probability",
+        description="moving_target: minimum probability that a person who points at one of eight things, 3 m "
+        "away all round, selects it; 0 accepts any pose",
     )
     max_position_sigma_m: float = Field(
         default=_SETTINGS.max_position_sigma_m,
@@ -159,7 +159,8 @@ class DriftConfig(Config):
         default=15.0,
         gt=0,
         le=180,
-        description="health warns if the yaw is less certain than this and trust.max_yaw_sigma_deg, degrees",
+        description="health warns if the yaw is less certain than this, than trust.max_yaw_sigma_deg and "
+        "than 1.2 times its accepted sigma, at most 25, degrees",
     )
 
     def settings(self) -> DriftSettings:

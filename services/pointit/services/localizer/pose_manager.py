@@ -56,8 +56,8 @@ MAX_SPREAD_RAD = math.radians(2.0)
 MAX_ELEVATION_RAD = math.radians(60.0)
 """Largest elevation at which an arm has a direction."""
 
-MAX_GROWTH, MAX_FOUND_DEG = 1.2, 25.0
-"""Factor by which drift may raise the sigma of an accepted yaw, up to this: it is stated cautiously."""
+MAX_SIGMA_GROWTH, MAX_SIGMA_DEG = 1.2, 25.0
+"""Limits of a yaw that was accepted, as a multiple of its sigma then, and in degrees: sigmas are cautious."""
 
 
 class HeadingWindow:
@@ -353,12 +353,12 @@ class PoseManager:
             )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
         base, config = self._tracking.base, self._config
-        found_deg = 0.0 if base is None else MAX_GROWTH * math.degrees(math.sqrt(base.covariance[8]))
+        accepted_deg = 0.0 if base is None else math.degrees(math.sqrt(max(base.covariance[8], 0.0)))
         limits_deg = config.drift.max_yaw_sigma_deg, config.trust.max_yaw_sigma_deg
-        if sigma_deg <= max(*limits_deg, min(found_deg, MAX_FOUND_DEG)):
+        if sigma_deg <= max(*limits_deg, min(MAX_SIGMA_GROWTH * accepted_deg, MAX_SIGMA_DEG)):
             return ""
         return (
-            f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}° because the IMU drifts; have them "
+            f"the yaw of {self._user} is uncertain by {sigma_deg:.0f}°, since IMUs drift; have them "
             f"point at a lamp once: `pointit person anchor {self._user}`, or a double press of the button"
         )
 

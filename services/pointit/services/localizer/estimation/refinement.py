@@ -78,7 +78,7 @@ def effective_samples(blocks: Blocks, rate_hz: float) -> Array:
 def refine(rays: Rays, pose: Array, blocks: Blocks, noise: NoiseModel) -> tuple[Array, Array, float]:
     """Return state (`STATES`), covariance and scatter of `pose` (5) of the descent, refined.
 
-    The scatter is the variance of what a block misses by beyond the one before, over the assumed one.
+    The scatter is the variance of the whitened innovations over the assumed one.
     Targets at rest leave the pose as it is: refined ones of recorded people were no better. The covariance is
     `VAGUE` in unknown directions. A model error that turns all rays equally is part of the yaw of pointing.
     """

@@ -1,5 +1,6 @@
 """Settings of the solver, and its results: a pose, or the reason why there is none."""
 
+import cmath
 import math
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
@@ -14,15 +15,15 @@ from pointit.services.localizer.estimation.sample_blocks import Pointings
 KNOWN = 1e-4
 """Standard deviation (m, s, rad) of what is known."""
 
-THINGS: Complex = 3.0 * np.exp(0.25j * math.pi * np.arange(8))
+THINGS: Complex = np.array([cmath.rect(3.0, 0.25 * math.pi * turn) for turn in range(8)], dtype=np.complex128)
 """Places of the things by which a pose of following is judged, relative to the person, m: robots are 2 to 4 m
 away. The nearest one is meant if the ray is off by at most half of the angle between two of them.
 """
 
 DRAWS: Array = np.vectorize(NormalDist().inv_cdf)(
-    (0.5 + np.outer(np.arange(1, 101), 1.2207440846 ** -np.arange(1.0, 4.0))) % 1.0
+    (0.5 + np.outer(np.arange(1, 501), 1.2207440846 ** -np.arange(1.0, 4.0))) % 1.0
 )
-"""Normal errors of x, y and yaw, evenly spread (the sequence R3 of Roberts, 2018)."""
+"""Normal errors of x, y and yaw (500 x 3), evenly spread (the sequence R3 of Roberts, 2018)."""
 
 MAX_LATE_M = 0.46
 """Largest sigma of the position by the latency alone: 3 % are more than 1 m off."""
@@ -71,7 +72,7 @@ class SolverSettings:
     min_right_probability: float = 0.88
     """Probability that a person selects the one of `THINGS` that they mean, for a pose of following."""
     max_position_sigma_m: float = 1.0
-    """Of a pose of lamps. Recorded ones are off by 0.2 to 0.4 m in the median where 0.5 to 1 m are stated."""
+    """Limit of poses of lamps: recorded ones are off by 0.2 to 0.4 m (median) where 0.5 to 1 m are stated."""
     max_yaw_sigma_rad: float = math.radians(14.0)
     trims: bool = True
     """True to try rays that miss by more again without the worst of them."""
@@ -100,11 +101,11 @@ class SolverSettings:
         return replace(self.unlimited(), bias_sigma_limit=math.inf)
 
     def accepts(self, pose: "Solution") -> bool:
-        """Return True if `pose` is certain enough to be used: of following, if what is meant is selected."""
+        """Return True if `pose` is certain enough: by `right_probability`, a pose of lamps by its sigmas."""
         if pose.scatter:
-            is_timely = float(np.linalg.norm(pose.by_latency[:2])) <= MAX_LATE_M
-            is_right = pose.right_probability >= self.min_right_probability
-            return self.min_right_probability == 0.0 or (is_timely and is_right)
+            if self.min_right_probability == 0.0:
+                return True
+            return pose.late_m <= MAX_LATE_M and pose.right_probability >= self.min_right_probability
         is_certain = pose.position_sigma_m <= self.max_position_sigma_m
         return is_certain and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
 
@@ -188,20 +189,28 @@ class Solution:
         return np.asarray(self.of_latency / max(self.latency_sigma_s, KNOWN), dtype=np.float64)
 
     @property
+    def late_m(self) -> float:
+        """Return the distance by which one sigma of the latency moves the person."""
+        return float(np.linalg.norm(self.by_latency[:2]))
+
+    @property
     def timely(self) -> Array:
         """Return the covariance if the latency of the tracker were known."""
         return self.covariance - np.outer(self.by_latency, self.by_latency)
 
     @property
     def right_probability(self) -> float:
-        """Return the mean probability that a person who points at one of `THINGS` selects it."""
-        values, vectors = np.linalg.eigh(
-            self.scatter * self.timely + np.outer(self.by_latency, self.by_latency)
-        )
+        """Return the mean probability that a person who points at one of `THINGS` selects it.
+
+        From another place that fits, too, the right one would be selected by chance: it counts as wrong.
+        """
+        scattered = self.scatter * self.timely + np.outer(self.by_latency, self.by_latency)
+        values, vectors = np.linalg.eigh(scattered)
         x, y, yaw_rad = vectors * np.sqrt(np.maximum(values, 0.0)) @ DRAWS.T
         # seen from where the person stands, turned by the error of the yaw, cast from where they should stand
-        rays = (THINGS[:, None] - (x + 1j * y)) * np.exp(-1j * yaw_rad) * np.conj(THINGS)[:, None]
-        return float(np.mean(rays.real >= math.cos(math.pi / len(THINGS)) * np.abs(rays)))
+        rays: Complex = (THINGS[:, None] - (x + 1j * y)) * np.exp(-1j * yaw_rad) * np.conj(THINGS)[:, None]
+        is_right = rays.real >= math.cos(math.pi / len(THINGS)) * np.abs(rays)
+        return (1.0 - self.alternative) * float(np.mean(is_right))
 
     def is_near(self, other: "Solution") -> bool:
         """Return True if the two poses are the same for practical purposes."""

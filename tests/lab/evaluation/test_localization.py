@@ -15,9 +15,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.runtime.errors import PointItError
-from pointit.services.localizer.estimation.estimator import Pointings
+from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
 from pointit_lab.evaluation.datasets import read_trials
-from pointit_lab.evaluation.localization.localization import BASELINE_TRIALS, OURS, SOLVERS, localization_rows
+from pointit_lab.evaluation.honesty.simulated_people import followers
+from pointit_lab.evaluation.localization.localization import (
+    BASELINE_TRIALS,
+    OURS,
+    SOLVERS,
+    judged,
+    localization_rows,
+)
 from pointit_lab.evaluation.localization.scoring import UNTIL, Key, Outcome, rows_of, until_taken_rows
 from pointit_lab.evaluation.localization.trial import (
     SLACK_S,
@@ -251,3 +258,12 @@ def test_an_error_in_the_work_is_the_readers() -> None:
 def test_a_process_that_dies_is_told_in_a_sentence() -> None:
     with pytest.raises(PointItError, match="ended unexpectedly"):
         list(map_parallel(os._exit, [3], 1))
+
+
+def test_a_pose_of_less_time_than_the_localizer_waits_is_not_taken() -> None:
+    (follower,) = followers([8])
+    (short,), (long,) = (list(follower.trials((seconds,)))[:1] for seconds in (1.4, 10.0))
+    assert isinstance(judged(long.pointings), Solution)
+    refusal = judged(short.pointings, SolverSettings().unlimited())
+    assert isinstance(refusal, Refusal)
+    assert refusal.reason == "followed for less than 1.5 s"

@@ -181,7 +181,7 @@ def judged(pointings: Pointings, settings: SolverSettings = LIMITS) -> Solution 
     if blocks(pointings).is_still:
         return held(pointings, settings)
     if pointings.span_s < MIN_SPAN_S:
-        return Refusal("too short")
+        return Refusal(f"followed for less than {MIN_SPAN_S:g} s")
     found = followed(pointings, settings)
     wrong = mounting_fault(pointings, found, settings, 0.0)
     return Refusal(wrong, found.residual_rad) if wrong else found

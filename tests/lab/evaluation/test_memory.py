@@ -40,7 +40,7 @@ def test_memory_of_the_person_lowers_the_error_and_that_of_another_one_is_not_us
     assert isinstance(alone, MetricSpread)
     assert isinstance(own, MetricSpread)
     assert own.median < 0.9 * alone.median
-    assert rows["3 s", "pointit"].n == rows["3 s", OWN].n == 2 * 9
+    assert rows["3 s", "pointit"].n == rows["3 s", OWN].n >= 2 * 7  # of nine each, those after a measurement
     assert rows["3 s", OTHERS].n == rows["3 s", WITHOUT].n == 2 * 9
 
 

@@ -75,7 +75,7 @@ def test_one_measurement_of_3_degrees_makes_the_prior_4_degrees() -> None:
     assert math.degrees(sigma_rad) == pytest.approx(3.93, abs=0.01)  # (1/100 + 1/13)^-1 + 4, square root
 
 
-def test_a_localization_of_two_and_a_half_seconds_measures_the_bias_and_a_shorter_one_does_not() -> None:
+def test_a_localization_of_three_seconds_measures_the_bias_and_a_shorter_one_does_not() -> None:
     person = Person(0.5, -0.3, 0.4, math.radians(7.0))
     memory = learned(person)
     assert memory.remembered is not None
@@ -85,9 +85,9 @@ def test_a_localization_of_two_and_a_half_seconds_measures_the_bias_and_a_shorte
     assert math.degrees(believed.bias_sigma_rad) < 5.0
     assert solved(rays, believed).bias_sigma_rad < solved(rays, SETTINGS).bias_sigma_rad
     short = BiasMemory()
-    assert not short.learn(following(person, 2.3), SETTINGS, 0.0)
+    assert not short.learn(following(person, 2.8), SETTINGS, 0.0)
     assert short.remembered is None
-    assert short.learn(following(person, 2.5), SETTINGS, 0.0)
+    assert short.learn(following(person, 3.0), SETTINGS, 0.0)
 
 
 def test_rays_of_another_person_are_solved_without_memory_and_an_accepted_pose_replaces_it() -> None:

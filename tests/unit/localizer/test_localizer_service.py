@@ -266,8 +266,8 @@ async def test_a_robot_is_followed_from_the_start(stray_s: float) -> None:
 
 
 FOLLOWS = LocalizerConfig(method="moving_target")
-STILL_TICKS = 70
-"""The robot stands still for 2.8 s: exact rays are certain enough after less, which measures no bias."""
+STILL_TICKS = 90
+"""The robot stands still for 3.6 s: exact rays are certain enough after less, which measures no bias."""
 
 
 async def localize_by_robot(room: Room, mounting: str = "band") -> UserPose:

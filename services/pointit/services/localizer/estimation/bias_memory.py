@@ -20,11 +20,8 @@ REFERENCE_RAD = math.radians(-20.0)
 WANDER_RAD = math.radians(2.0)
 """Standard deviation of one person's bias between localizations."""
 
-MIN_SPAN_S = 2.4
-"""Shortest time of following that measures the bias: 2.5 s, less the interval of the rays."""
-
-SURE = 0.95
-"""Least `right_probability` of a pose that measures the bias: less certain ones mislead the next one."""
+MIN_SPAN_S = 2.9
+"""Shortest time of following that measures the bias: 3 s, less the interval of the rays."""
 
 MAX_SIGMAS = 2.0
 """Difference from the remembered bias, in its standard deviations, from which it is another person's."""
@@ -110,7 +107,7 @@ class BiasMemory:
             True if the bias was measured.
         """
         found = solve(pointings, settings.any_bias(), floor_m=floor_m)
-        if not isinstance(found, Solution) or pointings.span_s < MIN_SPAN_S or found.right_probability < SURE:
+        if not isinstance(found, Solution) or pointings.span_s < MIN_SPAN_S:
             return False
         if self.remembered is not None and self._contradicts(self.remembered, found.bias_rad, pointings):
             self.remembered = None

@@ -28,7 +28,7 @@ def position_sigma_m(pose: UserPose) -> float:
 
 def yaw_sigma_deg(pose: UserPose) -> float:
     """Return the standard deviation of the yaw. 0: assumed exact."""
-    return math.degrees(math.sqrt(max(pose.covariance[8], 0.0)))
+    return math.degrees(floor_sigma.yaw_sigma_rad(pose.covariance))
 
 
 def figure(health: Health, name: str) -> float | None:

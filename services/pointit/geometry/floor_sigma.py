@@ -1,4 +1,4 @@
-"""Uncertainty of positions on the floor: that of a person, and of a place that they point at."""
+"""Uncertainty of a person's position on the floor and yaw, and of a place that they point at."""
 
 import math
 from collections.abc import Sequence
@@ -20,6 +20,11 @@ def position_sigma_m(covariance: ArrayLike) -> float:
     """
     level = np.asarray(covariance, dtype=float).reshape(3, 3)[:2, :2]
     return math.sqrt(max(0.0, float(np.linalg.eigvalsh(level)[-1])))
+
+
+def yaw_sigma_rad(covariance: Sequence[float]) -> float:
+    """Return 1 sigma of a yaw, by the `covariance` of (x, y, yaw), row by row; 0 of a negative variance."""
+    return math.sqrt(max(0.0, covariance[8]))
 
 
 def place_sigma_m(

@@ -152,6 +152,7 @@ def test_a_pose_is_judged_by_the_thing_that_is_nearest_to_the_ray(
         (late(0.3, 0.4, 0.0), False),  # moved by the latency by 0.5 m
         (late(0.0, 0.0, 0.4) | {"scatter": 0.1}, False),  # turned by it by 23°, however closely rays follow
         (late(0.0, 0.0, 0.2) | {"scatter": 0.1}, True),
+        (late(0.0, 0.0, 0.18), True),  # which the scatter does not count again
         ({"alternative": 0.05}, False),  # another place fits, too
         ({"covariance": np.diag([0.05, 0.05, 0.01]), "alternative": 0.05}, True),
         ({"covariance": np.diag([0.05, 0.05, 0.01]), "alternative": 0.2}, False),

@@ -387,26 +387,18 @@ def test_defaults_of_configuration_and_cores_are_equal() -> None:
 
 
 def test_health_does_not_warn_of_what_localization_accepts() -> None:
-    def warned(sigma_deg: float, after_s: float = 0.0, variance: float | None = None) -> str:
-        config = LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=8.0, rate_sigma_degps=1.0))
+    def warned(variance_deg2: float, after_s: float = 0.0, max_sigma_deg: float = 8.0) -> str:
+        config = LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=max_sigma_deg, rate_sigma_degps=1.0))
         manager = PoseManager("anna", config)
-        covariance = (
-            0.01,
-            0.0,
-            0.0,
-            0.0,
-            0.01,
-            0.0,
-            0.0,
-            0.0,
-            math.radians(sigma_deg) ** 2 if variance is None else variance,
-        )
+        covariance = (0.01, *(0.0,) * 3, 0.01, *(0.0,) * 3, math.radians(1.0) ** 2 * variance_deg2)
         pose = SetPose(position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, method="moving_target", covariance=covariance)
         manager.set_pose(pose, 0)
         return manager.problem(round(after_s * 1e9))
 
-    assert warned(13.0) == warned(20.0) == warned(20.0, after_s=5.0) == ""
-    assert "uncertain by 18°" in warned(13.0, after_s=12.0)
-    assert "uncertain by 28°" in warned(20.0, after_s=20.0)
-    assert warned(0.0, variance=-1e-12) == ""
-    assert "uncertain by 26°" in warned(26.0)  # as a pose that drifted before its localizer was restarted
+    assert warned(13.0**2) == warned(20.0**2) == warned(20.0**2, after_s=9.0) == ""
+    assert "uncertain by 18°" in warned(13.0**2, after_s=12.0)
+    assert "uncertain by 28°" in warned(20.0**2, after_s=20.0)
+    assert "uncertain by 26°" in warned(26.0**2)  # as one that drifted before its localizer was restarted
+    assert warned(-1e-9) == warned(5.0**2, after_s=10.0) == ""  # within the 14° of poses of lamps
+    assert "uncertain by 21°" in warned(5.0**2, after_s=20.0)
+    assert warned(5.0**2, after_s=20.0, max_sigma_deg=30.0) == ""

@@ -56,7 +56,7 @@ def _people(plan: Plan, monitor: Monitor) -> dict[str, dict[str, Any]]:
             "method": pose.method,
             "position_m": [round(x_m, 3), round(y_m, 3)],
             "position_sigma_m": round(floor_sigma.position_sigma_m(pose.covariance), 3),
-            "yaw_sigma_deg": round(math.degrees(math.sqrt(max(pose.covariance[8], 0.0))), 2),
+            "yaw_sigma_deg": round(math.degrees(floor_sigma.yaw_sigma_rad(pose.covariance)), 2),
             "drift_degpmin": round(math.degrees(pose.yaw_rate_radps) * 60.0, 2),
             "position_error_m": off_m,
             "yaw_error_deg": off_deg,

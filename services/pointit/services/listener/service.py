@@ -1,10 +1,10 @@
 """Memory of a person's pointing: cursors, objects, robots, people and words in; referents on request."""
 
-import math
 from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
 from pointit.errors import RefusedError
+from pointit.geometry.floor_sigma import yaw_sigma_rad
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
 from pointit.schemas.text import round_beyond
@@ -73,7 +73,7 @@ class Listener(Service[ListenerConfig]):
             within_s=query.within_s,
             user=user,
             own_m=None if pose is None else pose.position_m,
-            yaw_sigma_rad=0.0 if pose is None else math.sqrt(max(pose.covariance[8], 0.0)),
+            yaw_sigma_rad=0.0 if pose is None else yaw_sigma_rad(pose.covariance),
         )
         self._recogniser_clock.on_word(spoken)
         targets = self._room.targets(user, at_ns, now_ns)

@@ -159,8 +159,7 @@ class DriftConfig(Config):
         default=15.0,
         gt=0,
         le=180,
-        description="health warns if the yaw is less certain than this, than trust.max_yaw_sigma_deg and "
-        "than 1.2 times its accepted sigma, at most 25, degrees",
+        description="health warns if drift makes the yaw less certain than this and as accepted, degrees",
     )
 
     def settings(self) -> DriftSettings:

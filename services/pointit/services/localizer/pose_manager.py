@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from pointit.geometry import vector
+from pointit.geometry import floor_sigma, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,
@@ -352,8 +352,8 @@ class PoseManager:
                 f"(`pointit person pose {user} --facing …`)"
             )
         sigma_deg = math.degrees(self._tracking.yaw_sigma_rad(now_ns))
-        base, config = self._tracking.base, self._config
-        accepted_deg = 0.0 if base is None else math.degrees(math.sqrt(max(base.covariance[8], 0.0)))
+        accepted, config = self._tracking.base, self._config
+        accepted_deg = math.degrees(floor_sigma.yaw_sigma_rad(accepted.covariance)) if accepted else 0.0
         limits_deg = config.drift.max_yaw_sigma_deg, config.trust.max_yaw_sigma_deg
         if sigma_deg <= max(*limits_deg, min(MAX_SIGMA_GROWTH * accepted_deg, MAX_SIGMA_DEG)):
             return ""

@@ -11,7 +11,7 @@ from typing import Any, Self
 import pointit
 from pointit.errors import NoMessageError, PointItError
 from pointit.forearm.true_pose import TruePose, find_true_poses
-from pointit.geometry.floor_sigma import position_sigma_m
+from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Announced, Cursor, Environment, topics
 from pointit.study.measure import SILENT_S, Attempt
@@ -134,9 +134,8 @@ class StudySite:
         pose = self.site.latest.pose.get(self._user)
         if pose is None or not any(pose.covariance):
             return ""
-        yaw_sigma_rad = math.sqrt(max(pose.covariance[8], 0.0))
         text = f"position ±{position_sigma_m(pose.covariance) * 100:.0f} cm, "
-        text += f"yaw ±{math.degrees(yaw_sigma_rad):.1f}°"
+        text += f"yaw ±{math.degrees(yaw_sigma_rad(pose.covariance)):.1f}°"
         true_pose = None if self.truth_problem else self._true_pose
         error = None if true_pose is None else true_pose.error_of(pose)
         if error is not None:

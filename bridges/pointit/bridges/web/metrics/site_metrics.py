@@ -1,12 +1,11 @@
 """Metrics of a site, from the messages that its services publish anyway; pure."""
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pointit.bridges.web.metrics.totals import MAX_INSTANCES, OTHER, Durations, Totals
 from pointit.diagnosis.observation import expected_services
-from pointit.geometry.floor_sigma import position_sigma_m
+from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.schemas import NS_PER_S, Deployment, Health, Localization, Message, SelectionEvent, UserPose
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LOCALIZATION, POSE, SELECTION_EVENTS, Topic
@@ -174,7 +173,7 @@ class SiteMetrics:
             "pointit_pose_yaw_sigma_radians",
             "1 sigma of the azimuth of the person's coordinates",
             ("user",),
-            (((user,), math.sqrt(max(0.0, covariance[8]))) for user, covariance in poses),
+            (((user,), yaw_sigma_rad(covariance)) for user, covariance in poses),
         )
         yield _gauge(
             "pointit_battery_ratio", "Charge of the person's wrist, 0 to 1", ("user",), self._batteries()

@@ -17,7 +17,7 @@ from pointit.services.localizer.estimation.angular_residuals import Array, Rays,
 from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, initial_poses, minimize
 from pointit.services.localizer.estimation.refinement import LATENCY, NoiseModel, effective_samples, refine
 from pointit.services.localizer.estimation.sample_blocks import GAP_S, Blocks, Pointings, blocks, in_time
-from pointit.services.localizer.estimation.solution import MAX_LATE_M, Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
 
 __all__ = ["AMBIGUOUS_COST", "GAP_S", "Pointings", "Refusal", "Solution", "SolverSettings", "solve"]
 
@@ -234,20 +234,18 @@ def _unsure(solution: Solution, rays: Rays, settings: SolverSettings) -> str:
 
 
 def _stated(solution: Solution, settings: SolverSettings) -> str:
-    sigma_m, limit_m = min(solution.position_sigma_m, 99.0), settings.max_position_sigma_m
-    sigma_deg, limit_deg = math.degrees(solution.yaw_sigma_rad), math.degrees(settings.max_yaw_sigma_rad)
-    sigma_deg = min(sigma_deg, 180.0)
+    sigma_m = min(solution.position_sigma_m, 99.0)
+    sigma_deg = min(math.degrees(solution.yaw_sigma_rad), 180.0)
     if not solution.scatter:
+        limit_m, limit_deg = settings.max_position_sigma_m, math.degrees(settings.max_yaw_sigma_rad)
         place, yaw = round_beyond(sigma_m, limit_m, 2), round_beyond(sigma_deg, limit_deg)
-        limits = f"at most {limit_m:.3g} m, {limit_deg:.3g}° are accepted"
-        return f"the pose is uncertain by {place} m and {yaw}° and {limits}"
+        return f"the pose is uncertain by {place} m and {yaw}°, limits {limit_m:.3g} m and {limit_deg:.3g}°"
     stated = f"the pose is uncertain by {sigma_m:.2f} m and {sigma_deg:.1f}°"
     right, needed = 100.0 * solution.right_probability, 100.0 * settings.min_right_probability
     if right >= needed:
-        late = round_beyond(solution.late_m, MAX_LATE_M, 2)
-        return f"{stated}, of which {late} m by the latency, limit {MAX_LATE_M:g} m"
+        return f"{stated}, too much of it by the latency"
     percent = round_beyond(right, needed)
-    return f"{stated}, so that pointing selects the right thing in {percent} % and {needed:.3g} % are needed"
+    return f"{stated}: pointing would select the right thing in {percent} %, and {needed:.3g} % are needed"
 
 
 def _is_one_view(rays: Rays) -> bool:

@@ -16,8 +16,8 @@ KNOWN = 1e-4
 """Standard deviation (m, s, rad) of what is known."""
 
 THINGS: Complex = np.array([cmath.rect(3.0, 0.25 * math.pi * turn) for turn in range(8)], dtype=np.complex128)
-"""Places of the things by which a pose of following is judged, relative to the person, m: robots are 2 to 4 m
-away. The nearest one is meant if the ray is off by at most half of the angle between two of them.
+"""Eight things around a person (x + iy, m) by which a pose of following is judged: robots are 2 to 4 m away.
+The right one is selected if the ray is off by at most half of the angle between two of them.
 """
 
 DRAWS: Array = np.vectorize(NormalDist().inv_cdf)(
@@ -25,8 +25,8 @@ DRAWS: Array = np.vectorize(NormalDist().inv_cdf)(
 )
 """Normal errors of x, y and yaw (500 x 3), evenly spread (the sequence R3 of Roberts, 2018)."""
 
-MAX_LATE_M = 0.46
-"""Largest sigma of the position by the latency alone: 3 % are more than 1 m off."""
+MAX_LATENCY_SHIFT_M = 0.46
+"""Largest sigma of a position by the latency alone: 3 % are more than 1 m off."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,9 +103,9 @@ class SolverSettings:
     def accepts(self, pose: "Solution") -> bool:
         """Return True if `pose` is certain enough: by `right_probability`, a pose of lamps by its sigmas."""
         if pose.scatter:
-            if self.min_right_probability == 0.0:
-                return True
-            return pose.late_m <= MAX_LATE_M and pose.right_probability >= self.min_right_probability
+            needed = self.min_right_probability
+            is_timely = float(np.linalg.norm(pose.latency_shift[:2])) <= MAX_LATENCY_SHIFT_M
+            return needed == 0.0 or (is_timely and pose.right_probability >= needed)
         is_certain = pose.position_sigma_m <= self.max_position_sigma_m
         return is_certain and pose.yaw_sigma_rad <= self.max_yaw_sigma_rad
 
@@ -184,19 +184,14 @@ class Solution:
         return math.sqrt(max(0.0, 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)))
 
     @property
-    def by_latency(self) -> Array:
+    def latency_shift(self) -> Array:
         """Return the change of x, y and yaw (3) by one sigma of the latency."""
         return np.asarray(self.of_latency / max(self.latency_sigma_s, KNOWN), dtype=np.float64)
 
     @property
-    def late_m(self) -> float:
-        """Return the distance by which one sigma of the latency moves the person."""
-        return float(np.linalg.norm(self.by_latency[:2]))
-
-    @property
     def timely(self) -> Array:
         """Return the covariance if the latency of the tracker were known."""
-        return self.covariance - np.outer(self.by_latency, self.by_latency)
+        return self.covariance - np.outer(self.latency_shift, self.latency_shift)
 
     @property
     def right_probability(self) -> float:
@@ -204,8 +199,8 @@ class Solution:
 
         From another place that fits, too, the right one would be selected by chance: it counts as wrong.
         """
-        scattered = self.scatter * self.timely + np.outer(self.by_latency, self.by_latency)
-        values, vectors = np.linalg.eigh(scattered)
+        covariance = self.scatter * self.timely + np.outer(self.latency_shift, self.latency_shift)
+        values, vectors = np.linalg.eigh(covariance)
         x, y, yaw_rad = vectors * np.sqrt(np.maximum(values, 0.0)) @ DRAWS.T
         # seen from where the person stands, turned by the error of the yaw, cast from where they should stand
         rays: Complex = (THINGS[:, None] - (x + 1j * y)) * np.exp(-1j * yaw_rad) * np.conj(THINGS)[:, None]

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pointit.geometry import vector
-from pointit.geometry.floor_sigma import position_sigma_m
+from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
@@ -84,8 +84,7 @@ class PosePublishTimer:
 
 
 def _has_changed(last: UserPose, now: DriftPose) -> bool:
-    yaw_sigma = math.sqrt(max(0.0, last.covariance[8]))
-    position_sigma = position_sigma_m(last.covariance)
+    yaw_sigma, position_sigma = yaw_sigma_rad(last.covariance), position_sigma_m(last.covariance)
     return (
         abs(math.remainder(now.yaw_rad - last.yaw_rad, math.tau)) >= NOTICEABLE_RAD
         or abs(now.yaw_sigma_rad - yaw_sigma) > NOTICEABLE_SHARE * yaw_sigma

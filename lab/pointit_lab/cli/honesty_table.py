@@ -14,7 +14,8 @@ from pointit_lab.evaluation.honesty.row import EVERY, HonestyRow
 NOTES = (
     "`taken`: share of the trials whose pose the localizer takes; the other figures are of those. `m`: "
     "error, median, and beside it p90. `> 1 m`: share more than 1 m off. `miss`: of the cursor at the "
-    "targets, m, median, and in brackets what is stated. `2 sigma`: share of the places within 2 sigma, the "
+    "targets, m, median, and in brackets what is stated. `right`: mean share of eight things 3 m away all "
+    "round that the person selects. `2 sigma`: share of the places within 2 sigma, the "
     "ellipse that holds "
     "95.45 % of normal errors (squared Mahalanobis distance up to 6.18); `yaw`: of the yaws. `square`: "
     "median squared Mahalanobis distance of the place, over its nominal value. `wrong`: beyond 2 sigma and "
@@ -31,6 +32,7 @@ FIGURES = (
     "p90",
     "> 1 m",
     "miss",
+    "right",
     "2 sigma",
     "without one",
     "yaw",
@@ -39,7 +41,7 @@ FIGURES = (
     "can show",
     "without one",
 )
-LEFT_OUT = ("without one", "p90", "square", "n", "yaw", "can show", "miss")
+LEFT_OUT = ("without one", "p90", "square", "n", "yaw", "can show", "right", "miss")
 """Figures that a narrow terminal leaves out, the first one first, so that no condition is cut."""
 MISSED = "Missed (90 to 98 % within 2 sigma, square 0.6 to 1.6, at most 1 % wrong):"
 
@@ -99,6 +101,7 @@ def _figures(row: HonestyRow) -> tuple[str | None, ...]:
         None if error is None else f"{error.p90:.2f}",
         None if row.far is None else f"{100.0 * row.far.value:.1f} %",
         None if row.miss_m is None else f"{row.miss_m:.2f} ({row.miss_sigma_m:.2f})",
+        None if row.right is None else f"{100.0 * row.right:.1f} %",
         _percent(row.within_2_sigma),
         _range(row.without_one),
         _percent(row.yaw_within_2_sigma),

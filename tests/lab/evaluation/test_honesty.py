@@ -246,8 +246,12 @@ def test_the_cursor_misses_what_an_honest_covariance_states(
         assert row.far.value == 1.0
         assert row.miss_m == pytest.approx(1.5, abs=1.2 * turned_rad * float(np.hypot(*away.T).max()))
         assert there(row.miss_sigma_m) > 0.5
+        assert (
+            0.5 <= there(row.right) <= 0.75
+        )  # 29° beside things at right angles to the way off, and turned by 11°
     else:
         assert row.miss_m == pytest.approx(0.5)
+        assert row.right == 1.0  # 10° beside
         assert row.miss_sigma_m == pytest.approx(0.5, abs=1e-3)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution
+from pointit.services.localizer.estimation.solution import right_share
 from pointit_lab.evaluation.honesty import simulated_people
 from pointit_lab.evaluation.honesty.injections import INJECTIONS, Injection
 from pointit_lab.evaluation.honesty.row import MEDIAN_SQUARE, UNIT_S, WITHIN_SQUARE, Judged
@@ -201,11 +202,12 @@ def verdict(trial: LocalizationTrial, condition: str) -> Judged:
         return one
     off = np.array([found.x_m - trial.x_m, found.y_m - trial.y_m])
     error_m = float(np.hypot(*off))
-    in_yaw = miss_m = None
+    in_yaw = miss_m = right = None
     if trial.yaw_rad is not None:
         turned_rad = math.remainder(found.yaw_rad - trial.yaw_rad, math.tau)
         in_yaw = abs(turned_rad) <= 2.0 * found.yaw_sigma_rad
         miss_m = _miss_m(trial, off, turned_rad)
+        right = right_share(np.array([-complex(*off)]), np.array([-turned_rad]))
     square = float(off @ np.linalg.solve(found.covariance[:2, :2], off))
     return replace(
         one,
@@ -215,6 +217,7 @@ def verdict(trial: LocalizationTrial, condition: str) -> Judged:
         in_place=square <= WITHIN_SQUARE,
         in_yaw=in_yaw,
         miss_m=miss_m,
+        right=right,
         miss_sigma_m=None if miss_m is None else _stated_miss_m(trial, found),
     )
 

@@ -54,6 +54,8 @@ class Judged:
     """Rms miss of the cursor at the targets pointed at. None if the true yaw is unknown."""
     miss_sigma_m: float | None = None
     """The same, as the covariance of the pose states it."""
+    right: float | None = None
+    """Share of eight things 3 m away all round that the person selects. None if the true yaw is unknown."""
 
     @property
     def is_wrong(self) -> bool:
@@ -85,6 +87,8 @@ class HonestyRow:
     """Median miss of the cursor at the targets pointed at, None if true yaws are unknown."""
     miss_sigma_m: float | None = None
     """Median of what is stated of it."""
+    right: float | None = None
+    """Mean share of eight things 3 m away all round that are selected, None if true yaws are unknown."""
     independent: int = 0
     """Number of independent trials with a taken pose: simulated people, stretches of `UNIT_S` of a recording,
     or recorded people who pointed at lamps."""
@@ -150,6 +154,7 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         far=share(sum(each.error_m > FAR_M for each in judged), len(judged)) if judged else None,
         miss_m=_median([each.miss_m for each in judged if each.miss_m is not None]),
         miss_sigma_m=_median([each.miss_sigma_m for each in judged if each.miss_sigma_m is not None]),
+        right=_mean([each.right for each in judged if each.right is not None]),
         independent=independent,
         provable=1.0 - 0.05 ** (1.0 / independent) if independent else None,
         without_one=_without_one(judged, lambda each: each.in_place),
@@ -161,8 +166,8 @@ def _median(values: Sequence[float]) -> float | None:
     return float(np.median(values)) if values else None
 
 
-def _mean(hits: Sequence[bool]) -> float | None:
-    return float(np.mean(hits)) if hits else None
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
 
 
 def _without_one(judged: Sequence[Judged], hits: Callable[[Judged], bool]) -> tuple[float, float] | None:

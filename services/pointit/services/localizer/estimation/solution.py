@@ -202,10 +202,7 @@ class Solution:
         covariance = self.scatter * self.timely + np.outer(self.latency_shift, self.latency_shift)
         values, vectors = np.linalg.eigh(covariance)
         x, y, yaw_rad = vectors * np.sqrt(np.maximum(values, 0.0)) @ DRAWS.T
-        # seen from where the person stands, turned by the error of the yaw, cast from where they should stand
-        rays: Complex = (THINGS[:, None] - (x + 1j * y)) * np.exp(-1j * yaw_rad) * np.conj(THINGS)[:, None]
-        is_right = rays.real >= math.cos(math.pi / len(THINGS)) * np.abs(rays)
-        return (1.0 - self.alternative) * float(np.mean(is_right))
+        return (1.0 - self.alternative) * right_share(x + 1j * y, yaw_rad)
 
     def is_near(self, other: "Solution") -> bool:
         """Return True if the two poses are the same for practical purposes."""
@@ -228,6 +225,12 @@ class Solution:
     def yaw_sigma_rad(self) -> float:
         """Return the standard deviation of the yaw."""
         return math.sqrt(max(0.0, float(self.covariance[2, 2])))
+
+
+def right_share(shift_m: Complex, turned_rad: Array) -> float:
+    """Return the share of `THINGS` that people select who stand and are turned otherwise than assumed (k)."""
+    rays: Complex = (THINGS[:, None] - shift_m) * np.exp(-1j * turned_rad) * np.conj(THINGS)[:, None]
+    return float(np.mean(rays.real >= math.cos(math.pi / len(THINGS)) * np.abs(rays)))
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,9 @@
 """A site of shards and one arbiter for tests, with links between them that are cut, slow and forgetful."""
 
-import shutil
 import tempfile
-import weakref
 from collections import Counter, deque
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,6 +22,9 @@ CONFIG: dict[str, object] = {
     "lead_s": 0.0,
 }
 
+OPEN_FILES = ExitStack()
+"""Files and folders of sites. They are closed when a test ends, in its thread: SQLite's belong to one."""
+
 
 @dataclass
 class Link:
@@ -39,8 +41,7 @@ class ShardedSite:
     def __init__(self, users: Sequence[str], *objects: TrackedObject, **config: object) -> None:
         self.config = SelectorConfig.model_validate({**CONFIG, **config})
         self.records: list[Record] = []
-        self._folder = Path(tempfile.mkdtemp())
-        weakref.finalize(self, shutil.rmtree, self._folder)
+        self._folder = Path(OPEN_FILES.enter_context(tempfile.TemporaryDirectory()))
         self._journal = self._open_journal()
         self._journal.begin(at(0.0))
         self.arbiter = SelectionEngine(self.config, self._record)
@@ -68,7 +69,7 @@ class ShardedSite:
 
     def _open_journal(self) -> Journal:
         journal = Journal(self._folder, restore_within_s=1e6)
-        weakref.finalize(self, journal.close)
+        OPEN_FILES.callback(journal.close)
         return journal
 
     @property

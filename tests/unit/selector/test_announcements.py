@@ -54,8 +54,10 @@ class Listener:
         self.room = Environment(stamp_ns=0, name="room", things=things or SHELF)
         self.engine.on_map(self.room)
         self.time_s = 0.0
+        self.can_step = False
+        """True once a message has told that names are spoken to the person; it has no name itself."""
         self.announced: list[tuple[float, str, str]] = []
-        """Times, s, ids and labels."""
+        """Times, s, ids and labels of later messages."""
         self.events: list[tuple[str, str]] = []
         self.cues: list[str] = []
 
@@ -84,6 +86,10 @@ class Listener:
         for _, message in outputs:
             if isinstance(message, Announced):
                 assert message.began_ns in {0, message.stamp_ns}
+                if not self.can_step:
+                    assert (message.object_id, message.label, message.began_ns) == ("", "", 0)
+                    self.can_step = True
+                    continue
                 time_s = round((message.stamp_ns - at(0.0)) / 1e9, 3)
                 self.announced.append((time_s, message.object_id, message.label))
             elif isinstance(message, SelectionEvent):
@@ -133,6 +139,7 @@ def test_at_most_five_names_are_sent_in_a_second() -> None:
 def test_people_who_are_not_named_hear_nothing_and_select_as_before() -> None:
     room = Listener(people="bert")
     room.point(0.0, 2.0)
+    assert not room.can_step
     assert not room.announced
     assert room.step(1) == ""
     assert room.events == [("selected", "middle")]
@@ -323,6 +330,9 @@ def test_the_focus_of_a_step_stays_until_the_ray_has_turned() -> None:
 
 def test_a_step_from_nothing_goes_to_the_nearest_thing() -> None:
     room = Listener()
+    assert not room.can_step
+    room.point(40.0, 0.02)
+    assert room.can_step
     room.point(40.0, 1.0)
     assert not room.announced
     assert room.step(1) == "left"
@@ -378,7 +388,7 @@ def test_a_shard_announces_steps_and_claims_what_is_pressed() -> None:
     messages += [each.message for each in shard.on_step("anna", Step(stamp_ns=at(1.2), by=1))]
     point(60, 100)
     messages += [each.message for each in shard.on_button("anna", ButtonEvent(stamp_ns=at(2.0)))]
-    assert [each.object_id for each in messages if isinstance(each, Announced)] == ["middle", "right"]
+    assert [each.object_id for each in messages if isinstance(each, Announced)] == ["", "middle", "right"]
     assert [each.object_id for each in messages if isinstance(each, Claim) and each.wish == "toggle"] == [
         "right"
     ]
@@ -402,4 +412,4 @@ async def test_the_service_announces_and_hears_steps() -> None:
         await point(25)
         site.bench.put(STEP, Step(stamp_ns=clock.now_ns(), by=1), "anna")
         await site.bench.settle(3)
-        assert [each.object_id for each in announced] == ["middle", "right"]
+        assert [each.object_id for each in announced] == ["", "middle", "right"]

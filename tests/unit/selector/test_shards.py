@@ -14,7 +14,7 @@ from pointit.services.selector.outputs import Action
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.shard_engine import GIVE_UP_NS
 from tests.unit.selector.room import Room, at, package, packages
-from tests.unit.selector.shards import ShardedSite
+from tests.unit.selector.shards import OPEN_FILES, ShardedSite
 
 USERS = ("anna", "ben", "carl")
 PLACES = (3.0, 6.0, 9.0, None)
@@ -93,6 +93,11 @@ _STEPS: st.SearchStrategy[list[partial[None]]] = st.lists(
 def test_whatever_links_and_restarts_do_each_object_has_one_owner_and_each_claim_one_event(
     steps: list[partial[None]],
 ) -> None:
+    with OPEN_FILES:  # of each example
+        _check_steps(steps)
+
+
+def _check_steps(steps: list[partial[None]]) -> None:
     site = a_site()
     for step in steps:
         step(site)

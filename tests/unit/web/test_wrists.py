@@ -14,7 +14,7 @@ from pointit.bridges.web.wrists.wrist_control import FASTEST_RADPS, MouseArm
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Candidate, Feedback, Interaction, Localization
+from pointit.schemas import NS_PER_S, Announced, Candidate, Feedback, Interaction, Localization
 
 STEP_NS = NS_PER_S // 60
 SAMPLING: dict[str, Any] = {"stamp_ns": 0, "phase": "sampling"}
@@ -93,6 +93,20 @@ def test_the_interactions_state_is_told_once_and_stays_in_every_cue() -> None:
     feedback = cues.feedback(Feedback(stamp_ns=0, cue="selected"))
     assert feedback is not None
     assert (feedback.state, feedback.wants_double) == ("pointing", True)
+
+
+def test_names_are_cues_and_a_phone_that_connects_before_one_is_spoken_knows_that_it_can_step() -> None:
+    cues = PhoneCues()
+    assert not cues.current.has_names
+    first = cues.feedback(Announced(stamp_ns=1))
+    assert first is not None
+    assert first.has_names
+    assert first.announced == ""
+    assert cues.current == first
+    assert cues.feedback(Announced(stamp_ns=2)) is None
+    spoken = cues.feedback(Announced(stamp_ns=3, object_id="d", label="Kettle", began_ns=3))
+    assert spoken == first.model_copy(update={"announced": "Kettle"})
+    assert cues.current == first
 
 
 def test_a_localization_tells_each_target_once_and_why_it_was_refused() -> None:

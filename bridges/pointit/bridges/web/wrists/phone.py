@@ -56,7 +56,10 @@ class PhoneCues:
     def feedback(self, feedback: Announced | Feedback | Understood) -> Cue | None:
         """Return a cue of the bus for the phone, or None: no name is to be spoken."""
         if isinstance(feedback, Announced):
-            return self.current.model_copy(update={"announced": feedback.label}) if feedback.label else None
+            changed = self._change(has_names=True)
+            return (
+                self.current.model_copy(update={"announced": feedback.label}) if feedback.label else changed
+            )
         if isinstance(feedback, Understood):
             return self.say(f'"{feedback.text}": {feedback.message or feedback.result}')
         return self.say(feedback.text).model_copy(
@@ -143,7 +146,7 @@ class Phones:
 
     def feedback(self, user: str, feedback: Announced | Feedback | Understood) -> None:
         """Send a cue, a name to speak, or what became of their words, to the phone of `user`."""
-        self._tell(user, self._cues.get(user, PhoneCues()).feedback(feedback))  # may be of an unknown person
+        self._tell(user, self._cues_of(user).feedback(feedback))
 
     def interaction(self, user: str, interaction: Interaction) -> None:
         """Send the phone of `user` the state of the interaction."""

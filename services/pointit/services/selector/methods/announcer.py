@@ -136,7 +136,10 @@ class Announcer:
         return object_id, cursor.stamp_ns
 
     def announce(self, object_id: str, label: str, stamp_ns: int) -> Announced | None:
-        """Return the message that is due while `object_id` is hovered, `""` for none. None if none is due."""
+        """Return the message that is due while `object_id` is hovered, `""` for none. None if none is due.
+
+        The first one announces nothing: it tells pages and phones that the person can step.
+        """
         name = self._names.get(object_id)
         is_lost = name is not None and stamp_ns - name.hovered_ns > RECENT_NS  # no press can mean it any more
         if is_lost:
@@ -151,7 +154,8 @@ class Announcer:
         is_first = not self._spoken[0] and stamp_ns - self._hovered_ns >= FIRST_NS
         if object_id and (is_first or (self._repeat_ns is not None and stamp_ns >= self._repeat_ns)):
             return self._speak(object_id, label, stamp_ns, is_first=is_first)
-        return self.end(stamp_ns) if self._announced.object_id not in ("", object_id) else None
+        is_due = not self._announced.seq or self._announced.object_id not in ("", object_id)
+        return self._send("", "", 0, stamp_ns) if is_due else None
 
     def _speak(self, object_id: str, label: str, stamp_ns: int, *, is_first: bool) -> Announced:
         self._repeat_ns = None
@@ -163,10 +167,6 @@ class Announcer:
         if is_first:
             self._names[object_id] = name._replace(spoken_ns=stamp_ns)
         return self._send(object_id, label, stamp_ns, stamp_ns)
-
-    def end(self, stamp_ns: int) -> Announced | None:
-        """Return the message that nothing is announced, or None if nothing was."""
-        return self._send("", "", 0, stamp_ns) if self._announced.object_id else None
 
     def is_silent(self, now_ns: int) -> bool:
         """Return True if something is announced and no cursor came for `SILENT_NS`."""

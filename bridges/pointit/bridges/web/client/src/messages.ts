@@ -221,7 +221,7 @@ export interface Announced {
    */
   label: string;
   /**
-   * empty when none
+   * empty when none, as in the first message, which tells that steps are possible
    */
   object_id: string;
   /**

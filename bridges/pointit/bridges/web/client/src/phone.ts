@@ -41,8 +41,6 @@ class Wrist {
   private lamps: readonly string[] = [];
   private hasArm = true;
   private readonly speaker = new Speaker(document.getElementById("name")!);
-  /** A name was announced: swipes step. */
-  private hasNames = false;
   private awaited = new Map<number, string>();
   private readonly voice = new Voice({
     hearing: (text) => this.screen.say(`… ${text}`),
@@ -199,10 +197,7 @@ class Wrist {
       this.show();
     } else {
       this.cue = part;
-      if (part.announced) {
-        this.hasNames = true;
-        this.speaker.say(part.announced);
-      }
+      if (part.announced) this.speaker.say(part.announced);
       if (part.chime) chime(part.chime as Feedback["chime"]);
       if (part.haptic_ms.length) navigator.vibrate?.(part.haptic_ms);
       if (part.has_lost_arm) this.hasArm = false;
@@ -275,14 +270,14 @@ class Wrist {
     });
     big.addEventListener("pointermove", (event) => {
       const moved = event.clientX - downX;
-      if (!this.hasNames || this.stage !== "button" || !big.classList.contains("is-down") || Math.abs(moved) < SWIPE_PX) return;
+      if (!this.cue?.has_names || this.stage !== "button" || !big.classList.contains("is-down") || Math.abs(moved) < SWIPE_PX) return;
       big.classList.remove("is-down");
       this.taps.cancel();
       this.step(Math.sign(moved));
     });
     addEventListener("keydown", (event) => {
       const by = event.key === "ArrowLeft" ? -1 : event.key === "ArrowRight" ? 1 : 0;
-      if (!by || this.stage !== "button" || !this.hasNames) return;
+      if (!by || this.stage !== "button" || !this.cue?.has_names) return;
       event.preventDefault();
       this.step(by);
     });

@@ -56,7 +56,7 @@ export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, pa
     { keys: ["m"], shown: "M", does: "Point with the mouse", isOffered: () => controls.mayDo("take") && controls.mine?.user !== controls.user, run: () => void mouse.take() },
     { keys: ["Escape"], shown: "Esc", does: "Give the arm back", isOffered: isMine, run: () => void mouse.give(), isSafe: true },
     {
-      keys: ["ArrowLeft", "ArrowRight"], shown: "← →", does: "To the thing beside the one that is announced; with Shift move where you point", isOffered: () => controls.canStep, isSafe: true,
+      keys: ["ArrowLeft", "ArrowRight"], shown: "← →", does: "To the nearest thing, then to the one beside it; with Shift move where you point", isOffered: () => controls.canStep, isSafe: true,
       run: (event) => {
         const by = event.key === "ArrowLeft" ? -1 : 1;
         if (event.shiftKey && isMine()) stage.view?.nudge(by * SMALL_STEP_M, 0);

@@ -146,6 +146,10 @@ export interface Cue {
    * the arm no longer follows this phone
    */
   has_lost_arm: boolean;
+  /**
+   * names are spoken to the person, who can step
+   */
+  has_names: boolean;
   kind: "cue";
   next_step: string;
   /**

@@ -390,7 +390,8 @@ def test_health_does_not_warn_of_what_localization_accepts() -> None:
     def warned(variance_deg2: float, after_s: float = 0.0, max_sigma_deg: float = 8.0) -> str:
         config = LocalizerConfig(drift=DriftConfig(max_yaw_sigma_deg=max_sigma_deg, rate_sigma_degps=1.0))
         manager = PoseManager("anna", config)
-        covariance = (0.01, *(0.0,) * 3, 0.01, *(0.0,) * 3, math.radians(1.0) ** 2 * variance_deg2)
+        yaw_variance = math.radians(1.0) ** 2 * variance_deg2
+        covariance = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, yaw_variance)
         pose = SetPose(position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, method="moving_target", covariance=covariance)
         manager.set_pose(pose, 0)
         return manager.problem(round(after_s * 1e9))

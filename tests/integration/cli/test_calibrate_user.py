@@ -23,7 +23,7 @@ from pointit.schemas import (
     UserPose,
     UserProfile,
 )
-from pointit.schemas.topics import LOCALIZATION, PROFILE
+from pointit.schemas.topics import CANCEL_LOCALIZATION, LOCALIZATION, PROFILE
 from pointit.services.pui.service import Pui
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import until
@@ -276,6 +276,19 @@ async def test_the_json_of_forgetting_is_the_pose_after_it(site: Site, localizer
     told = await site.pointit("person", "pose", ANNA, "--forget-bias", "--json", code=0)
     assert json.loads(told.out)["remembered_localizations"] == 0
     assert localizer.asked == ["forget"]
+
+
+async def test_forgetting_succeeds_where_no_pose_is_known(site: Site) -> None:
+    asked: list[CancelLocalization] = []
+
+    async def forget(query: CancelLocalization, _user: str) -> Done:
+        asked.append(query)
+        return Done(message="forgotten")
+
+    site.bus.serve(CANCEL_LOCALIZATION, forget, ANNA)
+    told = await site.pointit("person", "pose", ANNA, "--forget-bias", "--json", code=0)
+    assert json.loads(told.out) == {"user": "anna", "remembered_localizations": 0}
+    assert asked == [CancelLocalization(forget_bias=True)]
 
 
 async def test_no_offset_of_a_wrong_pose(site: Site, localizer: ErringLocalizer, own_state: Path) -> None:

@@ -77,6 +77,7 @@ async def test_a_refusal_and_no_answer_are_one_sentence_each(site: Site) -> None
         (("conveyor/set_speed", "speed_mps=9"), "speed_mps: must be at most 5 (got"),
         (("conveyor/set_speed", "speed_mps=.nan"), "speed_mps: "),
         (("conveyor/set_speed", "speed=1"), "no field 'speed'; did you mean speed_mps?"),
+        (("localizer/anna/start", "by=1"), "localizer/anna/start: no field 'by'"),
         (("conveyor/set_speed", "speed_mps"), "'speed_mps': write FIELD=VALUE"),
         (("conveyor/set_speed", "speed_mps=1", "speed_mps=2"), "speed_mps is given twice"),
         (("localizer/anna/set_pose", "position_m=[1, 2"), "position_m=[1, 2: is not a value"),

@@ -157,7 +157,7 @@ def test_lists_need_no_brackets_and_switches_are_typed_as_people_say_it(
     request_row: topics.Request[Any, Any], typed: str, value: object
 ) -> None:
     others = ["speed_mps=0.2"] if request_row is topics.SET_SPEED else []
-    assert getattr(build(request_row, [*others, typed]), typed.partition("=")[0]) == value
+    assert getattr(build(request_row, request_row.key, [*others, typed]), typed.partition("=")[0]) == value
 
 
 def test_no_key_or_field_is_broken_at_eighty_columns() -> None:

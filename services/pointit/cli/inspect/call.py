@@ -58,7 +58,7 @@ def command(
         show([requests()], as_json=as_json)
         return 0
     request, name = resolve(key)
-    query = build(request, values)
+    query = build(request, key, values)
     quiet()
     return run_until_shutdown(_call(request, query, name, timeout_s, as_json=as_json, **at))
 
@@ -106,8 +106,8 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
     raise UnknownNameError(f"no request has the key {typed!r}; {advice}")
 
 
-def build(request: AnyRequest, values: Iterable[str]) -> Query:
-    """Return the query of `request` with `values`, each `FIELD=VALUE`.
+def build(request: AnyRequest, key: str, values: Iterable[str]) -> Query:
+    """Return the query of `request`, whose key was typed as `key`, with `values`, each `FIELD=VALUE`.
 
     Raises:
         UnknownNameError: If a value is wrong; names field, value and problem.
@@ -118,24 +118,22 @@ def build(request: AnyRequest, values: Iterable[str]) -> Query:
     for value in values:
         field, separator, text = value.partition("=")
         if not separator:
-            raise UnknownNameError(
-                f"{request.key}: {value!r}: write FIELD=VALUE, such as {_example(request)}"
-            )
+            raise UnknownNameError(f"{key}: {value!r}: write FIELD=VALUE, such as {_example(request)}")
         if field not in known:
             advice = nearest(field, known) if known else "it takes none"
-            raise UnknownNameError(f"{request.key}: no field {field!r}; {advice}")
+            raise UnknownNameError(f"{key}: no field {field!r}; {advice}")
         if field in layers.values:
-            raise UnknownNameError(f"{request.key}: {field} is given twice")
+            raise UnknownNameError(f"{key}: {field} is given twice")
         if field in lists and not text.lstrip().startswith("["):  # belts=part_e,part_f
             text = f"[{text}]"
         try:
-            layers.add_text([field], text, f"{request.key}: {value}")
+            layers.add_text([field], text, f"{key}: {value}")
         except ConfigError as error:
             raise UnknownNameError(str(error)) from error
     try:
         query: Query = validate(request.query, layers.values, strict=False)
     except ValidationError as error:
-        raise UnknownNameError(f"{request.key}: {_error_message(request, error)}") from error
+        raise UnknownNameError(f"{key}: {_error_message(request, error)}") from error
     return query
 
 

@@ -99,7 +99,7 @@ class ButtonEvent(Message):
 
 
 class Step(Message):
-    """The person moved from the announced object to one beside it: by a crown, a swipe or an arrow key."""
+    """The person moved to the object beside the announced one, or to the nearest: by crown, swipe or key."""
 
     by: Annotated[
         Literal[-1, 1], Field(description="1: the next object to the right in its row, -1: to the left")

@@ -238,11 +238,12 @@ class Hover(Message):
 
 
 class Announced(Message):
-    """The object whose name is spoken to the person, since they point at it or stepped to it."""
+    """The object whose name is spoken to the person, since they point at it or stepped to it.
 
-    object_id: Annotated[
-        Id, Field(description="empty when none, as in the first message, which tells that steps are possible")
-    ] = ""
+    The first message has no object: it says that names are spoken to the person.
+    """
+
+    object_id: Annotated[Id, Field(description="empty when none")] = ""
     label: Annotated[str, Field(max_length=MAX_ID, description="text to speak; empty when none")] = ""
     began_ns: Annotated[
         Ns, Field(description="when the name began; a later one for the same object: it is spoken again")

@@ -58,7 +58,7 @@ class Attempt:
     selection_s: float | None = None
     corrections: int = 0
     names: Counter[str] | None = None
-    """Numbers of the columns `ADDED`. None if no name was spoken to the participant so far."""
+    """Numbers of the columns `ADDED`. None if names are not spoken to the participant."""
     path_rad: float = 0.0
     passed_s: float = 0.0
     """Time from the beginning to the last cursor, s."""
@@ -141,9 +141,9 @@ class Attempt:
     def on_announced(self, announced: Announced, now_ns: int) -> None:
         """Process the name of an object that is spoken to the participant."""
         del now_ns
-        if announced.object_id and self.outcome is None:
+        if self.outcome is None:
             self.names = Counter() if self.names is None else self.names
-            self._count("announced")
+            self.names["announced"] += bool(announced.object_id)
 
     def on_step(self, step: Step, now_ns: int) -> None:
         """Process a step of the participant to the object beside the announced one."""

@@ -23,7 +23,7 @@ CONFIG: dict[str, object] = {
 }
 
 OPEN_FILES = ExitStack()
-"""Files and folders of sites. They are closed when a test ends, in its thread: SQLite's belong to one."""
+"""Files and folders of sites. They are closed in the test's thread: SQLite refuses any other."""
 
 
 @dataclass

@@ -338,6 +338,17 @@ def test_a_step_from_nothing_goes_to_the_nearest_thing() -> None:
     assert room.step(1) == "left"
 
 
+def test_who_comes_back_is_announced_again_to_pages_that_have_forgotten_them() -> None:
+    room = Listener()
+    room.point(0.0, 1.0)
+    room.take(room.engine.tick(at(room.time_s + 1.1)))
+    assert room.announced.pop()[1] == ""
+    room.time_s += 1.5
+    room.point(40.0, 0.5)
+    assert [name for _, name, _ in room.announced] == ["middle", ""]
+    assert room.step(1) == "left"
+
+
 def test_steps_of_somebody_who_does_not_point_are_ignored() -> None:
     room = Listener()
     assert room.step(1) == ""

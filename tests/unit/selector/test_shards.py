@@ -93,7 +93,7 @@ _STEPS: st.SearchStrategy[list[partial[None]]] = st.lists(
 def test_whatever_links_and_restarts_do_each_object_has_one_owner_and_each_claim_one_event(
     steps: list[partial[None]],
 ) -> None:
-    with OPEN_FILES:  # of each example
+    with OPEN_FILES:  # those of each example end with it
         _check_steps(steps)
 
 

@@ -78,6 +78,15 @@ def test_names_steps_and_presses_are_counted_until_the_end_where_names_are_spoke
     assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [2, 2, 1]
 
 
+def test_a_step_before_the_first_name_counts_where_names_are_spoken() -> None:
+    one = attempt("press")
+    one.on_announced(Announced(stamp_ns=1), S)
+    one.on_step(Step(stamp_ns=1, by=1), S)
+    one.on_announced(Announced(stamp_ns=2, object_id="t", label="t"), S)
+    measures = one.columns()
+    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [1, 1, 0]
+
+
 def test_selection_by_staying_is_not_confirmed() -> None:
     one = attempt(names=Counter[str]())
     one.on_selection(selected("t"), 2 * S)
@@ -85,7 +94,7 @@ def test_selection_by_staying_is_not_confirmed() -> None:
     assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [0, 0, 0]
 
 
-def test_names_steps_and_presses_are_not_known_where_no_name_was_spoken() -> None:
+def test_names_steps_and_presses_are_not_known_where_names_are_not_spoken() -> None:
     one = attempt("press")
     one.on_step(Step(stamp_ns=1, by=1), S)
     one.on_selection(selected("t").model_copy(update={"cause": "button"}), 2 * S)

@@ -16,7 +16,7 @@ from pointit.bridges.web.wire import OWN_FAULT
 from pointit.bridges.web.wrists import phone_connection
 from pointit.bridges.web.wrists.wrist_control import STILL_S
 from pointit.runtime.errors import RefusedError
-from pointit.schemas import Feedback, Interaction, Localization
+from pointit.schemas import Announced, Feedback, Interaction, Localization
 from tests.support.bench import until
 from tests.unit.web.phone_bench import PhoneBench, phone_bench
 
@@ -269,6 +269,19 @@ async def test_a_phone_that_reads_nothing_costs_little(bench: PhoneBench, phone:
         bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text=f"{k}"))
     cues = await posted(phone, TURN)
     assert [cue["text"] for cue in cues] == [str(k) for k in range(936, 1000)]
+
+
+async def test_a_phone_that_connects_later_knows_that_names_are_spoken_until_the_selector_ends(
+    bench: PhoneBench, phone: AsyncClient
+) -> None:
+    bench.phones.feedback("anna", Announced(stamp_ns=1))
+    _, state = await posted(phone)
+    assert (state["has_names"], state["announced"]) == (True, "")
+    bench.phones.keep_names(["anna"])
+    assert await posted(phone, TURN) == []
+    bench.phones.keep_names(["ben"])
+    (state,) = await posted(phone, TURN)
+    assert not state["has_names"]
 
 
 async def test_old_chimes_are_not_told(

@@ -65,7 +65,7 @@ from pointit.schemas import (
     UserPose,
     UserProfile,
 )
-from pointit.schemas.topics import SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
+from pointit.schemas.topics import ANNOUNCED, SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.shown_topics import SHOWN
 
 log = logging.getLogger(__name__)
@@ -357,6 +357,8 @@ class Web(Service[WebConfig]):
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._model.set_service(instance, present, self._now_s())
+        if not present:
+            self._phones.keep_names(self._model.cache.names(ANNOUNCED))
         self._metrics.set_service(instance, present)
         self._visits.remember(SERVICE_ALIVE, instance, present)
         self._history.set_service(instance, present)

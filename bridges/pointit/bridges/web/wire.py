@@ -190,7 +190,7 @@ class Cue(WireModel):
         Fraction | None, Field(description="of pointing at targets; empty if there are none")
     ] = None
     announced: Annotated[str, Field(description="name of a thing to speak now; empty if there is none")] = ""
-    has_names: Annotated[bool, Field(description="names are spoken to the person, who can step")] = False
+    has_names: Annotated[bool, Field(description="names of things are spoken to the person")] = False
     has_lost_arm: Annotated[bool, Field(description="the arm no longer follows this phone")] = False
 
 

@@ -190,7 +190,7 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
             return 0
         if asked.forget_bias:
             await latest_pose.wait(YAW_TIMEOUT_S, lambda pose: pose.remembered_bias is None)
-            if latest_pose.value is None:  # not known is no failure of forgetting
+            if latest_pose.value is None:  # forgetting succeeds without a known pose
                 print_json({"user": user, "remembered_localizations": 0})
                 return 0
         pose = await found(bus, user, latest_pose, latest_localization)

@@ -44,7 +44,7 @@ def _options(function: Any) -> Any:
         metavar="[page|phone|speaker|media_player.NAME]",
         help="for people who see no lights: speak the name of the thing that they point at, by their page, "
         "their phone, the speaker of this machine (espeak-ng), or a media player of Home Assistant. The "
-        "button confirms what was heard; swipe or arrow keys step to the thing beside it",
+        "button confirms what was heard; swipe or arrow keys step to another thing",
     )
     return option(function)
 

@@ -175,7 +175,7 @@ class HoverEngine:
         return self._toggle(user, object_id, button.stamp_ns, "button")
 
     def on_step(self, user: str, step: Step) -> list[Output]:
-        """Move `user` from the announced object to the one beside it."""
+        """Move `user` from the announced object to the one beside it, or to the nearest one."""
         pointer = self._people.get(user)
         if pointer is None or (announcer := pointer.announcer) is None:
             return []
@@ -282,7 +282,7 @@ class PointingEngine:
         return self._hovers.fault()
 
     def on_step(self, user: str, step: Step) -> list[Output]:
-        """Move `user` from the announced object to the one beside it."""
+        """Move `user` from the announced object to the one beside it, or to the nearest one."""
         return self._hovers.on_step(user, step)
 
     def stale_trackers(self, now_ns: int) -> list[str]:

@@ -97,11 +97,11 @@ class NameAnnouncer(Protocol):
         ...
 
     def step(self, objects: Iterable[TrackedObject], by: int, stamp_ns: int) -> tuple[str, int]:
-        """Step to a neighbour. Return it, or `""`, and the time, ns."""
+        """Step to a neighbour, or to the nearest object. Return it, or `""`, and the time, ns."""
         ...
 
     def announce(self, object_id: str, label: str, stamp_ns: int) -> Announced | None:
-        """Return the message that is due while an object, or `""`, is hovered. None if none is due."""
+        """Return what is due while an object, or `""`, is hovered, or None. The first has no object."""
         ...
 
     def confirmed(self, press_ns: int) -> str:

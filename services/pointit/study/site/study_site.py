@@ -60,7 +60,7 @@ class StudySite:
         self.truth_tracker = ""
         """Tracker of the participant's true pose, which the study declares, or `""`."""
         self.has_names = False
-        """True once a name was spoken to the participant."""
+        """True if names are spoken to the participant."""
         self.configuration: dict[str, str] = {}
         """Parameters of all services, JSON, by instance."""
         self._user = user
@@ -244,7 +244,7 @@ class StudySite:
             now_ns = self.site.now_ns()
             if isinstance(message, Cursor):
                 self._received_ns, self._cursor = now_ns, message
-            self.has_names |= isinstance(message, Announced) and bool(message.object_id)
+            self.has_names |= isinstance(message, Announced)
             self.on_message(message, now_ns)  # first, as LSL pairs its clock with this time
             if self.attempt is not None:
                 handle(self.attempt, message, now_ns)

@@ -85,7 +85,7 @@ class People:
         )
 
     def step(self, user: str, by: Literal[-1, 1], *, source: str = "page") -> None:
-        """Move `user`, who must be present, to the thing beside the announced one."""
+        """Move `user`, who must be present, to the thing beside the announced one, or to the nearest."""
         self._steps += 1
         self._writers[user].step.put(
             Step(stamp_ns=self._clock.now_ns(), seq=self._steps, by=by, source=source)

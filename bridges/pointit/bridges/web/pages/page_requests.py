@@ -5,7 +5,7 @@ the query's fields. Actions of this server are the rows of `ACTIONS`, at the end
 
 - `press`, `{"gesture": "press" | "double" | "hold", "held_s": 0.2}`: press the person's button, which went
   down that long ago.
-- `step`, `{"by": -1 | 1}`: from the announced thing to the one left or right of it.
+- `step`, `{"by": -1 | 1}`: from the announced thing to the one left or right of it, or to the nearest.
 - `take`, `{"by": "mouse" | "headset"}`: move the person's arm by this page's mouse or its headset; an idle
   person begins to point. `give`: give it back, whichever page moves it.
 - `tremor`, `{"rms_deg": number}`: tremor of that arm.

@@ -12,6 +12,7 @@ localized (`phone_connection`); whatever name it asks for, its own person is mea
 import asyncio
 import contextlib
 import time
+from collections.abc import Collection
 from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter, ValidationError
@@ -54,7 +55,7 @@ class PhoneCues:
         return self.say(RETURNED if is_own else LOST).model_copy(update={"has_lost_arm": True})
 
     def feedback(self, feedback: Announced | Feedback | Understood) -> Cue | None:
-        """Return a cue of the bus for the phone, or None: no name is to be spoken."""
+        """Return a cue of the bus for the phone, or None: there is no name, and it knows that some come."""
         if isinstance(feedback, Announced):
             changed = self._change(has_names=True)
             return (
@@ -65,6 +66,10 @@ class PhoneCues:
         return self.say(feedback.text).model_copy(
             update={"chime": feedback.chime, "haptic_ms": feedback.haptic_ms}
         )
+
+    def end_names(self) -> Cue | None:
+        """Return the state in which no names are spoken, or None if it is unchanged."""
+        return self._change(has_names=False)
 
     def interaction(self, interaction: Interaction) -> Cue | None:
         """Return the new state, or None if it is unchanged."""
@@ -170,6 +175,12 @@ class Phones:
     def centred(self, user: str) -> None:
         """Notify the phone of `user` that its direction was set."""
         self._tell(user, self._cues_of(user).say(CENTRED))
+
+    def keep_names(self, users: Collection[str]) -> None:
+        """Notify the phones of all but `users` that no selector announces names to them any more."""
+        for user, cues in self._cues.items():
+            if user not in users:
+                self._tell(user, cues.end_names())
 
     def forget(self, user: str) -> None:
         """Forget the cues of a person who has left."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -90,6 +90,8 @@ class Announcer:
         """Object that the person stepped to, and the cursor of that time."""
         self._has_fired = False
         self._cursor: Cursor | None = None
+        self._is_due = True
+        """A message is due that says that names are spoken to the person, who begins to point."""
 
     @property
     def spoken(self) -> tuple[str, int]:
@@ -103,6 +105,8 @@ class Announcer:
 
         `acts` returns True if selecting an object has an effect.
         """
+        # pages and phones forget somebody who leaves
+        self._is_due |= self._cursor is not None and cursor.stamp_ns - self._cursor.stamp_ns > SILENT_NS
         self._cursor = cursor
         if self._focus is None:
             return progress
@@ -120,7 +124,7 @@ class Announcer:
         return SelectionProgress(object_id, share, fired, spent_ns / NS_PER_S)
 
     def step(self, objects: Iterable[TrackedObject], by: int, stamp_ns: int) -> tuple[str, int]:
-        """Move to the object beside the hovered one. At the end of a row its name is spoken once more.
+        """Move to the object beside the hovered one, or to the nearest one. A row's last one is spoken again.
 
         Return the object and the time, ns. The object is `""` if the person does not point or there is none.
         """
@@ -136,10 +140,7 @@ class Announcer:
         return object_id, cursor.stamp_ns
 
     def announce(self, object_id: str, label: str, stamp_ns: int) -> Announced | None:
-        """Return the message that is due while `object_id` is hovered, `""` for none. None if none is due.
-
-        The first one announces nothing: it tells pages and phones that the person can step.
-        """
+        """Return the message that is due while `object_id` is hovered, `""` for none. None if none is due."""
         name = self._names.get(object_id)
         is_lost = name is not None and stamp_ns - name.hovered_ns > RECENT_NS  # no press can mean it any more
         if is_lost:
@@ -154,8 +155,8 @@ class Announcer:
         is_first = not self._spoken[0] and stamp_ns - self._hovered_ns >= FIRST_NS
         if object_id and (is_first or (self._repeat_ns is not None and stamp_ns >= self._repeat_ns)):
             return self._speak(object_id, label, stamp_ns, is_first=is_first)
-        is_due = not self._announced.seq or self._announced.object_id not in ("", object_id)
-        return self._send("", "", 0, stamp_ns) if is_due else None
+        has_ended = self._announced.object_id not in ("", object_id)
+        return self._send(stamp_ns) if self._is_due or has_ended else None
 
     def _speak(self, object_id: str, label: str, stamp_ns: int, *, is_first: bool) -> Announced:
         self._repeat_ns = None
@@ -166,7 +167,7 @@ class Announcer:
         name = self._names.setdefault(object_id, _Name(stamp_ns, stamp_ns, stamp_ns))
         if is_first:
             self._names[object_id] = name._replace(spoken_ns=stamp_ns)
-        return self._send(object_id, label, stamp_ns, stamp_ns)
+        return self._send(stamp_ns, object_id=object_id, label=label, began_ns=stamp_ns)
 
     def is_silent(self, now_ns: int) -> bool:
         """Return True if something is announced and no cursor came for `SILENT_NS`."""
@@ -191,14 +192,9 @@ class Announcer:
             return ""
         return object_id
 
-    def _send(self, object_id: str, label: str, began_ns: int, stamp_ns: int) -> Announced:
-        self._announced = Announced(
-            stamp_ns=stamp_ns,
-            seq=self._announced.seq + 1,
-            object_id=object_id,
-            label=label,
-            began_ns=began_ns,
-        )
+    def _send(self, stamp_ns: int, **name: Any) -> Announced:
+        self._is_due = False
+        self._announced = Announced(stamp_ns=stamp_ns, seq=self._announced.seq + 1, **name)
         return self._announced
 
 

@@ -2,7 +2,7 @@
 
 import { el, icon, sheet } from "./dom";
 import { glossary } from "./glossary";
-import type { Shortcut } from "./keys";
+import { now, type Shortcut } from "./keys";
 
 export interface Help {
   open(): void;
@@ -24,7 +24,7 @@ export function makeHelp(shortcuts: () => readonly Shortcut[], gestures: () => r
       const row = (names: readonly string[], does: string): HTMLElement =>
         el("tr", {}, el("th", { scope: "row" }, ...names.map((name) => el("kbd", { text: name }))), el("td", { text: does }));
       rows.replaceChildren(...gestures().map(([name, does]) => row([name], does)),
-        ...shortcuts().filter((each) => each.isOffered()).map(({ shown, does }) => row(shown.split(" "), typeof does === "string" ? does : does())));
+        ...shortcuts().filter((each) => each.isOffered()).map(({ shown, does }) => row(now(shown).split(" "), now(does))));
       if (!dialog.open) dialog.showModal();
     },
   };

@@ -1,11 +1,15 @@
 /** The keyboard: one table, which the help shows too. */
 
+type Text = string | (() => string);
+/** The words of now. */
+export const now = (text: Text): string => (typeof text === "string" ? text : text());
+
 export interface Shortcut {
   /** As `KeyboardEvent.key` has it, letters small. */
   keys: readonly string[];
   /** As printed. */
-  shown: string;
-  does: string | (() => string);
+  shown: Text;
+  does: Text;
   /** Whether it is available now; others are not listed. */
   isOffered(): boolean;
   run(event: KeyboardEvent): void;

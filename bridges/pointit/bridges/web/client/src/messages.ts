@@ -210,6 +210,8 @@ export interface Anchor {
 }
 /**
  * The object whose name is spoken to the person, since they point at it or stepped to it.
+ *
+ * The first message has no object: it says that names are spoken to the person.
  */
 export interface Announced {
   /**
@@ -221,7 +223,7 @@ export interface Announced {
    */
   label: string;
   /**
-   * empty when none, as in the first message, which tells that steps are possible
+   * empty when none
    */
   object_id: string;
   /**
@@ -2037,7 +2039,7 @@ export interface Steering {
   waypoints_m: [number, number, number][];
 }
 /**
- * The person moved from the announced object to one beside it: by a crown, a swipe or an arrow key.
+ * The person moved to the object beside the announced one, or to the nearest: by crown, swipe or key.
  */
 export interface Step {
   /**

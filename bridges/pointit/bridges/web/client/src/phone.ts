@@ -244,7 +244,7 @@ class Wrist {
     document.getElementById("speaker")!.replaceChildren(this.speaker.fields());
   }
 
-  /** Go to the thing left (-1) or right (1) of the announced one. */
+  /** Go to the thing left (-1) or right (1) of the announced one, or to the nearest. */
   private step(by: number): void {
     navigator.vibrate?.(15);
     this.ask("step", "step", { by });

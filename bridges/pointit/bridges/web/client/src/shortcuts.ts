@@ -64,7 +64,7 @@ export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, pa
       },
     },
     {
-      keys: Object.keys(ARROWS), shown: "← → ↑ ↓", does: "Move where you point; with Shift a little only", isOffered: isMine, isSafe: true,
+      keys: Object.keys(ARROWS), shown: () => controls.canStep ? "↑ ↓" : "← → ↑ ↓", does: "Move where you point; with Shift a little only", isOffered: isMine, isSafe: true,
       run: (event) => {
         const [right, away] = ARROWS[event.key]!;
         const step = event.shiftKey ? SMALL_STEP_M : STEP_M;

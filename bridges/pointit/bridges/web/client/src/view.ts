@@ -33,7 +33,7 @@ export interface Arm {
   give(): void;
   /** Press the button, which went down `heldMs` ago: what was pointed at before that counts. */
   press(heldMs: number): Promise<string>;
-  /** From the announced thing to the one left or right of it. */
+  /** From the announced thing to the one left or right of it, or to the nearest. */
   step(by: -1 | 1): Promise<string>;
   move(measured: Pick<HeadsetMotion, "alignment" | "eyes_m" | "tip_m">): void;
 }

@@ -147,7 +147,7 @@ export interface Cue {
    */
   has_lost_arm: boolean;
   /**
-   * names are spoken to the person, who can step
+   * names of things are spoken to the person
    */
   has_names: boolean;
   kind: "cue";

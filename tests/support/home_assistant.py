@@ -141,7 +141,7 @@ class MemoryHome:
     def __init__(self, states: Mapping[str, tuple[str, Mapping[str, Any]]]) -> None:
         self.states: dict[str, Message] = {}
         self.calls: list[tuple[str, str, Message]] = []
-        """Calls of services: `light.turn_on`, entity, data."""
+        """Calls of services that have come: `light.turn_on`, entity, data. Their effects come later."""
         self.logins: list[str] = []
         self.latency_s = 0.0
         self.report_delay_s = 0.0
@@ -235,8 +235,8 @@ class MemoryHome:
             delay_s = self.latency_s + self.report_delay_s
             if delay_s and not self.refusal:  # also if the client is dead by then
                 asyncio.get_running_loop().call_later(delay_s, self.act, command["service"], entity, data)
-            await asyncio.sleep(self.latency_s)
             self.calls.append((f"{command['domain']}.{command['service']}", entity, data))
+            await asyncio.sleep(self.latency_s)
             if self.refusal:
                 error = {"code": "home_assistant_error", "message": self.refusal}
                 await _send(websocket, {"id": number, "type": "result", "success": False, "error": error})

@@ -101,7 +101,7 @@ class NameAnnouncer(Protocol):
         ...
 
     def announce(self, object_id: str, label: str, stamp_ns: int) -> Announced | None:
-        """Return the message that is due about the hovered object or `""`, or None. The first has none."""
+        """Return the message that is due (about an object or `""`), or None. The first has no object."""
         ...
 
     def confirmed(self, press_ns: int) -> str:

@@ -4,6 +4,7 @@ import asyncio
 import itertools
 import json
 import math
+import time
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -18,7 +19,18 @@ from pointit.bridges.web.wrists import wrist_control
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.clock import WallClock
-from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, MAP, POSE, PROFILE, USER_ALIVE, WRIST
+from pointit.schemas.topics import (
+    ANNOUNCED,
+    BUTTON,
+    FEEDBACK,
+    IMU,
+    MAP,
+    POSE,
+    PROFILE,
+    SERVICE_ALIVE,
+    USER_ALIVE,
+    WRIST,
+)
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from tests.integration.web.pages import Page, serving
@@ -130,6 +142,19 @@ async def test_a_phone_is_paired_and_moves_the_arm() -> None:
         while not cue["chime"]:
             cue = await heard(socket, "cue")
         assert (cue["chime"], cue["haptic_ms"]) == ("tick", [30])
+
+
+async def test_a_phone_knows_that_names_are_spoken_until_their_selector_ends() -> None:
+    async def names_are(spoken: bool) -> None:  # noqa: FBT001 - the cue's value
+        while (await heard(socket, "cue"))["has_names"] != spoken:
+            pass
+
+    async with room() as site, phone(site) as socket:
+        selector = site.bench.bus.announce(SERVICE_ALIVE, "selector")
+        site.bench.put(ANNOUNCED, models.Announced(stamp_ns=time.time_ns()), ANNA)
+        await names_are(True)
+        selector.close()
+        await names_are(False)
 
 
 async def test_centring_a_phone_makes_its_direction_the_middle_of_the_room() -> None:

@@ -8,7 +8,8 @@ from unittest.mock import MagicMock
 import pytest
 
 from pointit.forearm.true_pose import TruePose
-from pointit.schemas import NS_PER_S, TrackedObject, TrackedObjects, UserPose
+from pointit.schemas import NS_PER_S, Announced, TrackedObject, TrackedObjects, UserPose
+from pointit.study.measure import Attempt
 from pointit.study.site.study_site import StudySite
 
 GAUGE = {"selector.method": "gauge", "selector.gauge.full_s": 0.8}
@@ -78,3 +79,14 @@ async def test_a_declared_truth_is_followed_and_its_absence_is_a_problem() -> No
     site.time_ns += 10 * NS_PER_S
     assert study_site.truth_problem != ""
     assert "true error" not in study_site.quality
+
+
+async def test_names_are_spoken_to_a_participant_whose_first_message_has_no_name() -> None:
+    async def messages() -> AsyncIterator[Announced]:
+        yield Announced(stamp_ns=1)
+
+    site: Any = SiteWithTrackers({}, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+    study_site = StudySite(site, "P01", {}, None)  # type: ignore[arg-type]
+    assert not study_site.has_names
+    await study_site._pump(messages(), Attempt.on_announced)
+    assert study_site.has_names

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import print_table
-from pointit.cli.inspect.call import build, requests
+from pointit.cli.inspect.call import build_query, requests
 from pointit.cli.inspect.hz import RateMeter, TopicCounter
 from pointit.cli.inspect.hz import show as show_rates
 from pointit.cli.inspect.topic_names import Wanted, resolve, resolve_all
@@ -157,7 +157,9 @@ def test_lists_need_no_brackets_and_switches_are_typed_as_people_say_it(
     request_row: topics.Request[Any, Any], typed: str, value: object
 ) -> None:
     others = ["speed_mps=0.2"] if request_row is topics.SET_SPEED else []
-    assert getattr(build(request_row, request_row.key, [*others, typed]), typed.partition("=")[0]) == value
+    assert (
+        getattr(build_query(request_row, request_row.key, [*others, typed]), typed.partition("=")[0]) == value
+    )
 
 
 def test_no_key_or_field_is_broken_at_eighty_columns() -> None:

@@ -277,9 +277,9 @@ async def test_a_phone_that_connects_later_knows_that_names_are_spoken_until_the
     bench.phones.feedback("anna", Announced(stamp_ns=1))
     _, state = await posted(phone)
     assert (state["has_names"], state["announced"]) == (True, "")
-    bench.phones.keep_names(["anna"])
+    bench.phones.end_names_except(["anna"])
     assert await posted(phone, TURN) == []
-    bench.phones.keep_names(["ben"])
+    bench.phones.end_names_except(["ben"])
     (state,) = await posted(phone, TURN)
     assert not state["has_names"]
 

@@ -358,7 +358,7 @@ class Web(Service[WebConfig]):
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._model.set_service(instance, present, self._now_s())
         if not present:
-            self._phones.keep_names(self._model.cache.names(ANNOUNCED))
+            self._phones.end_names_except(self._model.cache.names(ANNOUNCED))
         self._metrics.set_service(instance, present)
         self._visits.remember(SERVICE_ALIVE, instance, present)
         self._history.set_service(instance, present)

@@ -58,7 +58,7 @@ def command(
         show([requests()], as_json=as_json)
         return 0
     request, name = resolve(key)
-    query = build(request, key, values)
+    query = build_query(request, key, values)
     quiet()
     return run_until_shutdown(_call(request, query, name, timeout_s, as_json=as_json, **at))
 
@@ -106,7 +106,7 @@ def resolve(typed: str) -> tuple[AnyRequest, str]:
     raise UnknownNameError(f"no request has the key {typed!r}; {advice}")
 
 
-def build(request: AnyRequest, key: str, values: Iterable[str]) -> Query:
+def build_query(request: AnyRequest, key: str, values: Iterable[str]) -> Query:
     """Return the query of `request`, whose key was typed as `key`, with `values`, each `FIELD=VALUE`.
 
     Raises:

@@ -55,7 +55,10 @@ class PhoneCues:
         return self.say(RETURNED if is_own else LOST).model_copy(update={"has_lost_arm": True})
 
     def feedback(self, feedback: Announced | Feedback | Understood) -> Cue | None:
-        """Return a cue of the bus for the phone, or None: there is no name, and it knows that some come."""
+        """Return a cue of the bus for the phone.
+
+        None: an `Announced` has no name, and the phone knows already that names are spoken.
+        """
         if isinstance(feedback, Announced):
             changed = self._change(has_names=True)
             return (
@@ -176,7 +179,7 @@ class Phones:
         """Notify the phone of `user` that its direction was set."""
         self._tell(user, self._cues_of(user).say(CENTRED))
 
-    def keep_names(self, users: Collection[str]) -> None:
+    def end_names_except(self, users: Collection[str]) -> None:
         """Notify the phones of all but `users` that no selector announces names to them any more."""
         for user, cues in self._cues.items():
             if user not in users:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from pydantic import Field
 
@@ -167,7 +167,7 @@ class Announcer:
         name = self._names.setdefault(object_id, _Name(stamp_ns, stamp_ns, stamp_ns))
         if is_first:
             self._names[object_id] = name._replace(spoken_ns=stamp_ns)
-        return self._send(stamp_ns, object_id=object_id, label=label, began_ns=stamp_ns)
+        return self._send(stamp_ns, object_id, label)
 
     def is_silent(self, now_ns: int) -> bool:
         """Return True if something is announced and no cursor came for `SILENT_NS`."""
@@ -192,9 +192,12 @@ class Announcer:
             return ""
         return object_id
 
-    def _send(self, stamp_ns: int, **name: Any) -> Announced:
+    def _send(self, stamp_ns: int, object_id: str = "", label: str = "") -> Announced:
         self._is_due = False
-        self._announced = Announced(stamp_ns=stamp_ns, seq=self._announced.seq + 1, **name)
+        began_ns, seq = stamp_ns if object_id else 0, self._announced.seq + 1
+        self._announced = Announced(
+            stamp_ns=stamp_ns, seq=seq, object_id=object_id, label=label, began_ns=began_ns
+        )
         return self._announced
 
 

@@ -10,9 +10,8 @@ from rich.console import Console
 
 from pointit.cli.display.view import ConsoleView
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
-from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import RunScore
+from pointit.launch.plan.plan import read_scenario
+from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.clock import SimulatedClock
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import run_services

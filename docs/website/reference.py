@@ -12,13 +12,12 @@ from pydantic import BaseModel
 import pointit
 from pointit import errors
 from pointit.api import requests
-from pointit.api.feed import Feed
-from pointit.api.latest import Latest, Newest
+from pointit.api.feed import Feed, Latest, Newest
+from pointit.api.inputs import Tracker
 from pointit.api.requests import Lamp
-from pointit.api.tracker import Tracker
 from pointit.cli.common.panels import ALL_OPTIONS
 from pointit.cli.main import front
-from pointit.launch.plan.scenario import read_scenario, scenario_names
+from pointit.launch.plan.plan import read_scenario, scenario_names
 from pointit.maps.file import load_map, shipped_maps
 from pointit.plugins import GROUPS
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters

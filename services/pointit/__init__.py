@@ -17,7 +17,7 @@ _HOMES = {
     "connect": "pointit.api.connection",
     "open": "pointit.api.connection",
     "run": "pointit.api.run",
-    "run_virtually": "pointit.runtime.virtual_time",
+    "run_virtually": "pointit.runtime.clock",
 }
 """Modules of the public names; types of all of them are in `__init__.pyi`."""
 

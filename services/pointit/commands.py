@@ -6,14 +6,24 @@ A command joins a site by `pointit.open` or `pointit.connect`.
 
 from pointit.cli.address_option import host_port
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import OutputSection, console, json_option, print_json, print_table, say, show
-from pointit.cli.common.progress import ProgressCallback, interruptible, progress
+from pointit.cli.common.output import (
+    OutputSection,
+    ProgressCallback,
+    console,
+    interruptible,
+    json_option,
+    print_json,
+    print_table,
+    progress,
+    say,
+    show,
+)
+from pointit.cli.common.panels import Finite
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
-from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.host.extras import pointit_version, remedy
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.host.state_file import replaced_file
+from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 
 __all__ = [
     "EXIT_FAILED",

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.config.config import Config
 from pointit.runtime.service.service import Context

@@ -25,37 +25,30 @@ DEVICES = {
     name: set(modules.split())
     for name, modules in {
         "imu-bridge": """
-            ble/discovery.py ble/ble_source.py ble/metamotion.py ble/radio.py ble/timed_button.py
-            ble/touch_sdk/watch.py ble/wrist_search.py ble/witmotion_ble.py ble/xsens_dot.py
-            network/datagram_source.py network/port_source.py network/slimevr.py network/udp_server.py
+            ble/ble_source.py ble/metamotion.py ble/radio.py ble/touch_sdk.py ble/witmotion_ble.py
+            ble/xsens_dot.py network/datagram_source.py network/udp_server.py network/slimevr.py
             network/ximu3.py replay_source.py serial/source.py simulated.py sources.py""",
         "foxglove": "server.py",
-        "home-assistant": "config.py connection.py entity_commands.py hover_feedback.py",
-        "keeper": "record.py",
-        "mocap": "natnet/client.py qtm/client.py server_search.py",
+        "home-assistant": "connection.py entity_commands.py",
+        "keeper": "retained_states.py",
+        "mocap": "natnet_client.py qtm_client.py server_search.py",
         "recorder": "sink.py",
         "led-driver": """
-            guarded_output.py outputs.py output/serial_port/adalight.py output/datagram_sender.py
-            output/ddp.py output/dmx/artnet.py output/dmx/e131.py output/serial_port/expander.py
-            output/mqtt/mqtt_output.py output/network_output.py output/output_health.py
-            output/serial_port/serial_output.py output/spotlight/spotlight.py""",
-        "robot": "drivers/sim/sim_driver.py drivers/vda5050/agv.py drivers/vda5050/driver.py robot_driver.py",
-        "selector": "selection_methods.py shard_role.py site_role.py store/history.py",
+            outputs.py output/adalight.py output/network_output.py output/ddp.py output/artnet.py
+            output/e131.py output/expander.py output/mqtt_output.py output/serial_output.py
+            output/spotlight.py""",
+        "robot": "drivers/sim_driver.py drivers/vda5050.py robot_driver.py",
+        "selector": "selection_methods.py roles.py store.py",
         "web": """
-            devices/devices.py devices/process.py
-            pages/page_requests.py metrics/metrics_server.py server/app.py server/certificate.py
-            server/download.py server/lan.py server/link_file.py pages/open_pages.py
-            model/history.py model/people.py wrists/phone.py wrists/phone_connection.py
-            server/listener.py pages/page_session.py playback/file_past.py playback/past_page.py
-            playback/server.py model/separability.py model/map_editor.py scan/scan_server.py scan/session.py
-            scan/solver_process.py scan/lights.py""",
+            devices/devices.py pages/page_requests.py server/metrics_server.py server/app.py
+            server/certificate.py server/lan.py server/link_file.py pages/page_session.py
+            model/history.py model/people.py wrists/phone.py server/listener.py
+            playback/file_past.py playback/past_page.py playback/server.py model/map_editor.py
+            scan/scan_server.py scan/session.py scan/solver_process.py""",
         "ros2": """
-            graph/backends.py graph/node_backend.py graph/backend_warnings.py
-            routing/inbox.py routing/ros_users.py routing/outbox.py
-            parameters/map_of_node.py parameters/node_parameters.py
-            robot/driver.py robot/navigator.py routing/site.py over_rclpy/backend.py
-            over_rclpy/dds_context.py over_rclpy/services.py over_zenoh/backend.py
-            over_zenoh/endpoint_context.py""",
+            graph/backends.py graph/node_backend.py routing/inbox.py routing/ros_users.py
+            routing/outbox.py parameters.py robot/driver.py robot/navigator.py routing/site.py
+            over_rclpy/backend.py over_rclpy/endpoints.py over_zenoh/backend.py""",
     }.items()
 }
 """Modules beside `service.py` that wait for devices or time, or write files; no cores."""

@@ -17,13 +17,13 @@ OWN_WAY = {
     "lab/pointit_lab/loadtest/network/routers.py": "temporary",
     "services/pointit/assistants/audit_file.py": "lines that are appended",
     "services/pointit/cli/maps/scan.py": "temporary",
-    "services/pointit/cli/shell/completion.py": "a line appended to the start file of a shell",
+    "services/pointit/cli/shell.py": "a line appended to the start file of a shell",
     "services/pointit/conversion/bag_file.py": "temporary",
-    "services/pointit/conversion/columns.py": "files of a folder, all replaced at the end",
+    "services/pointit/conversion/export_csv.py": "files of a folder, all replaced at the end",
     "services/pointit/conversion/export_bids.py": "files of a folder, all replaced at the end",
-    "services/pointit/launch/run/service_group.py": "temporary",
-    "services/pointit/maps/edit/new_file.py": "complete before it has its name",
-    "services/pointit/replay/room.py": "temporary",
+    "services/pointit/launch/run/running_scenario.py": "temporary",
+    "services/pointit/maps/edit.py": "complete before it has its name",
+    "services/pointit/replay/replayed_services.py": "temporary",
     "services/pointit/services/recorder/sink.py": "a recording, written for hours",
     "services/pointit/study/append_only_csv.py": "rows that are appended",
     "services/pointit/study_report/figures.py": "text in memory",
@@ -53,7 +53,7 @@ def test_each_file_is_written_beside_and_then_renamed(room: str) -> None:
         for line in writes(path)
         if str(path.relative_to(ROOT)) not in OWN_WAY
     }
-    assert not found, "use `replaced_file` of runtime/host/atomic_file.py, its file called `part`"
+    assert not found, "use `replaced_file` of runtime/host/state_file.py, its file called `part`"
 
 
 def test_modules_with_a_way_of_their_own_exist() -> None:

@@ -13,17 +13,16 @@ from typing import Any
 
 import pointit
 from pointit import commands, errors, plugins, testing
-from pointit.api.feed import Feed
-from pointit.api.latest import Latest, Newest
+from pointit.api.feed import Feed, Latest, Newest
+from pointit.api.inputs import Tracker
 from pointit.api.loop_thread import LoopThread
 from pointit.api.requests import Lamp
 from pointit.api.run import Run
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncFeed, SyncLatest, SyncNewest, SyncSite, SyncTracker
-from pointit.api.tracker import Tracker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.config.installed import InstalledGroup
+from pointit.runtime.config.plugins import InstalledGroup
 
 LISTING = Path(__file__).with_name("public_api.txt")
 CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"

@@ -11,9 +11,9 @@ import pointit
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.plugins import ImuSource, Surroundings
-from pointit.runtime.virtual_time import VirtualClock
+from pointit.runtime.clock import VirtualClock
 from pointit.services.imu_bridge.ble.ble_source import BleSource
-from pointit.services.imu_bridge.reading import Item
+from pointit.services.imu_bridge.sources import Item
 from pointit_lab.devices.wrists.wrist import SimulatedWrist
 from tests.devices.bumble_radio import air
 from tests.devices.bumble_wrist import BumbleWrist

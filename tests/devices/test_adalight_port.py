@@ -2,9 +2,9 @@
 
 import asyncio
 
-from pointit.runtime.service.surroundings import NullHealth
+from pointit.runtime.service.plugin_guard import NullHealth
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.services.led_driver.output.serial_port.adalight import AdalightConfig, AdalightOutput
+from pointit.services.led_driver.output.adalight import AdalightConfig, AdalightOutput
 from pointit.testing import PtyDevice
 from tests.support.bench import until
 

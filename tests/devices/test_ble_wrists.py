@@ -5,11 +5,11 @@ import itertools
 import pytest
 
 from pointit.geometry import rotation
-from pointit.runtime.virtual_time import run_virtually
+from pointit.runtime.clock import run_virtually
 from pointit.services.imu_bridge.ble.witmotion_ble import WITMOTION_BLE
 from pointit.services.imu_bridge.ble.xsens_dot import XSENS_DOT
-from pointit.services.imu_bridge.reading import Battery, RawReading, Reading, Reconnected
-from pointit.testing.imu.harness import is_near
+from pointit.services.imu_bridge.sources import Battery, RawReading, Reading, Reconnected
+from pointit.testing.imu import is_near
 from pointit_lab.devices.wrists.witmotion import SimulatedWitMotion
 from pointit_lab.devices.wrists.xsens_dot import SimulatedXsensDot
 from tests.devices.ble_session import POSTURE, require_selection, worn

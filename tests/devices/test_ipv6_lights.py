@@ -11,7 +11,7 @@ import pytest
 
 from pointit.runtime.clock import WallClock
 from pointit.runtime.host.name_lookup import resolve
-from pointit.runtime.service.surroundings import Surroundings
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip
 from pointit.services.led_driver.output.network_output import NetworkOutput
 from pointit.services.led_driver.outputs import OUTPUTS

@@ -10,13 +10,12 @@ import pytest
 from bleak.exc import BleakError
 
 from pointit.plugins import Quaternion
-from pointit.runtime.virtual_time import run_virtually
+from pointit.runtime.clock import run_virtually
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.ble.ble_source import SHORT_S
-from pointit.services.imu_bridge.ble.discovery import discover_ble
+from pointit.services.imu_bridge.ble.ble_source import SHORT_S, discover_ble
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION, MetaMotion
-from pointit.services.imu_bridge.reading import Battery, Disconnected, Press, Reading, Reconnected, Signal
-from pointit.testing.imu.harness import is_near
+from pointit.services.imu_bridge.sources import Battery, Disconnected, Press, Reading, Reconnected, Signal
+from pointit.testing.imu import is_near
 from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
 from tests.devices.ble_session import POSTURE, Session, require_selection, worn
 from tests.devices.bumble_radio import BumbleClient, air

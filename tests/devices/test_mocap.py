@@ -10,11 +10,10 @@ from contextlib import asynccontextmanager
 import pytest
 
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.natnet.client import find_servers
+from pointit.bridges.mocap.natnet_client import find_servers
 from pointit.bridges.mocap.service import Mocap
 from pointit.geometry import rotation
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches, run_service

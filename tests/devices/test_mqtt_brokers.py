@@ -15,11 +15,10 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from pointit.cli.things import mqtt_events
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.mqtt import broker_errors
-from pointit.runtime.mqtt.broker import client_options, connected, keep_connected
+from pointit.runtime.mqtt import broker as broker_errors
+from pointit.runtime.mqtt.broker import client_options, connected, describe_error, keep_connected
 from pointit.runtime.mqtt.broker_config import BrokerConfig
-from pointit.runtime.mqtt.broker_errors import describe_error
-from pointit.services.led_driver.output.mqtt.mqtt_output import find_lamps_on
+from pointit.services.led_driver.output.mqtt_output import find_lamps_on
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port, is_listening
 from tests.support.certificates import issue

@@ -20,10 +20,9 @@ import pointit
 from pointit.bridges.web.server import certificate
 from pointit.runtime.mqtt.broker import connected
 from pointit.schemas import Lamp
-from pointit.services.led_driver.output.mqtt import mqtt_output
-from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
-from pointit.services.led_driver.output.mqtt.mqtt_output import MqttLamps, find_lamps_on
-from pointit.services.led_driver.output.output_health import OutputHealth
+from pointit.services.led_driver.output import mqtt_output
+from pointit.services.led_driver.output.mqtt_output import MqttConfig, MqttLamps, find_lamps_on
+from pointit.services.led_driver.output.network_output import OutputHealth
 from pointit.testing.trial import TrialHealth
 from tests.examples.running import running
 from tests.support.bench import until

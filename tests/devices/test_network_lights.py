@@ -17,9 +17,9 @@ from pointit.api.site import Site
 from pointit.plugins import FoundDevice, Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.schemas.topics import HEALTH
-from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.output.ddp import find_wled, read_info
-from pointit.services.led_driver.output.dmx.e131 import E131Config, make_e131
+from pointit.services.led_driver.output.e131 import E131Config, make_e131
+from pointit.services.led_driver.outputs import GuardedOutput
 from pointit.testing import PtyDevice, UdpDevice
 from tests.support.bench import until
 from tests.support.buses import free_udp_port

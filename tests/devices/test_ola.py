@@ -17,12 +17,10 @@ from pointit.geometry.vector import Vec3
 from pointit.plugins import GROUPS, Surroundings
 from pointit.schemas import Cursor, Strip, StripFrame, StripsFrame
 from pointit.schemas.base import Rgb
-from pointit.services.led_driver.output.dmx import artnet
-from pointit.services.led_driver.output.dmx.artnet import find_nodes
+from pointit.services.led_driver.output import artnet
+from pointit.services.led_driver.output.artnet import find_nodes
 from pointit.services.led_driver.output.network_output import NetworkOutput
-from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.head import Angles
-from pointit.services.led_driver.output.spotlight.spotlight import Spotlight
+from pointit.services.led_driver.output.spotlight import Angles, Spotlight, SpotlightConfig
 from tests.devices.ola import ARTNET_AT, Ola, running_ola
 
 STRIPS = (

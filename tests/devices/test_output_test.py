@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.outputs import output_test
-from pointit.cli.outputs.output_test import steps_of
+from pointit.cli import outputs
+from pointit.cli.outputs import steps_of
 from pointit.schemas import Strip
 
 HEADER = 10
@@ -27,7 +27,7 @@ COUNT = 150
 @pytest.fixture(autouse=True)
 def _same_logs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the logs of the tests that follow as they are."""
-    monkeypatch.setattr(output_test, "setup_logging", str)
+    monkeypatch.setattr(outputs, "setup_logging", str)
 
 
 @pytest.fixture
@@ -74,11 +74,11 @@ def test_steps_of_the_named_strip_are_lit_and_told(
     receiver: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("ENDS_S", "RUN_S", "COLOR_S"):
-        monkeypatch.setattr(output_test, name, 0.4)
-    monkeypatch.setattr(output_test, "RUN_PICTURES", 3)
-    monkeypatch.setattr(output_test, "CONNECT_S", 0.5)
+        monkeypatch.setattr(outputs, name, 0.4)
+    monkeypatch.setattr(outputs, "RUN_PICTURES", 3)
+    monkeypatch.setattr(outputs, "CONNECT_S", 0.5)
     arguments = ["scenario_3", "--strip", "1", *output_of(receiver)]
-    done = CliRunner().invoke(output_test.command, arguments, catch_exceptions=False)
+    done = CliRunner().invoke(outputs.command, arguments, catch_exceptions=False)
     assert done.exit_code == 0
     assert done.output.count("strip 1: ") == done.output.count("strip") == 5
     frames = pixels_of(receiver)
@@ -110,7 +110,7 @@ def test_enter_goes_on_to_the_next_step(receiver: socket.socket) -> None:
             os.write(keyboard, b"\n")
         assert process.wait(timeout=90) == 0
     os.close(keyboard)
-    unhurried_s = 2 * (output_test.ENDS_S + output_test.RUN_S + 3 * output_test.COLOR_S) - output_test.COLOR_S
+    unhurried_s = 2 * (outputs.ENDS_S + outputs.RUN_S + 3 * outputs.COLOR_S) - outputs.COLOR_S
     assert times_s[-1] - times_s[0] < unhurried_s / 2, "steps are not waited for"
     assert not any(pixels_of(receiver)[-1])
 
@@ -125,7 +125,7 @@ def test_enter_goes_on_to_the_next_step(receiver: socket.socket) -> None:
 )
 def test_nothing_to_test_is_told(arguments: list[str], message: str) -> None:
     with pytest.raises(Exception, match=message):
-        CliRunner().invoke(output_test.command, arguments, catch_exceptions=False)
+        CliRunner().invoke(outputs.command, arguments, catch_exceptions=False)
 
 
 def test_interrupted_test_leaves_the_strips_dark(receiver: socket.socket) -> None:

@@ -11,9 +11,9 @@ from collections.abc import AsyncGenerator, Sequence
 
 import pytest
 
+from pointit.bridges.mocap import qtm_client
 from pointit.bridges.mocap.config import MocapConfig
 from pointit.bridges.mocap.mocap_systems import MOCAP_SYSTEMS
-from pointit.bridges.mocap.qtm import client
 from pointit.bridges.mocap.service import Mocap
 from pointit.cli.plugins.devices import rows
 from pointit.geometry import rotation
@@ -85,7 +85,7 @@ async def test_a_measurement_may_begin_later_and_bodies_may_be_renamed() -> None
 
 
 async def test_a_server_that_waits_for_a_trigger_stays_connected(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client, "PROBE_S", 1.0)
+    monkeypatch.setattr(qtm_client, "PROBE_S", 1.0)
     qtm = server(is_measuring=False, says_no_data=False)
     async with serving(qtm) as port, running(port, system="qtm") as (watcher, _):
         await until(lambda: qtm.commands.count("qtmversion") > 1, what="it has got the first answer")
@@ -176,7 +176,7 @@ async def test_a_server_that_is_no_qtm_is_named_with_the_remedy(
 async def test_a_silent_server_a_closed_port_and_an_old_version_are_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(client, "TIMEOUT_S", 0.5)
+    monkeypatch.setattr(qtm_client, "TIMEOUT_S", 0.5)
     async with answering(b"") as port, running(port, system="qtm") as (watcher, _):
         await until(lambda: watcher.warns("does not answer by QTM's protocol within 0.5 s"))
     async with answering(b"", echoes=True) as port, running(port, system="qtm") as (watcher, _):
@@ -217,7 +217,7 @@ class Discovered(asyncio.DatagramProtocol):
 async def test_servers_are_found_by_a_search_with_the_options_that_choose_them() -> None:
     loop = asyncio.get_running_loop()
     transport, _ = await loop.create_datagram_endpoint(Discovered, local_addr=("127.0.0.1", 0))
-    found = await client.find_servers(3.0, [transport.get_extra_info("sockname")])
+    found = await qtm_client.find_servers(3.0, [transport.get_extra_info("sockname")])
     transport.close()
     (device,) = found
     assert (device.label, device.details) == ("LAB-PC, QTM 2.3 (build 464), 5 cameras", {"port": 30001})

@@ -13,13 +13,13 @@ from bumble.att import ATT_Error
 
 from pointit.geometry import rotation
 from pointit.plugins import Surroundings
-from pointit.runtime.virtual_time import VirtualClock, run_virtually
+from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
-from pointit.services.imu_bridge.ble.discovery import discover_ble
-from pointit.services.imu_bridge.ble.touch_sdk.messages import OUTPUT
-from pointit.services.imu_bridge.ble.touch_sdk.watch import DECLINED_S, ENDED_S, TOUCH_SDK, TouchSdkWatch
-from pointit.services.imu_bridge.reading import (
+from pointit.services.imu_bridge.ble.ble_source import discover_ble
+from pointit.services.imu_bridge.ble.touch_sdk import DECLINED_S, ENDED_S, TOUCH_SDK, TouchSdkWatch
+from pointit.services.imu_bridge.ble.touch_sdk_messages import OUTPUT
+from pointit.services.imu_bridge.sources import (
     Battery,
     Disconnected,
     Press,
@@ -28,7 +28,7 @@ from pointit.services.imu_bridge.reading import (
     Reconnected,
     StepGesture,
 )
-from pointit.testing.imu.harness import is_near
+from pointit.testing.imu import is_near
 from pointit_lab.devices.wrists.touch_sdk_watch import DISCONNECT, PERIOD_MS, SimulatedTouchSdkWatch
 from tests.devices.ble_session import POSTURE, Session, require_selection, worn
 from tests.devices.bumble_radio import BumbleClient, air

@@ -18,13 +18,13 @@ from pointit.bridges.agv_tracker.service import AgvTracker
 from pointit.geometry.vector import Vec3
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.runtime.service.service import Launch, run_service
-from pointit.runtime.service.surroundings import Surroundings
 from pointit.schemas import RobotState, Steering, StopRobot
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS, STOP_ROBOT
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.drivers.vda5050.driver import VDA5050, find_agvs_on
+from pointit.services.robot.drivers.vda5050 import VDA5050, find_agvs_on
 from pointit.services.robot.robot_driver import (
     Follow,
     FollowPath,

@@ -15,7 +15,7 @@ from pointit.bridges.agv_tracker.service import AgvTracker
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas.topics import OBJECTS
-from pointit.services.robot.drivers.vda5050.driver import find_agvs_on
+from pointit.services.robot.drivers.vda5050 import find_agvs_on
 from tests.devices.test_vda5050 import PATIENCE_S, steering
 from tests.examples.running import running
 from tests.support.bench import memory_bench, until

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.things import webhook
-from pointit.cli.things.webhook import Webhook
+from pointit.cli.things import reactions
+from pointit.cli.things.reactions import Webhook
 from tests.support.certificates import issue
 
 VALUES = {"thing": "screws", "user": "anna", "state": "on", "confidence": "", "stamp_ns": "1"}
@@ -22,7 +22,7 @@ async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> 
 async def test_a_certificate_that_is_not_trusted_is_told_and_can_be_trusted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(webhook, "PAUSES_S", ())
+    monkeypatch.setattr(reactions, "PAUSES_S", ())
     authority, certificate, key = issue(tmp_path, "localhost")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate, key)

@@ -16,8 +16,7 @@ import pointit
 from examples import mqtt_relay, my_lamp, my_tracker
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.service import SERVICE
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.schemas import Hover, Selection, SelectionEvent, StripsFrame
 from pointit.schemas.base import Rgb

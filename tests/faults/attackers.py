@@ -22,7 +22,7 @@ from zenoh.handlers import Callback
 
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.link.link import Link
-from pointit.runtime.router.router import SERVICE
+from pointit.runtime.router import SERVICE
 from pointit.runtime.zenoh.session import configuration
 from pointit.schemas import ButtonEvent, Claim, Cursor, Health, Message, encode
 from pointit.schemas.topics import BUTTON, CLAIM, CURSOR, HEALTH, REQUESTS, TOPICS, Topic, topic_of

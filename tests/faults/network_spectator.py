@@ -12,8 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pointit.runtime.link.credentials import read_credentials
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import Link, read_credentials
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Message, SelectionEvent
 from pointit.schemas.topics import CURSOR, OBJECTS, SELECTION, SELECTION_EVENTS, STRIPS_FRAME, Topic

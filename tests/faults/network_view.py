@@ -17,8 +17,7 @@ from typing import Any
 
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
-from pointit.runtime.link.credentials import read_credentials
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import Link, read_credentials
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Deployment, Health, SelectionEvent
 from pointit.schemas.topics import CURSOR, DEPLOYMENT, HEALTH, SELECTION_EVENTS, SERVICE_ALIVE

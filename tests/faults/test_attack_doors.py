@@ -11,8 +11,7 @@ import pytest
 import zenoh
 
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.link.credentials import read_credentials
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import Link, read_credentials
 from pointit.runtime.link.refusal import connection_refusal
 from pointit.runtime.zenoh.session import configuration
 from tests.faults.account import Account

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from pointit.runtime.bus.contract import Subscription
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, TOPICS, Delivery, Topic

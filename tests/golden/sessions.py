@@ -13,11 +13,10 @@ from typing import Any, TypeVar
 from unittest import mock
 
 from pointit.launch.plan.launches import Choices, shard_launches, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.launch.plan.plan import read_scenario
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.clock import START_NS, VirtualClock, run_virtually
 from pointit.runtime.service.service import Launch, run_services
-from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import NS_PER_S
 from tests.golden import scripts
 from tests.golden.bad_link import BadLink

@@ -10,8 +10,7 @@ from typing import Any, cast
 from pointit.cli.recordings.replay import lines_of
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
-from pointit.replay.comparison.comparison import TOLERANCE, TOLERANCES, Comparison, ComparisonReport
-from pointit.replay.comparison.samples import Sample, sample_of
+from pointit.replay.comparison import TOLERANCE, TOLERANCES, Comparison, ComparisonReport, Sample, sample_of
 from pointit.replay.playing import plan_replay, replay
 from pointit.schemas.topics import STRIPS_FRAME, topic_of
 

@@ -19,15 +19,14 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.recordings.replay import command
-from pointit.recording.entries import Entry
-from pointit.recording.head import make_head
+from pointit.recording.entries import Entry, make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.replay.levels import ReplayError
 from pointit.replay.playing import Collector
+from pointit.replay.replayed_services import ReplayError
 from pointit.runtime.bus.contract import Bus
+from pointit.runtime.clock import START_NS, VirtualClock
 from pointit.runtime.errors import RefusedError
-from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas import NS_PER_S, Configuration, Selection, SetPose, SetTolerance, UndoSelection
 from pointit.schemas.topics import (
     CURSOR,

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 
-from pointit.runtime.virtual_time import is_virtual
+from pointit.runtime.clock import is_virtual
 from pointit.testing import bench
 from pointit.testing.bench import (
     START_NS,

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.link.link import Link
-from pointit.runtime.router.router import running_router
+from pointit.runtime.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until

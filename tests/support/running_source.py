@@ -8,7 +8,7 @@ from typing import Any
 
 from pointit.plugins import ImuSource, Item, Surroundings
 from pointit.runtime.clock import WallClock
-from pointit.runtime.service.surroundings import NullHealth
+from pointit.runtime.service.plugin_guard import NullHealth
 from tests.support.buses import free_udp_port
 
 

@@ -13,8 +13,7 @@ from typing import Any
 
 from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
-from pointit.services.led_driver.output.ddp import SERVICE
-from pointit.services.led_driver.output.ddp_protocol import PORT
+from pointit.services.led_driver.output.ddp import PORT, SERVICE
 
 Packet: Any = importlib.import_module("ddp.packet").Packet
 """Packet of python-led-ddp, which is untyped."""

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
+from pointit.runtime.clock import VirtualTimeLoop
 from pointit.runtime.service import service
-from pointit.runtime.virtual_time import VirtualTimeLoop
 
 
 def pytest_asyncio_loop_factories(item: pytest.Item) -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:

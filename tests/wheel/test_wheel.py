@@ -178,9 +178,9 @@ def test_type_checkers_see_all_names_of(where: str, tmp_path: Path, request: pyt
     python = sys.executable
     if where == "wheel":
         python = str(request.getfixturevalue("plain").with_name("python"))
-    (tmp_path / "program.py").write_text(TYPED, encoding="utf-8")
-    said = run(sys.executable, "-m", "pyright", "--pythonpath", python, "program.py", cwd=tmp_path)
+    (tmp_path / "reactions.py").write_text(TYPED, encoding="utf-8")
+    said = run(sys.executable, "-m", "pyright", "--pythonpath", python, "reactions.py", cwd=tmp_path)
     assert "0 errors, 0 warnings" in said
     mypy = (sys.executable, "-m", "mypy", "--strict", "--cache-dir", tmp_path / "cache", "--config-file", "")
-    said = run(*mypy, "--python-executable", python, "program.py", cwd=tmp_path)
+    said = run(*mypy, "--python-executable", python, "reactions.py", cwd=tmp_path)
     assert "no issues found in 1 source file" in said

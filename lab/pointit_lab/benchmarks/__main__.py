@@ -15,9 +15,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from pointit.runtime.host.atomic_file import replaced_file
-from pointit.runtime.host.state_file import VARIABLE
-from pointit.runtime.service.shutdown import SWITCH_INTERVAL_S
+from pointit.runtime.host.state_file import VARIABLE, replaced_file
+from pointit.runtime.service.process import SWITCH_INTERVAL_S
 from pointit_lab.benchmarks import (
     against,
     bare_chain,

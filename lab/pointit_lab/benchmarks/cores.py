@@ -18,9 +18,8 @@ from pointit.schemas import NS_PER_S, Cloud, Environment, PointingRay, Thing, Tr
 from pointit.schemas.codec import decode, encode
 from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.shapes import Kind
-from pointit.services.pui.surfaces import Surfaces
-from pointit.services.pui.things import PERIOD_S, TRACKER, listing
+from pointit.services.pui.surfaces import Kind, Surfaces
+from pointit.services.pui.tracked_objects import PERIOD_S, TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit_lab.benchmarks.light import frame_rows

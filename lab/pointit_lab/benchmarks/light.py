@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pointit.runtime.service.surroundings import NullHealth, Surroundings
+from pointit.runtime.service.plugin_guard import NullHealth, Surroundings
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
@@ -22,10 +22,9 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.guarded_output import GuardedOutput
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.outputs import make_outputs
-from pointit.services.led_driver.picture.layout import Layout
+from pointit.services.led_driver.outputs import GuardedOutput, make_outputs
+from pointit.services.led_driver.picture.render import Layout
 
 NOW_NS = 1_700_000_000 * NS_PER_S
 BLOCKS = 10

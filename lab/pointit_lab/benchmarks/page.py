@@ -13,7 +13,7 @@ from typing import Any
 import psutil
 from playwright.async_api import Page
 
-from pointit.launch.run.score import Latency
+from pointit.launch.run.monitor import Latency
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import CURSOR, STRIPS_FRAME

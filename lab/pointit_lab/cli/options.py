@@ -9,7 +9,7 @@ import click
 
 from pointit.cli.common.output import to_json
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import replaced_file
+from pointit.runtime.host.state_file import replaced_file
 from pointit_lab.evaluation.recordings.data_folder import VARIABLE
 
 MAX_JOBS = 8

@@ -11,7 +11,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from pointit.cli.common.progress import interruptible, progress
+from pointit.cli.common.output import interruptible, progress
 from pointit_lab.cli.options import JOBS, JSON, check_writable, write_json
 from pointit_lab.cli.table import evaluation_console
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.progress import interruptible, progress
+from pointit.cli.common.output import interruptible, progress
 from pointit.runtime.errors import ConfigError
 from pointit_lab.cli.options import DATA, JOBS, JSON, bench_option, check_writable, write_json
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from pointit.cli.common.progress import interruptible, progress
+from pointit.cli.common.output import interruptible, progress
 from pointit.runtime.errors import ConfigError
 from pointit_lab.cli.options import check_writable, write_json
 from pointit_lab.cli.table import evaluation_console, print_over_people, print_rows

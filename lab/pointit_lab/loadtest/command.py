@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import click
 from click.core import ParameterSource
 
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, OutputSection, json_option, print_json, show
+from pointit.cli.common.panels import Finite
 from pointit.cli.common.site_link import quiet, site_options
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE
-from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
+from pointit.runtime.link.link import VARIABLE as CREDENTIALS
 from pointit.runtime.link.options import given_credentials
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit_lab.loadtest.layout import Layout, Load
 from pointit_lab.loadtest.load_result import CapacitySearch, LoadResult
 from pointit_lab.loadtest.measuring import measure

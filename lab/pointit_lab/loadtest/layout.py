@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.service.service import Launch
 from pointit_lab.loadtest.network.routers import Program
 from pointit_lab.loadtest.network.tree import Machine, spread

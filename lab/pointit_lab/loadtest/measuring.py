@@ -7,12 +7,10 @@ import tempfile
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from pathlib import Path
 
-from pointit.access.site_folder import SiteFolder
-from pointit.access.site_state import SiteState
+from pointit.access.site_folder import SiteFolder, SiteState
 from pointit.cli.common.site_link import join_site
-from pointit.runtime.link.credentials import VARIABLE as CREDENTIALS
-from pointit.runtime.link.credentials import Credentials, read_credentials
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import VARIABLE as CREDENTIALS
+from pointit.runtime.link.link import Credentials, Link, read_credentials
 from pointit.runtime.service.instance_takeover import claim_names
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import USER_ALIVE

@@ -16,12 +16,10 @@ import click
 
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Layers
-from pointit.runtime.link.credentials import VARIABLE, read_credentials
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import VARIABLE, Link, read_credentials
 from pointit.runtime.service.logs import setup_logging
-from pointit.runtime.service.process import run_program
+from pointit.runtime.service.process import run_program, run_until_shutdown
 from pointit.runtime.service.service import Launch, run_services
-from pointit.runtime.service.shutdown import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import IMU
 from pointit.services import registry

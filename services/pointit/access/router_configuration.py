@@ -15,8 +15,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.access.limits import max_rate_hz
-from pointit.access.rights import ALL, Rights, Role, rights_of
+from pointit.access.rights import ALL, Rights, Role, max_rate_hz, rights_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import LEASE_MS, ROOM, VERBS
 from pointit.schemas.topics import ANY, HEALTH, IMU, RAY, REQUESTS, TOPICS, Delivery, Request, Topic, topic_of

@@ -13,11 +13,17 @@ from pointit.api.requests import listed
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.runtime.bus.site_clock import SiteClock
-from pointit.runtime.config.old_names import accept_old_names
+from pointit.runtime.clock import is_virtual
+from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, ConfigError, WrongSiteError
-from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
-from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
-from pointit.runtime.virtual_time import is_virtual
+from pointit.runtime.link.link import (
+    DEFAULT_ENDPOINT,
+    DEFAULT_SITE,
+    VARIABLE,
+    Credentials,
+    Link,
+    read_credentials,
+)
 from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import ANY, HEALTH, SERVICE_ALIVE, USER_ALIVE

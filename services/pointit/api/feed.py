@@ -1,17 +1,23 @@
-"""Asynchronous iterators over messages: the newest or every event, by the class of the topic."""
+"""Messages as asynchronous iterators, the newest of each topic by name, and functions called when somebody points at a thing."""
 
 import asyncio
 import collections
 import contextlib
+import functools
+import inspect
 import itertools
 import logging
 import weakref
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping
 from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, Subscription, SubscriptionStats
-from pointit.runtime.errors import VersionError
-from pointit.schemas.topics import Delivery
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.config.nearest_name import accept_old_names, nearest
+from pointit.runtime.errors import AccessDeniedError, ConfigError, NoMessageError, PointItError, VersionError
+from pointit.runtime.host.threads import in_daemon_thread
+from pointit.schemas import Environment, Message, SelectionEvent, topics
+from pointit.schemas.topics import ANY, Delivery, Topic
 
 log = logging.getLogger(__name__)
 
@@ -199,3 +205,200 @@ class PresentNames:
     def merge(self, listed: set[str]) -> None:
         """Add who was listed while changes already came, except those who left meanwhile."""
         self.names |= listed - self._gone
+
+
+M = TypeVar("M", bound=Message)
+
+TIMEOUT_S = 2.0
+"""Time to wait for the first message, s."""
+
+
+class Newest(Mapping[str, M], Generic[M]):
+    """The newest message of each person, tracker, service or lamp; kept up to date from the first use on.
+
+    Nothing but `wait` waits, so `[name]`, `get` and `value` find nothing yet at the first use. On a secured
+    site each name is received from its own first use on, since an identity may read only some.
+    """
+
+    def __init__(self, bus: MemoryBus, topic: Topic[M], check_open: Callable[[], None]) -> None:
+        self._bus = bus
+        self._topic = topic
+        self._check_open = check_open
+        self._values: dict[str, M] = {}
+        self._changed = asyncio.Event()
+        self._subscriptions: dict[str, Subscription] = {}
+
+    def __getitem__(self, name: str) -> M:
+        """Return the newest message of `name`.
+
+        Raises:
+            NoMessageError: If nothing has come yet.
+            BusClosedError: If the site is closed.
+        """
+        self._receive(name)
+        if name in self._values:
+            return self._values[name]
+        raise NoMessageError(f"nothing has come on {self._topic.at(name)} yet; `wait` for it")
+
+    def __iter__(self) -> Iterator[str]:
+        self._receive(ANY)
+        return iter(list(self._values))
+
+    def __len__(self) -> int:
+        self._receive(ANY)
+        return len(self._values)
+
+    @property
+    def value(self) -> M:
+        """The newest message of a topic that has one writer, such as the map. Raises as `[name]` does."""
+        return self[""]
+
+    @accept_old_names(patience_s="timeout_s")
+    async def wait(self, name: str = "", *, timeout_s: float = TIMEOUT_S) -> M:
+        """Return the newest message of `name`, or of the one writer, as soon as there is one.
+
+        Raises:
+            NoMessageError: If none has come within `timeout_s`.
+            AccessDeniedError: If none has come since this identity may not read it.
+            VersionError: If no received message can be decoded.
+            BusClosedError: If the site is closed.
+        """
+        subscription = self._receive(name)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                while name not in self._values:
+                    self._changed.clear()
+                    await self._changed.wait()
+        self._check_open()
+        if name in self._values:
+            return self._values[name]
+        if denied := await self._bus.denial_reason("reads", self._topic, name):
+            raise AccessDeniedError(denied)
+        if subscription.traffic.invalid and not self._values:
+            raise VersionError(unreadable(subscription.traffic))
+        key = self._topic.at(name)
+        raise NoMessageError(f"nothing came on {key} within {timeout_s:g} s; see `pointit doctor`")
+
+    def _receive(self, name: str) -> Subscription:
+        self._check_open()
+        self._topic.at(name)
+        which = (self._bus.is_restricted and name) or ANY
+        if which not in self._subscriptions:
+            self._subscriptions[which] = self._bus.subscribe(self._topic, self._on_message, which)
+        return self._subscriptions[which]
+
+    def _on_message(self, message: M, name: str) -> None:
+        self._values[name] = message
+        self._changed.set()
+
+
+class Latest:
+    """The newest messages of a site. Each topic is received from its first use on."""
+
+    def __init__(self, bus: MemoryBus, check_open: Callable[[], None]) -> None:
+        self.cursor = Newest(bus, topics.CURSOR, check_open)
+        """Cursors by person."""
+        self.ray = Newest(bus, topics.RAY, check_open)
+        """Pointing rays by person."""
+        self.hover = Newest(bus, topics.HOVER, check_open)
+        """Objects under cursors by person."""
+        self.pose = Newest(bus, topics.POSE, check_open)
+        """Poses by person."""
+        self.interaction = Newest(bus, topics.INTERACTION, check_open)
+        """States of the interaction by person."""
+        self.objects = Newest(bus, topics.OBJECTS, check_open)
+        """Objects by tracker."""
+        self.robot = Newest(bus, topics.ROBOT_STATE, check_open)
+        """States by robot."""
+        self.health = Newest(bus, topics.HEALTH, check_open)
+        """Reports by service instance."""
+        self.lamp = Newest(bus, topics.LAMP_COLOR, check_open)
+        """Colours by lamp."""
+        self.selection = Newest(bus, topics.SELECTION, check_open)
+        """All selected objects."""
+        self.map = Newest(bus, topics.MAP, check_open)
+        """The room."""
+        self.conveyor = Newest(bus, topics.CONVEYOR_STATE, check_open)
+        """The state of the conveyor."""
+
+
+Reaction = Callable[[SelectionEvent], Awaitable[object] | object]
+"""Called with an event: `thing`, `user` who pointed, `stamp_ns`, `confidence`, `cause` and `is_on`."""
+F = TypeVar("F", bound=Reaction)
+
+MAX_AT_ONCE = 8
+"""Limit of calls of one function that run at once. Further events are left out, and named."""
+
+
+def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment | None) -> bool:
+    """Return True if `event` is of a thing among `names`, or of any without names: it fired, or was switched.
+
+    Before the map has come nothing is deselected.
+    """
+    if names and event.object_id not in names:
+        return False
+    if room is None:
+        return bool(names) and event.is_reaction("button")
+    return any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in room.things)
+
+
+def check_things(names: Collection[str], room: Environment) -> None:
+    """Check that the map has things of these names.
+
+    Raises:
+        ConfigError: If it has not. The message names similar ones.
+    """
+    known = [thing.id for thing in room.things]
+    for name in names:
+        if name not in known:
+            raise ConfigError(
+                f"the map has no thing {name!r}; {nearest(name, known) if known else 'it has none'}"
+            )
+
+
+async def react(
+    feed: Feed[SelectionEvent], function: Reaction, fail: Callable[[PointItError], object]
+) -> None:
+    """Call `function` with each event: a plain one in a thread, so that it holds up nothing.
+
+    `fail` gets the error that ends the events, such as a thing that the map does not have.
+    """
+    name = getattr(function, "__qualname__", repr(function))
+    running: set[asyncio.Task[None]] = set()
+    try:
+        async for event in feed:
+            if len(running) >= MAX_AT_ONCE:
+                log.warning("%s still runs %d times: left out %s", name, len(running), event.object_id)
+                continue
+            task = asyncio.create_task(_called(function, event, name), name=f"reaction {name}")
+            running.add(task)
+            task.add_done_callback(running.discard)
+            for _ in range(2):  # a call that ends at once has ended for the next event
+                await asyncio.sleep(0)
+    except PointItError as error:
+        fail(error)
+    finally:
+        ending = list(running)
+        for task in ending:
+            task.cancel()
+        await asyncio.gather(*ending, return_exceptions=True)
+
+
+async def _called(function: Reaction, event: SelectionEvent, name: str) -> None:
+    try:
+        if inspect.iscoroutinefunction(function):
+            await function(event)
+        else:
+            result = await in_daemon_thread(functools.partial(_checked, function, event), f"reaction {name}")
+            if inspect.isawaitable(result):
+                await result
+    except Exception:
+        log.exception("%s failed for %s", name, event.object_id)
+
+
+def _checked(function: Reaction, event: SelectionEvent) -> object:
+    """Call `function`; `sys.exit` would end its thread without a result."""
+    try:
+        return function(event)
+    except SystemExit as error:
+        raise RuntimeError("sys.exit() in a thread does not end the program") from error

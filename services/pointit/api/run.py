@@ -14,19 +14,17 @@ from pointit.api.loop_thread import LoopThread
 from pointit.api.requests import listed
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
-from pointit.launch.plan.launches import LOCALIZATIONS, Choices, robot_of
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.launches import LOCALIZATIONS, Choices, check_settings, robot_of
+from pointit.launch.plan.plan import read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
-from pointit.launch.plan.settings import check_settings
-from pointit.launch.run.service_group import ServiceGroup
+from pointit.launch.run.running_scenario import ServiceGroup
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import WallClock
-from pointit.runtime.config.yaml_values import WrittenFloat, WrittenInt
+from pointit.runtime.clock import VirtualClock, WallClock, is_virtual
+from pointit.runtime.config.yaml_file import WrittenFloat, WrittenInt
 from pointit.runtime.errors import ConfigError, PointItError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, check_launches
-from pointit.runtime.virtual_time import VirtualClock, is_virtual
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 
 DEFAULT_SCENARIO = "scenario_4"

@@ -9,13 +9,10 @@ from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
 from pointit.api import requests
-from pointit.api.feed import Feed, PresentNames, ReceiveBuffer
-from pointit.api.latest import Latest
+from pointit.api.feed import F, Feed, Latest, PresentNames, ReceiveBuffer, check_things, is_reaction, react
+from pointit.api.inputs import Tracker, press
 from pointit.api.loop_thread import closed_error
-from pointit.api.press import press
-from pointit.api.reactions import F, check_things, is_reaction, react
 from pointit.api.requests import Lamp
-from pointit.api.tracker import Tracker
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscription
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock

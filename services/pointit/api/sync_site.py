@@ -15,14 +15,12 @@ from types import TracebackType
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, overload
 
 from pointit.api import requests
-from pointit.api.feed import Feed
-from pointit.api.latest import TIMEOUT_S, Latest, Newest
+from pointit.api.feed import TIMEOUT_S, F, Feed, Latest, Newest
+from pointit.api.inputs import Tracker
 from pointit.api.loop_thread import LoopThread
-from pointit.api.reactions import F
 from pointit.api.requests import Lamp
 from pointit.api.site import Site
-from pointit.api.tracker import Tracker
-from pointit.runtime.config.old_names import accept_old_names
+from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.schemas import (
     AddPackageReply,
     Done,

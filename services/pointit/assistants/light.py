@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 from pointit.api.requests import HEX
 from pointit.api.site import Site
-from pointit.assistants.results import AnswerByLight, Item
-from pointit.assistants.room_items import check_present
+from pointit.assistants.results import AnswerByLight, Item, check_present
 from pointit.errors import PointItError, SchemaError
 from pointit.schemas import NS_PER_S, ButtonEvent
 from pointit.schemas.topics import BUTTON
-from pointit.services.listener.decision import REACTION_S
+from pointit.services.listener.referents import REACTION_S
 
 COLORS = {
     "red": "#ff1e00",

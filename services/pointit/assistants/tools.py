@@ -26,10 +26,15 @@ from pointit.assistants.results import (
     PossibleReferent,
     PossibleReferents,
     Waited,
+    check_present,
+    current,
+    find,
+    items,
+    people,
     plain,
+    present,
     refusal,
 )
-from pointit.assistants.room_items import check_present, current, find, items, people, present
 from pointit.assistants.site_connection import SiteConnection
 from pointit.errors import AccessDeniedError, NoAnswerError, PointItError, SchemaError
 from pointit.schemas import NS_PER_S, RobotState

@@ -2,7 +2,7 @@
 
 import click
 
-from pointit.runtime.config.network_address import parse_address
+from pointit.runtime.address_config import parse_address
 
 
 def host_port(_ctx: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[str, int] | None:

@@ -1,7 +1,6 @@
 """The tree of commands as data: names, a line each, and the location of those that run."""
 
-from pointit.cli.common.installed_commands import LAB, LABORATORY, of_package
-from pointit.cli.common.lazy import LazyEntry, command, noun
+from pointit.cli.common.lazy import LAB, LABORATORY, LazyEntry, command, noun, of_package
 
 
 def ours(name: str, about: str, place: str) -> LazyEntry:
@@ -103,7 +102,7 @@ _ROUTER = ours("router", "run a router that joins several machines", "site.route
 COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
     "Start": (
         ours("run", "start a scenario: its services, simulated people, a live view", "run.run:run"),
-        ours("dashboard", "open the page of a site on this or another machine", "page.dashboard"),
+        ours("dashboard", "open the page of a site on this or another machine", "page:dashboard"),
         ours("list", "list scenarios, maps, plug-ins and services", "inspect.listings"),
     ),
     "On a running site": (
@@ -113,8 +112,8 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "see messages, their rates and their fields",
             TOPIC,
             ours("list", "show the topic table: keys, messages, rates, writers", "inspect.topics"),
-            ours("echo", "print messages as they arrive", "inspect.echo"),
-            ours("hz", "measure rates against the nominal ones", "inspect.hz"),
+            ours("echo", "print messages as they arrive", "inspect.topics:echo"),
+            ours("hz", "measure rates against the nominal ones", "inspect.topics:hz"),
             ours("schema", "show the fields of a message; write or check the catalogue", "inspect.schema"),
         ),
         ours("listen", "follow a person's spoken commands", "things.listen"),
@@ -142,8 +141,8 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "robot",
             "list robots with positions and users; stop them",
             ROBOT,
-            ours("list", "show the position and the user of each robot", "robots.robot:list_robots"),
-            ours("stop", "stop one robot, some, or all", "robots.robot:stop"),
+            ours("list", "show the position and the user of each robot", "robots:list_robots"),
+            ours("stop", "stop one robot, some, or all", "robots:stop"),
         ),
         noun(
             "things",
@@ -158,19 +157,19 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "list services, run one, send a request to one",
             SERVICE,
             ours("list", "list the services with their topics", "inspect.listings:list_services"),
-            ours("run", "run one service; its --help documents every parameter", "run.service"),
+            ours("run", "run one service; its --help documents every parameter", "run.user:run_one_service"),
             ours("call", "send a request to a service; without arguments, list requests", "inspect.call"),
         ),
-        ours("mcp", "serve a site to assistants, by the Model Context Protocol", "assistants.mcp"),
+        ours("mcp", "serve a site to assistants, by the Model Context Protocol", "assistants"),
         ours("metrics", "serve metrics of the site to Prometheus", "inspect.metrics"),
         ours("audit", "show selections with person, object, time and confidence", "inspect.audit"),
     ),
     "Record and replay": (
         ours("record", "record all messages of a site in a file", "recordings.record"),
         ours("replay", "run the services of a recording again, and compare", "recordings.replay"),
-        ours("export", "write a recording as CSV tables", "recordings.export"),
-        ours("import", "make a recording of a CSV file or a ROS 2 bag", "recordings.import_"),
-        ours("page", "open a recording in the page, with a timeline", "page.page"),
+        ours("export", "write a recording as CSV tables", "recordings.conversion:export"),
+        ours("import", "make a recording of a CSV file or a ROS 2 bag", "recordings.conversion"),
+        ours("page", "open a recording in the page, with a timeline", "page"),
     ),
     "Rooms and devices of your own": (
         ours("devices", "find wrists, outputs and robots in reach, and their options", "plugins.devices"),
@@ -178,10 +177,10 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "map",
             "make, check, draw, fetch and list maps of rooms",
             MAP,
-            ours("new", "write the map of a room of your own, with lamps and strips", "maps.new"),
-            ours("check", "show errors of a map, with remedies", "maps.check"),
-            ours("plot", "draw a map from above: svg, png or pdf", "maps.plot"),
-            ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.fetch"),
+            ours("new", "write the map of a room of your own, with lamps and strips", "maps.map_file:new"),
+            ours("check", "show errors of a map, with remedies", "maps.map_file:check"),
+            ours("plot", "draw a map from above: svg, png or pdf", "maps.map_file"),
+            ours("fetch", "fetch a map from the parameters of a ROS 2 node", "maps.exchange"),
             ours("scan", "map a room by a camera: its strips blink, a phone sees them", "maps.scan"),
             ours("point", "find lamps and boxes by pointing from two places", "maps.point"),
             ours("import", "make a map of a file of WLED or xLights", "maps.exchange:import_"),
@@ -192,15 +191,15 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "output",
             "test strips, add an output, find where a moving head hangs",
             OUTPUT,
-            ours("add", "show strips of a running site on a further output", "outputs.output_add"),
-            ours("calibrate", "find the pose of a moving head by its beam", "outputs.output_calibrate"),
-            ours("test", "light the pixels of each strip in turn", "outputs.output_test"),
+            ours("add", "show strips of a running site on a further output", "outputs:add"),
+            ours("calibrate", "find the pose of a moving head by its beam", "outputs:calibrate"),
+            ours("test", "light the pixels of each strip in turn", "outputs"),
         ),
         noun(
             "plugin",
             "list, check and start plug-ins",
             PLUGIN,
-            ours("new", "write a package with a working plug-in and its tests", "plugins.new"),
+            ours("new", "write a package with a working plug-in and its tests", "plugins.check:new"),
             ours("check", "check that plug-ins keep the promises of their kind", "plugins.check"),
             ours("list", "list plug-ins, their packages and problems", "inspect.listings:list_plugins"),
         ),
@@ -237,17 +236,17 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "study",
             "run an experiment, check and analyse its data",
             STUDY,
-            ours("run", "run a study with people, or with simulated ones", "study.run"),
-            ours("check", "find missing trials, wrong clocks, broken balance", "study.check"),
-            ours("report", "report a study: a page and a notebook, with tables and figures", "study.report"),
-            ours("power", "compute the number of participants for a stated effect", "study.power"),
+            ours("run", "run a study with people, or with simulated ones", "study"),
+            ours("check", "find missing trials, wrong clocks, broken balance", "study:check"),
+            ours("report", "report a study: a page and a notebook, with tables and figures", "study:report"),
+            ours("power", "compute the number of participants for a stated effect", "study:power"),
         ),
     ),
     LABORATORY: (
         of_package(LAB, "evaluate", "measure the accuracy of the estimates on recordings of people"),
         of_package(LAB, "load", "measure the number of people that this machine or a site supports"),
     ),
-    "Your shell": (ours("completion", "install completion with the Tab key", "shell.completion"),),
+    "Your shell": (ours("completion", "install completion with the Tab key", "shell"),),
 }
 """Commands by the heading of the help."""
 

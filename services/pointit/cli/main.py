@@ -13,8 +13,16 @@ from typing import Any, NoReturn
 import click
 
 from pointit.cli.commands import COMMANDS, OLD_PAIRS, OLD_SPELLINGS
-from pointit.cli.common.installed_commands import LABORATORY, DeclaredCommand, Installed
-from pointit.cli.common.lazy import COMPLETE, LazyEntry, LazyGroup, print_help_without_action, walk
+from pointit.cli.common.lazy import (
+    COMPLETE,
+    LABORATORY,
+    DeclaredCommand,
+    Installed,
+    LazyEntry,
+    LazyGroup,
+    print_help_without_action,
+    walk,
+)
 from pointit.runtime.host.text_output import escape_unencodable
 
 EXAMPLES = (

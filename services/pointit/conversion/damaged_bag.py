@@ -24,7 +24,7 @@ from pointit.recording.container import (
 )
 from pointit.recording.container import RecordLocation as RecordPlace
 from pointit.recording.container import message_times as message_head
-from pointit.recording.head import METADATA
+from pointit.recording.entries import METADATA
 from pointit.recording.library import (
     MCAP0_MAGIC,
     Channel,

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pointit.bridges.ros2.inbound import checks
 from pointit.bridges.ros2.outbound.person import STATES
 from pointit.bridges.ros2.routing.conversion_state import KINDS, lane_name
-from pointit.bridges.ros2.routing.frames import frame_name
+from pointit.bridges.ros2.routing.names import frame_name
 from pointit.conversion.bag_file import OpenBag, is_bag, open_bag, unpack_message
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline

@@ -4,10 +4,9 @@ from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
 
-from pointit.recording.entries import Entry, RecordingError
-from pointit.recording.head import Head, make_head
+from pointit.recording.entries import Entry, Head, RecordingError, make_head
 from pointit.recording.writer import RecordingWriter
-from pointit.runtime.host.atomic_file import replaced_file
+from pointit.runtime.host.state_file import replaced_file
 
 PART = ".part"
 """Suffix of the file until it is complete."""

@@ -10,9 +10,8 @@ from pointit.diagnosis.missing_services import (
     find_missing_bridge,
     find_people_without_cursor,
 )
-from pointit.diagnosis.observation import Finding, Observation, Severity
+from pointit.diagnosis.observation import Finding, Observation, Severity, is_bridge, present_writers, row_of
 from pointit.diagnosis.symptoms import find_in_reports
-from pointit.diagnosis.writers import is_bridge, present_writers, row_of
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
 from pointit.runtime.config.nearest_name import did_you_mean

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from pointit.diagnosis.observation import Finding, Observation
-from pointit.diagnosis.writers import present_writers, restart_remedy, row_of
+from pointit.diagnosis.observation import Finding, Observation, present_writers, restart_remedy, row_of
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas.environment import Environment
 from pointit.schemas.system import RUN, split_instance

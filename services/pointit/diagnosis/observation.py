@@ -1,17 +1,163 @@
-"""Observation of a running site, and the type of its findings."""
+"""Observation of a running site, its stopped processes and present writers, and the type of its findings."""
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Literal
 
-from pointit.diagnosis.stopped_processes import StoppedProcess
-from pointit.diagnosis.writers import start_command
-from pointit.runtime.link.outage import SILENT_S
+from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.config.nearest_name import did_you_mean
+from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
-from pointit.schemas.system import RUN
+from pointit.schemas.system import RUN, instance_of, split_instance
 from pointit.schemas.table_types import NAME
-from pointit.services.registry import person_of
+from pointit.schemas.topics import ACCOUNTS, ANY
+from pointit.services.registry import PROCESSES, Process, person_of
+
+
+def row_of(service: str) -> Process | None:
+    """Return the row of a service in the process table, or None."""
+    return next((row for row in PROCESSES if row.name == service), None)
+
+
+def is_bridge(instance: str) -> bool:
+    """Return True if an instance is a bridge to a foreign system."""
+    row = row_of(split_instance(instance)[0])
+    return row is not None and row.room == "bridges"
+
+
+def start_command(service: str, which: str = "") -> str:
+    """Return the command that starts `service`, or `""` if the process table has none of that scope.
+
+    Names come from other machines. Only a name of the table and a name that is valid in a key become part of
+    a command. `which`: whose it is, or its name among several.
+    """
+    row = row_of(service)
+    if row is None or ((row.scope == "user") != bool(which) and not row.several):
+        return ""
+    if which and (not NAME.match(which) or which.startswith(".")):
+        return ""
+    option = "--user" if row.scope == "user" else "--name"
+    people = " --people [...]" if which and row.shard_serves is not None else ""
+    return f"pointit service run {service}" + (f" {option} {which}{people}" if which else "")
+
+
+def restart_remedy(instance: str, options: str) -> str:
+    """Return the remedy that starts `instance`, if it should run at all. `options` join the site."""
+    if instance.partition(".")[0].partition("-")[0] == "router":
+        return "if it should run: pointit router --site-folder FOLDER"
+    command = start_command(*split_instance(instance))
+    return f"if it should run: {command}{options}" if command else "if it should run, start it where it ran"
+
+
+def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
+    """Return the instances among `present` that may write `topic` at `name` (`*` or `""`: any)."""
+    if topic in ACCOUNTS:
+        return sorted(instance for instance in present if name in (ANY, "", instance))
+    found: list[str] = []
+    for instance in present:
+        service, which = split_instance(instance)
+        row = row_of(service)
+        is_shard = bool(which) and row is not None and row.shard_serves is not None
+        only = person_of(instance) if topic.placeholder == "user" else which
+        other = topic.placeholder in ("user", service) and only and name not in (ANY, "", only)
+        other = other or (is_shard and topic.placeholder != "user")  # its site's instance writes these
+        writes = service in topic.writers or (row is not None and topic in row.writes)
+        if writes and not other:
+            found.append(instance)
+    return sorted(found)
+
+
+def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
+    """Return a clause on the writers of `topic` at `name`, whether they run, and the remedy."""
+    there = present_writers(topic, name, present)
+    if there:
+        return f"{', '.join(there)} can write it and runs; does `pointit doctor` find something wrong?"
+    row = row_of(topic.writers[0])  # the first is the usual one
+    if row is None:
+        return f"it is written by {' or '.join(topic.writers)}"
+    user = name if topic.placeholder == "user" and name not in (ANY, "") else ""
+    command = f"pointit service run {row.name}" + (f" --user {user or 'NAME'}" if row.scope == "user" else "")
+    near = did_you_mean(user, {other for other in map(person_of, present) if other} - {user})
+    advice = f"{near[:-1]}, or start it with `{command}`?" if near else f"start it with `{command}`"
+    return f"no writer is present ({' or '.join(topic.writers)}); {advice}"
+
+
+PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.(?:cli|services\.\w+|bridges\.\w+)")
+"""Name of the program or module by which a process is one of PointIt."""
+CONTINUE = "continue it: `kill -CONT {pid}`, or `fg` in its terminal"
+"""Remedy of a stopped process."""
+STOPPED = ("T", "t")
+"""States of a process that was stopped by a signal, or by a debugger."""
+
+
+@dataclass(frozen=True)
+class StoppedProcess:
+    """A process that a signal has stopped, for example SIGSTOP or Ctrl-Z."""
+
+    pid: int
+    arguments: tuple[str, ...]
+    """Command line from the program's name or module on: `pointit`, `person`, `add`, `anna`."""
+
+    @property
+    def may_route(self) -> bool:
+        """Return True if other processes may connect to it."""
+        return self.arguments[1:2] in (("run",), ("router",))
+
+    def may_run(self, instance: str, deployment: str = "") -> bool:
+        """Return True if it runs `instance`, which belongs to `deployment` (`""`: that is unknown)."""
+        program, *rest = self.arguments
+        module = program.rpartition(".")[2] if program.startswith(("pointit.s", "pointit.b")) else ""
+        words = [word for word in rest if not word.startswith("-")]
+        if not module and rest[:2] == ["service", "run"]:
+            module = "".join(words[2:3])
+        if module:
+            which = self._option("--user") or self._option("--name")
+            return instance == instance_of(module.replace("_", "-"), which)
+        if rest[:2] == ["person", "add"]:
+            return (
+                instance.partition(".")[2] == (words[2:] or [""])[0] or deployment == (words[2:] or [""])[0]
+            )
+        if rest[:1] == ["router"]:
+            return instance.partition("-")[0] == "router"
+        return rest[:1] == ["run"] and (deployment.startswith("run.") or not deployment)
+
+    def is_of(self, site: str, addresses: Sequence[str]) -> bool:
+        """Return True unless its command line names another site or address."""
+        named = {self._option(name) for name in ("--connect", "--listen")} - {""}
+        return self._option("--site") in ("", site) and (not named or bool(named & set(addresses)))
+
+    def _option(self, name: str) -> str:
+        for word, following in zip(self.arguments, (*self.arguments[1:], ""), strict=True):
+            if word == name:
+                return following
+            if word.startswith(f"{name}="):
+                return word.partition("=")[2]
+        return ""
+
+
+def stopped_processes(site: str, addresses: Sequence[str]) -> tuple[StoppedProcess, ...]:
+    """Return the stopped processes of this machine that may belong to `site` at `addresses`.
+
+    Only Linux tells them, and a container only its own.
+    """
+    return tuple(each for each in _stopped(Path("/proc")) if each.is_of(site, addresses))
+
+
+def _stopped(proc: Path) -> Iterator[StoppedProcess]:
+    for folder in proc.glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile, or is another user's
+            state = (folder / "stat").read_text(errors="replace").rpartition(")")[2].split()[0]
+            if state not in STOPPED:
+                continue
+            words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
+            at = next((i for i, word in enumerate(words[:6]) if PROGRAM.fullmatch(word)), None)
+            if at is not None:
+                yield StoppedProcess(int(folder.name), tuple(words[at:-1]))
+
 
 STARTING_S = 10.0
 """Time after the start of a service within which others of its process may be missing, s."""

@@ -4,8 +4,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from pointit.diagnosis.missing_services import GONE, listed
-from pointit.diagnosis.observation import Code, Finding, Observation
-from pointit.diagnosis.stopped_processes import CONTINUE, StoppedProcess
+from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, StoppedProcess
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.runtime.service.service import HEALTH_PERIOD_S
 from pointit.schemas.system import RUN

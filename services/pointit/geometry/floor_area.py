@@ -2,7 +2,7 @@
 
 import math
 
-from pointit.geometry.polygon import Polygon, Vec2, do_intersect
+from pointit.geometry.solids import Polygon, Vec2, do_intersect
 
 ROUNDING_M = 1e-9
 """Distance that may be lost by rounding."""

@@ -1,4 +1,9 @@
-"""Boxes and spheres: intersection with a ray, and the closest point to one.
+"""Planes, rectangles, upright cylinders, boxes and spheres: intersection with a ray, and the closest point to one.
+
+The closest point by angle is on the outline: two upright lines that rays from the origin touch, and the two
+rims. The lines are segments, solved in closed form. A rim is an equation of fourth degree, solved by golden
+section search around its lowest samples. By metres, the distance from the ray's points to a convex body falls
+and then rises along the ray, so its minimum is found by bisection.
 
 The closest point of a convex solid by angle is on its outline: on an edge of a box, or on the cone that
 touches a sphere. By metres it may also be inside a face, nearest to the ray's origin. A ray from inside
@@ -6,14 +11,211 @@ intersects the wall from within.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from itertools import product
+from itertools import combinations, pairwise, product
 from typing import Protocol
 
 from pointit.geometry import vector
 from pointit.geometry.closest import TINY, Measure, nearest_in_angle, nearest_in_metres
 from pointit.geometry.vector import Vec3
+
+Vec2 = tuple[float, float]
+
+
+class Polygon:
+    """The area inside a closed outline, convex or not, in either order."""
+
+    def __init__(self, outline_m: Sequence[Vec2]) -> None:
+        """Create from the corners, at least three; the last is joined to the first."""
+        self.corners_m: tuple[Vec2, ...] = tuple(outline_m)
+        self.edges_m: tuple[tuple[Vec2, Vec2], ...] = tuple(pairwise((*self.corners_m, self.corners_m[0])))
+        """Start and end of each edge."""
+
+    @property
+    def area_m2(self) -> float:
+        """Return the area inside an outline that does not cross itself."""
+        return abs(sum(ax * by - bx * ay for (ax, ay), (bx, by) in self.edges_m)) / 2.0
+
+    def crossing(self) -> tuple[int, int] | None:
+        """Return the indices of two edges that cross or touch, neighbours apart, or None."""
+        last = len(self.edges_m) - 1
+        for first, second in combinations(range(len(self.edges_m)), 2):
+            if second - first == 1 or (first == 0 and second == last):
+                continue
+            if do_intersect(*self.edges_m[first], *self.edges_m[second]):
+                return first, second
+        return None
+
+
+def _side(a: Vec2, b: Vec2, c: Vec2) -> float:
+    """Return a number above 0 if c is left of the line from a to b, below 0 if it is right of it."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def do_intersect(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool:
+    """Return True if the segments from a to b and from c to d cross or touch."""
+    abc, abd, cda, cdb = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
+    if abc * abd < 0.0 and cda * cdb < 0.0:
+        return True
+    return (
+        (abc == 0.0 and _is_between(a, b, c))
+        or (abd == 0.0 and _is_between(a, b, d))
+        or (cda == 0.0 and _is_between(c, d, a))
+        or (cdb == 0.0 and _is_between(c, d, b))
+    )
+
+
+def _is_between(a: Vec2, b: Vec2, c: Vec2) -> bool:
+    return min(a[0], b[0]) <= c[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= c[1] <= max(a[1], b[1])
+
+
+RIM_POINTS = 24
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+GOLDEN_STEPS = 40
+"""Steps of the golden section search, which shrink the bracket by 4e-9."""
+HALVINGS = 60
+
+
+class CylinderSolid:
+    """An upright cylinder, a column or a tank.
+
+    A position on its side is (radius · azimuth, height above its foot), on its ends (x, y) from its axis.
+    """
+
+    def __init__(self, foot_m: Vec3, radius_m: float, height_m: float) -> None:
+        self._foot = foot_m
+        self._radius = radius_m
+        self._height = height_m
+        centre = vector.add(foot_m, (0.0, 0.0, height_m / 2.0))
+        self.bounding_sphere = (centre, math.hypot(radius_m, height_m / 2.0))
+
+    def contains(self, point_m: Vec3) -> bool:
+        """Return True if `point_m` is inside."""
+        x, y, z = vector.subtract(point_m, self._foot)
+        return math.hypot(x, y) < self._radius and 0.0 < z < self._height
+
+    def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
+        """Return the distance to the first intersection, or to the exit for a ray from inside, or None."""
+        x, y, z = vector.subtract(origin_m, self._foot)
+        dx, dy, dz = direction
+        first, last = -math.inf, math.inf
+        level = math.hypot(dx, dy)
+        across = abs(x * dy - y * dx) / level if level > 1e-12 else math.hypot(x, y)
+        if across > self._radius:
+            return None
+        if level > 1e-12:
+            middle = -(x * dx + y * dy) / level**2
+            half = math.sqrt((self._radius - across) * (self._radius + across)) / level
+            first, last = middle - half, middle + half
+        if abs(dz) > 1e-12:
+            foot, top = -z / dz, (self._height - z) / dz
+            first, last = max(first, min(foot, top)), min(last, max(foot, top))
+        elif not 0.0 <= z <= self._height:
+            return None
+        if last < max(first, 0.0):
+            return None
+        return first if first >= 0.0 else last
+
+    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+        """Return the closest point to a ray that does not intersect it."""
+        own = vector.subtract(origin_m, self._foot)
+        found = self._by_angle(own, direction) if measure == "angle" else self._by_metres(own, direction)
+        return vector.add(self._foot, found)
+
+    def uv_at(self, point_m: Vec3) -> tuple[float, float]:
+        """Return the position on its side, or on the end that is nearer to `point_m` than the side."""
+        x, y, z = vector.subtract(point_m, self._foot)
+        on_side = abs(math.hypot(x, y) - self._radius) <= min(abs(z), abs(self._height - z))
+        return (self._radius * math.atan2(y, x), z) if on_side else (x, y)
+
+    def _by_angle(self, own: Vec3, d: Vec3) -> Vec3:
+        best, min_distance = own, math.inf
+        for x, y, outwards in self._touched(own):
+            start, span = (x, y, 0.0), (0.0, 0.0, self._height)
+            t, cost = nearest_in_angle(vector.subtract(start, own), span, d)
+            if 0.0 < t < 1.0 and cost < 0.0 and d[0] * outwards[0] + d[1] * outwards[1] >= 0.0:
+                return (x, y, t * self._height)  # the cylinder is beyond the tangent plane
+            if cost < min_distance:
+                best, min_distance = (x, y, t * self._height), cost
+        for z in (0.0, self._height):
+            point, cost = self._on_rim(own, d, z)
+            if cost < min_distance:
+                best, min_distance = point, cost
+        return best
+
+    def _touched(self, own: Vec3) -> list[tuple[float, float, tuple[float, float]]]:
+        """Return the upright lines that bound the view of its side, none from above or below.
+
+        Each comes with the direction that leads out of that view.
+        """
+        distance = math.hypot(own[0], own[1])
+        if distance <= self._radius:
+            return []
+        sine = self._radius / distance
+        length = distance * math.sqrt((1.0 - sine) * (1.0 + sine))
+        azimuth, half = math.atan2(-own[1], -own[0]), math.asin(sine)
+        touched: list[tuple[float, float, tuple[float, float]]] = []
+        for side in (-1.0, 1.0):
+            c, s = math.cos(azimuth + side * half), math.sin(azimuth + side * half)
+            touched.append((own[0] + length * c, own[1] + length * s, (-side * s, side * c)))
+        return touched
+
+    def _on_rim(self, own: Vec3, d: Vec3, z: float) -> tuple[Vec3, float]:
+        """Return the point of the rim at height `z` at the smallest angle, and minus that angle's cosine.
+
+        Seen edge-on, its near and its far side may each have a local minimum.
+        """
+        step = math.tau / RIM_POINTS
+        costs = [self._minus_cosine(own, d, z, step * i) for i in range(RIM_POINTS)]
+        valleys = [
+            step * i
+            for i, cost in enumerate(costs)
+            if cost <= costs[i - 1] and cost <= costs[(i + 1) % RIM_POINTS]
+        ]
+        cost, angle = min(self._nearest_around(own, d, z, angle) for angle in valleys)
+        return (self._radius * math.cos(angle), self._radius * math.sin(angle), z), cost
+
+    def _nearest_around(self, own: Vec3, d: Vec3, z: float, angle: float) -> tuple[float, float]:
+        """Return the minimum of minus the cosine near a point of the rim, and its angle on the rim."""
+        low, high = angle - math.tau / RIM_POINTS, angle + math.tau / RIM_POINTS
+        inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        at_inner, at_outer = (self._minus_cosine(own, d, z, at) for at in (inner, outer))
+        for _ in range(GOLDEN_STEPS):
+            if at_inner < at_outer:
+                high, outer, at_outer = outer, inner, at_inner
+                inner = high - GOLDEN * (high - low)
+                at_inner = self._minus_cosine(own, d, z, inner)
+            else:
+                low, inner, at_inner = inner, outer, at_outer
+                outer = low + GOLDEN * (high - low)
+                at_outer = self._minus_cosine(own, d, z, outer)
+        return (at_inner, inner) if at_inner < at_outer else (at_outer, outer)
+
+    def _minus_cosine(self, own: Vec3, d: Vec3, z: float, angle: float) -> float:
+        x = self._radius * math.cos(angle) - own[0]
+        y = self._radius * math.sin(angle) - own[1]
+        z -= own[2]
+        return -(d[0] * x + d[1] * y + d[2] * z) / max(math.sqrt(x * x + y * y + z * z), 1e-12)
+
+    def _by_metres(self, own: Vec3, d: Vec3) -> Vec3:
+        centre = (0.0, 0.0, self._height / 2.0)
+        low = 0.0
+        high = max(0.0, vector.dot(d, vector.subtract(centre, own))) + self.bounding_sphere[1]
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2.0
+            at = vector.add(own, vector.scale(d, middle))
+            if vector.dot(d, vector.subtract(at, self._nearest(at))) < 0.0:
+                low = middle
+            else:
+                high = middle
+        return self._nearest(vector.add(own, vector.scale(d, low)))
+
+    def _nearest(self, point: Vec3) -> Vec3:
+        x, y, z = point
+        shrink = min(1.0, self._radius / max(math.hypot(x, y), 1e-12))
+        return (x * shrink, y * shrink, min(max(z, 0.0), self._height))
+
 
 Edge = tuple[Vec3, Vec3]
 """Start of an edge, and vector to its end."""
@@ -236,3 +438,100 @@ def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
             outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
             outline.append((*vector.scale(normal, outward), start, span, reach))
     return outline
+
+
+GRAZING_RAD = math.radians(5.0)
+"""Angle below which a trembling hand moves the intersection too much (pointing.md §5)."""
+
+FLOOR_RAD = math.radians(5.0)
+"""Slope up to which a plane is a floor on which things stand."""
+LEVEL = 1e-6
+"""Inclination of the normal below which a plane is level."""
+
+
+def plane_axes(normal: Vec3) -> tuple[Vec3, Vec3]:
+    """Return u and v of a plane, unit, right-handed with its normal.
+
+    v is the direction of steepest ascent in the plane, or y if the plane is level; u is v x normal.
+    """
+    n = vector.normalized(normal)
+    upwards = (0.0, 0.0, 1.0) if math.hypot(n[0], n[1]) > LEVEL else (0.0, 1.0, 0.0)
+    v = vector.normalized(vector.subtract(upwards, vector.scale(n, vector.dot(upwards, n))))
+    return vector.cross(v, n), v
+
+
+class PlaneSolid:
+    """A plane, or an upright or inclined rectangle, two-sided. A position is (u, v) from its centre."""
+
+    def __init__(
+        self,
+        center_m: Vec3,
+        normal: Vec3,
+        size_m: tuple[float, float] | None = None,
+        *,
+        grazing_rad: float = GRAZING_RAD,
+    ) -> None:
+        """Create from a point of it, its normal, and its extents along u and v, or None if unbounded.
+
+        A ray within `grazing_rad` of it has neither an intersection nor a closest point.
+        """
+        self._center = center_m
+        self._normal = vector.normalized(normal)
+        self._u, self._v = plane_axes(normal)
+        self._half = None if size_m is None else (size_m[0] / 2.0, size_m[1] / 2.0)
+        self._grazing = math.sin(grazing_rad)
+        self._edges: list[Edge] = [] if self._half is None else self._rim(*self._half)
+        self.bounding_sphere = (center_m, math.inf if self._half is None else math.hypot(*self._half))
+
+    def contains(self, point_m: Vec3) -> bool:  # noqa: ARG002 - of every solid
+        """Return False, as a plane has no inside."""
+        return False
+
+    def intersect(self, origin_m: Vec3, direction: Vec3) -> float | None:
+        """Return the distance along the ray to the intersection, or None."""
+        towards = vector.dot(direction, self._normal)
+        if abs(towards) <= self._grazing:
+            return None
+        ahead = vector.dot(vector.subtract(self._center, origin_m), self._normal) / towards
+        if ahead < 0.0:
+            return None
+        if self._half is not None:
+            u, v = self.uv_at(vector.add(origin_m, vector.scale(direction, ahead)))
+            if abs(u) > self._half[0] or abs(v) > self._half[1]:
+                return None
+        return ahead
+
+    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+        """Return the point of its rim, or the nearest to the ray's origin, that is closest to the ray."""
+        if self._half is None or abs(vector.dot(direction, self._normal)) <= self._grazing:
+            return None
+        found = nearest_on_edges(self._edges, origin_m, direction, measure)
+        if measure == "metres":
+            u, v = self.uv_at(origin_m)
+            held = (min(max(u, -self._half[0]), self._half[0]), min(max(v, -self._half[1]), self._half[1]))
+            found = nearer(self._point(*held), found, origin_m, direction)
+        return found
+
+    def uv_at(self, point_m: Vec3) -> tuple[float, float]:
+        """Return the position of a point, projected onto the plane."""
+        own = vector.subtract(point_m, self._center)
+        return (vector.dot(own, self._u), vector.dot(own, self._v))
+
+    def _point(self, u: float, v: float) -> Vec3:
+        across = vector.add(vector.scale(self._u, u), vector.scale(self._v, v))
+        return vector.add(self._center, across)
+
+    def _rim(self, half_u: float, half_v: float) -> list[Edge]:
+        along_u, along_v = vector.scale(self._u, 2.0 * half_u), vector.scale(self._v, 2.0 * half_v)
+        corner = self._point(-half_u, -half_v)
+        return [
+            (corner, along_u),
+            (corner, along_v),
+            (self._point(-half_u, half_v), along_u),
+            (self._point(half_u, -half_v), along_v),
+        ]
+
+
+def is_level(normal: Vec3) -> bool:
+    """Return True if a plane with that normal, of any length, is level enough to stand on."""
+    return abs(normal[2]) >= math.cos(FLOOR_RAD) * vector.norm(normal)

@@ -4,6 +4,6 @@ from pointit.launch.plan.plan import MakeWatcher
 from pointit.runtime.host.extras import OptionalPart
 
 WATCHERS: tuple[OptionalPart[MakeWatcher], ...] = (
-    OptionalPart("pointit.launch.robots.robot_watcher:RobotWatcher.of", ("pointit.services.user_sim",)),
+    OptionalPart("pointit.launch.robots:RobotWatcher.of", ("pointit.services.user_sim",)),
 )
 """Factories of the observers and scores of a run."""

@@ -1,15 +1,22 @@
-"""Converts a map file to its message."""
+"""A map file as its message: lines along which objects move, and the alignment of trackers."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry import vector
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.rotation import rotate
 from pointit.geometry.vector import Vec3
-from pointit.maps.lanes import enters_at, lanes_of, leaves_at
-from pointit.maps.model import MapFile
-from pointit.maps.things import things_of
-from pointit.schemas import Environment
+from pointit.maps.model import LinkEntry, MapFile, broken_things, things_of
+from pointit.runtime.config.nearest_name import did_you_mean
+from pointit.runtime.config.validation_message import join_names
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import Environment, TrackedObject
 from pointit.schemas.environment import (
     Bay,
     Belt,
@@ -24,6 +31,103 @@ from pointit.schemas.environment import (
     Sphere,
     Strip,
 )
+
+
+def frame_of(room: Environment, name: str) -> Frame:
+    """Return the frame `name` of `room`.
+
+    Raises:
+        ConfigError: If the map has none of that name.
+    """
+    names = [frame.id for frame in room.frames]
+    for frame in room.frames:
+        if frame.id == name:
+            return frame
+    known = f"; it has {', '.join(names)}" if names else ""
+    advice = did_you_mean(name, names) or "add it to the map's frames."
+    raise ConfigError(f"the map {room.name} has no frame {name!r}{known}: {advice[:-1]}")
+
+
+def aligned(objects: Iterable[TrackedObject], frame: Frame) -> tuple[TrackedObject, ...]:
+    """Return `objects`, given in `frame`, in {W}: places, velocities and yaws."""
+    return tuple(_aligned(item, frame) for item in objects)
+
+
+def point_in_world(point_m: Vec3, frame: Frame) -> Vec3:
+    """Return a point of `frame` in {W}."""
+    return vector.add(frame.position_m, rotate(frame.orientation_xyzw, point_m))
+
+
+def yaw_in_world(yaw_rad: float, frame: Frame) -> float:
+    """Return the azimuth in {W} of what has the azimuth `yaw_rad` in `frame`."""
+    return vector.azimuth(rotate(frame.orientation_xyzw, vector.direction(yaw_rad, 0.0)))
+
+
+def _aligned(item: TrackedObject, frame: Frame) -> TrackedObject:
+    fields: dict[str, Any] = dict(item)
+    fields["position_m"] = point_in_world(item.position_m, frame)
+    fields["velocity_mps"] = rotate(frame.orientation_xyzw, item.velocity_mps)
+    if item.yaw_rad is not None:
+        fields["yaw_rad"] = yaw_in_world(item.yaw_rad, frame)
+    return TrackedObject(**fields)  # checked again: a place far off may leave the room's limits
+
+
+OVERHANG_M = 0.01
+"""Distance off its belt up to which a position was rounded, m."""
+
+STRIP_WIDTH_M = 0.5
+"""Width of lanes that are strips, m."""
+
+
+@dataclass(frozen=True)
+class Lane:
+    """A line along which objects move."""
+
+    name: str
+    line: Polyline
+    width_m: float
+
+
+def lanes_of(file: MapFile) -> dict[str, Lane]:
+    """Return the lanes of `file` by name."""
+    if file.belts:
+        return {name: Lane(name, Polyline(belt.centerline), belt.width) for name, belt in file.belts.items()}
+    return {name: Lane(name, Polyline(strip.line), STRIP_WIDTH_M) for name, strip in file.strips.items()}
+
+
+def leaves_at(link: LinkEntry, source: Lane) -> float:
+    """Return the arc length on `source` where `link` leaves it."""
+    at = source.line.length_m if link.from_position is None else link.from_position
+    return min(max(at, 0.0), source.line.length_m)
+
+
+def enters_at(link: LinkEntry, target: Lane) -> float:
+    """Return the arc length on `target` where `link` enters it."""
+    return min(max(link.to_position, 0.0), target.line.length_m)
+
+
+def broken_references(file: MapFile) -> Iterator[tuple[str, str]]:
+    """Yield place and message for each link, bay and thing that names what does not exist, or is off it."""
+    kind, lanes = ("belt" if file.belts else "strip"), lanes_of(file)
+    known = f"use one of {join_names(lanes)}" if lanes else "the map has neither belts nor strips"
+    for index, link in enumerate(file.links):
+        for end, name, position in (
+            ("from", link.source, link.from_position),
+            ("to", link.target, link.to_position),
+        ):
+            if name not in lanes:
+                yield f"links.{index}.{end}", f"there is no {kind} {name!r}; {known}"
+                continue
+            length = lanes[name].line.length_m
+            if position is not None and not -OVERHANG_M <= position <= length + OVERHANG_M:
+                yield (
+                    f"links.{index}.{end}_position",
+                    f"{position:g} m is off {kind} {name}; write 0 to {math.floor(length * 1000) / 1000:g}",
+                )
+    for bay, name in file.bays.items():
+        if name not in lanes:
+            yield f"bays.{bay}", f"there is no {kind} {name!r}; {known}"
+    yield from broken_things(file)
 
 
 def environment(

@@ -8,12 +8,20 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.maps.light_files.named_strips import Note, free_name, named_strips, no_note, strip_entry
 from pointit.maps.light_files.pixel_table import TablePixel, pixels_of
-from pointit.maps.light_files.strip_fit import FittedStrip, fit_strips, median_step, pixels_along
-from pointit.maps.light_files.wire import first_pixels
-from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_segments
-from pointit.maps.light_files.wled_matrix import read_matrix
+from pointit.maps.light_files.strip_fit import (
+    FittedStrip,
+    Note,
+    first_pixels,
+    fit_strips,
+    free_name,
+    median_step,
+    named_strips,
+    no_note,
+    pixels_along,
+    strip_entry,
+)
+from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_matrix, read_segments
 from pointit.maps.model import MapFile, StripEntry
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError

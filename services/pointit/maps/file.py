@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from pointit.maps.environment import environment
-from pointit.maps.lanes import broken_references
+from pointit.maps.environment import broken_references, environment
 from pointit.maps.model import ENTRIES, CloudEntry, MapFile
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.config.validation_message import (
@@ -24,8 +23,8 @@ from pointit.runtime.config.validation_message import (
 )
 from pointit.runtime.config.yaml_file import MAX_YAML_BYTES, parse_yaml, read_yaml
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import read_limited
 from pointit.runtime.host.extras import import_room
+from pointit.runtime.host.state_file import read_limited
 from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
 

@@ -1,22 +1,25 @@
-"""Content of a map file: the sections of the ROS toolkit, with additions. {W}, metres, z up."""
+"""Content of a map file: the sections of the ROS toolkit with additions, where things are and what lights them. {W}, metres, z up."""
 
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, Self, cast, get_args
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from pointit.geometry.polygon import Polygon, Vec2
 from pointit.geometry.polyline import SAME_M, Polyline
 from pointit.geometry.rotation import Quaternion, from_yaw
 from pointit.geometry.rotation import normalized as normalized_quaternion
+from pointit.geometry.solids import Polygon, Vec2
 from pointit.geometry.vector import Vec3, norm, normalized
+from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.validation_message import format_value
-from pointit.runtime.config.yaml_values import FLAGS, WrittenInt, written_text
-from pointit.schemas import FARTHEST
-from pointit.schemas.environment import ThingMode
+from pointit.runtime.config.yaml_file import FLAGS, WrittenInt, written_text
+from pointit.schemas import FARTHEST, Thing
+from pointit.schemas.environment import BESIDE_BELT_M, ThingMode
 
 MAX_PIXELS = 4096
 MIN_AREA_M2 = 1e-4
@@ -414,3 +417,124 @@ ENTRIES: dict[str, type[BaseModel]] = {
     if isinstance(entry, type) and issubclass(entry, BaseModel)
 }
 """Models of the entries of each section. `bays` are plain names."""
+
+
+MAX_THINGS = 1000
+"""Limit of things, which are listed in one message several times a second."""
+LAMP_M = 0.2
+"""Size of a thing that is a lamp, m."""
+THINNEST_M = 0.1
+"""Least size of a thing that is a part of a strip, m: people point at it as at a box."""
+SAMPLES = 20
+"""Number of places of a part of a belt at which strips beside it are searched."""
+ROUNDED_M = 1e-3
+"""Length by which a part may end beyond its strip, since people round, m."""
+
+
+def broken_things(file: MapFile) -> Iterator[tuple[str, str]]:
+    """Yield the things whose light or belt does not exist: place in the file, and problem with remedy."""
+    if len(file.things) > MAX_THINGS:
+        yield "things", f"there are {len(file.things)}, limit {MAX_THINGS}; split the room into several sites"
+    strips = {name: strip.line for name, strip in file.strips.items()}
+    belts = {name: belt.centerline for name, belt in file.belts.items()}
+    for name, entry in file.things.items():
+        where, light = f"things.{name}", entry.light
+        if isinstance(light, LinePart):
+            yield from _broken_part(f"{where}.light", "strip", light, strips)
+        elif light in file.strips and light not in file.lamps:
+            yield f"{where}.light", f"{light} is a strip; write {{strip: {light}, from: METRES, to: METRES}}"
+        elif light is not None and light not in file.lamps:
+            yield f"{where}.light", _absent("lamp", light, file.lamps)
+        if isinstance(entry.at, LinePart):
+            yield from _broken_part(f"{where}.at", "belt", entry.at, belts)
+
+
+def things_of(file: MapFile) -> tuple[Thing, ...]:
+    """Return the things of `file`, of which none is broken."""
+    return tuple(_thing(file, name, entry) for name, entry in file.things.items())
+
+
+def _broken_part(
+    where: str, kind: str, part: LinePart, lines: Mapping[str, Sequence[Vec3]]
+) -> Iterator[tuple[str, str]]:
+    if part.line not in lines:
+        yield f"{where}.{kind}", _absent(kind, part.line, lines)
+        return
+    line, (start_m, end_m) = _part_of_thing(part, lines[part.line])
+    is_on_it = part.start >= -ROUNDED_M and part.end <= line.length_m + ROUNDED_M
+    if not is_on_it or start_m >= end_m:
+        length = f"{line.length_m:.3g}"
+        span = f"goes from {part.start:g} to {part.end:g} m and {kind} {part.line} from 0 to {length} m"
+        yield where, f"{span}; give a part of it, from before to"
+
+
+def _absent(kind: str, name: str, there: Mapping[str, object]) -> str:
+    return f"there is no {kind} {name!r}; {nearest(name, there) if there else 'add one to the map'}"
+
+
+def _thing(file: MapFile, name: str, entry: ThingEntry) -> Thing:
+    light, at = entry.light, entry.at
+    center_m, size_m, yaw_rad = entry.center, entry.size, entry.yaw_rad
+    strip, part_m = "", (0.0, 0.0)
+    if isinstance(at, LinePart):
+        belt = file.belts[at.line]
+        line, part_m = _part_of_thing(at, belt.centerline)
+        center_m, size_m, yaw_rad = _around(line, part_m, belt.width)
+        light = light or _beside(file, line.points_at(np.linspace(*part_m, SAMPLES)), belt.width / 2.0)
+    if isinstance(light, LinePart):
+        strip = light.line
+        line, part_m = _part_of_thing(light, file.strips[strip].line)
+        if center_m is None:
+            center_m, around_m, _ = _around(line, part_m)
+            size_m = size_m or around_m
+    elif light is not None and center_m is None:
+        center_m = file.lamps[light].position
+    fields = entry.model_dump(include={"label", "mode", "press", "dwell_s", "home_assistant"})
+    if entry.home_assistant and "mode" not in entry.model_fields_set:
+        fields["mode"] = "button" if entry.home_assistant.startswith(HOME_BUTTONS) else "switch"
+    return Thing(
+        id=name,
+        **fields,
+        center_m=center_m or (0.0, 0.0, 0.0),
+        size_m=size_m or (LAMP_M, LAMP_M, LAMP_M),
+        yaw_rad=yaw_rad,
+        lamp=light if isinstance(light, str) else "",
+        strip=strip,
+        part_m=part_m if strip else (0.0, 0.0),
+        is_tracked=isinstance(at, str) or center_m is None,  # without a position, nothing tracks it
+    )
+
+
+def _part_of_thing(part: LinePart, line: Sequence[Vec3]) -> tuple[Polyline, tuple[float, float]]:
+    """Return the whole line, and the arc lengths of the part, which may have been rounded beyond its ends."""
+    polyline = Polyline(line)
+    return polyline, (max(part.start, 0.0), min(part.end, polyline.length_m))
+
+
+def _around(line: Polyline, part_m: tuple[float, float], width_m: float = 0.0) -> tuple[Vec3, Vec3, float]:
+    """Return centre, size and azimuth of the upright box around a part of a line.
+
+    With a width the box lies along the line; else its azimuth is 0.
+    """
+    start_m, end_m = part_m
+    inner = line.starts_m[(line.starts_m > start_m) & (line.starts_m < end_m)]
+    points = line.points_at(np.r_[start_m, inner, end_m])
+    x, y, _ = points[-1] - points[0]
+    yaw_rad = math.atan2(y, x) if width_m else 0.0
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    low, high = (points @ axes).min(axis=0), (points @ axes).max(axis=0)
+    x, y, z = (axes @ (low + high) / 2.0).tolist()
+    a, b, c = np.maximum(high - low + (0.0, width_m, 0.0), THINNEST_M).tolist()
+    return (x, y, z), (a, b, c), yaw_rad
+
+
+def _beside(file: MapFile, places_m: NDArray[np.float64], half_m: float) -> LinePart | None:
+    """Return the part of a strip beside `places_m` of a belt: of the strip that is beside most of them."""
+    found, max_count = None, 1
+    for name, strip in file.strips.items():
+        along_m, apart_m = Polyline(strip.line).nearest_to(places_m)
+        beside_m = along_m[apart_m <= half_m + BESIDE_BELT_M]
+        if len(beside_m) > max_count and np.ptp(beside_m) > ROUNDED_M:
+            found, max_count = LinePart(name, float(beside_m.min()), float(beside_m.max())), len(beside_m)
+    return found

@@ -55,8 +55,8 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import DevicePlugin, Discover, FoundDevice, Plugin, PluginGroup
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.service.plugin_guard import HealthSink, Surroundings
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.runtime.service.surroundings import HealthSink, Surroundings
 from pointit.schemas import (
     NS_PER_S,
     Cursor,
@@ -73,11 +73,13 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.topics import Delivery, Request, Topic
-from pointit.services.imu_bridge.reading import (
+from pointit.services.imu_bridge.sources import (
+    SOURCES,
     Battery,
     CueSource,
     Deliver,
     Disconnected,
+    ImuSource,
     Item,
     Press,
     RawReading,
@@ -87,9 +89,16 @@ from pointit.services.imu_bridge.reading import (
     Source,
     StepGesture,
 )
-from pointit.services.imu_bridge.sources import SOURCES, ImuSource
-from pointit.services.led_driver.outputs import OUTPUTS, LedOutput, OutputConfig, Segment
-from pointit.services.led_driver.roles import AnyOutput, BeamOutput, LampOutput, Output
+from pointit.services.led_driver.outputs import (
+    OUTPUTS,
+    AnyOutput,
+    BeamOutput,
+    LampOutput,
+    LedOutput,
+    Output,
+    OutputConfig,
+    Segment,
+)
 from pointit.services.robot.robot_driver import (
     ROBOTS,
     Command,
@@ -107,7 +116,7 @@ from pointit.services.robot.robot_driver import (
     Stop,
     TakeOff,
 )
-from pointit.services.selector.objects.view import View
+from pointit.services.selector.objects.seen_objects import View
 from pointit.services.selector.selection_methods import (
     METHODS,
     MethodConfig,

@@ -9,15 +9,17 @@ from typing import IO, Any, NamedTuple, Self
 from pointit.recording import container
 from pointit.recording.container import DamagedError, RecordLocation, parse
 from pointit.recording.entries import (
+    FORMAT,
+    METADATA,
     AnyRow,
     Entry,
+    Head,
     PresenceChange,
     RecordingError,
     body_kind,
     find_row,
     schema_name,
 )
-from pointit.recording.head import FORMAT, METADATA, Head
 from pointit.recording.library import Channel as McapChannel
 from pointit.recording.library import Chunk, Metadata, Opcode, Schema
 from pointit.recording.writer import MAX_CHANNELS

@@ -3,8 +3,16 @@
 import json
 from typing import IO
 
-from pointit.recording.entries import AnyRow, Entry, PresenceChange, body_kind, row_kind, schema_name
-from pointit.recording.head import METADATA, Head
+from pointit.recording.entries import (
+    METADATA,
+    AnyRow,
+    Entry,
+    Head,
+    PresenceChange,
+    body_kind,
+    row_kind,
+    schema_name,
+)
 from pointit.recording.library import CompressionType, Writer
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name

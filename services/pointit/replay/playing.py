@@ -1,26 +1,38 @@
-"""Plays a recording: replayed services on a bus, and what is not theirs put there at its recorded time."""
+"""Plays a recording: replayed services on a bus, what is not theirs at its recorded time, or all of it on a site."""
 
 import asyncio
 import contextlib
 import functools
+import json
 import logging
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from pointit.recording.entries import AnyRow, Entry, Exchange, entry_of
-from pointit.replay.beginning import GATHERING_NS, Beginning, read_beginning
-from pointit.replay.clock import RecordingClock
-from pointit.replay.levels import CALLED_BY_SERVICES, Level, ReplayError, Split, is_about_site
-from pointit.replay.replayed_services import ReplayedServices, scratch_folder
-from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.clock import Clock
+from pointit.replay.replayed_services import (
+    CALLED_BY_SERVICES,
+    GATHERING_NS,
+    OBSERVERS,
+    Beginning,
+    Level,
+    RecordingClock,
+    ReplayedServices,
+    ReplayError,
+    Split,
+    is_about_site,
+    parameters_of,
+    read_beginning,
+    scratch_folder,
+)
+from pointit.runtime.bus.contract import AnyTopic, Bus, Closable, list_present
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.bus.site_clock import publish_time
+from pointit.runtime.clock import Clock, run_virtually
 from pointit.runtime.errors import RequestError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
-from pointit.runtime.virtual_time import run_virtually
+from pointit.runtime.service.instance_takeover import LISTEN_S
 from pointit.schemas import NS_PER_S, Configuration, Health, Message, Query, ServedRequest
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import (
@@ -440,3 +452,39 @@ class _Player:
         is_start = (self._live or bool(self._beginning.retained)) and self._is_start(entry)
         is_compared = is_recomputed and not is_start and not isinstance(entry.row, Presence)
         self._listener.replayed(entry, is_recomputed=is_compared)
+
+
+def recorded_outputs(source: ReplaySource) -> list[str]:
+    """Return the outputs that led-driver has in `source`, now or later, each as JSON."""
+    found: dict[str, None] = {}
+    for entry in source.entries(lambda key: key == CONFIGURATION.at("led-driver")):
+        if isinstance(entry.body, Configuration):
+            with contextlib.suppress(ValueError):  # the replay tells of it
+                outputs: object = parameters_of(entry.body).get("outputs")
+                if isinstance(outputs, list):
+                    found |= dict.fromkeys(json.dumps(each) for each in cast("list[object]", outputs))
+    return list(found)
+
+
+async def play_live(
+    plan: ReplayPlan, bus: Bus, listener: ReplayListener, speed: float, *, lights: bool = False
+) -> None:
+    """Play a recording on the site of `bus`, and publish its time there.
+
+    Raises:
+        ReplayError: Services of the recording run on the site already, or cannot be replayed.
+    """
+    present = await list_present(bus, SERVICE_ALIVE, LISTEN_S)
+    own = {each for each in present if split_instance(each)[0] in OBSERVERS}
+    if twice := sorted((present - own) & plan.beginning.instances):
+        raise ReplayError(
+            f"site {bus.site} runs {', '.join(twice)}, as the recording does: end them, or name another site"
+        )
+    clock = RecordingClock(plan.source.began_ns, speed)
+    async with scratch_folder() as folder:
+        time = asyncio.create_task(publish_time(clock, bus), name="time of the replay")
+        try:
+            await play(replace(plan, live=True, lights=lights), Buses(bus, bus, bus), clock, folder, listener)
+        finally:
+            time.cancel()
+            await asyncio.gather(time, return_exceptions=True)

@@ -1,6 +1,7 @@
-"""Base of parameters with an address in the network, and the check for loopback."""
+"""Addresses in the network: as people write them, and the base of parameters with one."""
 
 import ipaddress
+import re
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -8,8 +9,58 @@ from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.network_address import parse_address
 from pointit.runtime.config.validation_message import DESCRIBED
+
+MAX_PORT = 65535
+_BRACKETED = re.compile(r"\[([^\[\]]*)\](?::(.*))?")
+_NO_NAME = re.compile(r"[\s\0/@?#%\\\[\]]|^\.|\.\.|[^.]{64}")
+_NUMBER = re.compile(r"[0-9]+|0[xX][0-9a-fA-F]*")
+
+
+def parse_address(text: str) -> tuple[str, int | None]:
+    """Return host and port of `HOST` or `HOST:PORT`; the port is None if there is none.
+
+    An IPv6 address stands in brackets if a port follows it. The returned host has none.
+
+    Raises:
+        ValueError: If it is neither, or its numbers are no address or no port.
+    """
+    stripped = text.strip()
+    if match := _BRACKETED.fullmatch(stripped):
+        host, port = _numeric_host(ipaddress.IPv6Address, match[1], text), match[2]
+    elif stripped.count(":") > 1:
+        host, port = _numeric_host(ipaddress.IPv6Address, stripped, text), None
+    else:
+        host, colon, after = stripped.partition(":")
+        port = after if colon else None
+        if not host or _NO_NAME.search(host):
+            raise _error(text)
+        if _NUMBER.fullmatch(host.removesuffix(".").rpartition(".")[2]):
+            # a resolver reads 192.168.1 as 192.168.0.1, and 010 as 8
+            host = _numeric_host(ipaddress.IPv4Address, host, text)
+    if port is None:
+        return host, None
+    if not (port.isascii() and port.isdecimal()):
+        raise _error(text)
+    if int(port) > MAX_PORT:
+        raise ValueError(f"port {port} is above {MAX_PORT}: correct it")
+    return host, int(port)
+
+
+def _numeric_host(kind: type[ipaddress.IPv4Address | ipaddress.IPv6Address], host: str, text: str) -> str:
+    try:
+        address = kind(host)
+    except ValueError as error:
+        raise _error(text) from error
+    if isinstance(address, ipaddress.IPv6Address) and address.is_link_local and not address.scope_id:
+        raise ValueError(
+            f"{host} is in more than one network: add this machine's interface, as in {host}%eth0"
+        )
+    return str(address)
+
+
+def _error(text: str) -> ValueError:
+    return ValueError(f"{text!r} is not an address: write HOST or HOST:PORT, for IPv6 ::1 or [::1]:PORT")
 
 
 class AddressConfig(Config):

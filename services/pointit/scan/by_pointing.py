@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from pointit.geometry.plane import plane_axes
 from pointit.geometry.rotation import from_yaw, rotate
+from pointit.geometry.solids import plane_axes
 from pointit.geometry.vector import Vec3, add, normalized
 from pointit.maps.model import BoxEntry, PlaneEntry
 from pointit.runtime.errors import RefusedError

@@ -7,10 +7,9 @@ import numpy as np
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import RefusedError
-from pointit.scan.as_map import pointed_text
 from pointit.scan.bundle import Array, vec3
 from pointit.scan.by_pointing import PointedAt
-from pointit.scan.result import Scan
+from pointit.scan.result import Scan, pointed_text
 
 TAP_SIGMA = 0.004
 """Standard deviation of a tap, as a share of the image's width: a finger on a phone."""

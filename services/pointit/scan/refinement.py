@@ -8,8 +8,7 @@ import numpy as np
 
 from pointit.scan.bundle import Array, BundleProblem, BundleState, Indices, Mask
 from pointit.scan.lines import ImageLine
-from pointit.scan.poses import PITCH_SIGMA, Piece, PlacedViews
-from pointit.scan.sightings import SightingArrays
+from pointit.scan.poses import PITCH_SIGMA, Piece, PlacedViews, SightingArrays
 from pointit.scan.views import LampSpec, StripSpec
 
 GATES_PX = (40.0, 15.0, 8.0)

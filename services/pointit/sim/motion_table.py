@@ -1,33 +1,239 @@
-"""Columns of a recorded motion in a CSV file, in SI units, with gaps where values are missing."""
+"""Columns of a recorded motion in a CSV file of any dialect, in SI units, with gaps where values are missing.
 
+Byte order marks, UTF-16 and code page 1252, any line ends, commas, semicolons, tabs, bars or blanks, quotes,
+and lines of text or comments before the header are read.
+"""
+
+import codecs
 import csv
+import datetime as dt
 import functools
+import io
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.maps.column_units import split_unit, unit_name
+from pointit.maps.column_units import LENGTHS_M, TIMES_S, split_unit, unit_name
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
-from pointit.sim.csv_rows import CsvRows, read_csv
-from pointit.sim.motion_cells import clock_time_s, is_lost_cell, is_lost_coordinate
-from pointit.sim.motion_columns import (
-    FLOOR,
-    ORIENTATION,
-    SUGGESTED_UNITS,
-    TIME,
-    MotionColumn,
-    count_known,
-    find_columns,
-    units_of,
+from pointit.schemas.text import round_beyond
+from pointit.sim.track_faults import find_track_faults, period_problem
+
+_MISSING = frozenset(
+    (
+        *("nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "nat", "na", "n/a", "<na>", "null", "(null)"),
+        *("<null>", "\\n", "none", "nil", "missing", "undefined", "lost", "invalid"),
+        *("-", "--", "---", ".", "..", "?", "*"),
+    )
 )
-from pointit.sim.plausibility import period_problem
-from pointit.sim.track_faults import find_track_faults
+"""Cells of lost values, in lower case, besides empty ones."""
+_ERROR = re.compile(r"#[^\W\d][\w/]*[!?]|#n/?[av]|#{2,}|[+-]?\d\.#\w+|err:\d+")
+"""Errors of spreadsheets in any language (`#DIV/0!`, `#WERT!`, `Err:502`) and of C libraries (`1.#QNAN`)."""
+_NO_COORDINATE = re.compile(r"-?9{4,}|-?214748364[78]")
+"""Coordinate of a lost marker in some programs."""
+MAX_NUMBER = 1e20
+"""Limit of numbers. Those beyond are marks of lost values, as `-3.697314E+028` of NDI's trackers is."""
+
+
+def is_lost_cell(text: str) -> bool:
+    """Return True if programs write `text` for a value that is not known."""
+    word = text.strip().lower()
+    return not word or word in _MISSING or bool(_ERROR.fullmatch(word)) or is_lost_coordinate(text)
+
+
+def is_lost_coordinate(text: str) -> bool:
+    """Return True if programs write the number `text` for a coordinate that is not known."""
+    try:
+        number = float(text.replace(",", "."))
+    except ValueError:
+        return False
+    is_beyond = MAX_NUMBER < abs(number) < math.inf
+    return is_beyond or _NO_COORDINATE.fullmatch(text.partition(".")[0].partition(",")[0]) is not None
+
+
+def clock_time_s(text: str) -> float:
+    """Return a time of day or a date with time (ISO 8601; UTC if it states no zone), s; NaN if it is none."""
+    try:
+        if re.fullmatch(r"\d{1,2}:\d\d:\d\d([.,]\d+)?", text):
+            hours, minutes, seconds = text.replace(",", ".").split(":")
+            return int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds)
+        time = dt.datetime.fromisoformat(text.replace(",", "."))
+    except ValueError:
+        return math.nan
+    return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
+
+
+MAX_BYTES = 64_000_000
+"""Limit of a file: an hour at 1000 Hz. More would use too much memory of a service."""
+
+MAX_HEADER_LINES = 50
+"""Number of lines in which the header is looked for."""
+
+COMMENTS = ("#", "//", "%")
+"""Beginnings of rows that are ignored."""
+
+_DELIMITERS = "\t;,|"
+_QUOTED = re.compile(r'"[^"]*"')
+_COMMENT_MARK = re.compile(r"^\s*(#|//|%)+\s*")
+
+
+class CsvRows(NamedTuple):
+    """Header and rows of a file."""
+
+    header_line: int
+    header: list[str]
+    """Cells of the header, without blanks around them."""
+    rows: Iterator[tuple[int, list[str]]]
+    """Line and cells of each row that has any. Reading it raises `csv.Error`."""
+    delimiter: str
+    is_cut: bool
+    """True if the last line has no end, as in a file whose writer was ended."""
+
+
+def read_csv(path: Path, count_known: Callable[[Sequence[str]], int]) -> CsvRows:
+    """Return the header and rows of the file at `path`.
+
+    Args:
+        path: CSV file.
+        count_known: returns the number of known names in a line's cells. The line with most is the header.
+
+    Raises:
+        ConfigError: If it cannot be read, is too long, or is no text.
+    """
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ConfigError(
+                f"{path}: has {round_beyond(size / 1e6, MAX_BYTES / 1e6)} MB and at most "
+                f"{MAX_BYTES / 1e6:.0f} MB are read; "
+                "cut it into pieces"
+            )
+        text = _decode(path, path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    lines = io.StringIO(text, newline=None)
+    first = list(itertools.islice(lines, MAX_HEADER_LINES))
+    scores = [(count_known(_cells(line, _delimiter(line))), bool(line.strip())) for line in first]
+    index = scores.index(max(scores)) if scores else 0
+    line = first[index] if first else ""
+    delimiter = _delimiter(line)
+    rows = _rows(itertools.chain(first[index + 1 :], lines), delimiter, index + 1)
+    is_cut = not text.endswith(("\n", "\r"))
+    return CsvRows(index + 1, _cells(line, delimiter), rows, delimiter, is_cut)
+
+
+def _decode(path: Path, data: bytes) -> str:
+    is_utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        try:
+            text = data.decode("utf-16" if is_utf_16 else "utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("cp1252")  # a spreadsheet's µ or °
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
+    if "\0" in text:
+        raise ConfigError(f"{path}: is not a CSV text file (it has zero bytes); write it as UTF-8 text")
+    if not (text.isascii() or re.search("[A-Za-z]", text)):
+        raise ConfigError(f"{path}: is not a CSV text file (it has no names of columns)")
+    return text
+
+
+def _delimiter(line: str) -> str:
+    unquoted = _QUOTED.sub("", line.strip(" "))
+    return next((each for each in _DELIMITERS if each in unquoted.rstrip("\n")), " ")
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a header, which some programs write as a comment."""
+    line = _COMMENT_MARK.sub("", line, count=1) if line.lstrip().startswith(COMMENTS) else line
+    rows = list(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    return [cell.strip() for cell in rows[0]] if rows else []
+
+
+def _rows(lines: Iterator[str], delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    for row in reader:
+        cells = [cell.strip() for cell in row]
+        if any(cells) and (is_lost_cell(cells[0]) or not cells[0].startswith(COMMENTS)):
+            yield before + reader.line_num, cells
+
+
+TIME = "t"
+ORIENTATION = ("qx", "qy", "qz", "qw")
+ROBOT = ("robot_x", "robot_y", "robot_z")
+HEAD = ("head_x", "head_y", "head_z")
+FLOOR = ("px", "py")
+
+_ALIASES: dict[str, tuple[str, ...]] = {
+    TIME: ("t", "time", "timestamp", "ts", "stamp", "elapsed", "elapsedtime", "datetime", "epoch"),
+    **{
+        name: (name, *(word + name[1:] for word in ("quat", "quaternion", "orientation")))
+        for name in ORIENTATION
+    },
+    **{
+        name: (body + axis, f"{body}pos{axis}", f"{body}position{axis}")
+        for name in (*ROBOT, *HEAD)
+        for body, axis in [name.split("_")]
+    },
+    **{name: (name,) for name in FLOOR},
+}
+"""Names without blanks and underscores, by name in the documentation. The first that a file has is used."""
+
+_WITHOUT_UNIT = {"": 1.0, "1": 1.0, "unitless": 1.0}
+_TIMES_S = {"": 1.0, **TIMES_S}
+_LENGTHS_M = {"": 1.0, **LENGTHS_M}
+_CAMEL = re.compile(r"(?<=[a-z\d])(?=[A-Z])")
+
+SUGGESTED_UNITS = {TIME: ("s", "ms", "us", "ns", "min", "hours", "days"), "": ("m", "cm", "mm", "in", "ft")}
+"""Units named in messages, by column; `""`: positions."""
+
+
+class MotionColumn(NamedTuple):
+    """A column of a recorded motion: its index, name and unit in the file."""
+
+    position: int
+    """Index in the rows."""
+    title: str
+    """Its name in the file."""
+    unit: str
+    """`""` if the file does not state it."""
+    factor: float = 1.0
+    """Size of the unit in SI units."""
+
+
+def units_of(name: str) -> Mapping[str, float]:
+    """Return the known units of a column, and what they are in SI units."""
+    if name in ORIENTATION:
+        return _WITHOUT_UNIT
+    return _TIMES_S if name == TIME else _LENGTHS_M
+
+
+def find_columns(header: Sequence[str]) -> dict[str, list[MotionColumn]]:
+    """Return the columns for each name of the documentation that the file has."""
+    by_title: dict[str, list[MotionColumn]] = {}
+    for index, cell in enumerate(header):
+        title, unit = split_unit(cell if re.search(r"[\[({<]", cell) else _CAMEL.sub("_", cell))
+        by_title.setdefault(title.replace("_", ""), []).append(MotionColumn(index, cell, unit))
+    found: dict[str, list[MotionColumn]] = {}
+    for name, aliases in _ALIASES.items():
+        exact = [MotionColumn(index, cell, "") for index, cell in enumerate(header) if cell == name]
+        alias = next((each for each in aliases if each in by_title), None)
+        if exact or alias is not None:
+            found[name] = exact or by_title[str(alias)]
+    return found
+
+
+def count_known(cells: Sequence[str]) -> int:
+    """Return the number of names of the documentation for which `cells` have a column."""
+    return len(find_columns(cells))
+
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

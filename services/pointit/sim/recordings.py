@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import NORM_TOLERANCE
-from pointit.sim.motion_columns import FLOOR, HEAD, ORIENTATION, ROBOT, TIME
-from pointit.sim.motion_table import MotionTable, column_names
-from pointit.sim.plausibility import position_problems, round_figures_beyond
+from pointit.sim.motion_table import FLOOR, HEAD, ORIENTATION, ROBOT, TIME, MotionTable, column_names
+from pointit.sim.track_faults import position_problems, round_figures_beyond
 
 Array = NDArray[np.float64]
 

@@ -35,11 +35,9 @@ from pointit.schemas.topics import (
     STOP_ROBOT,
     UNDERSTOOD,
 )
-from pointit.services.listener.decision import REACTION_S, Decision, decide
-from pointit.speech.grammar import PLACES, Answer, Command, Mention, Vocabulary, answer, parse
-from pointit.speech.packages import Packages
-from pointit.speech.room import SpokenRoom
-from pointit.speech.verbs import VERBS, Verb, VerbContext
+from pointit.services.listener.referents import REACTION_S, Decision, decide
+from pointit.speech.grammar import PLACES, Answer, Command, Mention, SpokenRoom, Vocabulary, answer, parse
+from pointit.speech.verbs import VERBS, Packages, Verb, VerbContext
 
 TURN_S = 3.0
 """Time for which one candidate is asked about, s."""

@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pointit.conversion.spreadsheet_text import neutralize_formula
+from pointit.conversion.export_csv import neutralize_formula
 from pointit.errors import ConfigError, PointItError
-from pointit.runtime.host.atomic_file import write_atomically
-from pointit.study.columns import COUNTS, NUMBERS
-from pointit.study.table_file import Row, TrialTable, parse_table, table_line
+from pointit.runtime.host.state_file import write_atomically
+from pointit.study.table_file import COUNTS, NUMBERS, Row, TrialTable, parse_table, table_line
 
 PLAIN = frozenset((*COUNTS, *NUMBERS, "item", "value"))
 """Columns of numbers. Their minus sign starts no formula of a spreadsheet."""

@@ -7,12 +7,9 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from pointit.errors import ConfigError
-from pointit.study.columns import counts, done_trials
-from pointit.study.model import SHIPPED, Study
-from pointit.study.order import imbalance
+from pointit.study.model import SHIPPED, Study, imbalance
 from pointit.study.plan import check_sequences, plan_of, row_errors
 from pointit.study.session import CLOCK_APART_S
-from pointit.study.site.scenario import check_services
 from pointit.study.study_folder import (
     TRIALS,
     check_begun,
@@ -22,7 +19,8 @@ from pointit.study.study_folder import (
     read_any_trials,
     study_in,
 )
-from pointit.study.table_file import Row
+from pointit.study.study_site import check_services
+from pointit.study.table_file import Row, counts, done_trials
 
 
 class Finding(NamedTuple):

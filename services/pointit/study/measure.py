@@ -22,7 +22,7 @@ from pointit.schemas import (
     SelectionEvent,
     Step,
 )
-from pointit.study.columns import ADDED, Outcome, utc
+from pointit.study.table_file import ADDED, Outcome, utc
 
 STEP_RAD = math.radians(0.5)
 """Step of the ray that counts as way: smaller ones are tremor and noise."""

@@ -9,12 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from pointit.errors import ConfigError
-from pointit.study.columns import done_trials
-from pointit.study.model import Study
-from pointit.study.order import square
-from pointit.study.table_file import NUMBER, Row
-from pointit.study.tasks.scene import StudyTrial
-from pointit.study.tasks.targets import Tapping
+from pointit.study.model import Study, square
+from pointit.study.table_file import NUMBER, Row, done_trials
+from pointit.study.tasks import StudyTrial, Tapping
 
 MIN_SEQUENCE_TRIALS = 5
 """Minimum number of movements of a sequence that has a throughput. The standard's circles have 9 to 25."""

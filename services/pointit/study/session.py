@@ -15,18 +15,14 @@ import pointit
 from pointit.errors import ConfigError, PointItError
 from pointit.geometry.vector import Vec3
 from pointit.study.append_only_csv import AppendOnlyCsv
-from pointit.study.columns import REPEATED, utc
+from pointit.study.lsl import LslOutlets
 from pointit.study.measure import Attempt, load_end_rule
-from pointit.study.model import Study
+from pointit.study.model import Study, StudyStep, scale_of
 from pointit.study.plan import Progress, condition_of, plan_of
-from pointit.study.questionnaires import scale_of
-from pointit.study.site.lsl import LslOutlets
-from pointit.study.site.scenario import scenario_file, scenes_of
-from pointit.study.site.study_site import SiteOptions, StudySite
-from pointit.study.step import StudyStep
 from pointit.study.study_folder import StudyFolder, check_record
-from pointit.study.table_file import Row
-from pointit.study.tasks.scene import StudyScene, StudyTrial
+from pointit.study.study_site import SiteOptions, StudySite, scenario_file, scenes_of
+from pointit.study.table_file import REPEATED, Row, utc
+from pointit.study.tasks import StudyScene, StudyTrial
 from pointit.study.view import BREAK, StudyCommand, StudyStatus, StudyView
 
 TICK_S = 0.05

@@ -10,11 +10,10 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, StrictBool
 
 from pointit.errors import ConfigError
-from pointit.maps.edit.yaml_writer import dump_yaml
+from pointit.maps.edit import dump_yaml
 from pointit.runtime.config.config import Config, Layers
-from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
-from pointit.runtime.config.yaml_values import FLAGS
-from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.config.yaml_file import FLAGS, parse_yaml, read_yaml
+from pointit.runtime.host.state_file import write_atomically
 from pointit.study.append_only_csv import (
     AppendOnlyCsv,
     column_changes,
@@ -23,10 +22,9 @@ from pointit.study.append_only_csv import (
     rewritten_sentence,
     table_files,
 )
-from pointit.study.columns import FIXED, columns_of
 from pointit.study.model import Study, read_study
 from pointit.study.plan import check_answers, check_trials, check_values
-from pointit.study.table_file import Row, parse_table, table_line
+from pointit.study.table_file import FIXED, Row, columns_of, parse_table, table_line
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
     "study.yaml", "columns.csv", "trials.csv", "participant.yaml", "answers.csv",

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from pointit.study.questionnaires import Scale
-from pointit.study.step import StudyStep
+from pointit.study.model import Scale, StudyStep
 
 BREAK = "break, "
 """Start of the state of a break; the rest is the time that is left."""

@@ -14,11 +14,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from pointit.study.columns import OUTCOMES
+from pointit.study.table_file import OUTCOMES
 from pointit.study_report import comparisons, tapping_movements
+from pointit.study_report.reading import MEASURES, Trials
 from pointit.study_report.table import Table
 from pointit.study_report.tapping_movements import Index
-from pointit.study_report.trial_row import MEASURES, Trials
 
 INK = "#7a7a7b"
 """Readable on white and on black; `svg` replaces it by the colour of the page's text."""

@@ -11,11 +11,11 @@ import yaml
 
 from pointit.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
-from pointit.study.columns import ADDED
-from pointit.study_report import comparisons, figures, mixed, scores, sequences, tapping_movements
-from pointit.study_report.sequences import omission_notes
+from pointit.study.table_file import ADDED
+from pointit.study_report import comparisons, figures, table, tapping_movements
+from pointit.study_report.reading import MEASURES, Trials
 from pointit.study_report.table import RESAMPLES, Table
-from pointit.study_report.trial_row import MEASURES, Trials
+from pointit.study_report.tapping_movements import omission_notes
 
 _FILE = resources.files("pointit.study_report") / "sections.yaml"
 ABOUT: Mapping[str, str] = yaml.safe_load(_FILE.read_text(encoding="utf-8"))
@@ -63,14 +63,17 @@ def sections(trials: Trials) -> Iterator[Section]:
     yield Section("Learning", ABOUT["learning"], _both("learning"))
     for unit, title in (("m", "Throughput and Fitts' law"), ("deg", "Throughput and Fitts' law of angles")):
         if trials.has(f"target_width_{unit}"):
-            steps = [ReportStep(sequences.throughput, (unit,)), ReportStep(sequences.omissions, (unit,))]
+            steps = [
+                ReportStep(tapping_movements.throughput, (unit,)),
+                ReportStep(tapping_movements.omissions, (unit,)),
+            ]
             for index in ("m",) if unit == "m" else ("deg", "kopper"):
                 steps += [ReportStep(figures.fitts, (index,)), ReportStep(tapping_movements.fitts, (index,))]
             yield Section(title, ABOUT[unit], tuple(steps))
     if trials.answers:
-        yield Section("Questionnaires", ABOUT["questionnaires"], (ReportStep(scores.questionnaires),))
+        yield Section("Questionnaires", ABOUT["questionnaires"], (ReportStep(table.questionnaires),))
     if trials.factors and len(trials.participants) > 1:
-        yield Section("Linear mixed model", ABOUT["mixed"], (ReportStep(mixed.mixed_model),))
+        yield Section("Linear mixed model", ABOUT["mixed"], (ReportStep(comparisons.mixed_model),))
 
 
 def _both(name: str, *arguments: str) -> tuple[ReportStep, ReportStep]:

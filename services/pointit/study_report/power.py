@@ -10,8 +10,8 @@ from scipy import stats
 
 from pointit.errors import ConfigError
 from pointit.study_report.comparisons import participant_medians
+from pointit.study_report.reading import Trials
 from pointit.study_report.table import LEVEL, Table
-from pointit.study_report.trial_row import Trials
 
 Floats = NDArray[np.float64]
 ALPHA = 0.05

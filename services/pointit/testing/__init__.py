@@ -23,7 +23,6 @@ without waiting, `until` waits for a condition, and `no_task_left` fails if task
 from typing import Any
 
 from pointit.testing.bench import Bench, ManualClock, in_virtual_time, memory_bench, no_task_left, until
-from pointit.testing.check import Check, CheckFailedError, Harness, Suite, run_checks
 from pointit.testing.devices import FakeDevice, PtyDevice, TcpDevice, UdpDevice
 from pointit.testing.imu import IMU_SUITE, ImuHarness
 from pointit.testing.led import LED_SUITE, LedHarness
@@ -31,7 +30,7 @@ from pointit.testing.methods import METHOD_SUITE, MethodHarness
 from pointit.testing.recogniser import RECOGNISER_SUITE, RecogniserHarness
 from pointit.testing.robot import ROBOT_SUITE, RobotHarness
 from pointit.testing.service import SERVICE_SUITE, ServiceHarness, ServiceTrial
-from pointit.testing.trial import DeviceHarness
+from pointit.testing.trial import Check, CheckFailedError, DeviceHarness, Harness, Suite, run_checks
 
 __all__ = [
     "Bench",

@@ -9,8 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 from pointit import run_virtually
 from pointit.plugins import Clock, Config
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.service.service import AnyService, Launch, run_service
 from pointit.schemas import Message
 from pointit.schemas.topics import ANY, Topic

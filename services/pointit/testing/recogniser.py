@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.plugins import NS_PER_S, RecogniserPlugin, Speech, Vocabulary
-from pointit.runtime.virtual_time import START_NS
-from pointit.testing.check import CheckFailedError, Harness, Suite, called
+from pointit.runtime.clock import START_NS
 from pointit.testing.requirements import (
     CLOSE,
     require_nothing_left,
@@ -16,7 +15,7 @@ from pointit.testing.requirements import (
     require_refusals,
     require_responsive,
 )
-from pointit.testing.trial import CANCEL_S
+from pointit.testing.trial import CANCEL_S, CheckFailedError, Harness, Suite, called
 
 RATE_HZ = 16_000
 """Rate of the samples, each of 16 bits, signed, little endian, one channel."""

@@ -14,9 +14,17 @@ from typing import Any
 from pydantic import ValidationError
 
 from pointit.plugins import Config, ConfigError, Plugin
-from pointit.testing.check import CheckFailedError, Harness
-from pointit.testing.own_loop import current_watch
-from pointit.testing.trial import CANCEL_S, DeviceHarness, Trial, absent, go_through, lived
+from pointit.testing.trial import (
+    CANCEL_S,
+    CheckFailedError,
+    DeviceHarness,
+    Harness,
+    Trial,
+    absent,
+    current_watch,
+    go_through,
+    lived,
+)
 
 MEMORY_BYTES = 400_000
 """Maximum growth of memory, bytes. A plug-in that exceeds it stores data that it should discard."""

@@ -14,7 +14,7 @@ from mcp import Client, StdioServerParameters
 from mcp.client.streamable_http import streamable_http_client
 
 from pointit.assistants.audit_file import read_audit
-from pointit.launch.page.page_tokens import stored_tokens
+from pointit.launch.page import stored_tokens
 from tests.support.buses import free_port
 from tests.support.commands import Commands
 from tests.support.pace import Patience

@@ -22,11 +22,9 @@ from zenoh.handlers import Callback
 from pointit.access.rights import Role
 from pointit.access.router_configuration import RouterSite
 from pointit.access.router_configuration import configuration as router_configuration
-from pointit.access.site_folder import SiteFolder
-from pointit.access.site_state import SiteState
-from pointit.runtime.link.credentials import Credentials, read_credentials
-from pointit.runtime.link.link import Link
-from pointit.runtime.router.router import parse_config
+from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.runtime.link.link import Credentials, Link, read_credentials
+from pointit.runtime.router import parse_config
 from pointit.runtime.zenoh.session import configuration
 from tests.support.buses import free_port
 from tests.support.forked import ForkedProcess

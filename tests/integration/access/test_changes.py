@@ -10,7 +10,7 @@ import pytest
 
 from pointit.access.rights import Role
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.router.router import Router
+from pointit.runtime.router import Router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Health, ImuSample
 from pointit.schemas.topics import ANY, BUTTON, HEALTH, IMU, SERVICE_ALIVE, SET_BRIGHTNESS, USER_ALIVE

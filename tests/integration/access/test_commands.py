@@ -9,8 +9,7 @@ import pytest
 
 from pointit.access.site_folder import SiteFolder
 from pointit.recording.reader import Recording
-from pointit.runtime.link.credentials import read_credentials
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import Link, read_credentials
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, ImuSample
 from pointit.schemas.topics import CURSOR, IMU, SERVICE_ALIVE

@@ -13,13 +13,12 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
-from pointit.access.limits import LATEST_HZ
+from pointit.access.rights import LATEST_HZ
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
-from pointit.runtime.link.credentials import read_credentials
-from pointit.runtime.link.link import Link
-from pointit.runtime.router.router import running_router
+from pointit.runtime.link.link import Link, read_credentials
+from pointit.runtime.router import running_router
 from pointit.runtime.zenoh import connections
 from pointit.runtime.zenoh.session import refusals
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus

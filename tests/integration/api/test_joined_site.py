@@ -14,7 +14,7 @@ import pytest
 import pytest_asyncio
 
 import pointit
-from pointit.api.tracker import Tracker
+from pointit.api.inputs import Tracker
 from pointit.errors import (
     AccessDeniedError,
     ConfigError,

@@ -51,8 +51,8 @@ print("closed")
 async def test_a_script_that_waits_is_called_until_ctrl_c_and_then_goes_on(
     tmp_path: Path, commands: Commands
 ) -> None:
-    (tmp_path / "order.py").write_text(SCRIPT)
-    script = commands.run([sys.executable, str(tmp_path / "order.py")])
+    (tmp_path / "model.py").write_text(SCRIPT)
+    script = commands.run([sys.executable, str(tmp_path / "model.py")])
     await script.says("user1 wants ")
     ended = await script.stop(code=0)
     assert ended.out.endswith("closed\n")

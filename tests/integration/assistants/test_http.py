@@ -7,8 +7,7 @@ import pytest
 
 from pointit.api.site import Site
 from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
-from pointit.assistants.http_server import MAX_BODY, HttpServer
-from pointit.assistants.server import make_server
+from pointit.assistants.server import MAX_BODY, HttpServer, make_server
 from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Tools
 from pointit.bridges.web.server.access import Access

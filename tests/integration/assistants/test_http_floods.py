@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from pointit.assistants.audit_file import read_audit
-from pointit.assistants.http_server import MAX_SESSIONS
+from pointit.assistants.server import MAX_SESSIONS
 from pointit.assistants.tools import MAX_CALLS
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.schemas import Cursor, FindReferents, Referents, topics

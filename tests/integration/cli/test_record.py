@@ -5,7 +5,7 @@ import signal
 from pathlib import Path
 
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.plan import read_scenario
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
 from pointit.schemas import NS_PER_S, Health, ImuSample

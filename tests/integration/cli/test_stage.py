@@ -10,14 +10,12 @@ from typing import Any
 
 import pytest
 
-from pointit.cli.page.run_page import RunPage
-from pointit.cli.run.execution import _Run
-from pointit.launch.page.page import page_of
-from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import read_scenario
+from pointit.cli.page import RunPage
+from pointit.cli.run.run import _Run
+from pointit.launch.page import page_of
+from pointit.launch.plan.launches import Choices, Settings
+from pointit.launch.plan.plan import Plan, read_scenario
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
-from pointit.launch.plan.settings import Settings
 from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import WallClock

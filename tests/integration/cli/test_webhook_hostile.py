@@ -6,9 +6,9 @@ import tracemalloc
 
 import pytest
 
-from pointit.cli.things import webhook
+from pointit.cli.things import reactions
 from pointit.cli.things.http_status import MAX_HEAD_BYTES
-from pointit.cli.things.webhook import Webhook
+from pointit.cli.things.reactions import Webhook
 from tests.support.hostile_server import Chunks, HostileServer, drip, forever, hostile_server
 
 VALUES = {"thing": "screws", "user": "anna", "state": "on", "confidence": "", "stamp_ns": "1"}
@@ -20,12 +20,12 @@ MAX_MEMORY = 8_000_000
 
 @pytest.fixture(autouse=True)
 def one_try(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(webhook, "PAUSES_S", ())
+    monkeypatch.setattr(reactions, "PAUSES_S", ())
 
 
 async def react(server: HostileServer, timeout_s: float = 60.0) -> str:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(webhook, "TIMEOUT_S", timeout_s)
+        patch.setattr(reactions, "TIMEOUT_S", timeout_s)
         return await Webhook.parse(server.url).react(VALUES)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import httpx
 import pytest
 
-from pointit.cli.things import http_status, webhook
+from pointit.cli.things import http_status, reactions
 from pointit.cli.things.reactions import MAX_AT_ONCE, Reaction, Reactions
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, SelectionEvent
@@ -62,7 +62,7 @@ async def serving(*statuses: int) -> AsyncGenerator[Server]:
 
 @pytest.fixture(autouse=True)
 def impatience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(webhook, "PAUSES_S", (0.01, 0.01))
+    monkeypatch.setattr(reactions, "PAUSES_S", (0.01, 0.01))
     for name in ("NO_PROXY", "no_proxy", "HTTP_PROXY", "http_proxy", "all_proxy"):
         monkeypatch.delenv(name, raising=False)
 
@@ -135,7 +135,7 @@ async def test_a_busy_server_is_asked_again_with_the_same_key() -> None:
 async def test_a_failure_is_a_sentence_without_the_secret(
     monkeypatch: pytest.MonkeyPatch, status: int, requests: int, sentence: str
 ) -> None:
-    monkeypatch.setattr(webhook, "TIMEOUT_S", 60.0)
+    monkeypatch.setattr(reactions, "TIMEOUT_S", 60.0)
     async with (
         memory_bench() as bench,
         serving(status) as server,
@@ -148,7 +148,7 @@ async def test_a_failure_is_a_sentence_without_the_secret(
 
 
 async def test_a_server_that_stalls_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(webhook, "TIMEOUT_S", 0.2)
+    monkeypatch.setattr(reactions, "TIMEOUT_S", 0.2)
     async with (
         memory_bench() as bench,
         serving(STALLED) as server,  # which may not read all three in time
@@ -195,7 +195,7 @@ async def test_end_of_the_run_before_an_answer_is_a_failure() -> None:
 
 
 async def test_end_of_the_run_between_two_tries_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(webhook, "PAUSES_S", (1000.0,))
+    monkeypatch.setattr(reactions, "PAUSES_S", (1000.0,))
     async with memory_bench() as bench, serving(503) as server:
         async with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
             point(bench)

@@ -12,8 +12,7 @@ import pointit.schemas as models
 from pointit.bridges.foxglove import service as bridge
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.service import FAST, SERVICE
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service import service
 from pointit.schemas import topics

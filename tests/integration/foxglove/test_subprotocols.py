@@ -13,8 +13,7 @@ from websockets.typing import Subprotocol
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.server import names_of, rename
 from pointit.bridges.foxglove.service import SERVICE
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.schemas import Belt, Environment, topics
 from tests.integration.foxglove.viewer import SDK, viewer

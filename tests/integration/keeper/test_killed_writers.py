@@ -14,8 +14,8 @@ import pytest
 import pytest_asyncio
 
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
-from pointit.launch.run.service_group import Processes
+from pointit.launch.plan.plan import read_scenario
+from pointit.launch.run.running_scenario import Processes
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
@@ -31,7 +31,7 @@ from pointit.schemas.topics import (
     USER_ALIVE,
     Topic,
 )
-from pointit.services.keeper.record import FILE, read
+from pointit.services.keeper.retained_states import FILE, read
 from tests.support.bench import until
 from tests.support.buses import free_port
 

@@ -9,13 +9,11 @@ import pointit.schemas as models
 from pointit.recording.entries import Entry, entry
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.replay.levels import ReplayError
-from pointit.replay.live import play_live
-from pointit.replay.playing import plan_replay
+from pointit.replay.playing import plan_replay, play_live
+from pointit.replay.replayed_services import ReplayError
 from pointit.runtime.bus.contract import AnyTopic
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.virtual_time import run_virtually
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.clock import run_virtually
 from pointit.schemas import topics
 from pointit.schemas.catalogue.catalogue import example
 from tests.support.buses import site_of

@@ -23,7 +23,7 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import LATCHED, Backend, Graph, Qos, RosType
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
-from pointit.runtime.foreign_zenoh.raw_session import RawLink, open_raw_session
+from pointit.runtime.foreign_zenoh import RawLink, open_raw_session
 from tests.architecture.sources import ROOT
 from tests.support.bench import until
 from tests.support.buses import free_port

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.parameters.map_of_node import FetchRequest, fetched, parameters_of
+from pointit.bridges.ros2.parameters import FetchRequest, fetched, parameters_of
 from pointit.bridges.ros2.types.types import Types
 from pointit.maps.file import load_map, map_path
 from pointit.runtime.config.yaml_file import parse_yaml

@@ -15,8 +15,7 @@ from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.types.types import Types
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.schemas import PointingRay
 from pointit.schemas.topics import RAY

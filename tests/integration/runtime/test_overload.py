@@ -7,7 +7,7 @@ import time
 import psutil
 
 from pointit.runtime.link.link import Link
-from pointit.runtime.router.router import running_router
+from pointit.runtime.router import running_router
 from pointit.runtime.zenoh.subscribers import ZenohSubscription
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, ImuSample

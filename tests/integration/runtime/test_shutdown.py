@@ -210,7 +210,7 @@ def test_a_thread_that_does_not_end_is_cut_off() -> None:
 
 LATE = """
 import asyncio, os, signal
-from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.service.process import run_until_shutdown
 signal.signal(signal.SIGINT, signal.SIG_DFL)  # as pointit.cli does
 
 async def work():

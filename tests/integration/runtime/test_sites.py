@@ -7,7 +7,7 @@ import pytest_asyncio
 
 from pointit.runtime.errors import NoAnswerError
 from pointit.runtime.link.link import Link
-from pointit.runtime.router.router import running_router
+from pointit.runtime.router import running_router
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, Done, ImuSample, KeyNameError, SetBrightness, UserProfile
 from pointit.schemas.topics import BUTTON, IMU, PROFILE, SET_BRIGHTNESS, USER_ALIVE

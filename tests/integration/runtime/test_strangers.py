@@ -12,10 +12,9 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.zenoh import wire_format
+from pointit.runtime.zenoh import declarations
 from pointit.runtime.zenoh.queries import MAX_WAITING
-from pointit.runtime.zenoh.retained_states import BUSY
-from pointit.runtime.zenoh.subscribers import MAX_NAMES, MAX_USERS
+from pointit.runtime.zenoh.subscribers import BUSY, MAX_NAMES, MAX_USERS
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Environment, Lamp, LampColor, SetBrightness, UserProfile, encode
 from pointit.schemas.topics import BUTTON, CURSOR, IMU, LAMP_COLOR, MAP, PROFILE, SET_BRIGHTNESS
@@ -148,7 +147,7 @@ async def test_a_sample_is_decoded_once_for_all_readers_of_the_process(
     bus: ZenohBus, stranger: zenoh.Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     decoded: list[object] = []
-    inner = wire_format.decoded
+    inner = declarations.decoded
 
     def counted(*arguments: Any) -> Any:
         decoded.append(arguments)

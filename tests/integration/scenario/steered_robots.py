@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import Scenario, read_scenario
-from pointit.launch.robots.robot_watcher import RobotsScore, RobotWatcher
-from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import RunScore
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.virtual_time import VirtualClock
+from pointit.launch.plan.plan import Scenario, read_scenario
+from pointit.launch.robots import RobotsScore, RobotWatcher
+from pointit.launch.run.monitor import Monitor, RunScore
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.clock import VirtualClock
 from pointit.schemas import Feedback, Goal, RobotState
 from pointit.schemas.topics import FEEDBACK, GOAL, ROBOT_STATE
 from pointit.services.user_sim.person import SimulatedPerson

@@ -11,12 +11,11 @@ import statistics
 import numpy as np
 import pytest
 
-from pointit.diagnosis.certainty import UNSURE_M, position_sigma_m
+from pointit.diagnosis.symptoms import UNSURE_M, position_sigma_m
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.virtual_time import VirtualClock, run_virtually
+from pointit.launch.plan.plan import read_scenario
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.schemas import UserPose
 from pointit.schemas.topics import INTERACTION, POSE
 from tests.integration.scenario.play import Found, Outcome, play, running

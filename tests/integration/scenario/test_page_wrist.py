@@ -15,11 +15,10 @@ import pointit.schemas as models
 from pointit.geometry import rotation
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.launch.plan.plan import read_scenario
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.clock import START_NS, VirtualClock
 from pointit.runtime.service.service import Launch
-from pointit.runtime.virtual_time import START_NS, VirtualClock
 from pointit.schemas.topics import BUTTON, CURSOR, IMU, INTERACTION, OBJECTS, POSE, SELECTION_EVENTS, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge

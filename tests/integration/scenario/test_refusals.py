@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.scenario import Scenario, read_scenario
+from pointit.launch.plan.plan import Scenario, read_scenario
 from tests.integration.scenario.play import Outcome, play
 
 EYES_M = 1.64

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pointit.launch.plan.launches import Choices, seed_of, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.plan import read_scenario
 from tests.integration.scenario.play import USER, Outcome, play
 
 ALL_PASS = ("conveyor-sim.feeder.count=22",)

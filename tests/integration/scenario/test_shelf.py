@@ -5,7 +5,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pointit
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.plan import read_scenario
 from pointit.schemas import SelectionEvent
 
 MAP = """

@@ -13,10 +13,9 @@ import pytest
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.clock import START_NS, VirtualClock, run_virtually
 from pointit.runtime.service.service import Launch, run_services
-from pointit.runtime.virtual_time import START_NS, VirtualClock, run_virtually
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, LampColor, UserPose
 from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, INTERACTION, LAMP_COLOR, MAP, POSE, RAY
 from pointit.services.led_driver.config import LedDriverConfig

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import Cursor, Selection, SelectionEvent
-from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
+from pointit.services.conveyor_sim.feeding import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output, Record

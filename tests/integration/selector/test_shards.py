@@ -7,8 +7,8 @@ import pytest
 import pytest_asyncio
 
 from pointit.schemas import NS_PER_S
-from pointit.services.selector import arbiter, shard_engine
-from pointit.services.selector.shard_engine import NO_ARBITER
+from pointit.services.selector import arbiter, selection_engine
+from pointit.services.selector.selection_engine import NO_ARBITER
 from tests.integration.selector.hall import Hall, running_hall
 from tests.support.bench import until
 
@@ -19,7 +19,7 @@ PATIENCE_NS = 60 * NS_PER_S
 async def hall(monkeypatch: pytest.MonkeyPatch) -> AsyncGenerator[Hall]:
     # no claim is given up because the machine is slow
     monkeypatch.setattr(arbiter, "MAX_CLAIM_AGE_NS", PATIENCE_NS)
-    monkeypatch.setattr(shard_engine, "GIVE_UP_NS", 2 * PATIENCE_NS)
+    monkeypatch.setattr(selection_engine, "GIVE_UP_NS", 2 * PATIENCE_NS)
     async with running_hall() as running:
         yield running
 

@@ -20,14 +20,13 @@ from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.launch.plan.plan import read_scenario
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.virtual_time import VirtualClock
+from pointit.runtime.clock import VirtualClock
 from pointit.schemas import SelectionEvent
 from pointit.schemas.topics import SELECTION_EVENTS
-from pointit.sim.tremor import Tremor
+from pointit.sim.aim import Tremor
 from tests.integration.scenario.play import running, with_fresh_state
 
 ANNA, BEN = "anna", "ben"

@@ -17,11 +17,10 @@ from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.launch.plan.plan import read_scenario
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.runtime.service.service import Launch, run_services
-from pointit.runtime.virtual_time import VirtualClock, run_virtually
 from pointit.schemas import ButtonEvent, Cursor, Environment, Localization, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, LOCALIZATION, MAP, POSE, PROFILE, WRIST
 from pointit.services.imu_bridge.config import ImuBridgeConfig

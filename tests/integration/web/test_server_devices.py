@@ -9,7 +9,7 @@ from typing import Any
 import psutil
 import pytest
 
-from pointit.bridges.web.devices import process, search
+from pointit.bridges.web.devices import devices, search
 from pointit.plugins import FoundDevice, device_search
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import Done, Environment, ShowPixels, Strip, topics
@@ -27,7 +27,7 @@ FOUND = {
 LIGHT = {"kind": "light", "plugin": "ddp", "address": "kitchen.local", "name": "shelf"}
 WRIST = {"kind": "wrist", "plugin": "slimevr", "address": "02:00", "name": "anna"}
 AT = "tcp/127.0.0.1:1"
-BEGIN = process.BEGIN
+BEGIN = devices.BEGIN
 LIKE_A_DEVICE = """
 import json, pathlib, sys
 with pathlib.Path({file!r}).open("a") as file:
@@ -59,7 +59,7 @@ def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(search, "search", find)
     file = tmp_path / "started"
     file.touch()
-    monkeypatch.setattr(process, "BEGIN", LIKE_A_DEVICE.format(file=str(file)))
+    monkeypatch.setattr(devices, "BEGIN", LIKE_A_DEVICE.format(file=str(file)))
     return file
 
 
@@ -164,7 +164,7 @@ async def test_a_light_is_connected_tested_remembered_and_forgotten(started: Pat
 
 async def test_device_whose_name_begins_with_a_dash_is_no_option(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its command comes to the device, with a sentence, and not to the help or another option."""
-    monkeypatch.setattr(process, "BEGIN", BEGIN)
+    monkeypatch.setattr(devices, "BEGIN", BEGIN)
     stored = [
         {"kind": "light", "plugin": "--help", "name": "shelf", "label": "a"},
         {"kind": "wrist", "plugin": "udp", "name": "-anna", "label": "c"},
@@ -285,14 +285,14 @@ async def test_what_cannot_be_connected_is_refused_in_a_sentence(
 async def test_a_device_that_ends_is_a_problem_of_the_site_with_its_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(process, "BEGIN", f"import sys; sys.argv.append('broken'){process.BEGIN}")
+    monkeypatch.setattr(devices, "BEGIN", f"import sys; sys.argv.append('broken'){devices.BEGIN}")
     async with memory_bench() as bench, serving(bench, devices_at=AT) as server, server.page() as page:
         health = bench.collect(topics.HEALTH, "web")
         await room(bench, page)
         assert not await refusal(page)
         await until(lambda: line(page, "light").get("problem") == "nothing answers")
         await until(lambda: any("Kitchen, 60 pixels: nothing answers" in each.warnings for each in health))
-        monkeypatch.setattr(process, "BEGIN", process.BEGIN.replace("'broken'", "'mended'"))
+        monkeypatch.setattr(devices, "BEGIN", devices.BEGIN.replace("'broken'", "'mended'"))
         monkeypatch.setitem(FOUND, "led-output", ())
         await page.ask(deed="find_devices")
         assert not await refusal(page), "it is connected already, so it is not searched"
@@ -315,10 +315,10 @@ async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyP
     stubborn = (
         "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
     )
-    monkeypatch.setattr(process, "BEGIN", stubborn)
-    monkeypatch.setattr(process, "STOP_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(devices, "BEGIN", stubborn)
+    monkeypatch.setattr(devices, "STOP_TIMEOUT_S", 0.05)
     told: list[object] = []
-    running = asyncio.create_task(process.run_command([], lambda _line: None, told.append))
+    running = asyncio.create_task(devices.run_command([], lambda _line: None, told.append))
     await until(lambda: bool(told))
     running.cancel()
     done, _ = await asyncio.wait({running}, timeout=30.0)  # it would sleep for a minute
@@ -329,7 +329,7 @@ async def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyP
 async def test_command_that_is_cancelled_again_leaves_no_process(started: Path) -> None:
     others = {*psutil.Process().children()}
     for rounds in (0, 1, 2, 3, 5, 8, 40):
-        running = asyncio.create_task(process.run_command(["wrist"], lambda _: None, lambda _: None))
+        running = asyncio.create_task(devices.run_command(["wrist"], lambda _: None, lambda _: None))
         for _ in range(rounds):
             await asyncio.sleep(0)
         if rounds == 40:
@@ -349,10 +349,10 @@ async def test_process_is_ended_when_all_tasks_are_cancelled_once_more(
     stubborn = (
         "import signal, time; signal.signal(15, signal.SIG_IGN); print('{}', flush=True); time.sleep(60)"
     )
-    monkeypatch.setattr(process, "BEGIN", stubborn)
+    monkeypatch.setattr(devices, "BEGIN", stubborn)
     before, others = asyncio.all_tasks(), {*psutil.Process().children()}
     told: list[object] = []
-    running = asyncio.create_task(process.run_command([], lambda _line: None, told.append))
+    running = asyncio.create_task(devices.run_command([], lambda _line: None, told.append))
     await until(lambda: bool(told))
     running.cancel()
     for _ in range(5):

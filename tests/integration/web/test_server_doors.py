@@ -9,7 +9,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
 from pointit.bridges.web.config import WebConfig
-from pointit.bridges.web.server import access, exposure_check
+from pointit.bridges.web.server import access
 from pointit.bridges.web.service import Web
 from pointit.bridges.web.wire import Role
 from pointit.runtime.errors import ConfigError, ListenError
@@ -192,11 +192,11 @@ def test_what_is_not_safe_is_refused(parameters: dict[str, str], sentence: str) 
 
 def test_only_a_container_may_listen_at_more_than_its_own_address(monkeypatch: pytest.MonkeyPatch) -> None:
     published = WebConfig(host="0.0.0.0", published_port=8091)  # noqa: S104 - its engine's affair
-    monkeypatch.setattr(exposure_check, "CONTAINER_MARKS", ())
-    monkeypatch.delenv(exposure_check.CONTAINER, raising=False)
+    monkeypatch.setattr(access, "CONTAINER_MARKS", ())
+    monkeypatch.delenv(access.CONTAINER, raising=False)
     with pytest.raises(ConfigError, match="published_port in a container"):
         Web.validate_config(published)
-    monkeypatch.setenv(exposure_check.CONTAINER, "oci")
+    monkeypatch.setenv(access.CONTAINER, "oci")
     Web.validate_config(published)
     with pytest.raises(ConfigError, match="lan: true"):
         Web.validate_config(published.model_copy(update={"published_port": 0}))
@@ -206,7 +206,7 @@ async def test_a_published_page_is_opened_by_the_address_that_it_tells(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO")
-    monkeypatch.setenv(exposure_check.CONTAINER, "oci")
+    monkeypatch.setenv(access.CONTAINER, "oci")
     everywhere = {"host": "0.0.0.0", "published_port": 4321, "operator_token": ""}  # noqa: S104 - as above
     async with memory_bench() as bench, serving(bench, **everywhere) as server, server.client() as client:
         link = link_in(caplog.text)

@@ -6,11 +6,11 @@ from typing import Any
 import httpx
 import pytest
 
-from pointit.bridges.web.metrics.metrics_server import PATH, MetricsServer
-from pointit.bridges.web.metrics.site_metrics import SiteMetrics
 from pointit.bridges.web.playback.past_page import CANNOT_BE_CHANGED
-from pointit.bridges.web.server import access, exposure_check
+from pointit.bridges.web.server import access
 from pointit.bridges.web.server.app import PAST
+from pointit.bridges.web.server.metrics_server import PATH, MetricsServer
+from pointit.bridges.web.site_metrics import SiteMetrics
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Cursor, Environment, SelectionEvent
 from pointit.schemas.topics import CURSOR, MAP, SELECTION_EVENTS, SERVICE_ALIVE
@@ -51,7 +51,7 @@ async def test_without_a_token_there_are_no_metrics(headers: dict[str, str]) -> 
 
 
 async def test_wrong_tokens_of_a_scrape_count_as_guesses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pointit.bridges.web.metrics.metrics_server.REFUSAL_S", 0.0)
+    monkeypatch.setattr("pointit.bridges.web.server.metrics_server.REFUSAL_S", 0.0)
     async with memory_bench() as bench, serving(bench) as server, server.client() as client:
         for guess in range(access.MAX_GUESSES):
             await client.get(PATH, headers=bearer(f"guess {guess}"))
@@ -74,7 +74,7 @@ async def test_a_server_of_its_own_answers_this_machine_without_a_token() -> Non
 
 
 async def test_a_server_of_its_own_is_not_open_to_other_machines(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(exposure_check.CONTAINER, "oci")  # many containers share the network of their host
+    monkeypatch.setenv(access.CONTAINER, "oci")  # many containers share the network of their host
     with pytest.raises(ConfigError, match=r"listen at 127\.0\.0\.1"):
         MetricsServer(SiteMetrics("lab", "1"), "0.0.0.0", 0)  # noqa: S104 - refused
 

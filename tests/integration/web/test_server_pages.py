@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 import pointit.schemas as models
 from pointit.bridges.web.pages import page_requests as answers
 from pointit.bridges.web.playback.recent import RecentPast
-from pointit.bridges.web.server import download
+from pointit.bridges.web.server import app
 from pointit.bridges.web.wrists import pairing
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import topics
@@ -312,14 +312,14 @@ async def test_the_last_minute_is_a_file_for_operators(bench: Bench, server: Ser
 
 async def test_who_asks_while_it_is_written_gets_the_same_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[int] = []
-    write = download.write_recording
+    write = app.write_recording
 
     def counted(past: RecentPast, since_ns: int, output: IO[bytes]) -> int:
         written.append(1)
         time.sleep(0.2)  # longer than the others need to ask
         return write(past, since_ns, output)
 
-    monkeypatch.setattr(download, "write_recording", counted)
+    monkeypatch.setattr(app, "write_recording", counted)
     async with memory_bench() as bench, serving(bench) as server:
         for n in range(2000):
             bench.put(topics.CURSOR, models.Cursor(stamp_ns=START_NS, seq=n), "anna")

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from pointit.recording.entries import Entry, body_kind, entry
-from pointit.recording.head import make_head
+from pointit.recording.entries import Entry, body_kind, entry, make_head
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S
 from pointit.schemas.catalogue.catalogue import example

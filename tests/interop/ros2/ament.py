@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pointit.bridges.ros2.types.definitions import INTERFACES, STANDARD_SERVICES
-from pointit.bridges.ros2.types.rihs01 import BASE, NAME, SEQUENCE, Rihs01
+from pointit.bridges.ros2.types.definitions import BASE, INTERFACES, NAME, SEQUENCE, STANDARD_SERVICES, Rihs01
 from pointit.bridges.ros2.types.types import GOLDEN, Types
 
 AT_LEAST = "uint8 structure_needs_at_least_one_member"

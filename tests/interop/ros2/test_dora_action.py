@@ -9,8 +9,8 @@ from typing import Any, cast
 
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backends import opened
-from pointit.bridges.ros2.robot.config import Ros2RobotConfig
 from pointit.bridges.ros2.robot.driver import Ros2Driver
+from pointit.bridges.ros2.robot.plugin import Ros2RobotConfig
 from pointit.bridges.ros2.types.definitions import NAVIGATE_TO_POSE
 from pointit.plugins import FollowPath, OrderStatus, ReportItem, RobotReport, RobotSpec, Stop
 from pointit.runtime.clock import WallClock

@@ -14,7 +14,7 @@ from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Writer
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.bridges.ros2.over_rclpy import backend as rclpy_backend
-from pointit.bridges.ros2.parameters.map_of_node import FetchRequest, fetched
+from pointit.bridges.ros2.parameters import FetchRequest, fetched
 
 
 class Side:

@@ -21,10 +21,10 @@ from bumble.link import LocalLink
 from bumble.transport.tcp_server import open_tcp_server_transport_with_socket
 
 from pointit.geometry.rotation import Quaternion, normalized
-from pointit.runtime.virtual_time import run_virtually
-from pointit.services.imu_bridge.ble.touch_sdk.messages import OUTPUT
-from pointit.services.imu_bridge.ble.touch_sdk.watch import TOUCH_SDK
-from pointit.services.imu_bridge.reading import Press, RawReading, Reading, StepGesture
+from pointit.runtime.clock import run_virtually
+from pointit.services.imu_bridge.ble.touch_sdk import TOUCH_SDK
+from pointit.services.imu_bridge.ble.touch_sdk_messages import OUTPUT
+from pointit.services.imu_bridge.sources import Press, RawReading, Reading, StepGesture
 from pointit_lab.devices.wrists.touch_sdk_watch import DISCONNECT, SimulatedTouchSdkWatch
 from tests.devices.ble_session import worn
 from tests.devices.bumble_wrist import BumbleWrist, virtual_device

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pointit.services.imu_bridge.ble.touch_sdk.messages import (
+from pointit.services.imu_bridge.ble.touch_sdk_messages import (
     decode_update,
     encode_client_info,
     encode_haptic,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from pointit.cli.common.progress import LineProgress, progress
+from pointit.cli.common.output import LineProgress, progress
 from pointit_lab.cli.table import print_rows
 from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 

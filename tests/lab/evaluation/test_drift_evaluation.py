@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pointit.geometry import vector
-from pointit.services.localizer.drift.model import DriftSettings
+from pointit.services.localizer.drift.state import DriftSettings
 from pointit_lab.evaluation.datasets.proximity_feedback import PHASES, FloorTrial, Stretch, read_floor_trials
 from pointit_lab.evaluation.pointing import drift_simulated
 from pointit_lab.evaluation.pointing.drift import LEFT_OUT, candidates, left_out, recorded_rows

@@ -12,7 +12,6 @@ from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
-from pointit.services.localizer.estimation.angular_residuals import Array
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -20,14 +19,14 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
+from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedures.moving_target import (
     MovingTarget,
     TargetDisambiguator,
     rank_by_posterior,
 )
-from pointit.services.localizer.verification.following import followed
-from pointit.services.localizer.verification.holds import without_spikes
+from pointit.services.localizer.verification import followed, without_spikes
 from pointit.sim.recordings import OPERATOR, read_imu_csv
 from pointit_lab.evaluation.datasets import motion_relloc, read_trials
 from pointit_lab.evaluation.localization.arm_rays import eye_finger_rays

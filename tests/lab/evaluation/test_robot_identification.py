@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pointit.schemas import NS_PER_S, PointingRay, UserPose
-from pointit.services.goal.robot_identification import RobotIdentifier
+from pointit.services.goal.robot_choice import RobotIdentifier
 from pointit_lab.evaluation.robots.choice import choices
 from pointit_lab.evaluation.robots.identification import BEGIN_NS, rates, simulated_results
 from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, SimulatedFollower

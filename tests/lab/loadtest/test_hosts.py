@@ -11,8 +11,8 @@ from typing import Any, ClassVar, cast
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.router.router import parse_config
-from pointit.runtime.zenoh.wire_format import encoding_of
+from pointit.runtime.router import parse_config
+from pointit.runtime.zenoh.declarations import encoding_of
 from pointit.schemas import Cursor, ImuSample
 from pointit_lab.loadtest import hosts
 from pointit_lab.loadtest.hosts import CONTENTS_S, HostsTest

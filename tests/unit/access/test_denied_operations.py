@@ -8,24 +8,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.access.denied_operations import (
+    CLAIMS,
     FLOOD_HZ,
     KINDS,
+    MAX_CLAIMED,
     MAX_KEY,
+    MAX_LENGTH,
     MAX_MESSAGES,
+    MAX_NAME,
+    MAX_REASONS,
+    MAX_SHOWN,
     RECENT_S,
     SLOWED,
     DeniedOperations,
     RecentDenials,
 )
-from pointit.access.limits import LATEST_HZ, MAX_RATE_HZ
-from pointit.access.rejected_connections import (
-    CLAIMS,
-    MAX_CLAIMED,
-    MAX_LENGTH,
-    MAX_NAME,
-    MAX_REASONS,
-    MAX_SHOWN,
-)
+from pointit.access.rights import LATEST_HZ, MAX_RATE_HZ
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
 HEAD = f"\x1b[2m2030-01-01T00:00:00Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(07) {TARGET}"
@@ -372,7 +370,7 @@ def test_a_flood_is_one_sentence_and_forgotten() -> None:
     "during",
     [
         "pointit.access.denied_operations._listed",
-        "pointit.access.rejected_connections.RejectedConnections.pop_summary",
+        "pointit.access.denied_operations.RejectedConnections.pop_summary",
     ],
 )
 def test_what_comes_while_it_is_told_is_told_next_time(during: str, monkeypatch: pytest.MonkeyPatch) -> None:

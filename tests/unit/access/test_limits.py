@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from pointit.access.limits import (
+from pointit.access.rights import (
     BURST,
     HOLD_S,
     MAX_CONNECTIONS,

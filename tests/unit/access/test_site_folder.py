@@ -14,11 +14,10 @@ from cryptography import x509
 
 from pointit.access.authority import Authority, create_authority
 from pointit.access.rights import Role
-from pointit.access.site_folder import SiteFolder, locked
-from pointit.access.site_state import SiteState
+from pointit.access.site_folder import SiteFolder, SiteState, locked
 from pointit.cli.main import command
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link.credentials import read_credentials
+from pointit.runtime.link.link import read_credentials
 from pointit.schemas import KeyNameError
 from tests.integration.access.secured import credentials_of, make_site, now
 

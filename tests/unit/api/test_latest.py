@@ -6,8 +6,8 @@ from collections.abc import Generator
 
 import pytest
 
+from pointit.api.inputs import Tracker
 from pointit.api.site import Site
-from pointit.api.tracker import Tracker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, VersionError
 from pointit.schemas import Environment, PointingRay, Selection, TrackedObject, TrackedObjects, UserPose

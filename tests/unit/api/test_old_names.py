@@ -7,7 +7,7 @@ import pytest
 
 import pointit
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.config.old_names import accept_old_names
+from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Cursor, topics
 from pointit.testing import MethodHarness, memory_bench, until

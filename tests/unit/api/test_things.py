@@ -7,13 +7,13 @@ from collections.abc import AsyncGenerator, Iterator
 
 import pytest
 
+from pointit.api.feed import MAX_AT_ONCE, is_reaction
 from pointit.api.loop_thread import LoopThread
-from pointit.api.reactions import MAX_AT_ONCE, is_reaction
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
 from pointit.errors import BusClosedError, ConfigError, NoMessageError
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.virtual_time import VirtualClock
+from pointit.runtime.clock import VirtualClock
 from pointit.schemas import Environment, Selection, SelectionEvent
 from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.selection import RESTORED

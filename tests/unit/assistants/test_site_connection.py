@@ -10,7 +10,7 @@ from pointit.api.site import Site
 from pointit.assistants.site_connection import SiteConnection
 from pointit.errors import ConnectError, PointItError, WrongSiteError
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.virtual_time import VirtualClock
+from pointit.runtime.clock import VirtualClock
 from tests.support.bench import until
 
 ABSENT = "site lab at tcp/hall:7447 does not answer"

@@ -13,7 +13,7 @@ from pointit.assistants.results import MAX_NAME
 from pointit.assistants.tools import ns_of
 from pointit.errors import PointItError, SchemaError
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.virtual_time import VirtualClock
+from pointit.runtime.clock import VirtualClock
 from pointit.schemas import ButtonEvent, FindReferents, Say, SendRobot, TrackedObject, TrackedObjects, topics
 from tests.support.bench import until
 from tests.unit.assistants.conftest import ROVER, Assistant, Played, assistant_of, text_of

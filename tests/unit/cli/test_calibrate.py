@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pointit.cli.people import calibrate_mounting, offset_report, pose_text
+from pointit.cli.people import anchor as pose_text
+from pointit.cli.people import calibrate_mounting, calibrate_user
 from pointit.cli.people.anchor import sentence
 from pointit.cli.people.calibrate_mounting import format_result
 from pointit.cli.people.pose import LatestTruth
@@ -50,7 +51,7 @@ def anchor(index: int, time_s: float, yaw_rad: float, true_yaw_rad: float, low_r
 @pytest.mark.parametrize("count", [1, 3, 4, 7])
 def test_a_heading_that_the_first_anchor_set_right_is_no_error_of_the_person(count: int) -> None:
     anchors = [anchor(k, 4.0 * k, 0.0 if k == 0 else 1.0, 1.0) for k in range(count)]
-    fitted, rows = offset_report.assess(anchors, 99)
+    fitted, rows = calibrate_user.assess(anchors, 99)
     assert fitted.dropped == ()
     assert fitted.heading_rad == pytest.approx(1.0)
     assert fitted.offset is not None
@@ -66,17 +67,17 @@ def test_a_heading_that_the_first_anchor_set_right_is_no_error_of_the_person(cou
 def test_an_imu_that_drifts_meanwhile_bends_nothing() -> None:
     drift = math.radians(0.5)  # a second: 14° from the first to the last
     anchors = [anchor(k, 4.0 * k, 0.7, 0.7 + drift * 4.0 * k) for k in range(8)]
-    fitted, rows = offset_report.assess(anchors, 0)
+    fitted, rows = calibrate_user.assess(anchors, 0)
     assert fitted.dropped == ()
     assert [row.azimuth_before_rad for row in rows] == pytest.approx([0.0] * 8, abs=math.radians(0.1))
-    turned = [seen.yaw_rad for seen in offset_report.in_one_pose(anchors)]
+    turned = [seen.yaw_rad for seen in calibrate_user.in_one_pose(anchors)]
     assert turned == pytest.approx([0.7 + drift * 4.0 * k for k in range(8)])
 
 
 def test_too_few_pointings_tell_no_drift() -> None:
     anchors = [anchor(k, 4.0 * k, 0.5, 0.6 + 0.1 * k) for k in range(3)]
-    assert [seen.yaw_rad for seen in offset_report.in_one_pose(anchors)] == [0.5, 0.5, 0.5]
-    fitted, rows = offset_report.assess([], 0)
+    assert [seen.yaw_rad for seen in calibrate_user.in_one_pose(anchors)] == [0.5, 0.5, 0.5]
+    fitted, rows = calibrate_user.assess([], 0)
     assert (fitted.offset, rows) == (None, [])
 
 
@@ -86,15 +87,15 @@ def test_restless_holds_and_those_far_from_the_others_are_said() -> None:
         update={"spread_rad": 0.1, "accepted": False, "reason": "the arm wandered"}
     )
     anchors[4] = anchor(4, 16.0, 0.0, 0.0, low_rad=0.4)
-    fitted, rows = offset_report.assess(anchors, 0)
+    fitted, rows = calibrate_user.assess(anchors, 0)
     assert there(fitted.offset).anchors == 4
-    assert [offset_report.table_row(row)["used"] for row in rows] == [
+    assert [calibrate_user.table_row(row)["used"] for row in rows] == [
         *("yes", "yes", "no: the arm wandered", "yes", "no: far from the others", "yes")
     ]
 
 
 def doubt(anchors: Sequence[Anchor]) -> str:
-    return offset_report.rejection_reason(offset_report.assess(anchors, 0)[1])
+    return calibrate_user.rejection_reason(calibrate_user.assess(anchors, 0)[1])
 
 
 def test_a_pose_that_looks_wrong_is_doubted_and_one_bad_hold_is_not() -> None:
@@ -104,34 +105,34 @@ def test_a_pose_that_looks_wrong_is_doubted_and_one_bad_hold_is_not() -> None:
     high = [anchor(k, 4.0 * k, 0.0, 0.0, low_rad=0.05 if k < 3 else 0.8) for k in range(6)]
     assert doubt(high) == "3 of 6 pointings exceed the error of a person"
     right[3] = anchor(3, 12.0, 0.0, 0.8)
-    fitted, rows = offset_report.assess(right, 0)
+    fitted, rows = calibrate_user.assess(right, 0)
     assert fitted.dropped == (3,)
-    assert offset_report.rejection_reason(rows) == ""
-    assert offset_report.rejection_reason([]) == ""
+    assert calibrate_user.rejection_reason(rows) == ""
+    assert calibrate_user.rejection_reason([]) == ""
 
 
 def test_a_pointing_that_counts_though_it_was_not_accepted_is_said() -> None:
     taken = anchor(0, 0.0, 0.0, 0.0)
     rejected = anchor(1, 4.0, 0.0, 0.0).model_copy(update={"accepted": False, "reason": "it is 30° off"})
-    _, rows = offset_report.assess([taken, rejected], 0)
-    assert [offset_report.shown_row(row)["counts"] for row in rows] == [
+    _, rows = calibrate_user.assess([taken, rejected], 0)
+    assert [calibrate_user.shown_row(row)["counts"] for row in rows] == [
         "yes",
         "yes, but the localizer did not correct the pose by it: it is 30° off",
     ]
-    assert [offset_report.table_row(row)["not_accepted"] for row in rows] == ["", "it is 30° off"]
+    assert [calibrate_user.table_row(row)["not_accepted"] for row in rows] == ["", "it is 30° off"]
     wandered = anchor(0, 0.0, 0.0, 0.0).model_copy(update={"spread_rad": 0.1})
-    _, rows = offset_report.assess([wandered], 0)
-    assert offset_report.shown_row(rows[0])["too_far_right"] is None  # not a 0 that nobody measured
+    _, rows = calibrate_user.assess([wandered], 0)
+    assert calibrate_user.shown_row(rows[0])["too_far_right"] is None  # not a 0 that nobody measured
 
 
 def test_an_offset_in_words() -> None:
     terms = (-0.0349, 0.0, 0.0, 0.0, 0.0, 0.0)
     plain = PointingOffset(rung="pitch", elevation=terms, anchors=1, sigma_rad=0.0175)
-    assert offset_report.describe(plain) == (
+    assert calibrate_user.describe(plain) == (
         "the rays are turned down by 2.0°; fitted from 1 pointing, 1.0° (1 sigma) is left"
     )
     bent = PointingOffset(rung="polynomial", elevation=terms, anchors=9)
-    assert "by 2.0° in the middle, and differently elsewhere (a polynomial" in offset_report.describe(bent)
+    assert "by 2.0° in the middle, and differently elsewhere (a polynomial" in calibrate_user.describe(bent)
 
 
 def pose(**fields: object) -> UserPose:

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from pointit.cli.common.lazy import COMPLETE
 from pointit.cli.main import command
-from pointit.launch.plan.scenario import scenario_names
+from pointit.launch.plan.plan import scenario_names
 from pointit.maps.file import shipped_maps
 from pointit.services.registry import PROCESSES
 from tests.support.invoked import python

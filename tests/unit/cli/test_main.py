@@ -14,9 +14,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pointit.cli.commands import COMMANDS, OLD_PAIRS, OLD_SPELLINGS
-from pointit.cli.common import installed_commands
-from pointit.cli.common.installed_commands import HEADING, LAB
-from pointit.cli.common.lazy import LazyEntry, LazyGroup
+from pointit.cli.common import lazy
+from pointit.cli.common.lazy import HEADING, LAB, LazyEntry, LazyGroup
 from pointit.cli.main import EXAMPLES, PATHS, command, front, main
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
@@ -316,7 +315,7 @@ def test_package_without_metadata_hides_no_other_command(tmp_path: Path) -> None
 
 
 def test_commands_of_the_laboratory_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(installed_commands, "GROUP", "pointit.no_commands")
+    monkeypatch.setattr(lazy, "GROUP", "pointit.no_commands")
     help_text = call("--help").output
     assert "laboratory" not in help_text
     assert "evaluate" not in help_text
@@ -339,4 +338,4 @@ def test_the_first_version_on_the_path_counts_and_an_empty_section_has_no_comman
         (info / "METADATA").write_text(f"Name: {package.partition('-')[0]}\n", encoding="utf-8")
         (info / "entry_points.txt").write_text(text, encoding="utf-8")
     monkeypatch.setattr(sys, "path", [str(tmp_path / "first"), str(tmp_path / "second")])
-    assert [(each.name, each.package) for each in installed_commands.declared()] == [("wave", "waves")]
+    assert [(each.name, each.package) for each in lazy.declared()] == [("wave", "waves")]

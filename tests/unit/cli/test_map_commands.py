@@ -14,8 +14,7 @@ from matplotlib.text import Text
 from pointit.cli.main import command
 from pointit.geometry.polyline import Polyline
 from pointit.maps.file import load_map_and_clouds, shipped_maps
-from pointit.maps.picture.belts import beside
-from pointit.maps.picture.draw_map import map_figure
+from pointit.maps.picture import beside, map_figure
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment
 

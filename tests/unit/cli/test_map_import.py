@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from pointit.cli.maps import check
+from pointit.cli.maps import map_file
 from pointit.cli.maps.exchange import export, import_
 from pointit.maps.file import read_map_file
 from pointit.runtime.errors import ConfigError
@@ -69,10 +69,10 @@ def test_a_notice_is_printed_only_if_reading_takes_long(monkeypatch: pytest.Monk
         printed.append(text)
 
     monkeypatch.setattr("click.echo", echo)
-    with check.notify_if_slow("reading a …"):
+    with map_file.notify_if_slow("reading a …"):
         pass
-    monkeypatch.setattr(check, "SLOW_S", 0.0)
-    with check.notify_if_slow("reading b …"):
+    monkeypatch.setattr(map_file, "SLOW_S", 0.0)
+    with map_file.notify_if_slow("reading b …"):
         while not printed:
             pass
     assert printed == ["reading b …"]

@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.main import command
-from pointit.cli.maps.home_assistant import HomeEntity, with_things
+from pointit.cli.maps.exchange import HomeEntity, with_things
 from pointit.cli.maps.point import PointingSession, place_things
-from pointit.maps.checks.examine import examined
+from pointit.maps.checks.check import examined
 from pointit.maps.file import load_map, read_map_file
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, PointingRay, UseMap, UseMapReply, UserPose

@@ -17,7 +17,7 @@ from pointit.cli.main import command
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import VARIABLE, expand_home, state_directory
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
-from pointit.services.conveyor_sim.feeding.schedule import check_schedule
+from pointit.services.conveyor_sim.feeding import check_schedule
 from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.service import Recorder
 from tests.support.invoked import python

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.text import Text
 
 from pointit.cli.common.output import ROOMY_WIDTH, OutputSection, cell, print_table, to_json, to_line
-from pointit.cli.inspect.echo import format_message
+from pointit.cli.inspect.topics import format_message
 from pointit.schemas import Message, StripFrame, StripsFrame
 from pointit.schemas.topics import STRIPS_FRAME, TOPICS
 

@@ -6,11 +6,11 @@ from typing import Any, cast
 import pytest
 from click.testing import CliRunner
 
-from pointit.cli.outputs import output_add
-from pointit.cli.outputs.output_add import PrintedWarnings, SiteFrames
+from pointit.cli import outputs
+from pointit.cli.outputs import PrintedWarnings, SiteFrames
 from pointit.schemas import LampColor, StripFrame, StripsFrame
 from pointit.schemas.base import Rgb
-from pointit.services.led_driver.guarded_output import GuardedOutput
+from pointit.services.led_driver.outputs import GuardedOutput
 
 
 class Shown:
@@ -53,6 +53,6 @@ def test_warnings_are_printed_whenever_they_change(capsys: pytest.CaptureFixture
 def test_wrong_outputs_are_refused_in_a_sentence(
     output: str, sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(output_add, "quiet", lambda: None)
-    result: Any = CliRunner().invoke(output_add.command, [output, "--strip", "a"])
+    monkeypatch.setattr(outputs, "quiet", lambda: None)
+    result: Any = CliRunner().invoke(outputs.add, [output, "--strip", "a"])
     assert sentence in str(result.exception)

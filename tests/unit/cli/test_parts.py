@@ -4,8 +4,8 @@ import inspect
 
 import pytest
 
-from pointit.cli.common.run_part import RunPart
-from pointit.cli.display.display_part import DisplayPart
+from pointit.cli.common.panels import RunPart
+from pointit.cli.display.summary import DisplayPart
 from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS, PERSON_CHECKS, RUN_PARTS
 from pointit.launch.parts import WATCHERS
 from pointit.runtime.errors import ConfigError

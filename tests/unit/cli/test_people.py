@@ -6,8 +6,8 @@ from typing import Literal
 import pytest
 
 import pointit.schemas as models
-from pointit.api.press import press
-from pointit.cli.people.anchoring import AnchorRequester
+from pointit.api.inputs import press
+from pointit.cli.people.anchor import AnchorRequester
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
 from pointit.schemas import topics

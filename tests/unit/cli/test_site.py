@@ -10,12 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from pointit.access.site_folder import SiteFolder
-from pointit.access.site_state import SiteState
+from pointit.access.site_folder import SiteFolder, SiteState
 from pointit.cli.site import router
-from pointit.cli.site.identities_table import expiring, rows_of, section, visible_rows
+from pointit.cli.site.site import expiring, rows_of, section, visible_rows
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link.credentials import read_credentials
+from pointit.runtime.link.link import read_credentials
 from tests.support.invoked import python
 
 pytestmark = pytest.mark.wall_time

@@ -8,9 +8,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from pointit.bridges.web.server.link_file import keep_link
-from pointit.cli.page import browser
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.cli import page
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 
@@ -26,7 +25,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    monkeypatch.setattr(browser, "SNAPS", tmp_path)
+    monkeypatch.setattr(page, "SNAPS", tmp_path)
     return opened
 
 
@@ -49,9 +48,9 @@ async def test_it_is_given_a_file_of_its_owner_once_the_page_is_there_and_never_
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str], *, has_snaps: bool
 ) -> None:
     if not has_snaps:
-        monkeypatch.setattr(browser, "SNAPS", tmp_path / "none")
+        monkeypatch.setattr(page, "SNAPS", tmp_path / "none")
     bus = MemoryBus(LocalBroker())
-    opening = browser.PageOpener(bus, "web", keep_link("lab", LINK))
+    opening = page.PageOpener(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "pui")
     bus.announce(SERVICE_ALIVE, "pui").close()
     there = bus.announce(SERVICE_ALIVE, "web")
@@ -73,17 +72,17 @@ async def test_run_that_ends_sooner_leaves_no_copy(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, opened: list[str]
 ) -> None:
     begun, ended, done = threading.Event(), threading.Event(), threading.Event()
-    opens = browser.BrowserWindow._open
+    opens = page.BrowserWindow._open
 
-    def open_late(opening: browser.BrowserWindow) -> None:
+    def open_late(opening: page.BrowserWindow) -> None:
         begun.set()
         assert ended.wait(PATIENCE_S)
         opens(opening)
         done.set()
 
-    monkeypatch.setattr(browser.BrowserWindow, "_open", open_late)
+    monkeypatch.setattr(page.BrowserWindow, "_open", open_late)
     bus = MemoryBus(LocalBroker())
-    opening = browser.PageOpener(bus, "web", keep_link("lab", LINK))
+    opening = page.PageOpener(bus, "web", keep_link("lab", LINK))
     bus.announce(SERVICE_ALIVE, "web")
     await until(begun.is_set, what="the thread")
     opening.close()
@@ -106,13 +105,13 @@ async def test_run_that_ends_sooner_leaves_no_copy(
     ],
 )
 def test_a_browser_needs_a_desktop(environment: dict[str, str], platform: str, *, desktop: bool) -> None:
-    assert browser.has_desktop(environment, platform) is desktop
+    assert page.has_desktop(environment, platform) is desktop
 
 
 def test_the_page_is_opened_without_a_home_directory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def unknown() -> NoReturn:
         raise RuntimeError
 
-    monkeypatch.setattr(browser, "SNAPS", tmp_path)
+    monkeypatch.setattr(page, "SNAPS", tmp_path)
     monkeypatch.setattr(Path, "home", unknown)
-    assert browser.BrowserWindow(tmp_path / "page.html")._copy is None
+    assert page.BrowserWindow(tmp_path / "page.html")._copy is None

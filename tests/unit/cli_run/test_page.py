@@ -12,26 +12,16 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from pointit.cli import page as dashboard
 from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
-from pointit.cli.page import dashboard
-from pointit.cli.page.run_page import PAGE_PART, RunPage
-from pointit.launch.page import page
-from pointit.launch.page.page import (
-    PORT,
-    PORTS_TO_TRY,
-    Page,
-    is_asked_of_page,
-    page_link_file,
-    page_of,
-    where,
-)
-from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import FloorPose, read_scenario
+from pointit.cli.page import PAGE_PART, RunPage
+from pointit.launch import page
+from pointit.launch.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, page_link_file, page_of, where
+from pointit.launch.plan.launches import Choices, Settings
+from pointit.launch.plan.plan import FloorPose, Plan, read_scenario
 from pointit.launch.plan.scenario_catalog import PLACES, places
-from pointit.launch.plan.settings import Settings
-from pointit.launch.run.service_group import redact_secrets
+from pointit.launch.run.running_scenario import redact_secrets
 from pointit.recording.entries import RecordingError
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import Link
@@ -172,7 +162,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(importlib.metadata, "version", without)
     assert not page.is_available()
     script = (
-        "import sys, pointit.cli.run.run, pointit.launch.page.page as page\n"
+        "import sys, pointit.cli.run.run, pointit.launch.page as page\n"
         "page.is_available(); print(*sys.modules)"
     )
     done = python("-c", script, check=True)
@@ -191,7 +181,7 @@ def test_what_is_told_of_the_command_line_has_no_secrets() -> None:
 
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str, has_extra: bool = True) -> BaseException | None:
-    for module in ("pointit.cli.page.run_page", "pointit.cli.page.dashboard"):
+    for module in ("pointit.cli.page", "pointit.cli.page"):
         monkeypatch.setattr(f"{module}.is_available", lambda: has_extra)
     result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
     return result.exception

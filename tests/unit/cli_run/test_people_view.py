@@ -8,13 +8,12 @@ from rich.console import Console
 from rich.segment import Segment
 
 from pointit.cli.display.view import ConsoleView
-from pointit.cli.inspect.truth_view import TRUTH_DISPLAY
-from pointit.cli.robots.robots_view import ROBOTS_DISPLAY
-from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
-from pointit.launch.robots.robot_watcher import RobotMonitor, RobotWatcher
+from pointit.cli.inspect.pose_errors import TRUTH_DISPLAY
+from pointit.cli.robots import ROBOTS_DISPLAY
+from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M
+from pointit.launch.robots import RobotMonitor, RobotWatcher
 from pointit.launch.run.monitor import Monitor
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.schemas import (
     NS_PER_S,
     Anchor,
@@ -30,7 +29,7 @@ from pointit.schemas import (
     UserPose,
     topics,
 )
-from pointit.services.imu_bridge.wrist.monitor import BATTERY, GAPS, RATE, SIGNAL
+from pointit.services.imu_bridge.device_wrist import BATTERY, GAPS, RATE, SIGNAL
 from tests.support import there
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import FRAME, cursor, monitor_of, shown, strip

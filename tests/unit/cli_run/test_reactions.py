@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.things import program, reactions
-from pointit.cli.things.program import Program
-from pointit.cli.things.reactions import MAX_AT_ONCE, Reaction, Reactions, reactions_in
+from pointit.cli.things import reactions
+from pointit.cli.things import reactions as program
+from pointit.cli.things.reactions import MAX_AT_ONCE, Program, Reaction, Reactions, reactions_in
 from pointit.cli.things.run_things import THINGS_DISPLAY, THINGS_PART
 from pointit.launch.plan import scenario_catalog
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link.credentials import VARIABLE
+from pointit.runtime.link.link import VARIABLE
 from pointit.schemas import Environment, SelectionEvent
 from pointit.schemas.environment import Thing
 from pointit.schemas.topics import SELECTION_EVENTS

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from pointit.cli.main import command
 from pointit.cli.things.run_names import NAMES_PART, NameWatcher, summary_lines
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Announced, SelectionEvent, Step, topics
 from pointit.speech.speech_synthesizer import SpeechSynthesizer

@@ -13,8 +13,7 @@ from pointit.cli.run import run as run_command
 from pointit.cli.run import run_options
 from pointit.cli.run.run_options import OPTIONAL, choices_of, pose, shared_options
 from pointit.launch.plan.launches import Choices, robot_of, user_launches
-from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import FloorPose, read_scenario
+from pointit.launch.plan.plan import FloorPose, Plan, read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch

@@ -6,8 +6,7 @@ import pytest
 
 from pointit.cli.display.summary import true_yaw_deg
 from pointit.launch.run.monitor import Monitor
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.schemas import Localization, UserPose
 from pointit.schemas.topics import LOCALIZATION, POSE
 from pointit.services.user_sim.config import UserSimConfig

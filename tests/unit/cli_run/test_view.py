@@ -20,10 +20,8 @@ from pointit.cli.display.view import (
     pixels_along,
 )
 from pointit.launch.run.monitor import LINES, Monitor
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.link.link import ROUTER_LOST
-from pointit.runtime.link.outage import SILENT_S
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.link.link import ROUTER_LOST, SILENT_S
 from pointit.schemas import (
     Cursor,
     Environment,

@@ -3,8 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from pointit.recording.entries import AnyRow, Body, Entry, entry
-from pointit.recording.head import make_head
+from pointit.recording.entries import AnyRow, Body, Entry, entry, make_head
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S
 

@@ -12,8 +12,7 @@ from click.testing import CliRunner
 import pointit.schemas as models
 from pointit.cli.main import command
 from pointit.conversion.acts import Act, ActDetector, SelectionCsvRow
-from pointit.conversion.columns import columns_of
-from pointit.conversion.export_csv import FILES, export_csv
+from pointit.conversion.export_csv import FILES, columns_of, export_csv
 from pointit.recording import container
 from pointit.recording.entries import Entry, Exchange
 from pointit.recording.reader import Recording

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from pointit.maps.file import load_map
 from pointit.schemas import Environment, SelectionEvent, TrackedObject
-from pointit.services.conveyor_sim.from_map import UnusableMapError
-from pointit.services.conveyor_sim.plant import Plant
+from pointit.services.conveyor_sim.plant import Plant, UnusableMapError
 from tests.unit.conveyor_sim.rooms import CROSS, FORK, RING, S, belt, link, plant, room
 
 SHIPPED = load_map("conveyor", 0)

@@ -13,7 +13,7 @@ from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import AddPackage, ResetConveyor, SetSpeed
 from pointit.schemas.topics import ADD_PACKAGE, MAP, RESET_CONVEYOR, SET_SPEED
-from pointit.services.conveyor_sim.feeding.schedule import END, check_schedule, read_schedule
+from pointit.services.conveyor_sim.feeding import END, check_schedule, read_schedule
 from pointit.services.conveyor_sim.plant import Plant
 from tests.support.bench import ManualClock, until
 from tests.support.data import data_file

@@ -5,7 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pointit.schemas import Belt, TrackedObject
-from pointit.services.conveyor_sim.feeding.infeed import NoRoomError, UnknownLaneError
+from pointit.services.conveyor_sim.feeding import NoRoomError, UnknownLaneError
 from pointit.services.conveyor_sim.plant import Plant
 from tests.unit.conveyor_sim.rooms import S, lanes, plant, room
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from pointit.schemas import TrackedObject
-from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
+from pointit.services.conveyor_sim.feeding import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from tests.unit.conveyor_sim.rooms import CHAIN, CROSS, FORK, MERGE, S, check_apart, plant
 from tests.unit.conveyor_sim.test_network_properties import SHIPPED

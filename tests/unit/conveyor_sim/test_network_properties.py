@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pointit.maps.file import load_map
 from pointit.schemas import BeltLink, Environment, TrackedObject
-from pointit.services.conveyor_sim.feeding.infeed import NoRoomError
+from pointit.services.conveyor_sim.feeding import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
-from pointit.services.conveyor_sim.traffic.right_of_way import Rings
+from pointit.services.conveyor_sim.traffic import Rings
 from tests.unit.conveyor_sim.rooms import ROOMS, S, belt, check_apart, lanes, link, plant, room
 
 SHIPPED = load_map("conveyor", 0)

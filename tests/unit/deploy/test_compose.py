@@ -12,8 +12,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
 
-from pointit.bridges.web.server.exposure_check import CONTAINER
-from pointit.launch.plan.scenario import read_scenario
+from pointit.bridges.web.server.access import CONTAINER
+from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.service.process import load_config
 from pointit.services.registry import PROCESSES, process
 from tests.unit.deploy.stack import DEPLOY, compose, parse

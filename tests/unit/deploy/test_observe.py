@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-from pointit.bridges.web.metrics.metrics_server import TEXT, exposition
-from pointit.bridges.web.metrics.site_metrics import SiteMetrics
+from pointit.bridges.web.server.metrics_server import TEXT, exposition
+from pointit.bridges.web.site_metrics import SiteMetrics
 from pointit.cli.inspect.metrics import command
 from tests.unit.deploy.stack import DEPLOY
 

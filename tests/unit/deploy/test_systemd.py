@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.launch.plan.scenario import read_scenario
+from pointit.launch.plan.plan import read_scenario
 from tests.unit.deploy.stack import DEPLOY, parse
 
 UNITS = DEPLOY / "systemd"

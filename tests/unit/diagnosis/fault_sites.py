@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pointit.diagnosis.observation import DiagnosisReport, Observation
-from pointit.diagnosis.stopped_processes import StoppedProcess
+from pointit.diagnosis.observation import DiagnosisReport, Observation, StoppedProcess
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, DEPLOYMENT, HOVER, IMU, MAP, POSE, RAY, Topic

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from pointit.diagnosis.certainty import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
+from pointit.diagnosis.symptoms import POSITION_SIGMA, SURE_DEG, UNSURE_DEG, UNSURE_M, YAW_SIGMA
 from pointit.schemas import Deployment, ExpectedService, Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, IMU, RAY, Topic

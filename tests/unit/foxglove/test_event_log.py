@@ -2,7 +2,7 @@
 
 from foxglove.messages import LogLevel
 
-from pointit.bridges.foxglove.event_log import HISTORY, EventLog, LogLine
+from pointit.bridges.foxglove.scene import HISTORY, EventLog, LogLine
 from pointit.schemas import Feedback, Health, Interaction, Localization, RobotState, SelectionEvent
 from pointit.schemas.system import KeyHealth
 from tests.integration.foxglove.protobuf import read

@@ -9,8 +9,8 @@ from foxglove.messages import FrameTransforms, SceneUpdate
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.foxglove import people
-from pointit.bridges.foxglove.people import DrawnPerson
+from pointit.bridges.foxglove import entities as people
+from pointit.bridges.foxglove.entities import DrawnPerson
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import BodyMeasures, Cursor, UserPose, UserProfile

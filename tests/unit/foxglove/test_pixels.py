@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointit.schemas as models
-from pointit.bridges.foxglove.room import Lines
+from pointit.bridges.foxglove.entities import Lines
 from pointit.bridges.foxglove.scene import FLOOR, FREE, FoxgloveScene, Part, Pixels
 from pointit.schemas import Environment, Strip, StripsFrame
 from pointit.schemas.environment import StripFrame

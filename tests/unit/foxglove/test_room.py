@@ -10,7 +10,7 @@ from foxglove.messages import SceneUpdate
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.foxglove.room import SHARPEST, Lines, ribbon, room
+from pointit.bridges.foxglove.entities import SHARPEST, Lines, ribbon, room
 from pointit.bridges.foxglove.scene import PARTS, FoxgloveScene
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Environment, Lamp, Strip, Thing

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.cloud_tree import LEAF_POINTS, CloudMeasure, CloudTree
-from pointit.geometry.point_tree import PointTree
+from pointit.geometry.cloud_tree import LEAF_POINTS, CloudMeasure, CloudTree, PointTree
 from pointit.geometry.vector import Vec3
 from tests.support.known import known
 

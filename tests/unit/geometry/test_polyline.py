@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from pointit.geometry import polyline
 from pointit.geometry.floor_area import FloorArea, point_segment_m
-from pointit.geometry.polygon import Vec2
 from pointit.geometry.polyline import Polyline
+from pointit.geometry.solids import Vec2
 
 places = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 

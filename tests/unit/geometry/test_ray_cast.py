@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit, Measure, make_hit, nearest_in_angle, nearest_in_metres
-from pointit.geometry.point_tree import PointTree
+from pointit.geometry.cloud_tree import PointTree
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.ray_cast import FEW, RayCaster
 from pointit.geometry.vector import Vec3

@@ -11,10 +11,16 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Measure
-from pointit.geometry.cylinder import CylinderSolid
-from pointit.geometry.plane import PlaneSolid, plane_axes
 from pointit.geometry.ray_cast import SolidCaster
-from pointit.geometry.solids import MAX_EYES, BoxSolid, Solid, SphereSolid
+from pointit.geometry.solids import (
+    MAX_EYES,
+    BoxSolid,
+    CylinderSolid,
+    PlaneSolid,
+    Solid,
+    SphereSolid,
+    plane_axes,
+)
 from pointit.geometry.vector import Vec3
 from tests.support.known import known
 from tests.unit.geometry.test_cloud_tree import misses

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, PointingRay, UserPose
-from pointit.services.goal.robot_identification import Identification, IdentificationSettings, RobotIdentifier
+from pointit.services.goal.robot_choice import Identification, IdentificationSettings, RobotIdentifier
 from tests.unit.goal.floor import START_NS as BEGIN_NS
 
 LEFT: Vec3 = (2.0, 1.5, 1.0)

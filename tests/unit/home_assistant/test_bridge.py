@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from pointit.bridges.home_assistant import service
-from pointit.cli.maps.home_assistant import entities_of, with_things
+from pointit.cli.maps.exchange import entities_of, with_things
 from pointit.maps.file import parse_map_file
-from pointit.maps.things import things_of
+from pointit.maps.model import things_of
 from pointit.schemas import Announced
 from pointit.schemas.topics import ANNOUNCED, HEALTH
 from tests.support.bench import Bench, memory_bench, until

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.bridges.home_assistant.entity_commands import DimmedLights, HoverFeedback
 from pointit.bridges.home_assistant.home_action import HomeAction
-from pointit.bridges.home_assistant.hover_feedback import DimmedLights, HoverFeedback
 from pointit.maps.file import parse_map_file
-from pointit.maps.things import things_of
+from pointit.maps.model import things_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import StateFile
 

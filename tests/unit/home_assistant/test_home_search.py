@@ -7,10 +7,9 @@ from click.testing import CliRunner
 
 from pointit.cli.main import command
 from pointit.cli.plugins import devices
-from pointit.plugins import home_search
-from pointit.plugins.device_search import SearchResult
-from pointit.plugins.home_search import announced_home, import_options
-from pointit.runtime.host.service_browser import NetworkService
+from pointit.plugins import device_search
+from pointit.plugins.device_search import SearchResult, announced_home, import_options
+from pointit.runtime.host.name_lookup import NetworkService
 
 PROPERTIES = {
     "location_name": "Our home",
@@ -71,7 +70,7 @@ async def test_services_of_its_kind_are_searched(monkeypatch: pytest.MonkeyPatch
     async def browse(kind: str, _seconds: float) -> list[NetworkService]:
         return [announced()] if kind == "_home-assistant._tcp" else []
 
-    monkeypatch.setattr(home_search, "browse", browse)
-    plugin = home_search.HOME_ASSISTANTS.get("home-assistant")
+    monkeypatch.setattr(device_search, "browse", browse)
+    plugin = device_search.HOME_ASSISTANTS.get("home-assistant")
     assert plugin.discover is not None
     assert [each.label for each in await plugin.discover(1.0)] == ["Our home, 2025.4.4"]

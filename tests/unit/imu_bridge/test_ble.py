@@ -17,20 +17,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.plugins import ConfigError, Surroundings
-from pointit.runtime.virtual_time import run_virtually
+from pointit.runtime.clock import run_virtually
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.ble import metamotion_protocol as metamotion
-from pointit.services.imu_bridge.ble import radio
-from pointit.services.imu_bridge.ble import witmotion_protocol as witmotion
-from pointit.services.imu_bridge.ble import xsens_dot_protocol as xsens_dot
-from pointit.services.imu_bridge.ble.button import DOUBLE_S, HOLD_S, ButtonGestures
+from pointit.services.imu_bridge.ble import metamotion, radio, xsens_dot
+from pointit.services.imu_bridge.ble import witmotion_ble as witmotion
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION, MetaMotion, MetaMotionConfig
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio, describe_error, scanning
-from pointit.services.imu_bridge.ble.touch_sdk.watch import TouchSdkConfig, TouchSdkWatch
+from pointit.services.imu_bridge.ble.touch_sdk import TouchSdkConfig, TouchSdkWatch
 from pointit.services.imu_bridge.ble.witmotion_ble import WitMotionBle, WitMotionBleConfig
-from pointit.services.imu_bridge.ble.wrist import Wrist
+from pointit.services.imu_bridge.ble.wrist import DOUBLE_S, HOLD_S, ButtonGestures, Wrist
 from pointit.services.imu_bridge.ble.xsens_dot import XsensDot
-from pointit.services.imu_bridge.reading import RawReading, Reading
+from pointit.services.imu_bridge.sources import RawReading, Reading
 from pointit_lab.devices.ble import BleDevice, parameters
 from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
 

@@ -12,16 +12,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pointit.geometry import rotation, vector
+from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.runtime.config.config import Config
-from pointit.runtime.service.surroundings import HealthSink, NullHealth, Surroundings
-from pointit.runtime.virtual_time import VirtualClock, run_virtually
+from pointit.runtime.service.plugin_guard import HealthSink, NullHealth, Surroundings
 from pointit.schemas import NS_PER_S, Feedback, Health, ImuSample
 from pointit.schemas.topics import FEEDBACK, HEALTH, IMU
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.reading import (
+from pointit.services.imu_bridge.service import ImuBridge
+from pointit.services.imu_bridge.sources import (
+    SOURCES,
     Battery,
     Deliver,
     Disconnected,
+    ImuSource,
     Item,
     Press,
     RawReading,
@@ -29,8 +32,6 @@ from pointit.services.imu_bridge.reading import (
     Reconnected,
     Signal,
 )
-from pointit.services.imu_bridge.service import ImuBridge
-from pointit.services.imu_bridge.sources import SOURCES, ImuSource
 from tests.support.bench import Bench, memory_bench
 
 LEVEL = rotation.IDENTITY

@@ -2,12 +2,12 @@
 
 import pytest
 
-from pointit.services.imu_bridge.reading import Reading
 from pointit.services.imu_bridge.serial.detection import Detection, SerialConfig
 from pointit.services.imu_bridge.serial.line_parser import LineError, LineParser, QuaternionLine
 from pointit.services.imu_bridge.serial.source import SilenceWatch
 from pointit.services.imu_bridge.serial.text_line import TextFramer
-from pointit.services.imu_bridge.streams.json_content import ContentError, quaternions, quoted
+from pointit.services.imu_bridge.sources import Reading
+from pointit.services.imu_bridge.streams import ContentError, quaternions, quoted
 
 XYZW = (0.64, 0.0, -0.48, 0.6)
 

@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
+from pointit.services.imu_bridge import device_wrist
 from pointit.services.imu_bridge.arm_frame import YawEpoch
-from pointit.services.imu_bridge.reading import RawReading
-from pointit.services.imu_bridge.wrist import device_wrist
-from pointit.services.imu_bridge.wrist.device_wrist import DeviceWrist
-from pointit.services.imu_bridge.wrist.fusion import Fusion, PeriodRegression
+from pointit.services.imu_bridge.device_wrist import DeviceWrist
+from pointit.services.imu_bridge.fusion import Fusion, PeriodRegression
+from pointit.services.imu_bridge.sources import RawReading
 
 pytest.importorskip("vqf")
 SECONDS = 40.0
@@ -255,5 +255,5 @@ def test_build_without_fusion_is_named_once_raw_readings_come(monkeypatch: pytes
     assert wrist.take(RawReading(0, (0.1, 0.0, 0.0), (0.0, 0.0, 9.81)), 0, 0.0) is None
     assert dict(wrist.warnings(0.1, is_explained=False))["fusion"] == (
         "IMU source 'mine' sends raw readings, whose fusion is not part of this build of PointIt: there is "
-        "no pointit.services.imu_bridge.wrist.fusion_absent"
+        "no pointit.services.imu_bridge.fusion_absent"
     )

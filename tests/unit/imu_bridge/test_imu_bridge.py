@@ -11,22 +11,20 @@ import pytest
 import serial
 
 from pointit.geometry import rotation, vector
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.clock import WallClock
+from pointit.runtime.clock import VirtualClock, WallClock
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.service import Context
-from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import NS_PER_S, Health, ImuSample, SetMounting, SetYawOrigin
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, SET_MOUNTING, SET_YAW_ORIGIN
 from pointit.services.imu_bridge.arm_frame import WRAP_NS, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.reading import Item, Reading
 from pointit.services.imu_bridge.replay_source import ReplayConfig, ReplaySource
 from pointit.services.imu_bridge.serial.detection import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig, SimulatedDevice
+from pointit.services.imu_bridge.sources import Item, Reading
 from tests.support.bench import PATIENCE_S, ManualClock, in_virtual_time, memory_bench, repeated, until
 from tests.support.pty_device import PtyDevice, pty_device
 

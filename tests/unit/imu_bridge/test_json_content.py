@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
-from pointit.services.imu_bridge.reading import Reading
+from pointit.services.imu_bridge.sources import Reading
 
 XYZW, OTHER = (0.64, 0.0, -0.48, 0.6), (0.0, 0.6, 0.0, 0.8)
 X, Y, Z, W = XYZW

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 import pytest
 
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
-from pointit.services.imu_bridge.reading import Reading
-from pointit.services.imu_bridge.serial.fifth_number import MAX_OPEN, MAX_RISES
+from pointit.services.imu_bridge.serial.line_parser import MAX_OPEN, MAX_RISES
 from pointit.services.imu_bridge.serial.text_line import TextFramer
-from pointit.services.imu_bridge.streams.json_content import Order
-from pointit.services.imu_bridge.streams.sensor_choice import MAX_NAMES, SensorChoice
+from pointit.services.imu_bridge.sources import Reading
+from pointit.services.imu_bridge.streams import MAX_NAMES, Order, SensorChoice
 
 ARM, OTHER = (0.6, 0.0, 0.0, 0.8), (0.0, 0.0, 0.8, 0.6)
 """Orientations xyzw of the wrist and of another sensor."""

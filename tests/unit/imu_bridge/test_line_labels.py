@@ -2,10 +2,10 @@
 
 import pytest
 
-from pointit.services.imu_bridge.reading import Reading
 from pointit.services.imu_bridge.serial.line_parser import LineError, LineParser, QuaternionLine
 from pointit.services.imu_bridge.serial.text_line import TextFramer
-from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
+from pointit.services.imu_bridge.sources import Reading
+from pointit.services.imu_bridge.streams import SensorChoice
 
 XYZW = (0.28, -0.64, 0.48, 0.5333)
 OTHER = (0.0, 0.6, 0.0, 0.8)

@@ -13,15 +13,14 @@ from pythonosc.osc_message_builder import build_msg
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import WristSample
 from pointit.schemas.base import NORM_TOLERANCE
-from pointit.services.imu_bridge.ble import metamotion_protocol, xsens_dot_protocol
+from pointit.services.imu_bridge.ble import metamotion, xsens_dot
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.network.datagram_values import orientation
+from pointit.services.imu_bridge.network.datagram_source import orientation
 from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
-from pointit.services.imu_bridge.reading import Item, Reading, fault
+from pointit.services.imu_bridge.serial.framers import FULL_SCALE, WitMotionFramer, Ximu3Framer
 from pointit.services.imu_bridge.serial.text_line import TextFramer
-from pointit.services.imu_bridge.serial.witmotion import FULL_SCALE, WitMotionFramer
-from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
+from pointit.services.imu_bridge.sources import Item, Reading, fault
 from pointit.sim.recordings import read_imu_csv
 from pointit_lab.devices.serial_formats import witmotion_packet, ximu3_binary
 
@@ -61,13 +60,13 @@ def by_witmotion(q: Quaternion) -> Quaternion | None:
 
 def by_metamotion(q: Quaternion) -> Quaternion | None:
     x, y, z, w = q
-    parsed = metamotion_protocol.parse(b"\x19\x07" + struct.pack("<4f", w, x, y, z))
-    return parsed.orientation_xyzw if isinstance(parsed, metamotion_protocol.Orientation) else None
+    parsed = metamotion.parse(b"\x19\x07" + struct.pack("<4f", w, x, y, z))
+    return parsed.orientation_xyzw if isinstance(parsed, metamotion.Orientation) else None
 
 
 def by_xsens_dot(q: Quaternion) -> Quaternion | None:
     x, y, z, w = q
-    parsed = xsens_dot_protocol.parse(struct.pack("<I4f", 1, w, x, y, z))
+    parsed = xsens_dot.parse(struct.pack("<I4f", 1, w, x, y, z))
     return None if parsed is None else parsed.orientation_xyzw
 
 

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 
 import pytest
 
-from pointit.services.imu_bridge.network.datagram_source import DatagramConfig
-from pointit.services.imu_bridge.network.sender_choice import SenderChoice
+from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, SenderChoice
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.network.ximu3 import Ximu3Config
-from pointit.services.imu_bridge.reading import Press, Reading
 from pointit.services.imu_bridge.serial.detection import Detection, SerialConfig
-from pointit.services.imu_bridge.serial.fifth_number import MAX_OPEN, MAX_RISES
+from pointit.services.imu_bridge.serial.line_parser import MAX_OPEN, MAX_RISES
 from pointit.services.imu_bridge.serial.text_line import TextFramer
-from pointit.services.imu_bridge.streams.sensor_choice import FORGET_AFTER, MAX_NAMES, SensorChoice
+from pointit.services.imu_bridge.sources import Press, Reading
+from pointit.services.imu_bridge.streams import FORGET_AFTER, MAX_NAMES, SensorChoice
 
 ARM, OTHER = (0.6, 0.0, 0.0, 0.8), (0.0, 0.0, 0.8, 0.6)
 """Orientations xyzw of the wrist and of another sensor."""

@@ -11,8 +11,8 @@ from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import NS_PER_S, Health
 from pointit.schemas.topics import HEALTH, IMU
 from pointit.services.imu_bridge.config import ImuBridgeConfig
-from pointit.services.imu_bridge.reading import MAX_ITEMS_PER_S, SHOWN_NS, Press, Reading, ReadingCheck
 from pointit.services.imu_bridge.service import ImuBridge
+from pointit.services.imu_bridge.sources import MAX_ITEMS_PER_S, SHOWN_NS, Press, Reading, ReadingCheck
 from tests.support import strangers
 from tests.support.bench import memory_bench, until
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.wrist.device_clock import MAX_AGE_NS, DeviceClock, slope_below
-from pointit.services.imu_bridge.wrist.monitor import FROZEN_S, STORM, Values, WristMonitor
+from pointit.services.imu_bridge.device_clock import MAX_AGE_NS, DeviceClock, slope_below
+from pointit.services.imu_bridge.device_wrist import FROZEN_S, STORM, Values, WristMonitor
 
 STEP = 1e-4
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Health, Message, Selection, UserProfile

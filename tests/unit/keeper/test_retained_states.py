@@ -20,8 +20,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.record import StateRecord, StoredState
-from pointit.services.keeper.retained_states import RetainedStates, retained
+from pointit.services.keeper.retained_states import RetainedStates, StateRecord, StoredState, retained
 
 NOW_NS = 1_000 * NS_PER_S
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import RunScore
+from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.schemas import SelectionEvent
 from pointit.schemas.topics import SELECTION_EVENTS
 from tests.support.bench import ManualClock, memory_bench

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.launch.page.page_tokens import stored_tokens
+from pointit.launch.page import stored_tokens
 
 
 def kept_at(state: Path, site: str = "lab") -> Path:

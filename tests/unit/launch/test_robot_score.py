@@ -3,7 +3,7 @@
 from typing import Any
 
 from pointit.geometry.vector import Vec3
-from pointit.launch.robots.robot_watcher import RobotsScore, goal_lines, score_lines
+from pointit.launch.robots import RobotsScore, goal_lines, score_lines
 from pointit.schemas import Environment, Goal, RobotState
 from pointit.schemas.environment import Fence
 

@@ -7,16 +7,13 @@ from pathlib import Path
 import pytest
 
 from pointit.launch.plan.launches import CURSOR_COLORS
-from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import USUAL
+from pointit.launch.plan.plan import USUAL, Plan
 from pointit.launch.recorder import recorded, recorder_launch
 from pointit.launch.run.run_site import LISTEN_S, ViewerPresence, check_names, surroundings
 from pointit.launch.run.running_scenario import DeploymentPublisher
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link.link import Link
-from pointit.runtime.link.outage import SILENT_S
+from pointit.runtime.link.link import SILENT_S, Link
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import Deployment, ExpectedService, Figure, Health, UserProfile
 from pointit.schemas.topics import DEPLOYMENT, PROFILE, SERVICE_ALIVE, SHARD_ALIVE

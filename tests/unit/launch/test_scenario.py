@@ -8,9 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.run.user import command as user
-from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario, scenario_names
-from pointit.launch.plan.settings import check_settings
+from pointit.launch.plan.launches import Choices, check_settings, site_launches, user_launches
+from pointit.launch.plan.plan import read_scenario, scenario_names
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError

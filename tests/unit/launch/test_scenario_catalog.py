@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import FloorPose, read_scenario, scenario_names
+from pointit.launch.plan.plan import FloorPose, Plan, read_scenario, scenario_names
 from pointit.launch.plan.scenario_catalog import ScenarioCatalog, scenario_launches
 from pointit.maps.file import load_map
 from pointit.runtime.errors import ConfigError

@@ -5,11 +5,10 @@ from typing import Any
 
 import pytest
 
-from pointit.diagnosis.writers import start_command
-from pointit.launch.plan.launches import Choices, shard_launches, site_launches
-from pointit.launch.plan.scenario import Scenario
-from pointit.launch.plan.settings import check_settings
-from pointit.launch.run.service_group import Processes
+from pointit.diagnosis.observation import start_command
+from pointit.launch.plan.launches import Choices, check_settings, shard_launches, site_launches
+from pointit.launch.plan.plan import Scenario
+from pointit.launch.run.running_scenario import Processes
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import KeyNameError

@@ -4,14 +4,19 @@ import time
 
 import pytest
 
-from pointit.launch.plan.launches import Choices, user_launches
-from pointit.launch.plan.scenario import FloorPose, read_scenario
-from pointit.launch.plan.startup_notices import assumed_places, stored_mounting_notices, stored_offset_notices
+from pointit.launch.plan.launches import (
+    Choices,
+    assumed_places,
+    stored_mounting_notices,
+    stored_offset_notices,
+    user_launches,
+)
+from pointit.launch.plan.plan import FloorPose, read_scenario
 from pointit.runtime.host.state_file import StateFile
 from pointit.schemas import PointingOffset
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, StoredMounting, StoredMountings
-from pointit.services.supervisor.user_messages import OFFSET_PURPOSE
+from pointit.services.supervisor.transitions import OFFSET_PURPOSE
 
 SERIAL = "serial:/dev/ttyUSB7"
 FITTED_NS = 1_795_172_700_000_000_000

@@ -10,12 +10,11 @@ import pytest
 
 from pointit.access.rights import rights_of
 from pointit.cli.inspect.listings import plugins
-from pointit.cli.inspect.topic_names import resolve
-from pointit.diagnosis.writers import silence_reason, start_command
+from pointit.cli.inspect.topics import resolve
+from pointit.diagnosis.observation import silence_reason, start_command
 from pointit.launch.plan.launches import Choices, site_launches, user_launches
-from pointit.launch.plan.scenario import read_scenario
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.launch.plan.plan import read_scenario
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError, ListenError, first_cause

@@ -15,7 +15,7 @@ import pytest
 from pydantic import BaseModel
 
 from pointit.cli.display.summary import check_writable
-from pointit.launch.run.service_group import Processes, last_log_error
+from pointit.launch.run.running_scenario import Processes, last_log_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch

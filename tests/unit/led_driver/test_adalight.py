@@ -7,14 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pointit.runtime.service.surroundings import NullHealth
+from pointit.runtime.service.plugin_guard import NullHealth
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.services.led_driver.output.serial_port import adalight_protocol
-from pointit.services.led_driver.output.serial_port.adalight import (
-    AdalightConfig,
-    AdalightFrame,
-    AdalightOutput,
-)
+from pointit.services.led_driver.output import adalight
+from pointit.services.led_driver.output.adalight import AdalightConfig, AdalightFrame, AdalightOutput
 from tests.support.running_source import Health
 
 
@@ -23,12 +19,12 @@ from tests.support.running_source import Health
 )
 def test_header_matches_the_golden_bytes(pixels: int, header: str) -> None:
     data = bytes(range(3)) * pixels
-    assert adalight_protocol.encode_frame(data) == bytes.fromhex(header) + data
+    assert adalight.encode_frame(data) == bytes.fromhex(header) + data
 
 
-@given(st.integers(1, adalight_protocol.MAX_PIXELS))
+@given(st.integers(1, adalight.MAX_PIXELS))
 def test_count_and_check_byte_are_those_of_the_pixels(pixels: int) -> None:
-    frame = adalight_protocol.encode_frame(bytes(3 * pixels))
+    frame = adalight.encode_frame(bytes(3 * pixels))
     assert int.from_bytes(frame[3:5], "big") + 1 == pixels
     assert frame[5] == frame[3] ^ frame[4] ^ 0x55
 

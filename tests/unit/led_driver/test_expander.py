@@ -12,8 +12,7 @@ from typing import Any, cast
 
 import pytest
 
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
@@ -22,9 +21,8 @@ from pointit.runtime.service.service import Context
 from pointit.schemas import Environment, Strip
 from pointit.schemas.topics import CURSOR, HEALTH, MAP
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.output.serial_port.config import ExpanderConfig, wire_time_s
-from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame, ExpanderOutput
-from pointit.services.led_driver.output.serial_port.serial_output import KEEP_ALIVE_S
+from pointit.services.led_driver.output.expander import ExpanderFrame, ExpanderOutput
+from pointit.services.led_driver.output.serial_output import KEEP_ALIVE_S, ExpanderConfig, wire_time_s
 from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
@@ -172,7 +170,7 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
         now_s += time_s
 
     clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now_s)
-    monkeypatch.setattr("pointit.services.led_driver.output.serial_port.serial_output.time", clock)
+    monkeypatch.setattr("pointit.services.led_driver.output.serial_output.time", clock)
     health = Health()
     output = ExpanderOutput(ExpanderConfig(port="leds", baud=baud), health)
 
@@ -194,7 +192,7 @@ async def test_a_throttled_link_is_called_slow_and_no_cable_fault(
 ) -> None:
     # the reader is a thread of a machine that may be busy
     patient = functools.partial(PortSettings, write_timeout_s=20.0)
-    monkeypatch.setattr("pointit.services.led_driver.output.serial_port.serial_output.PortSettings", patient)
+    monkeypatch.setattr("pointit.services.led_driver.output.serial_output.PortSettings", patient)
     clock = ManualClock()
     output = ExpanderConfig(port=str(tmp_path / "led"), baud=4_000_000)
     with pty_device(tmp_path / "led") as device, SlowReader(device, 2048, 0.01):  # half of what is expected

@@ -14,8 +14,7 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampL
 from pointit.schemas.codec import decode, encode
 from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.picture.lamp_queue import MAX_PEOPLE, LampQueue
-from pointit.services.led_driver.picture.lamps import DARK, TARGET, FlashGuard
+from pointit.services.led_driver.picture.lamps import DARK, MAX_PEOPLE, TARGET, FlashGuard, LampQueue
 from tests.unit.led_driver.stage import NOW_NS, Color
 
 VIRIDIS = colormap("viridis")

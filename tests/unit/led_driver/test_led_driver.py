@@ -21,7 +21,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas import topics as at
-from pointit.services.led_driver.picture.layout import Layout
+from pointit.services.led_driver.picture.render import Layout
 from pointit.services.led_driver.picture.strip_content import StripContent
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until

@@ -12,14 +12,15 @@ from pydantic import ValidationError
 
 from pointit.runtime.mqtt.payload_words import is_online
 from pointit.schemas.base import Rgb
-from pointit.services.led_driver.output.mqtt.lamp_commands import DARK, LampCommands
-from pointit.services.led_driver.output.mqtt.light_protocol import (
+from pointit.services.led_driver.output.light_protocol import (
+    DARK,
     TOPICS,
     AnnouncedLight,
+    LampCommands,
     announced_lights,
     command,
 )
-from pointit.services.led_driver.output.mqtt.mqtt_config import MqttConfig
+from pointit.services.led_driver.output.mqtt_output import MqttConfig
 
 ZIGBEE_TOPIC = "zigbee2mqtt/bridge/devices"
 ZIGBEE = """[

@@ -10,9 +10,8 @@ from contextlib import asynccontextmanager
 import pytest
 
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.services.led_driver.output import datagram_sender
-from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
-from pointit.services.led_driver.output.network_output import NetworkOutput, Wire
+from pointit.services.led_driver.output import network_output
+from pointit.services.led_driver.output.network_output import Datagram, Destination, NetworkOutput, Wire
 from pointit.services.led_driver.output.pixel_map import PixelMap
 from pointit.services.led_driver.outputs import OutputConfig
 from pointit.testing import UdpDevice
@@ -59,7 +58,7 @@ async def receiver() -> AsyncGenerator[UdpDevice]:
 
 
 async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 0.01)
+    monkeypatch.setattr(network_output, "KEEP_ALIVE_S", 0.01)
     told = Health()
     async with receiver() as device:
         async with running(device.port, told) as output:
@@ -75,8 +74,8 @@ async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyP
 
 
 async def test_changed_frame_is_resent_soon_since_datagrams_get_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(datagram_sender, "REPEAT_S", 0.01)
-    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 1000.0)
+    monkeypatch.setattr(network_output, "REPEAT_S", 0.01)
+    monkeypatch.setattr(network_output, "KEEP_ALIVE_S", 1000.0)
     async with receiver() as device, running(device.port, Health()) as output:
         for value in (7, 8):
             output.show(frame(value))
@@ -121,7 +120,7 @@ async def test_pixels_that_a_new_map_lacks_become_dark() -> None:
 
 
 async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(datagram_sender, "KEEP_ALIVE_S", 0.01)
+    monkeypatch.setattr(network_output, "KEEP_ALIVE_S", 0.01)
     async with receiver() as device, running(device.port, Health()) as output:
         output.show(frame(7))
         await until(lambda: last_is(device, 7))
@@ -132,7 +131,7 @@ async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) ->
 
 
 async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(datagram_sender, "RETRY_S", 1000.0)
+    monkeypatch.setattr(network_output, "RETRY_S", 1000.0)
     told, device = Health(), UdpDevice()
     async with running(device.port, told) as output:
         output.show(frame(1))
@@ -147,7 +146,7 @@ async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pyt
 async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(datagram_sender, "REPEAT_S", 1000.0)
+    monkeypatch.setattr(network_output, "REPEAT_S", 1000.0)
     told, device = Health(), UdpDevice()
     device.close()  # nobody listens
     async with running(device.port, told):

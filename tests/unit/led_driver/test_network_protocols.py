@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
-from pointit.services.led_driver.output.ddp import described
-from pointit.services.led_driver.output.ddp_protocol import encode_frame
-from pointit.services.led_driver.output.dmx import artnet_protocol, e131_protocol
-from pointit.services.led_driver.output.dmx.artnet import ArtnetStream, broadcast_addresses, merge_reply
-from pointit.services.led_driver.output.dmx.e131 import E131Config, E131Stream
-from pointit.services.led_driver.output.dmx.stream import pixels_wire
+from pointit.services.led_driver.output import artnet, e131
+from pointit.services.led_driver.output.artnet import ArtnetStream, broadcast_addresses, merge_reply
+from pointit.services.led_driver.output.ddp import described, encode_frame
+from pointit.services.led_driver.output.e131 import E131Config, E131Stream
+from pointit.services.led_driver.output.network_output import Datagram, Destination, pixels_wire
 from pointit.services.led_driver.output.pixel_map import map_pixels
 from pointit.services.led_driver.outputs import Segment
 from tests.support.sacn_packets import read_packet
@@ -40,13 +38,11 @@ slots = st.binary(min_size=1, max_size=512)
 
 
 def test_e131_packet_matches_the_golden_bytes() -> None:
-    packet = e131_protocol.data_packet(
-        e131_protocol.E131Sender(CID, "PointIt"), 0x1234, 7, bytes.fromhex("0a0b0c")
-    )
+    packet = e131.data_packet(e131.E131Sender(CID, "PointIt"), 0x1234, 7, bytes.fromhex("0a0b0c"))
     assert packet.hex() == E131_GOLDEN.replace(" ", "")
 
 
-senders = st.builds(e131_protocol.E131Sender, st.just(CID), st.text(), st.integers(0, 200))
+senders = st.builds(e131.E131Sender, st.just(CID), st.text(), st.integers(0, 200))
 
 
 @given(
@@ -57,9 +53,9 @@ senders = st.builds(e131_protocol.E131Sender, st.just(CID), st.text(), st.intege
     ended=st.booleans(),
 )
 def test_e131_packet_is_read_by_an_independent_decoder(
-    *, sender: e131_protocol.E131Sender, data: bytes, universe: int, number: int, ended: bool
+    *, sender: e131.E131Sender, data: bytes, universe: int, number: int, ended: bool
 ) -> None:
-    packet = e131_protocol.data_packet(sender, universe, number, data, ended=ended)
+    packet = e131.data_packet(sender, universe, number, data, ended=ended)
     assert len(packet) == 126 + len(data)
     if len(data) == 512:
         assert len(packet) == 638
@@ -73,7 +69,7 @@ def test_e131_packet_is_read_by_an_independent_decoder(
 
 @pytest.mark.parametrize(("universe", "group"), [(1, "239.255.0.1"), (63999, "239.255.249.255")])
 def test_multicast_goes_to_the_group_of_each_universe(universe: int, group: str) -> None:
-    assert e131_protocol.multicast_address(universe) == group
+    assert e131.multicast_address(universe) == group
     stream = E131Stream(Destination(host="multicast", port=5568, interface="10.0.0.1"), 1)
     assert stream.frame([(universe, b"x")], 1)[0].host == group
     assert stream.destination == Destination(host="", port=5568, interface="10.0.0.1")
@@ -104,21 +100,19 @@ def test_multicast_without_the_address_of_an_interface_is_refused(values: dict[s
 
 
 def test_artnet_packet_matches_the_golden_bytes() -> None:
-    assert artnet_protocol.dmx_packet(0x123, 7, bytes.fromhex("0a0b0c")).hex() == ARTNET_GOLDEN.replace(
-        " ", ""
-    )
+    assert artnet.dmx_packet(0x123, 7, bytes.fromhex("0a0b0c")).hex() == ARTNET_GOLDEN.replace(" ", "")
 
 
 @given(slots, st.integers(0, 0x7FFF), st.integers(0, 100_000))
 def test_artnet_packet_has_an_even_number_of_slots_and_counts_from_one(
     data: bytes, universe: int, number: int
 ) -> None:
-    packet = artnet_protocol.dmx_packet(universe, number, data)
+    packet = artnet.dmx_packet(universe, number, data)
     assert int.from_bytes(packet[16:18], "big") == len(packet) - 18 == len(data) + len(data) % 2
     assert packet[18 : 18 + len(data)] == data
     assert int.from_bytes(packet[14:16], "little") == universe
     assert 1 <= packet[12] <= 255
-    assert artnet_protocol.dmx_packet(universe, number + 1, data)[12] == packet[12] % 255 + 1
+    assert artnet.dmx_packet(universe, number + 1, data)[12] == packet[12] % 255 + 1
 
 
 def test_several_universes_are_shown_at_once_by_a_sync_packet() -> None:
@@ -130,15 +124,15 @@ def test_several_universes_are_shown_at_once_by_a_sync_packet() -> None:
 
 
 def test_node_that_answers_is_read() -> None:
-    node = artnet_protocol.ArtnetNode("192.168.1.7", "A node in the attic", "#0001 [1] ok", (0x125, 0x126))
-    assert artnet_protocol.read_reply(REPLY) == node
+    node = artnet.ArtnetNode("192.168.1.7", "A node in the attic", "#0001 [1] ok", (0x125, 0x126))
+    assert artnet.read_reply(REPLY) == node
 
 
 def test_a_node_that_replies_for_each_four_ports_is_one_node_with_all_universes() -> None:
-    nodes: dict[str, artnet_protocol.ArtnetNode] = {}
+    nodes: dict[str, artnet.ArtnetNode] = {}
     for name, universes in (("wall", (4, 5)), ("", (0, 1, 2, 3)), ("wall", (4, 5))):
-        merge_reply(nodes, artnet_protocol.ArtnetNode("10.0.0.7", name, "", universes))
-    merge_reply(nodes, artnet_protocol.ArtnetNode("10.0.0.8", "wall", "", (0,)))
+        merge_reply(nodes, artnet.ArtnetNode("10.0.0.7", name, "", universes))
+    merge_reply(nodes, artnet.ArtnetNode("10.0.0.8", "wall", "", (0,)))
     assert [(each.address, each.universes) for each in nodes.values()] == [
         ("10.0.0.7", (0, 1, 2, 3, 4, 5)), ("10.0.0.8", (0,))
     ]  # fmt: skip
@@ -147,7 +141,7 @@ def test_a_node_that_replies_for_each_four_ports_is_one_node_with_all_universes(
 @given(st.one_of(st.binary(max_size=300), st.integers(0, len(REPLY)).map(lambda size: REPLY[:size])))
 def test_any_bytes_are_an_answer_or_none(data: bytes) -> None:
     for packet in (data, REPLY[:10] + data):
-        node = artnet_protocol.read_reply(packet)
+        node = artnet.read_reply(packet)
         assert node is None or node.name.isprintable()
 
 

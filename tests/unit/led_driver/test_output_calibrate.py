@@ -10,13 +10,18 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.outputs import output_calibrate
-from pointit.cli.outputs.output_calibrate import pointed, report
+from pointit.cli import outputs
+from pointit.cli.outputs import pointed, report
 from pointit.runtime.errors import PointItError
-from pointit.runtime.service.surroundings import NullHealth
-from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.head import HOME, Angles, HeadMounting, ManualAim
-from pointit.services.led_driver.output.spotlight.pose_fit import FittedPose, fit_pose
+from pointit.runtime.service.plugin_guard import NullHealth
+from pointit.services.led_driver.output.pose_fit import FittedPose, fit_pose
+from pointit.services.led_driver.output.spotlight import (
+    HOME,
+    Angles,
+    HeadMounting,
+    ManualAim,
+    SpotlightConfig,
+)
 from pointit.testing import UdpDevice
 from pointit_lab.devices.harnesses.led import e131_frames
 from tests.support.bench import until
@@ -32,7 +37,7 @@ UP, DOWN, RIGHT, LEFT = (b"\x1b[" + letter for letter in (b"A", b"B", b"C", b"D"
 @pytest.fixture(autouse=True)
 def _same_logs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the logs of the tests that follow as they are."""
-    monkeypatch.setattr(output_calibrate, "setup_logging", str)
+    monkeypatch.setattr(outputs, "setup_logging", str)
 
 
 def keys(start: Angles, end: Angles) -> bytes:
@@ -112,5 +117,5 @@ def test_pan_that_turns_the_other_way_is_to_be_configured() -> None:
     ],
 )
 def test_what_is_missing_is_said(arguments: list[str], problem: str) -> None:
-    done = CliRunner().invoke(output_calibrate.command, arguments)
+    done = CliRunner().invoke(outputs.calibrate, arguments)
     assert problem in str(done.exception)

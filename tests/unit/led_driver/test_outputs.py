@@ -10,16 +10,14 @@ import pytest
 from pointit.errors import ConfigError
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service import plugin_guard
-from pointit.runtime.service.plugin_guard import PluginGuard
-from pointit.runtime.service.surroundings import NullHealth, Surroundings
+from pointit.runtime.service.plugin_guard import NullHealth, PluginGuard, Surroundings
 from pointit.schemas import Cursor, Environment, Lamp, SetLamp, StripFrame, StripsFrame, UserProfile
 from pointit.schemas.base import Rgb
 from pointit.schemas.topics import CURSOR, MAP, PROFILE, SET_LAMP
 from pointit.services.led_driver import outputs
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.guarded_output import GuardedOutput
-from pointit.services.led_driver.output.serial_port.config import ExpanderConfig
-from pointit.services.led_driver.outputs import LedOutput, OutputConfig, make_outputs
+from pointit.services.led_driver.output.serial_output import ExpanderConfig
+from pointit.services.led_driver.outputs import GuardedOutput, LedOutput, OutputConfig, make_outputs
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, started

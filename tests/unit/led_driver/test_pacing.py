@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S, Cursor, Passed, UserProfile
 from pointit.schemas.topics import CURSOR
-from pointit.services.led_driver.frame_limiter import FrameLimiter
-from pointit.services.led_driver.light_state import LightState
+from pointit.services.led_driver.light_state import FrameLimiter, LightState
 from tests.support.bench import ManualClock, memory_bench
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, pixels, started
 

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.services.led_driver.output.pixel_map import map_pixels
-from pointit.services.led_driver.output.power import Power
+from pointit.services.led_driver.output.pixel_map import Power, map_pixels
 from pointit.services.led_driver.outputs import OutputConfig, Segment
 
 STRIPS = tuple(

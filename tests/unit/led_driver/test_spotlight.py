@@ -15,20 +15,24 @@ from pydantic import ValidationError
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.runtime.service.surroundings import NullHealth
+from pointit.runtime.service.plugin_guard import NullHealth
 from pointit.schemas import Cursor
-from pointit.services.led_driver.output.spotlight.beam import (
+from pointit.services.led_driver.output.pose_fit import FittedPose, fit_pose
+from pointit.services.led_driver.output.spotlight import (
     DARK,
+    HOME,
+    Angles,
     Beam,
     BeamAim,
     BeamOwnership,
     BeamState,
     Fixture,
+    HeadLimits,
+    HeadMounting,
+    Spotlight,
+    SpotlightConfig,
+    moved,
 )
-from pointit.services.led_driver.output.spotlight.config import SpotlightConfig
-from pointit.services.led_driver.output.spotlight.head import HOME, Angles, HeadLimits, HeadMounting, moved
-from pointit.services.led_driver.output.spotlight.pose_fit import FittedPose, fit_pose
-from pointit.services.led_driver.output.spotlight.spotlight import Spotlight
 from pointit.testing import UdpDevice
 from pointit_lab.devices.harnesses.led import e131_frames
 from tests.support.bench import until

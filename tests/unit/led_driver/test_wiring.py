@@ -11,10 +11,9 @@ from pydantic import ValidationError
 
 from pointit.maps.file import load_map_and_clouds
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.services.led_driver.output.serial_port import upxl_protocol
-from pointit.services.led_driver.output.serial_port.config import ChannelConfig, ExpanderConfig
-from pointit.services.led_driver.output.serial_port.expander import ExpanderFrame
-from pointit.services.led_driver.output.serial_port.wiring import frame_bytes, map_channels, too_slow
+from pointit.services.led_driver.output import expander
+from pointit.services.led_driver.output.expander import ExpanderFrame, frame_bytes, map_channels, too_slow
+from pointit.services.led_driver.output.serial_output import ChannelConfig, ExpanderConfig
 
 
 def strips(counts: Sequence[int]) -> tuple[Strip, ...]:
@@ -149,26 +148,26 @@ def strip(name: str, pixels: int) -> Strip:
 
 def test_set_channel_frame_matches_the_golden_bytes() -> None:
     golden = bytes.fromhex("55 50 58 4c 00 01 03 21 02 00 11 22 33 aa bb cc fb 69 48 ce")
-    assert upxl_protocol.set_channel(0, "GRB", bytes.fromhex("112233aabbcc")) == golden
+    assert expander.set_channel(0, "GRB", bytes.fromhex("112233aabbcc")) == golden
 
 
 def test_draw_all_frame_matches_the_golden_bytes() -> None:
-    assert upxl_protocol.draw_all() == bytes.fromhex("55 50 58 4c ff 02 9b 38 81 df")
+    assert expander.draw_all() == bytes.fromhex("55 50 58 4c ff 02 9b 38 81 df")
 
 
 @pytest.mark.parametrize(("order", "byte"), [("GRB", 0x21), ("RGB", 0x24), ("GRBW", 0xE1)])
 def test_colour_order_is_encoded_in_one_byte(order: str, byte: int) -> None:
-    assert upxl_protocol.set_channel(5, order, bytes(3))[7] == byte
+    assert expander.set_channel(5, order, bytes(3))[7] == byte
 
 
 def test_white_leds_get_a_dark_fourth_byte() -> None:
-    frame = upxl_protocol.set_channel(9, "GRBW", bytes((1, 2, 3, 4, 5, 6)))
+    frame = expander.set_channel(9, "GRBW", bytes((1, 2, 3, 4, 5, 6)))
     assert frame[4:18] == bytes((9, 1, 4, 0xE1, 2, 0, 1, 2, 3, 0, 4, 5, 6, 0))
 
 
 @given(st.integers(0, 63), st.binary(max_size=4800).map(lambda data: data[: len(data) // 3 * 3]))
 def test_every_frame_says_its_size_and_ends_with_its_crc(channel: int, rgb: bytes) -> None:
-    frame = upxl_protocol.set_channel(channel, "GRB", rgb)
+    frame = expander.set_channel(channel, "GRB", rgb)
     assert int.from_bytes(frame[8:10], "little") == len(rgb) // 3
     assert frame[10:-4] == rgb
     assert int.from_bytes(frame[-4:], "little") == zlib.crc32(frame[:-4])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
-from pointit.services.listener.room import Target
+from pointit.services.listener.referents import Target
 from tests.support.bench import START_NS
 
 EYES: Vec3 = (0.0, 0.0, 1.64)

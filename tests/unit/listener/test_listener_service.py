@@ -32,11 +32,10 @@ from pointit.schemas.topics import (
     SPEECH,
     USER_ALIVE,
 )
-from pointit.services.listener import recogniser_clock
-from pointit.services.listener.memory import MAX_CURSORS, PointingMemory
-from pointit.services.listener.recogniser_clock import TYPICAL_S, WORDS, RecogniserClock
-from pointit.services.listener.referents import NO_RAYS, Spoken
+from pointit.services.listener import referents
+from pointit.services.listener.referents import NO_RAYS, TYPICAL_S, WORDS, RecogniserClock, Spoken
 from pointit.services.listener.service import Listener
+from pointit.services.listener.stays import MAX_CURSORS, PointingMemory
 from pointit.services.pointing.service import Pointing
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 from tests.support.commands import change
@@ -212,7 +211,7 @@ def test_a_recogniser_whose_clock_is_half_a_second_off_is_named_by_gestures(off_
 async def test_a_clock_is_named_by_its_last_gesture_without_another_question(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(recogniser_clock, "WORDS", 1)
+    monkeypatch.setattr(referents, "WORDS", 1)
     async with room() as here:
         for ray in gesture([(-20.0, 0.0, 1.0), (20.0, 1.5, 2.0), (-20.0, 3.0, 4.0)], rate_hz=25.0):
             here.clock.time_ns = ray.stamp_ns

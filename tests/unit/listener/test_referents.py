@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Referents
-from pointit.services.listener.decision import decide
-from pointit.services.listener.referents import Spoken, referents
+from pointit.services.listener.referents import Spoken, decide, referents
 from tests.unit.listener.gestures import at_ns, gesture, thing
 
 LEFT, MIDDLE, RIGHT = thing("left", 30.0), thing("middle", 0.0), thing("right", -30.0)

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pointit.services.localizer.estimation.angular_residuals import Rays
 from pointit.services.localizer.estimation.estimator import (
     Pointings,
     Refusal,
@@ -17,7 +16,8 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.estimation.sample_blocks import BLOCK_S, MAX_BLOCKS, blocks
+from pointit.services.localizer.estimation.levenberg_marquardt import Rays
+from pointit.services.localizer.estimation.solution import BLOCK_S, MAX_BLOCKS, blocks
 from pointit.sim.recordings import read_imu_csv
 from tests.support.data import data_file
 from tests.unit.localizer.person import (

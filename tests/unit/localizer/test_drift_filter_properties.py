@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, UserPose
 from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, Fix
-from pointit.services.localizer.tracking.pose_tracking import PoseTracker
+from pointit.services.localizer.tracking import PoseTracker
 from tests.unit.localizer.person import EYES_M, Person, angles, yaw_difference
 from tests.unit.localizer.test_drift_filter import (
     LAMPS,

@@ -13,9 +13,14 @@ from scipy.optimize import minimize as scipy_minimize
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.services.localizer.estimation.angular_residuals import PARAMETERS, Rays, residuals
 from pointit.services.localizer.estimation.estimator import Pointings, Solution, SolverSettings, solve
-from pointit.services.localizer.estimation.levenberg_marquardt import evaluate_costs, minimize
+from pointit.services.localizer.estimation.levenberg_marquardt import (
+    PARAMETERS,
+    Rays,
+    evaluate_costs,
+    minimize,
+    residuals,
+)
 from tests.support.data import data_file
 from tests.support.known import known
 from tests.unit.localizer.person import (

@@ -10,12 +10,20 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, BodyMeasures, Lamp, PointingRay, UserPose
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, SolverSettings
-from pointit.services.localizer.estimation.rays import Mean, believed, mean, unfiltered
+from pointit.services.localizer.estimation.estimator import (
+    Mean,
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    believed,
+    mean,
+    unfiltered,
+)
 from pointit.services.localizer.pose_manager import HeadingWindow
-from pointit.services.localizer.procedures.lamp_procedure import Hold
+from pointit.services.localizer.procedures.procedure import Hold
 from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.verification.holds import held, outlier_lamps, without_spikes
+from pointit.services.localizer.verification import held, outlier_lamps, without_spikes
 from pointit.services.pointing.pointer import ArmRay
 from tests.support.known import known
 from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, solved, told

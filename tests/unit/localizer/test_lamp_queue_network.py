@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Environment, Lamp, LampLeases, Localization, PointingRay, SetPose
-from pointit.services.led_driver.picture.lamp_queue import FRESH_NS, LampQueue
+from pointit.services.led_driver.picture.lamps import FRESH_NS, LampQueue
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output

@@ -8,13 +8,12 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from pointit.diagnosis.certainty import UNSURE_DEG, UNSURE_M
+from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M
 from pointit.geometry.rotation import IDENTITY
 from pointit.geometry.vector import Vec3
-from pointit.runtime.clock import Clock, sleep
+from pointit.runtime.clock import Clock, VirtualClock, sleep
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     CancelLocalization,
     Environment,

@@ -24,9 +24,9 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import SAME_PLACE_M, Refusal
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pose_manager import PoseManager, Response
-from pointit.services.localizer.procedures.lamps import lamps_for_pose, map_change_reason
 from pointit.services.localizer.procedures.moving_target import MAX_TRACKS, MovingTarget
-from pointit.services.localizer.tracking.pose_tracking import PoseTracker
+from pointit.services.localizer.procedures.static_targets import lamps_for_pose, map_change_reason
+from pointit.services.localizer.tracking import PoseTracker
 from tests.unit.localizer.person import ROOM, START_NS, Person, config
 
 QUAD: Vec3 = (2.5, 1.0, 0.3)

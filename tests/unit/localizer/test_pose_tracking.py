@@ -7,10 +7,10 @@ import pytest
 
 from pointit.geometry import rotation
 from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
-from pointit.services.localizer.estimation.rays import Mean, mean
+from pointit.services.localizer.estimation.estimator import Mean, mean
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.procedure_runner import Anchoring
-from pointit.services.localizer.tracking.pose_tracking import MEASURED, PoseTracker
+from pointit.services.localizer.tracking import MEASURED, PoseTracker
 from tests.support.known import known
 from tests.unit.localizer.person import START_NS, Person, config, yaw_difference
 

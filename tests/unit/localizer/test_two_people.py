@@ -7,8 +7,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from pointit.runtime.clock import sleep
-from pointit.runtime.virtual_time import VirtualClock
+from pointit.runtime.clock import VirtualClock, sleep
 from pointit.schemas import LampColor, Localization, StartLocalization
 from pointit.schemas import topics as at
 from pointit.services.led_driver.config import LedDriverConfig

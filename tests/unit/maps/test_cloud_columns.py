@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.maps.checks.examine import examined
+from pointit.maps.checks.check import examined
 from pointit.maps.cloud_file import read_cloud
 from pointit.maps.file import load_map_and_clouds, read_map_file
 from pointit.runtime.errors import ConfigError

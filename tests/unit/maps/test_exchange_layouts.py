@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pointit.maps import exchange
 from pointit.maps.checks.check import check_map
 from pointit.maps.file import parse_map_file
-from pointit.maps.light_files.wire import first_pixels, unused_pixels
+from pointit.maps.light_files.strip_fit import first_pixels, unused_pixels
 from pointit.maps.model import MapFile, StripEntry
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Strip, StripFrame, StripsFrame

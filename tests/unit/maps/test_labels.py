@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.maps.checks.labels import check_labels, spoken_words, syllable_count
+from pointit.maps.checks.things import check_labels, spoken_words, syllable_count
 from pointit.schemas import Thing
 
 

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from pointit.maps.edit.edited_map import edited
-from pointit.maps.edit.edits import Edit
+from pointit.maps.edit import Edit, edited
 from pointit.maps.file import load_map, map_path, parse_map_file, shipped_maps, to_message
 from pointit.runtime.errors import RefusedError
 

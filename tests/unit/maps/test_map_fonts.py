@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from pointit.cli.maps.plot import command
-from pointit.maps.picture.fonts import use_fonts_with_letters
+from pointit.cli.maps.map_file import command
+from pointit.maps.picture import use_fonts_with_letters
 
 SYMBOL = "\N{MATHEMATICAL SANS-SERIF BOLD CAPITAL A}"
 

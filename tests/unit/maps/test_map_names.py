@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from pointit.maps import exchange
-from pointit.maps.edit.edited_map import edited
-from pointit.maps.edit.edits import Edit
-from pointit.maps.edit.yaml_writer import dump_yaml
+from pointit.maps.edit import Edit, dump_yaml, edited
 from pointit.maps.file import load_map, parse_map_file
-from pointit.replay.room import write_room
+from pointit.replay.replayed_services import write_room
 from pointit.runtime.errors import ConfigError
 
 EDITS: TypeAdapter[list[Edit]] = TypeAdapter(list[Edit])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.check import check_map
 from pointit.maps.checks.finding import MapFinding
-from pointit.maps.checks.lamps import SAME_PLACE_M, check_lamps
+from pointit.maps.checks.things import SAME_PLACE_M, check_lamps
 from pointit.maps.file import parse_map_file, read_map_file
 from pointit.maps.model import LampEntry, MapFile
 from pointit.runtime.errors import ConfigError

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.maps.edit.new_file import write_new
+from pointit.maps.edit import write_new
 from pointit.runtime.errors import ConfigError
 from tests.support.full_disk import file_size_limit
 

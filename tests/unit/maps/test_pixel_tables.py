@@ -8,7 +8,7 @@ import pytest
 
 from pointit.maps import exchange
 from pointit.maps.file import parse_map_file
-from pointit.maps.light_files.wire import first_pixels
+from pointit.maps.light_files.strip_fit import first_pixels
 from pointit.runtime.errors import ConfigError
 from tests.unit.maps.test_exchange_layouts import assert_same_lights, lights
 

@@ -11,8 +11,8 @@ from matplotlib.collections import QuadMesh
 from pointit.cli.main import command
 from pointit.maps.checks.things import separability
 from pointit.maps.file import load_map, parse_map_file
-from pointit.maps.picture.draw_map import map_figure
-from pointit.maps.things import things_of
+from pointit.maps.model import things_of
+from pointit.maps.picture import map_figure
 from pointit.runtime.errors import ConfigError
 
 TWO_AND_ONE = """

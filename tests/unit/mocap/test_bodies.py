@@ -5,9 +5,8 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from pointit.bridges.mocap.bodies import Bodies
+from pointit.bridges.mocap.bodies import Bodies, BodySample, TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.timed_frame import BodySample, TimedFrame
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.schemas.environment import Frame

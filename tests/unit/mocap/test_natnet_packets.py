@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.mocap.natnet.models import read_models
-from pointit.bridges.mocap.natnet.packets import (
+from pointit.bridges.mocap.natnet_packets import (
     MalformedPacketError,
     connect_packet,
     read_frame,
+    read_models,
     read_server_info,
     split_packet,
 )

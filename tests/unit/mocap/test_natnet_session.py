@@ -4,9 +4,8 @@ import random
 
 import pytest
 
-from pointit.bridges.mocap.natnet.clock import ServerClock
-from pointit.bridges.mocap.natnet.session import NatNetSession
-from pointit.bridges.mocap.timed_frame import TimedFrame
+from pointit.bridges.mocap.bodies import TimedFrame
+from pointit.bridges.mocap.natnet_session import NatNetSession, ServerClock
 from pointit.schemas import NS_PER_S
 from tests.support.bench import START_NS
 from tests.unit.mocap import natnet_encoder as natnet

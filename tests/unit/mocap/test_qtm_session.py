@@ -5,10 +5,9 @@ import struct
 
 import pytest
 
-from pointit.bridges.mocap.bodies import Bodies
+from pointit.bridges.mocap.bodies import Bodies, TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.qtm.session import QtmSession
-from pointit.bridges.mocap.timed_frame import TimedFrame
+from pointit.bridges.mocap.qtm_client import QtmSession
 from pointit.geometry import rotation
 from pointit.schemas import NS_PER_S
 from tests.support.bench import START_NS

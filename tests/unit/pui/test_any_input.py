@@ -18,8 +18,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
-from pointit.services.pui.shapes import ALL_KINDS, Kind
-from pointit.services.pui.surfaces import Surfaces
+from pointit.services.pui.surfaces import ALL_KINDS, Kind, Surfaces
 from tests.unit.schemas.strategies import messages
 
 DIAGONAL = (3**-0.5, 3**-0.5, 3**-0.5)

@@ -25,8 +25,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import FEEDBACK
 from pointit.services.pui.cursor import AGAIN_NS, TIMEOUT_NS, Passing, PersonCursor
-from pointit.services.pui.shapes import Surface
-from pointit.services.pui.surfaces import Surfaces
+from pointit.services.pui.surfaces import Surface, Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from tests.support.known import known
 from tests.unit.pui.room import EYES, room

@@ -25,8 +25,7 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
-from pointit.services.pui.shapes import ALL_KINDS
-from pointit.services.pui.surfaces import OPAQUE, Surfaces
+from pointit.services.pui.surfaces import ALL_KINDS, OPAQUE, Surfaces
 from tests.support.known import known
 from tests.unit.pui.room import EYES
 

@@ -3,7 +3,7 @@
 import pytest
 
 from pointit.schemas import Environment, Strip, Thing, TrackedObject
-from pointit.services.pui.things import listing
+from pointit.services.pui.tracked_objects import listing
 
 STRIP = Strip(id="shelf", line_m=((2.4, 1.0, 1.25), (2.4, -1.0, 1.25)), pixels=120)
 

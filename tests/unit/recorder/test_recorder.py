@@ -18,8 +18,7 @@ from pointit.recording.entries import Entry, body_kind
 from pointit.recording.library import Chunk, Opcode
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import published_parameters

@@ -8,8 +8,7 @@ import pytest
 import pytest_asyncio
 
 from pointit.recording import writer
-from pointit.recording.entries import Entry
-from pointit.recording.head import make_head
+from pointit.recording.entries import Entry, make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.runtime.bus.contract import Sent

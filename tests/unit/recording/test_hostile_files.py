@@ -13,8 +13,7 @@ from mcap.records import Channel, Chunk
 from mcap.writer import Writer
 from zstandard import ZstdCompressor
 
-from pointit.recording.entries import RecordingError
-from pointit.recording.head import METADATA, make_head
+from pointit.recording.entries import METADATA, RecordingError, make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S, ImuSample

@@ -8,8 +8,7 @@ from mcap.reader import make_reader
 
 import pointit.schemas as models
 from pointit.recording import container, reader
-from pointit.recording.entries import Entry, Exchange, RecordingError, body_kind, entry, entry_of
-from pointit.recording.head import make_head
+from pointit.recording.entries import Entry, Exchange, RecordingError, body_kind, entry, entry_of, make_head
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.schemas import NS_PER_S, Cursor, Message, Query, encode, topics

@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 from pointit.cli.recordings.replay import first_lines
-from pointit.replay.comparison.comparison import Comparison, ComparisonReport, TopicReport
-from pointit.replay.comparison.samples import Leaf, Sample, differences
+from pointit.replay.comparison import Comparison, ComparisonReport, Leaf, Sample, TopicReport, differences
 
 MS = 1_000_000
 RAY, POSE, CURSOR = "users/anna/ray", "users/anna/pose", "users/anna/cursor"

@@ -7,8 +7,7 @@ import pytest
 
 from pointit.maps.file import load_map, shipped_maps
 from pointit.recording.entries import AnyRow, entry
-from pointit.replay.levels import Level, ReplayError, Split
-from pointit.replay.room import check_map, write_room
+from pointit.replay.replayed_services import Level, ReplayError, Split, check_map, write_room
 from pointit.schemas import Environment, Feedback, ImuSample, PointingRay, SelectionEvent, UserPose, topics
 from pointit.schemas.environment import Box, Cloud, Cylinder, Fence, Plane, Sphere, Thing
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.services.robot.drivers.sim.sim_driver import SIM
+from pointit.services.robot.drivers.sim_driver import SIM
 from pointit.services.robot.robot_driver import ROBOTS, RobotPlugin
 from tests.unit.robot.flight import FaultyDriver
 

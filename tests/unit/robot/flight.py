@@ -8,7 +8,7 @@ from typing import Any, Concatenate, ParamSpec
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Closable
-from pointit.runtime.virtual_time import VirtualClock, run_virtually
+from pointit.runtime.clock import VirtualClock, run_virtually
 from pointit.schemas import (
     Cursor,
     Environment,
@@ -23,7 +23,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.drivers.sim.sim_driver import SimDriver
+from pointit.services.robot.drivers.sim_driver import SimDriver
 from pointit.services.robot.robot_driver import Command, Report, ReportItem, RobotReport
 from pointit.services.robot.service import Robot
 from tests.support.bench import Bench, memory_bench

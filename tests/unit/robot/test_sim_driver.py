@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.service.surroundings import NullHealth, Surroundings
-from pointit.runtime.virtual_time import VirtualClock, run_virtually
+from pointit.runtime.clock import VirtualClock, run_virtually
+from pointit.runtime.service.plugin_guard import NullHealth, Surroundings
 from pointit.schemas import RobotKind
-from pointit.services.robot.drivers.sim.sim_driver import SIM, SimConfig
+from pointit.services.robot.drivers.sim_driver import SIM, SimConfig
 from pointit.services.robot.robot_driver import (
     Command,
     Follow,

@@ -11,14 +11,15 @@ from hypothesis.strategies import SearchStrategy
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.services.robot.drivers.sim.motion_limits import STEP_S, MotionLimits
-from pointit.services.robot.drivers.sim.quadrotor import (
+from pointit.services.robot.drivers.quadrotor import (
+    STEP_S,
     WANDER_LIMIT,
     WANDER_SD_M,
+    MotionLimits,
     SimulatedQuadrotor,
     SmoothMotion,
 )
-from pointit.services.robot.drivers.sim.sim_driver import (
+from pointit.services.robot.drivers.sim_driver import (
     FACING_RAD,
     THERE_M,
     TURN_RADPS,

@@ -7,7 +7,7 @@ import pytest
 
 from pointit.schemas import Steering
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, OrderStatus, Stop, TakeOff
-from pointit.services.robot.steering.table import (
+from pointit.services.robot.steering import (
     ACTIONS,
     HOLDS,
     Action,

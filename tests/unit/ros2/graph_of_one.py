@@ -12,8 +12,7 @@ from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.types.types import Types
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from tests.support.bench import ManualClock
 

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import Distro
 from pointit.bridges.ros2.over_rclpy.rclpy_library import class_of
-from pointit.bridges.ros2.types.definitions import INTERFACES, NAVIGATE_TO_POSE, Definitions, actions
-from pointit.bridges.ros2.types.rihs01 import Rihs01
+from pointit.bridges.ros2.types.definitions import INTERFACES, NAVIGATE_TO_POSE, Definitions, Rihs01, actions
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError
 from tests.unit.ros2.scenes import jazzy

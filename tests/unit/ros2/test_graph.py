@@ -17,12 +17,10 @@ from pointit.bridges.ros2.graph.backend import (
     Qos,
     RosType,
 )
-from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
 from pointit.bridges.ros2.graph.findings import COUNTERPART, Finding, Matching, findings
-from pointit.bridges.ros2.graph.node_backend import GraphMonitor
-from pointit.bridges.ros2.over_zenoh.graph import MAX_TOKENS, LivelinessDirectory, Seen
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.bridges.ros2.graph.node_backend import BackendWarnings, GraphMonitor
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import MAX_TOKENS, LivelinessDirectory, Seen
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
 from tests.support.bench import ManualClock
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pointit.bridges.ros2.config import Ros2Config
-from pointit.bridges.ros2.inbound.rays import interaction
+from pointit.bridges.ros2.inbound.person import interaction
 from pointit.bridges.ros2.routing import ros_users
 from pointit.bridges.ros2.service import Ros2
 from pointit.runtime.config.config import Layers

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import pointit.schemas as models
 from pointit.bridges.ros2.routing.conversion_state import ConversionState, RosUser
+from pointit.bridges.ros2.routing.names import MAX_NUMBER
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,
@@ -15,7 +16,6 @@ from pointit.bridges.ros2.routing.route_types import (
     ServiceRoute,
 )
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.routing.uids import MAX_NUMBER
 from pointit.schemas.topics import Topic
 from tests.unit.ros2.scenes import NOW_NS, furnished, into, jazzy, objects, out, package, quaternion, server
 from tests.unit.ros2.values import any_value

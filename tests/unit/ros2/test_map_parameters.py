@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.parameters.map_of_node import (
+from pointit.bridges.ros2.parameters import (
     LINES,
     SECTIONS,
     of_maps,
     parameters_of,
     prefixes,
     tree_of,
+    value_of,
 )
-from pointit.bridges.ros2.parameters.node_parameters import value_of
 from pointit.bridges.ros2.types.types import Types
-from pointit.geometry.polygon import Vec2
+from pointit.geometry.solids import Vec2
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.check import check_map
 from pointit.maps.file import parse_map_file

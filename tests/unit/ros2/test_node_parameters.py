@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.bridges.ros2 import parameters
 from pointit.bridges.ros2.graph.backend import Backend
-from pointit.bridges.ros2.parameters import node_parameters as parameters
-from pointit.bridges.ros2.parameters.node_parameters import (
+from pointit.bridges.ros2.parameters import (
     FIELDS,
     GET,
     LIST,

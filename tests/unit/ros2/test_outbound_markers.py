@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 
 import pointit.schemas as models
-from pointit.bridges.ros2.outbound.map_markers import MAX_MARKERS, ribbon
-from pointit.bridges.ros2.outbound.marker_builder import ADD, DELETE, DELETE_ALL
-from pointit.bridges.ros2.outbound.markers import HALTED, MAX_OBJECTS, ellipse
+from pointit.bridges.ros2.outbound.markers import (
+    ADD,
+    DELETE,
+    DELETE_ALL,
+    HALTED,
+    MAX_MARKERS,
+    MAX_OBJECTS,
+    ellipse,
+    ribbon,
+)
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline

@@ -8,21 +8,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, SENSOR, SERVICE, EndpointKind, Qos, RosType
-from pointit.bridges.ros2.over_zenoh.attachment import Attachment, packed, unpacked
-from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.over_zenoh.token import (
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import (
     BRIDGE,
+    Attachment,
     EndpointToken,
     NodeToken,
+    RmwZenoh,
     data_key,
     dds_type,
     gid,
     mangled,
+    packed,
     parsed,
     qos_of,
     qos_text,
     resolved,
     unmangled,
+    unpacked,
 )
 from tests.unit.ros2.values import golden
 

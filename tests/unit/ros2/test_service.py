@@ -6,8 +6,8 @@ import pytest
 from pydantic import ValidationError
 
 from pointit.bridges.ros2.config import BackendConfig, Ros2Config
-from pointit.bridges.ros2.graph.addresses import check_apart, place_of
-from pointit.bridges.ros2.routing.presence_cache import MAX_REMEMBERED, PresenceCache
+from pointit.bridges.ros2.graph.backend import check_apart, place_of
+from pointit.bridges.ros2.routing.conversion_state import MAX_REMEMBERED, PresenceCache
 from pointit.bridges.ros2.service import Ros2
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.types.definitions import Definitions
-from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, SEQUENCE, Fields
+from pointit.bridges.ros2.types.definitions import ARRAY, BASE, NAME, SEQUENCE, Definitions, Fields
 from tests.unit.ros2.scenes import jazzy
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)

@@ -13,8 +13,7 @@ from rich.text import Text
 
 from pointit.cli.common.output import OutputSection, print_table, say
 from pointit.cli.display.view import ConsoleView
-from pointit.launch.run.monitor import Monitor
-from pointit.launch.run.score import RunScore
+from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plain_console import PlainConsole

@@ -9,8 +9,7 @@ import pytest
 import zenoh
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.zenoh import subscribers
 from pointit.runtime.zenoh.subscribers import MAX_GAPS, MAX_WRITERS, EventRecovery
 from tests.support.bench import until

@@ -8,8 +8,13 @@ import pytest
 from pydantic import BaseModel
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import read_limited, replaced_file, write_atomically
-from pointit.runtime.host.state_file import MAX_BYTES, StateFile
+from pointit.runtime.host.state_file import (
+    MAX_BYTES,
+    StateFile,
+    read_limited,
+    replaced_file,
+    write_atomically,
+)
 from pointit.schemas import KeyNameError
 from tests.support.full_disk import file_size_limit
 

@@ -13,11 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.bus.metrics import SAMPLES, DurationWindow
+from pointit.runtime.bus.instrumented import SAMPLES, DurationWindow
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.service.surroundings import PluginHealth
+from pointit.runtime.service.plugin_guard import PluginHealth
 from pointit.schemas import NS_PER_S, ButtonEvent, ClearSelection, Done, Health, ImuSample, KeyHealth
 from pointit.schemas.system import DURATION_BOUNDS_S
 from pointit.schemas.topics import BUTTON, CLEAR_SELECTION, HEALTH, IMU, SERVICE_ALIVE, USER_ALIVE

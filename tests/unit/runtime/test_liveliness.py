@@ -9,7 +9,7 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.runtime.bus.dispatcher import Dispatcher
+from pointit.runtime.bus.mailbox import Dispatcher
 from pointit.runtime.zenoh.liveliness import MAX_TOKEN_CHARACTERS, LivelinessSubscriber
 
 LONG = "x" * (MAX_TOKEN_CHARACTERS + 1)

@@ -9,10 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 import pytest
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, AnyTopic
-from pointit.runtime.bus.dispatcher import Dispatcher
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.mailbox import Mailbox
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.mailbox import Dispatcher, Mailbox
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ButtonEvent, ImuSample, Message
 from pointit.schemas.topics import BUTTON, CURSOR, IMU
@@ -217,7 +215,7 @@ async def test_a_closed_mailbox_holds_nothing() -> None:
 async def test_an_overflow_is_said_once_however_long_ago_the_last_line(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("pointit.runtime.bus.dispatcher.LOG_PERIOD_S", 0.0)
+    monkeypatch.setattr("pointit.runtime.bus.mailbox.LOG_PERIOD_S", 0.0)
     mailbox = Mailbox(BUTTON, lambda _message, _name: None, Dispatcher())
     for round_, count in enumerate((EVENT_CAPACITY + 5, 10, 10, EVENT_CAPACITY + 7)):
         for seq in range(count):

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError
 
-from pointit.runtime.address_config import AddressConfig, format_address, is_loopback
-from pointit.runtime.config.network_address import parse_address
+from pointit.runtime.address_config import AddressConfig, format_address, is_loopback, parse_address
 
 HOSTS = st.one_of(
     st.ip_addresses().filter(lambda address: not (address.version == 6 and address.is_link_local)).map(str),

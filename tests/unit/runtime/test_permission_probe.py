@@ -10,9 +10,9 @@ from typing import Any, cast
 import pytest
 import zenoh
 
-from pointit.runtime.link.credentials import Credentials, LinkFile
-from pointit.runtime.zenoh import permission_probe
-from pointit.runtime.zenoh.permission_probe import PermissionProbe
+from pointit.runtime.link.link import Credentials, LinkFile
+from pointit.runtime.zenoh import restricted_bus
+from pointit.runtime.zenoh.restricted_bus import PermissionProbe
 from tests.support.bench import until
 
 
@@ -76,9 +76,9 @@ class SharedRouter(Router):
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(permission_probe, "SETTLE_S", 0.001)
-    monkeypatch.setattr(permission_probe, "WAITS_S", (0.005, 0.005, 0.005, 0.005))
-    monkeypatch.setattr(permission_probe, "RETRY_S", (0.02, 0.03))
+    monkeypatch.setattr(restricted_bus, "SETTLE_S", 0.001)
+    monkeypatch.setattr(restricted_bus, "WAITS_S", (0.005, 0.005, 0.005, 0.005))
+    monkeypatch.setattr(restricted_bus, "RETRY_S", (0.02, 0.03))
 
 
 def self_test_at(router: Router) -> PermissionProbe:
@@ -109,7 +109,7 @@ async def test_a_late_answer_ends_the_denial(what: str) -> None:
         router.denied = lambda _key: False
         await until(lambda: not test.problem, what="it to be granted")
         done = router.tests
-        await asyncio.sleep(3 * max(permission_probe.RETRY_S))
+        await asyncio.sleep(3 * max(restricted_bus.RETRY_S))
         assert router.tests == done, "it is tested on"
     finally:
         await test.close()
@@ -163,7 +163,7 @@ async def test_it_is_tested_until_it_is_closed() -> None:
     assert "may not write users/anna/imu" in test.problem
     await test.close()
     done = router.tests
-    await asyncio.sleep(3 * max(permission_probe.RETRY_S))
+    await asyncio.sleep(3 * max(restricted_bus.RETRY_S))
     assert router.tests == done
 
 

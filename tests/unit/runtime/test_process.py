@@ -23,10 +23,10 @@ from pointit.runtime.service.process import (
     CLOCK_REQUEST_TIMEOUT_S,
     CLOCK_TIMEOUT_S,
     run_command,
+    run_until_shutdown,
     service_command,
 )
 from pointit.runtime.service.service import Scope, Service
-from pointit.runtime.service.shutdown import run_until_shutdown
 
 
 class Arm(Config):
@@ -280,7 +280,7 @@ def test_a_service_that_has_ended_waits_for_nothing_of_pythons(at_once: bool, sa
 def test_full_collections_leave_out_what_a_process_has_made_at_its_start(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("pointit.runtime.service.shutdown.STARTED_S", 0.0)
+    monkeypatch.setattr("pointit.runtime.service.process.STARTED_S", 0.0)
 
     async def work() -> int:
         before, made = gc.get_freeze_count(), [[n] for n in range(10_000)]

@@ -8,9 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from pointit.runtime.router import router, router_log
-from pointit.runtime.router.router import Router
-from pointit.runtime.router.router_log import MAX_LINES, TIME_BYTES, _read
+from pointit.runtime import router
+from pointit.runtime.router import MAX_LINES, TIME_BYTES, Router, _read
 from tests.support.bench import until
 
 pytestmark = pytest.mark.wall_time
@@ -85,7 +84,7 @@ def read(lines: list[bytes]) -> Lines:
 
     thread = threading.Thread(target=_read, args=(source, take, (MARK,)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(router_log, "time", SimpleNamespace(monotonic=float))  # however slow this machine is
+        patch.setattr(router, "time", SimpleNamespace(monotonic=float))  # however slow this machine is
         thread.start()
         with os.fdopen(sink, "wb") as pipe:
             pipe.write(b"".join(line + b"\n" for line in lines))

@@ -9,8 +9,7 @@ import pytest
 import pytest_asyncio
 
 from pointit.runtime.bus.instrumented import ServedPublisher
-from pointit.runtime.bus.local_broker import LocalBroker
-from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.clock import MAX_SLEW_S
 from pointit.runtime.config.config import Config, published_parameters
 from pointit.runtime.errors import BusClosedError, ConfigError, RefusedError

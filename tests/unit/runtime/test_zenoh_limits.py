@@ -12,6 +12,7 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.runtime.zenoh.declarations import decoded, encoding_of
 from pointit.runtime.zenoh.queries import MAX_WAITING, SHOWN_S, SLICE_S, BoundedWorkQueue, OverflowCounter
 from pointit.runtime.zenoh.subscribers import (
     MAX_NAMES,
@@ -21,7 +22,6 @@ from pointit.runtime.zenoh.subscribers import (
     NameLimiter,
     max_names_for,
 )
-from pointit.runtime.zenoh.wire_format import decoded, encoding_of
 from pointit.schemas import ClockTick, DecodeError, KeyNameError, encode
 from pointit.schemas.codec import MEDIA_TYPE
 from pointit.schemas.topics import TOPICS

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pointit.cli.maps.point import CORNERS, PointingSession, target_name
 from pointit.geometry.vector import Vec3
 from pointit.runtime.errors import NoMessageError, RefusedError
-from pointit.scan.as_map import pointed_text
 from pointit.scan.by_pointing import TargetRay, box_of, locate, pointing_of, screen_of
+from pointit.scan.result import pointed_text
 from pointit.schemas import ButtonEvent, PointingRay, UserPose
 from pointit.schemas.topics import BUTTON, POSE, RAY
 from tests.support.bench import memory_bench

@@ -10,10 +10,8 @@ import pytest
 from pointit.bridges.web.scan.session import marked_pixels
 from pointit.maps.file import parse_map_file
 from pointit.runtime.errors import ConfigError
-from pointit.scan.advice import next_view
-from pointit.scan.as_map import map_text
-from pointit.scan.result import Scan, ScanError
-from pointit.scan.solver import solve
+from pointit.scan.result import Scan, ScanError, map_text
+from pointit.scan.solver import next_view, solve
 from pointit.scan.views import CameraView, KnownLength, Mark, StripSighting, StripSpec
 from tests.unit.scan.photographs import LAMP, LAMPS, LINES, PITCH_M, PLACES, photograph, photographs, specs
 

@@ -18,11 +18,10 @@ from pointit.schemas import (
     Thing,
 )
 from pointit.schemas.topics import ANNOUNCED, CURSOR, OBJECTS, STEP
-from pointit.services.pui.things import TRACKER, listing
+from pointit.services.pui.tracked_objects import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.outputs import Output
-from pointit.services.selector.selection_engine import SelectionEngine
-from pointit.services.selector.shard_engine import ShardEngine
+from pointit.services.selector.selection_engine import SelectionEngine, ShardEngine
 from tests.support.bench import ManualClock
 from tests.unit.selector.room import at
 from tests.unit.selector.served import served

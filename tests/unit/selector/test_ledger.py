@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.selector.outputs import Record
-from pointit.services.selector.ownership.ledger import Ledger
+from pointit.services.selector.ownership import Ledger
 
 HERE = frozenset("abc")
 

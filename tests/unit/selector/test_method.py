@@ -9,8 +9,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.schemas import ReservedObject, Selection, SetMethod, SetMethodReply
 from pointit.schemas.topics import SET_METHOD
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.methods.method import apply_method
-from pointit.services.selector.methods.pointer import GuardedMethod
+from pointit.services.selector.methods.pointer import GuardedMethod, apply_method
 from pointit.services.selector.selection_methods import PointingSample, SelectionProgress
 from tests.unit.selector.room import Room, at, package, pointing
 from tests.unit.selector.served import Served, served

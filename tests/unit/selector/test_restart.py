@@ -16,8 +16,7 @@ from pointit.runtime.host.store import read_rows
 from pointit.schemas import ConveyorState, Departure, topics
 from pointit.schemas.selection import REPEATED_REASON
 from pointit.services.selector.service import Selector
-from pointit.services.selector.store.journal import Journal
-from pointit.services.selector.store.journal_table import FILE
+from pointit.services.selector.store import FILE, Journal
 from tests.support.bench import START_NS, ManualClock, memory_bench, until
 from tests.unit.selector.served import objects, served
 

@@ -6,8 +6,8 @@ from contextlib import asynccontextmanager
 from pointit.schemas import Claim, ClearSelection, Selection, SetMethod, topics
 from pointit.services.selector.claim_budget import MAX_CLAIMS
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.selection_engine import NO_ARBITER
 from pointit.services.selector.service import Selector
-from pointit.services.selector.shard_engine import NO_ARBITER
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.selector.served import Served, objects, served
 

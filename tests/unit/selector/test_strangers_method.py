@@ -10,7 +10,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.schemas import SetMethod
 from pointit.schemas.topics import SET_METHOD
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.methods.method import apply_method
+from pointit.services.selector.methods.pointer import apply_method
 from tests.support import strangers
 from tests.support.bench import until
 from tests.unit.selector.room import Room, package

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.sim.plausibility import round_figures_beyond
+from pointit.sim.track_faults import round_figures_beyond
 
 FINITE = st.floats(-1e12, 1e12)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit.sim.csv_rows import MAX_BYTES
+from pointit.sim.motion_table import MAX_BYTES
 from pointit.sim.recordings import read_imu_csv
 from tests.support.data import data_file
 

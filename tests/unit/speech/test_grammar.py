@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S, Word
 from pointit.speech.grammar import Vocabulary, answer, names_of, parse, spoken
-from pointit.speech.typed_words import TimedWord, speech, words_in
+from pointit.speech.recogniser import TimedWord, speech, words_in
 from pointit.speech.verbs import VERBS
 
 WORDS = Vocabulary(names=names_of(["rover", "radio_lamp", "led_1", "screws"]), verbs=("heat",))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from pointit.cli.things.own_verbs import own_verbs
+from pointit.cli.things.listen import own_verbs
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import (
     NS_PER_S,

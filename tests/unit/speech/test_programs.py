@@ -7,14 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.things.own_verbs import own_verbs
+from pointit.cli.things.listen import own_verbs
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import NS_PER_S, Speech, Understood, Word
-from pointit.speech.grammar import Command
-from pointit.speech.packages import Packages
-from pointit.speech.room import SpokenRoom
+from pointit.speech.grammar import Command, SpokenRoom
 from pointit.speech.speech_synthesizer import PROGRAM, SpeechSynthesizer
-from pointit.speech.verbs import VerbContext
+from pointit.speech.verbs import Packages, VerbContext
 from tests.support.bench import ManualClock, memory_bench
 
 

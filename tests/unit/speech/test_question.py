@@ -6,8 +6,8 @@ import pytest
 
 from pointit.schemas import NS_PER_S, ButtonEvent, SetLamp, SetThing, Speech, Word
 from pointit.schemas.topics import BUTTON, SPEECH
+from pointit.speech.grammar import SpokenRoom
 from pointit.speech.interpreter import Question
-from pointit.speech.room import SpokenRoom
 from tests.support.bench import in_virtual_time, until
 from tests.unit.speech.spoken_room import HOSTILE, USER, either, fired, room
 

@@ -17,10 +17,10 @@ import pointit
 from pointit.forearm.true_pose import TruePose
 from pointit.schemas import Cursor, SelectionEvent
 from pointit.study import session
+from pointit.study.lsl import LslOutlets
 from pointit.study.simulated import SimulatedView, person_of
-from pointit.study.site.lsl import LslOutlets
-from pointit.study.site.study_site import SiteOptions
 from pointit.study.study_folder import read_table
+from pointit.study.study_site import SiteOptions
 from tests.unit.study.studies import SMALL, small
 
 S = 1_000_000_000

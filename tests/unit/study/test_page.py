@@ -11,11 +11,10 @@ import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 
+from pointit.study.model import SUS, Picture, StudyStep
 from pointit.study.page.server import served
 from pointit.study.page.view import MAX_REASON, Page, PageView
-from pointit.study.questionnaires import SUS
 from pointit.study.session import StoppedError
-from pointit.study.step import Picture, StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 STATUS = StudyStatus(

@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pointit
-from pointit.cli.study.check import command as check
+from pointit.cli.study import check as check
 from pointit.runtime.errors import ConfigError
 from pointit.study.check import check_folder
-from pointit.study.model import Study, read_study
-from pointit.study.order import imbalance, square
+from pointit.study.model import Study, imbalance, read_study, square
 from pointit.study.plan import check_sequences, plan_of
 from pointit.study.study_folder import StudyFolder
 

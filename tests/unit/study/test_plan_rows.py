@@ -14,8 +14,8 @@ from pointit.study.model import Study
 from pointit.study.plan import plan_of
 from pointit.study.session import Session
 from pointit.study.simulated import SimulatedView
-from pointit.study.site.study_site import SiteOptions
 from pointit.study.study_folder import StudyFolder
+from pointit.study.study_site import SiteOptions
 from tests.unit.study.studies import small
 
 RATIOS = """

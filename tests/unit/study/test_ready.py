@@ -8,15 +8,14 @@ import pytest
 from click.testing import CliRunner
 
 from pointit import study_report
-from pointit.cli.study.check import command as check
-from pointit.cli.study.report import command as report
-from pointit.cli.study.run import command as run
+from pointit.cli.study import check as check
+from pointit.cli.study import command as run
+from pointit.cli.study import report as report
 from pointit.runtime.errors import ConfigError
-from pointit.study.model import read_study
+from pointit.study.model import Picture, read_study
 from pointit.study.simulated import simulate
-from pointit.study.site.scenario import check_ready
-from pointit.study.step import Picture
 from pointit.study.study_folder import read_table
+from pointit.study.study_site import check_ready
 from tests.unit.study.studies import SMALL, small
 
 PNG = b"\x89PNG\r\n\x1a\nand so on"

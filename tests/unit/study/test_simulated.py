@@ -11,13 +11,13 @@ import pointit
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.study import simulated
 from pointit.study.check import check_folder
-from pointit.study.columns import columns_of
 from pointit.study.model import Study
 from pointit.study.plan import plan_of
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
-from pointit.study.site.study_site import SiteOptions
 from pointit.study.study_folder import ANSWER_COLUMNS, StudyFolder, read_table
+from pointit.study.study_site import SiteOptions
+from pointit.study.table_file import columns_of
 from pointit.study.view import StudyCommand, StudyStatus
 from tests.unit.study.studies import SMALL, simulate_all, small
 

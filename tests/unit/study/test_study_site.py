@@ -10,7 +10,7 @@ import pytest
 from pointit.forearm.true_pose import TruePose
 from pointit.schemas import NS_PER_S, Announced, TrackedObject, TrackedObjects, UserPose
 from pointit.study.measure import Attempt
-from pointit.study.site.study_site import StudySite
+from pointit.study.study_site import StudySite
 
 GAUGE = {"selector.method": "gauge", "selector.gauge.full_s": 0.8}
 

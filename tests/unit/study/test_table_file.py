@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from pointit.errors import ConfigError
 from pointit.study.append_only_csv import AppendOnlyCsv
-from pointit.study.columns import ADDED
 from pointit.study.study_folder import read_table
+from pointit.study.table_file import ADDED
 
 OURS = """\
 participant,block,trial,attempt,practice,method,reason,outcome,began_utc,selection_s,error_m,\

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from pointit.cli.study.run import TerminalView
-from pointit.study.questionnaires import Scale
-from pointit.study.step import StudyStep
+from pointit.cli.study import TerminalView
+from pointit.study.model import Scale, StudyStep
 from pointit.study.view import StudyCommand, StudyStatus
 
 STATUS = StudyStatus(

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pointit.study.columns import COLUMNS
 from pointit.study.study_folder import ANSWER_COLUMNS
+from pointit.study.table_file import COLUMNS
 
 NAMES = [name for name, _, _ in COLUMNS][5:]
 RINGS = ((0.4, 0.05), (0.8, 0.1), (1.2, 0.05), (0.8, 0.03))

@@ -12,10 +12,9 @@ from scipy import stats
 from pointit import study_report
 from pointit.errors import ConfigError, PointItError
 from pointit.study_report.comparisons import _holm
-from pointit.study_report.mixed import fit as fit_mixed
+from pointit.study_report.comparisons import fit as fit_mixed
 from pointit.study_report.page import sections
-from pointit.study_report.scores import system_usability
-from pointit.study_report.table import interval
+from pointit.study_report.table import interval, system_usability
 from pointit.study_report.tapping_movements import bits, effective
 from tests.unit.study_report.generated import RINGS, write_answers, write_rows, write_study
 

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 from matplotlib.figure import Figure
 
 from pointit import study_report
-from pointit.cli.study.power import command as power_command
-from pointit.cli.study.report import command as report_command
-from pointit.study.columns import COUNTS, NUMBERS
+from pointit.cli.study import power as power_command
+from pointit.cli.study import report as report_command
+from pointit.study.table_file import COUNTS, NUMBERS
 from pointit.study_report import figures
 from tests.unit.study_report.generated import RINGS, write_answers, write_study
 

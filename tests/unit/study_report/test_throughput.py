@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit import study_report
-from pointit.cli.study.report import command as report_command
+from pointit.cli.study import report as report_command
 from pointit.errors import PointItError
 from tests.unit.study_report.generated import RINGS, write_study
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pointit.schemas import Feedback, Localization, UserPose
-from pointit.services.supervisor import user_messages
+from pointit.services.supervisor import transitions
 from pointit.services.supervisor.life_cycle import LifeCycle
 from tests.unit.supervisor import played
 from tests.unit.supervisor.played import Gesture, Phase, S, life_cycle, press, sample, shown, told
@@ -53,9 +53,9 @@ def anchoring(cycle: LifeCycle) -> LifeCycle:
 @pytest.mark.parametrize(
     ("phase", "cue", "reason"),
     [
-        ("solved", "localized", user_messages.ANCHORED),
+        ("solved", "localized", transitions.ANCHORED),
         ("refused", "refused", "the arm moved; hold it still"),
-        ("cancelled", "stopped", user_messages.ANCHOR_CANCELLED),
+        ("cancelled", "stopped", transitions.ANCHOR_CANCELLED),
     ],
 )
 def test_it_goes_back_where_it_was_whatever_happens(back: str, phase: Phase, cue: str, reason: str) -> None:
@@ -73,7 +73,7 @@ def test_without_a_place_there_is_nothing_to_set_right() -> None:
     cycle = resting(has_pose=False)
     outputs = cycle.button(*press(1, "double"))
     assert told(outputs) == ["idle", "cue refused"]
-    assert shown(outputs).reason == user_messages.NO_POSE_TO_ANCHOR
+    assert shown(outputs).reason == transitions.NO_POSE_TO_ANCHOR
 
 
 @pytest.mark.parametrize("gesture", ["press", "double", "hold"])
@@ -92,7 +92,7 @@ def test_one_that_others_asked_for_is_followed(back: str) -> None:
     cycle = pointing() if back == "pointing" else resting()
     outputs = cycle.localization(*news(20, "sampling", target_id="led_1", since_ns=20 * S))
     assert told(outputs) == ["localizing", "cue target"]
-    assert (shown(outputs).reason, shown(outputs).next_step) == (user_messages.ANCHOR_ASKED_FOR, AIM)
+    assert (shown(outputs).reason, shown(outputs).next_step) == (transitions.ANCHOR_ASKED_FOR, AIM)
     assert told(cycle.localization(*news(22, "solved", since_ns=20 * S))) == went_back("localized", back)
     outputs = cycle.localization(*news(23, "sampling", target_id="led_2", since_ns=23 * S))  # the next one
     assert told(outputs) == ["localizing", "cue target"]
@@ -112,7 +112,7 @@ def test_a_localizer_that_does_something_else_by_now_ends_it(phase: Phase) -> No
     cycle = anchoring(pointing())
     outputs = cycle.localization(*news(12, phase, purpose="pose"))
     assert told(outputs) == went_back("refused", "pointing")
-    assert shown(outputs).reason == user_messages.ANCHOR_LOST
+    assert shown(outputs).reason == transitions.ANCHOR_LOST
 
 
 def test_it_has_the_time_outs_of_all_that_takes_time() -> None:
@@ -150,12 +150,12 @@ def test_while_the_yaw_is_uncertain_the_next_thing_to_do_is_an_anchor() -> None:
     cycle = life_cycle(unsure_yaw_deg=math.degrees(0.2))
     cycle.begin(0)
     cycle.pose(*known(1, 0.1))
-    assert shown(cycle.button(*press(2))).next_step == user_messages.POINT
+    assert shown(cycle.button(*press(2))).next_step == transitions.POINT
     unsure = shown(cycle.pose(*known(3, 0.21)))
-    assert (unsure.next_step, unsure.is_unsure) == (user_messages.POINT_AT_LAMP, True)
+    assert (unsure.next_step, unsure.is_unsure) == (transitions.POINT_AT_LAMP, True)
     assert cycle.pose(*known(4, 0.22)) == []  # said already
     sure = shown(cycle.pose(*known(5, 0.05)))
-    assert (sure.next_step, sure.is_unsure) == (user_messages.POINT, False)
+    assert (sure.next_step, sure.is_unsure) == (transitions.POINT, False)
     assert cycle.pose(*known(6, 0.5, "external")) == []  # a tracker's is not ours to set right
 
 

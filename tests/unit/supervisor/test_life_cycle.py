@@ -3,7 +3,7 @@
 import runpy
 from pathlib import Path
 
-from pointit.services.supervisor import user_messages
+from pointit.services.supervisor import transitions
 from pointit.services.supervisor.life_cycle import LifeCycle
 from pointit.services.supervisor.transitions import TABLE
 from tests.unit.supervisor.played import S, life_cycle, news, pose, press, sample, shown, told
@@ -19,8 +19,8 @@ def localizing(now_s: float = 10.0) -> LifeCycle:
 
 def test_with_a_known_place_the_button_starts_and_stops_pointing() -> None:
     cycle = life_cycle()
-    assert shown(cycle.begin(0)).next_step == user_messages.SET_POSE
-    assert shown(cycle.pose(*pose())).next_step == user_messages.PRESS
+    assert shown(cycle.begin(0)).next_step == transitions.SET_POSE
+    assert shown(cycle.pose(*pose())).next_step == transitions.PRESS
     assert told(cycle.button(*press(1))) == ["pointing", "cue started"]
     assert told(cycle.button(*press(2))) == ["idle", "cue stopped"]
     assert told(cycle.button(*press(3))) == ["pointing", "cue started"]
@@ -31,16 +31,16 @@ def test_without_a_place_it_stays_idle_and_says_what_to_do() -> None:
     cycle.begin(0)
     outputs = cycle.button(*press(1))
     assert told(outputs) == ["idle", "cue refused"]
-    assert shown(outputs).reason == user_messages.NO_POSE
+    assert shown(outputs).reason == transitions.NO_POSE
     assert "set_pose" in shown(outputs).next_step
 
 
 def test_localizing_leads_through_the_targets_to_pointing() -> None:
     cycle = life_cycle(localize=True)
-    assert shown(cycle.begin(0)).next_step == user_messages.PRESS_FOR_LAMP
+    assert shown(cycle.begin(0)).next_step == transitions.PRESS_FOR_LAMP
     outputs = cycle.button(*press(10))
     assert told(outputs) == ["start", "localizing", "cue started"]
-    assert shown(outputs).next_step == user_messages.WAIT
+    assert shown(outputs).next_step == transitions.WAIT
     cycle.on_start_accepted(cycle.run)
     for index, lamp in enumerate(("led_0", "led_1")):
         sampling = {"target_id": lamp, "target_index": index, "target_count": 2}
@@ -83,7 +83,7 @@ def test_where_a_press_confirms_only_hold_ends_pointing() -> None:
     assert told(cycle.button(*press(1))) == ["start", "localizing", "cue started"]
     assert told(cycle.button(*press(2))) == ["cancel", "idle", "cue stopped"]
     cycle.pose(*pose())
-    assert shown(cycle.button(*press(3))).next_step == user_messages.POINT_AND_CONFIRM
+    assert shown(cycle.button(*press(3))).next_step == transitions.POINT_AND_CONFIRM
     assert cycle.button(*press(4)) == []
     assert cycle.state == "pointing"
     assert told(cycle.button(*press(5, "hold"))) == ["idle", "cue stopped"]
@@ -124,7 +124,7 @@ def test_a_restarted_localizer_is_asked_again_until_the_time_is_up() -> None:
     cycle.imu(*sample(69))
     outputs = cycle.tick(70 * S)
     assert told(outputs) == ["cancel", "idle", "cue refused"]
-    assert shown(outputs).reason == user_messages.too_long(60.0)
+    assert shown(outputs).reason == transitions.too_long(60.0)
 
 
 def test_forty_lamps_may_take_longer_than_one() -> None:

@@ -12,10 +12,9 @@ from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Context
 from pointit.schemas import ButtonEvent, Health, ImuSample, Interaction, Localization, UserPose
 from pointit.schemas.topics import BUTTON, FEEDBACK, HEALTH, IMU, INTERACTION, LOCALIZATION, POSE
-from pointit.services.supervisor import user_messages
+from pointit.services.supervisor import transitions
 from pointit.services.supervisor.config import SupervisorConfig
-from pointit.services.supervisor.life_cycle import LifeCycle
-from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
+from pointit.services.supervisor.life_cycle import LAST_WORD_PURPOSE, LifeCycle
 from pointit.services.supervisor.service import Supervisor
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.supervisor.played import Gesture, S, life_cycle, news, pose, press, sample, shown, told
@@ -41,7 +40,7 @@ def test_a_wrist_that_is_heard_again_soon_goes_on() -> None:
     cycle = broken_off()
     outputs = cycle.imu(*sample(20))
     assert told(outputs) == ["pointing", "cue started"]
-    assert shown(outputs).reason == user_messages.RESUMED
+    assert shown(outputs).reason == transitions.RESUMED
     assert told(cycle.button(*press(21))) == ["idle", "cue stopped"]
     assert cycle.imu(*sample(22)) == []  # they have stopped themselves
 
@@ -183,7 +182,7 @@ async def test_who_pointed_on_while_the_localizer_was_restarted_needs_no_press_e
     site.clock.advance(2.0)
     await site.start()
     await site.samples()
-    assert site.interactions[-1].reason == user_messages.RESUMED
+    assert site.interactions[-1].reason == transitions.RESUMED
 
 
 async def test_a_last_word_on_the_bus_counts_as_well(site: Site) -> None:
@@ -196,7 +195,7 @@ async def test_a_last_word_on_the_bus_counts_as_well(site: Site) -> None:
     await site.localizer()
     await site.samples()
     assert site.cues[-1].cue == "started"
-    assert site.interactions[-1].reason == user_messages.RESUMED
+    assert site.interactions[-1].reason == transitions.RESUMED
 
 
 async def test_a_spoilt_last_word_is_a_warning() -> None:
@@ -220,7 +219,7 @@ def eager(*, localize: bool = False) -> LifeCycle:
 def test_without_a_button_a_sample_begins_as_soon_as_the_place_is_known() -> None:
     cycle = eager()
     assert cycle.imu(*sample(1)) == []  # neither a place nor a complaint
-    assert shown(cycle.pose(*pose(2))).next_step == user_messages.BY_ITSELF
+    assert shown(cycle.pose(*pose(2))).next_step == transitions.BY_ITSELF
     assert cycle.imu(*sample(20, late_s=10)) == []
     assert told(cycle.imu(*sample(20))) == ["pointing", "cue started"]
     assert cycle.imu(*sample(20.02)) == []
@@ -232,7 +231,7 @@ def test_samples_that_are_back_after_a_silence_begin_again() -> None:
     cycle.imu(*sample(1))
     outputs = cycle.tick(4 * S)
     assert told(outputs) == ["idle", "cue stopped"]
-    assert shown(outputs).next_step == user_messages.BY_ITSELF
+    assert shown(outputs).next_step == transitions.BY_ITSELF
     assert told(cycle.imu(*sample(4.1))) == ["pointing", "cue started"]
 
 
@@ -243,7 +242,7 @@ def test_who_stopped_with_the_button_begins_with_the_button(gesture: Gesture) ->
     cycle.imu(*sample(1))
     outputs = cycle.button(*press(2, gesture))
     assert told(outputs) == ["idle", "cue stopped"]
-    assert shown(outputs).next_step == user_messages.PRESS
+    assert shown(outputs).next_step == transitions.PRESS
     assert cycle.imu(*sample(100)) == []
     assert told(cycle.button(*press(101))) == ["pointing", "cue started"]
     cycle.tick(200 * S)
@@ -264,7 +263,7 @@ def test_localizing_unasked_waits_for_the_place_and_after_a_failure() -> None:
     assert cycle.imu(*sample(0.5)) == []  # a place may be on its way
     assert told(cycle.imu(*sample(1.1))) == ["start", "localizing", "cue started"]
     outputs = cycle.on_start_failed(cycle.run, "there is no map yet", 2 * S)
-    assert shown(outputs).next_step == user_messages.BY_ITSELF_AT_LAMP
+    assert shown(outputs).next_step == transitions.BY_ITSELF_AT_LAMP
     assert cycle.imu(*sample(6.9)) == []
     assert told(cycle.imu(*sample(7.1)))[:2] == ["start", "localizing"]
     cycle.localization(*news(8, "refused"))

@@ -10,9 +10,9 @@ import pytest
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.runtime.bus.service_bus import ServiceBus
+from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Context
-from pointit.runtime.virtual_time import VirtualClock
 from pointit.schemas import (
     Done,
     Health,
@@ -27,7 +27,7 @@ from pointit.schemas import (
 from pointit.services.registry import process
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.service import Supervisor
-from pointit.services.user_sim.decision.perceived_state import PerceivedState
+from pointit.services.user_sim.decision.goal import PerceivedState
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.supervisor.played import Gesture, S, pose, press
 

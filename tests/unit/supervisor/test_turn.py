@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from pointit.schemas import Feedback
-from pointit.schemas.cues import SIGNS
-from pointit.services.supervisor import user_messages
+from pointit.schemas.selection import SIGNS
+from pointit.services.supervisor import transitions
 from pointit.services.supervisor.life_cycle import InteractionPublisher, LifeCycle, Output
 from tests.unit.supervisor.played import Gesture, S, life_cycle, news, pose, press, sample, shown, told
 
@@ -112,7 +112,7 @@ def test_a_localization_that_others_asked_for_is_followed(back: str) -> None:
     assert cycle.localization(*news(10, "sampling", ahead=("anna",), since_ns=10 * S)) == []  # not yet
     outputs = cycle.localization(*news(11, "sampling", target_id="led_0", since_ns=10 * S))
     assert told(outputs) == ["localizing", "cue target"]
-    assert shown(outputs).reason == user_messages.POSE_ASKED_FOR
+    assert shown(outputs).reason == transitions.POSE_ASKED_FOR
     ends = ["pointing", "cue started"] if back == "pointing" else ["idle", "cue stopped"]
     assert told(cycle.localization(*news(13, "solved", since_ns=10 * S))) == ["cue localized", *ends]
 

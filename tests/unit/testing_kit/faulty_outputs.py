@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import replace
 
 from pointit.plugins import Config, StripsFrame, Surroundings
-from pointit.runtime.service.surroundings import NullHealth
+from pointit.runtime.service.plugin_guard import NullHealth
 from pointit.testing.templates.led_output import Output, OutputParameters
 from pointit.testing.templates.led_output.fake import DEVICE
 from tests.unit.testing_kit.faults import CaughtBy, seed_in_run

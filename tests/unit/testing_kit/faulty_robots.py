@@ -16,7 +16,7 @@ from pointit.plugins import (
     Surroundings,
     TakeOff,
 )
-from pointit.services.robot.drivers.sim.sim_driver import SIM, SimDriver
+from pointit.services.robot.drivers.sim_driver import SIM, SimDriver
 from pointit.testing import RobotHarness
 from tests.unit.testing_kit.faults import CaughtBy
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from pointit.plugins import Config, Deliver, Quaternion, Reading, Reconnected, Surroundings
-from pointit.runtime.service.surroundings import NullHealth
+from pointit.runtime.service.plugin_guard import NullHealth
 from pointit.testing import UdpDevice
 from pointit.testing.templates.imu_source import Source, SourceConfig, parse
 from pointit.testing.templates.imu_source.fake import DEVICE

@@ -18,11 +18,12 @@ from click.testing import CliRunner, Result
 
 import pointit
 from pointit.cli.main import front
-from pointit.cli.plugins import check, new, print_selections
+from pointit.cli.plugins import check, print_selections
+from pointit.cli.plugins import check as new
 from pointit.plugins import GROUPS, Config
 from pointit.runtime.errors import ConfigError
 from pointit.testing import Harness, checks, run_checks
-from pointit.testing.check import Check, problem
+from pointit.testing.trial import Check, problem
 from tests.support import strangers
 
 
@@ -33,7 +34,7 @@ def invoke(command: click.Command, *arguments: str) -> Result:
 def written(kind: str, name: str, folder: Path) -> Path:
     """Return the folder of a new package."""
     target = folder / name
-    assert f"pointit plugin check {name}" in invoke(new.command, kind, name, "--folder", str(target)).output
+    assert f"pointit plugin check {name}" in invoke(new.new, kind, name, "--folder", str(target)).output
     return target
 
 
@@ -111,7 +112,7 @@ def test_new_command_is_found_and_checked(tmp_path: Path, stack: contextlib.Exit
     assert result.exit_code == 0, result.output
     assert "kept   command my-report: describes itself and its options" in result.output
     with pytest.raises(ConfigError, match="is a command: choose another name"):
-        invoke(new.command, "command", "my-report", "--folder", str(tmp_path / "again"))
+        invoke(new.new, "command", "my-report", "--folder", str(tmp_path / "again"))
     with pytest.raises(ConfigError, match="`pointit doctor` is a command: choose another name"):
         invoke(front(), "plugin", "new", "command", "doctor", "--folder", str(tmp_path / "again"))
 
@@ -179,7 +180,7 @@ def test_tests_of_a_new_package_pass_as_written(kind: str, some: str, tmp_path: 
 @pytest.mark.parametrize("name", ["My Wrist", "../x", "json", "pointit"])
 def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match="cannot be a package's name"):
-        invoke(new.command, "imu-source", name)
+        invoke(new.new, "imu-source", name)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +193,7 @@ def test_name_that_cannot_be_a_package_is_refused(name: str) -> None:
 )
 def test_name_that_is_taken_is_refused(kind: str, name: str, problem: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=f"^{problem}.*: choose another name$"):
-        invoke(new.command, kind, name, "--folder", str(tmp_path / "new"))
+        invoke(new.new, kind, name, "--folder", str(tmp_path / "new"))
     assert not (tmp_path / "new").exists()
 
 

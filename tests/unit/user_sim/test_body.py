@@ -8,9 +8,7 @@ import pytest
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.body.arm import Arm, PosturalNoise
-from pointit.services.user_sim.body.standing_position import StandingPosition
-from pointit.services.user_sim.body.wristband import Wristband
+from pointit.services.user_sim.body import Arm, PosturalNoise, StandingPosition, Wristband
 from pointit.services.user_sim.config import ArmConfig, WristbandConfig
 from pointit.sim.aim import Aim
 from tests.unit.user_sim.life import ROOM, living

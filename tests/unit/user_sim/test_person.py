@@ -24,8 +24,7 @@ from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig
 from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
 from pointit.services.user_sim.person import SimulatedPerson
 from pointit.services.user_sim.service import UserSim
-from pointit.services.user_sim.sight.eyes import Eyes, SeenCursor, Span
-from pointit.services.user_sim.sight.pixels import Kind
+from pointit.services.user_sim.sight.eyes import Eyes, Kind, SeenCursor, Span
 from pointit.services.user_sim.sight.sight import Sight
 from pointit.sim.aim import Stance
 from tests.support.bench import ManualClock, memory_bench, until

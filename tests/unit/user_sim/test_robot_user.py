@@ -7,11 +7,11 @@ import pytest
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback, RobotState
-from pointit.schemas.cues import SIGNS, Cue
+from pointit.schemas.selection import SIGNS, Cue
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.decision_times import DecisionTimes
 from pointit.services.user_sim.decision.goal import REST, PersonGoal
 from pointit.services.user_sim.decision.robot_user import GroundRobotUser, QuadrotorUser
+from pointit.services.user_sim.decision.selecting import DecisionTimes
 from pointit.services.user_sim.sight.sight import Sight
 
 SPOTS: tuple[Vec3, ...] = ((2.0, 1.0, 0.0), (3.0, 1.0, 0.0), (4.0, 1.0, 0.0))

@@ -19,8 +19,7 @@ from pointit.bridges.web.server.bundle import Bundle
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.wire import Answer, Ask, Role
 from pointit.bridges.web.wrists.pairing import Pairing
-from pointit.bridges.web.wrists.phone import Phones
-from pointit.bridges.web.wrists.phone_connection import PhoneHost
+from pointit.bridges.web.wrists.phone import PhoneHost, Phones
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import WristSample

@@ -4,9 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.web.pages.latest_values import MAX_GONE, LatestValueCache
-from pointit.bridges.web.pages.open_pages import LATENCIES_S, Latencies
-from pointit.bridges.web.pages.rate_limit import TokenBucket
+from pointit.bridges.web.pages.latest_values import MAX_GONE, LatestValueCache, TokenBucket
+from pointit.bridges.web.pages.page_session import LATENCIES_S, Latencies
 from pointit.bridges.web.wire import IN_FLIGHT
 from pointit.schemas import pack
 from pointit.schemas.topics import CURSOR, FEEDBACK, HOVER, MAP, SELECTION_EVENTS, STRIPS_FRAME

@@ -7,8 +7,8 @@ from typing import cast
 import pytest
 
 from pointit.bridges.web.model.map_editor import MapEditor
-from pointit.bridges.web.model.shown_path import shown_path, with_shown_path
-from pointit.maps.edit.edits import Add, Edit, SetValue
+from pointit.bridges.web.model.site_model import shown_path, with_shown_path
+from pointit.maps.edit import Add, Edit, SetValue
 from pointit.maps.file import load_map
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import PointItError, RefusedError

@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from prometheus_client.registry import CollectorRegistry
 
-from pointit.bridges.web.metrics import site_metrics as module
-from pointit.bridges.web.metrics.metrics_server import TEXT, exposition
-from pointit.bridges.web.metrics.site_metrics import SiteMetrics
-from pointit.bridges.web.metrics.totals import OTHER, Labels, Totals
-from pointit.runtime.bus.metrics import DurationWindow
+from pointit.bridges.web import site_metrics as module
+from pointit.bridges.web.server.metrics_server import TEXT, exposition
+from pointit.bridges.web.site_metrics import OTHER, Labels, SiteMetrics, Totals
+from pointit.runtime.bus.instrumented import DurationWindow
 from pointit.schemas import (
     Deployment,
     ExpectedService,

@@ -18,12 +18,12 @@ from click.testing import CliRunner
 from pointit.bridges.web.playback import page_file as module
 from pointit.bridges.web.playback.file_past import FilePast
 from pointit.bridges.web.playback.page_file import RATE_HZ, frames, page_file
-from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.playback.playback import Playback
-from pointit.cli.page.page import command
+from pointit.bridges.web.playback.recent import Past
+from pointit.cli.page import command
 from pointit.recording.reader import Recording
+from pointit.runtime.clock import run_virtually
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.virtual_time import run_virtually
 from pointit.schemas import NS_PER_S
 from tests.support.recorded import session, write_recording
 

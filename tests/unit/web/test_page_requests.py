@@ -28,7 +28,7 @@ from pointit.bridges.web.pages.page_requests import (
 )
 from pointit.bridges.web.wire import Ask, Role
 from pointit.bridges.web.wire_schema import json_schema
-from pointit.maps.edit.edited_map import edited
+from pointit.maps.edit import edited
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import CancelLocalization, SchemaError, SetSpeed, StopRobot, topics
 from pointit.services.shown_topics import SHOWN

@@ -15,7 +15,7 @@ import pointit.schemas as models
 from pointit.bridges.web.model.history import AHEAD_NS, BACK_NS, EventHistory
 from pointit.bridges.web.pages.latest_values import HISTORY, LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.server.download import write_recording
+from pointit.bridges.web.server.app import write_recording
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import topics

@@ -13,7 +13,7 @@ from httpx import AsyncClient
 from websockets.asyncio.client import ClientConnection
 
 from pointit.bridges.web.wire import OWN_FAULT
-from pointit.bridges.web.wrists import phone_connection
+from pointit.bridges.web.wrists import phone as phone_connection
 from pointit.bridges.web.wrists.wrist_control import STILL_S
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Announced, Feedback, Interaction, Localization

@@ -12,13 +12,11 @@ import pytest
 from pointit.bridges.web.model.site_model import SiteModel
 from pointit.bridges.web.playback import recent as recent_module
 from pointit.bridges.web.playback.file_past import FilePast
-from pointit.bridges.web.playback.lanes import Lanes
-from pointit.bridges.web.playback.past import Past, moment
 from pointit.bridges.web.playback.playback import Playback
-from pointit.bridges.web.playback.recent import Recent
+from pointit.bridges.web.playback.recent import Lanes, Past, Recent, moment
 from pointit.recording.entries import Body, Entry, entry
 from pointit.recording.reader import Recording
-from pointit.runtime.virtual_time import START_NS, run_virtually
+from pointit.runtime.clock import START_NS, run_virtually
 from pointit.schemas import (
     NS_PER_S,
     Deployment,

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from pointit.bridges.web.scan.lights import ScanLights
+from pointit.bridges.web.scan.session import ScanLights
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Done, LitPixels, SetLamp, ShowPixels
 from pointit.schemas.base import Rgb

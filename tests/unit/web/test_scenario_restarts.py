@@ -2,8 +2,7 @@
 
 import pytest
 
-from pointit.bridges.web.model.site_model import SiteModel
-from pointit.bridges.web.model.status import SETTLE_S
+from pointit.bridges.web.model.site_model import SETTLE_S, SiteModel
 from pointit.bridges.web.wire import Status
 from pointit.diagnosis.observation import LOADING_S
 from pointit.schemas import Deployment

@@ -7,20 +7,23 @@ import pytest
 
 from pointit.bridges.web.model import site_model as module
 from pointit.bridges.web.model.site_model import (
+    GRACE_S,
+    LEFT_S,
     MISSED_S,
+    WINDOW_S,
     WITH_WRITER,
     Deployments,
     SiteModel,
+    SiteObservation,
     Trackers,
     keys_of_person,
     keys_of_service,
 )
-from pointit.bridges.web.model.site_model import SILENT_S as TRACKER_SILENT_S
-from pointit.bridges.web.model.status import GRACE_S, LEFT_S, WINDOW_S, SiteObservation
+from pointit.bridges.web.model.site_model import MODEL_SILENT_S as TRACKER_SILENT_S
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import Status
-from pointit.runtime.link.outage import SILENT_S
+from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import (
     Deployment,
     Environment,

@@ -9,8 +9,7 @@ import pytest
 import pointit.schemas as models
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.bridges.web.wire import AimAt, Turn
-from pointit.bridges.web.wrists.assumed_pose import AssumedPose, choose_pose, middle, places
-from pointit.bridges.web.wrists.wrist_control import WristControl
+from pointit.bridges.web.wrists.wrist_control import AssumedPose, WristControl, choose_pose, middle, places
 from pointit.geometry import rotation, vector
 from pointit.services.pointing.pointer import ArmRay
 

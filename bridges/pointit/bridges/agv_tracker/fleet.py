@@ -5,11 +5,17 @@ from dataclasses import dataclass, field
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.schemas import NS_PER_S, TrackedObject
-from pointit.vda5050.agv_messages import LOST_CONNECTIONS, AgvConnection, Visualization, parse
-from pointit.vda5050.agv_topic import AgvTopic, agv_of_topic
-from pointit.vda5050.header_check import HeaderCheck
+from pointit.vda5050.agv_messages import (
+    LOST_CONNECTIONS,
+    AgvConnection,
+    AgvTopic,
+    HeaderCheck,
+    UnreadableFields,
+    Visualization,
+    agv_of_topic,
+    parse,
+)
 from pointit.vda5050.map_velocity import LastPose, MapVelocity
-from pointit.vda5050.tolerant_model import UnreadableFields
 
 MAX_AGVS = 500
 """Limit of AGVs."""

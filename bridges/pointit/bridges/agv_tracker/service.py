@@ -5,13 +5,13 @@ from typing import ClassVar
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.bridges.agv_tracker.fleet import Fleet
-from pointit.maps.frames import aligned, frame_of
+from pointit.maps.environment import aligned, frame_of
 from pointit.plugins import ConfigError, Context, Scope, Service, ticks
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.schemas import Environment, TrackedObjects
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS
-from pointit.vda5050.agv_topic import agv_topics
+from pointit.vda5050.agv_messages import agv_topics
 
 RATE_HZ = 10.0
 """Rate of the tracked objects, Hz."""

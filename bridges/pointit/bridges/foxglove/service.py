@@ -13,8 +13,7 @@ from typing import Any, ClassVar
 from foxglove import Channel
 
 from pointit.bridges.foxglove.config import FoxgloveConfig
-from pointit.bridges.foxglove.event_log import EventLog, LogLine
-from pointit.bridges.foxglove.scene import PARTS, FoxgloveScene
+from pointit.bridges.foxglove.scene import PARTS, EventLog, FoxgloveScene, LogLine
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
 from pointit.plugins import Context, Scope, Service, Subscription, Timer
 from pointit.runtime.address_config import is_loopback

@@ -7,12 +7,10 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, field_validator
 
-from pointit.runtime.address_config import described_error
+from pointit.runtime.address_config import described_error, parse_address
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.network_address import parse_address
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import read_limited
-from pointit.runtime.host.state_file import expand_home
+from pointit.runtime.host.state_file import expand_home, read_limited
 
 MAX_TOKEN_BYTES = 4096
 """Maximum size of the file of a token. A token of Home Assistant has about 200 bytes."""

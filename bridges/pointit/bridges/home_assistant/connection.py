@@ -18,7 +18,7 @@ from pointit.bridges.home_assistant.home_action import ServiceCall
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.runtime.host.certificate_errors import certificate_error_in, describe_certificate_error
 from pointit.runtime.host.extras import remedy
-from pointit.runtime.mqtt.broker_errors import encrypts
+from pointit.runtime.mqtt.broker import encrypts
 from pointit.schemas.text import one_line
 
 if TYPE_CHECKING:

@@ -1,20 +1,70 @@
-"""Rigid bodies of a stream: checked, in {W}, as tracked objects. Pure; time is an argument."""
+"""Rigid bodies of a stream, in timed frames by their names: checked, in {W}, as tracked objects. Pure; time is an argument."""
 
 import math
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pointit.bridges.mocap.config import MAX_BODIES, MocapConfig
-from pointit.bridges.mocap.timed_frame import BodySample, TimedFrame
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.maps.frames import point_in_world
+from pointit.maps.environment import point_in_world
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.schemas.environment import Frame
+
+MAX_POSITION_M = 1000.0
+"""Limit of a coordinate, m. Unseen bodies may have NaN or 1e20."""
+ARRIVAL_SIGMA_S = 0.02
+"""1 sigma of the time of exposure if the server states no times of a known clock, s."""
+
+
+class BodySample(NamedTuple):
+    """A rigid body in a frame."""
+
+    id: int
+    position_m: Vec3
+    orientation_xyzw: Quaternion
+    error_m: float
+    """Mean distance of the markers from the model, m."""
+    is_tracked: bool
+    measured: int | None
+    """Number of its markers that cameras saw, or None if the frame does not tell."""
+
+
+@dataclass(frozen=True)
+class TimedFrame:
+    """The named bodies of one frame, and the time of its exposure."""
+
+    stamp_ns: int
+    sigma_s: float
+    """1 sigma of `stamp_ns`, s."""
+    bodies: tuple[tuple[str, BodySample], ...]
+    up: str = "y"
+    """Axis of the stream that points up, `y` or `z`, unless the configuration states another."""
+
+
+def body_sample(
+    number: int,
+    position_m: Sequence[float],
+    orientation_xyzw: Sequence[float],
+    error_m: float,
+    *,
+    is_tracked: bool = True,
+) -> BodySample:
+    """Return a body; one whose values are not finite, too large or no rotation is not tracked."""
+    (x, y, z), (qx, qy, qz, qw) = position_m, orientation_xyzw
+    length, limit_m = math.hypot(qx, qy, qz, qw), MAX_POSITION_M
+    if not (
+        -limit_m < x < limit_m and -limit_m < y < limit_m and -limit_m < z < limit_m and 0.9 < length < 1.1
+    ):
+        return BodySample(number, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.0, is_tracked=False, measured=None)
+    turn = (qx / length, qy / length, qz / length, qw / length)
+    error_m = error_m if math.isfinite(error_m) else 0.0
+    return BodySample(number, (x, y, z), turn, error_m, is_tracked, measured=None)
+
 
 HOLD_NS = NS_PER_S // 5
 """Time for which an unseen body keeps its position and speed, ns."""

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from typing import Protocol
 
+from pointit.bridges.mocap import natnet_client as natnet
+from pointit.bridges.mocap import qtm_client as qtm
+from pointit.bridges.mocap.bodies import TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.natnet import client as natnet
-from pointit.bridges.mocap.natnet.packets import COMMAND_PORT
-from pointit.bridges.mocap.natnet.session import NatNetSession
-from pointit.bridges.mocap.qtm import client as qtm
-from pointit.bridges.mocap.qtm.session import QtmSession
-from pointit.bridges.mocap.timed_frame import TimedFrame
+from pointit.bridges.mocap.natnet_packets import COMMAND_PORT
+from pointit.bridges.mocap.natnet_session import NatNetSession
+from pointit.bridges.mocap.qtm_client import QtmSession
 from pointit.plugins.device_search import ShippedDevices
 from pointit.runtime.config.plugins import DevicePlugin
 

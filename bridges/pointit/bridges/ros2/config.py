@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from pointit.bridges.ros2.graph.backend import Distro
 from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.yaml_values import written_text
+from pointit.runtime.config.yaml_file import written_text
 from pointit.schemas.topics import check_name
 
 NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")

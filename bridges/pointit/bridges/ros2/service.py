@@ -9,18 +9,16 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 from pointit.bridges.ros2.config import Ros2Config
-from pointit.bridges.ros2.graph.addresses import check_apart
-from pointit.bridges.ros2.graph.backend import Backend, Graph
+from pointit.bridges.ros2.graph.backend import Backend, Graph, check_apart
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
-from pointit.bridges.ros2.routing.conversion_state import INPUT_TOPICS, ConversionState
+from pointit.bridges.ros2.routing.conversion_state import INPUT_TOPICS, ConversionState, PresenceCache
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
-from pointit.bridges.ros2.routing.presence_cache import PresenceCache
 from pointit.bridges.ros2.routing.ros_users import RosUsers
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.site import Site
-from pointit.bridges.ros2.tracking.routes import tracker_routes
+from pointit.bridges.ros2.tracking.trackers import tracker_routes
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Message

@@ -13,37 +13,31 @@ from starlette.websockets import WebSocket
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.devices.devices import Devices
-from pointit.bridges.web.metrics.metrics_server import metrics_route
-from pointit.bridges.web.metrics.site_metrics import READS, SiteMetrics
 from pointit.bridges.web.model.history import EventHistory
-from pointit.bridges.web.model.map_editor import MapEditor
+from pointit.bridges.web.model.map_editor import FloorSeparability, MapEditor
 from pointit.bridges.web.model.people import People, WristMotion
-from pointit.bridges.web.model.separability import FloorSeparability
 from pointit.bridges.web.model.site_model import SiteModel
-from pointit.bridges.web.pages.latest_values import MAX_KEYS
-from pointit.bridges.web.pages.open_pages import Pages
+from pointit.bridges.web.pages.latest_values import MAX_KEYS, SlowLink
 from pointit.bridges.web.pages.page_requests import RequestDispatcher, hello_of
-from pointit.bridges.web.pages.page_session import PageSession
-from pointit.bridges.web.pages.slow_link import SlowLink
+from pointit.bridges.web.pages.page_session import Pages, PageSession
 from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
-from pointit.bridges.web.scan.lights import ScanLights
 from pointit.bridges.web.scan.scan_server import ScanServer
-from pointit.bridges.web.scan.session import ScanSession, leds_per_m
+from pointit.bridges.web.scan.session import ScanLights, ScanSession, leds_per_m
 from pointit.bridges.web.scan.simulated_room import SimulatedRoom
 from pointit.bridges.web.scan.solver_process import SolverProcess
-from pointit.bridges.web.server import exposure_check
+from pointit.bridges.web.server import access as exposure_check
 from pointit.bridges.web.server.access import Access, new_token
-from pointit.bridges.web.server.app import PAST, application
+from pointit.bridges.web.server.app import PAST, Downloads, application
 from pointit.bridges.web.server.bundle import Bundle
-from pointit.bridges.web.server.download import Downloads
 from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.link_file import announced_link
 from pointit.bridges.web.server.listener import Listener, bind, url
+from pointit.bridges.web.server.metrics_server import metrics_route
+from pointit.bridges.web.site_metrics import READS, SiteMetrics
 from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, HeadsetMotion, Play, Role, Status
 from pointit.bridges.web.wrists.pairing import Pairing
-from pointit.bridges.web.wrists.phone import Phones
-from pointit.bridges.web.wrists.phone_connection import PhoneHost
+from pointit.bridges.web.wrists.phone import PhoneHost, Phones
 from pointit.bridges.web.wrists.wrist_control import WristControl
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import RefusedError

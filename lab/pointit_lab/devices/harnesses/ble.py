@@ -1,7 +1,7 @@
 """Harnesses of the wrists by Bluetooth Low Energy: simulated wrists on a radio in memory."""
 
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION
-from pointit.services.imu_bridge.ble.touch_sdk.watch import TOUCH_SDK
+from pointit.services.imu_bridge.ble.touch_sdk import TOUCH_SDK
 from pointit.services.imu_bridge.ble.witmotion_ble import WITMOTION_BLE
 from pointit.services.imu_bridge.ble.xsens_dot import XSENS_DOT
 from pointit.testing.imu import ImuHarness

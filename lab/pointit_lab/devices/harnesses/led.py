@@ -3,17 +3,15 @@
 import json
 import zlib
 
+from pointit.services.led_driver.output import adalight
+from pointit.services.led_driver.output.adalight import ADALIGHT
+from pointit.services.led_driver.output.artnet import ARTNET
 from pointit.services.led_driver.output.ddp import DDP
-from pointit.services.led_driver.output.dmx.artnet import ARTNET
-from pointit.services.led_driver.output.dmx.e131 import E131
-from pointit.services.led_driver.output.mqtt.mqtt_output import MQTT
-from pointit.services.led_driver.output.serial_port import adalight_protocol
-from pointit.services.led_driver.output.serial_port.adalight import ADALIGHT
-from pointit.services.led_driver.output.serial_port.expander import EXPANDER
-from pointit.services.led_driver.output.serial_port.upxl_protocol import DRAW_ALL, MAGIC, SET_CHANNEL_WS2812
+from pointit.services.led_driver.output.e131 import E131
+from pointit.services.led_driver.output.expander import DRAW_ALL, EXPANDER, MAGIC, SET_CHANNEL_WS2812
+from pointit.services.led_driver.output.mqtt_output import MQTT
 from pointit.testing.devices import PtyDevice, UdpDevice
-from pointit.testing.led import LedHarness
-from pointit.testing.led.harness import DARK, PIXELS, STRIPS, lamp_id
+from pointit.testing.led import DARK, PIXELS, STRIPS, LedHarness, lamp_id
 from pointit_lab.devices.mqtt_broker import MqttBrokerDevice, published
 
 CRC_BYTES = 4
@@ -82,10 +80,10 @@ EXPANDER_HARNESS = LedHarness(
 def adalight_frames(received: bytes) -> list[bytes]:
     """Return the frames that an Adalight controller has received whole."""
     drawn: list[bytes] = []
-    while (start := received.find(adalight_protocol.MAGIC)) >= 0:
-        received = received[start + adalight_protocol.HEADER_BYTES :]
+    while (start := received.find(adalight.MAGIC)) >= 0:
+        received = received[start + adalight.HEADER_BYTES :]
         # the harness's pixels are 0 and 255, so that they contain no magic
-        frame, _, _ = received.partition(adalight_protocol.MAGIC)
+        frame, _, _ = received.partition(adalight.MAGIC)
         drawn.append(frame)
     return [frame for frame in drawn if len(frame) == len(DARK)]
 

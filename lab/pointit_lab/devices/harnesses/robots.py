@@ -1,7 +1,7 @@
 """Harnesses of the robot drivers that come with PointIt, declared like those of any package."""
 
-from pointit.services.robot.drivers.sim.sim_driver import SIM
-from pointit.services.robot.drivers.vda5050.driver import VDA5050
+from pointit.services.robot.drivers.sim_driver import SIM
+from pointit.services.robot.drivers.vda5050 import VDA5050
 from pointit.testing import RobotHarness
 from pointit_lab.devices.agv_broker import AgvBrokerDevice
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.special import gammaincinv
 
-from pointit.services.localizer.estimation.sample_blocks import BLOCK_S, STILL_M, blocks
+from pointit.services.localizer.estimation.solution import BLOCK_S, STILL_M, blocks
 from pointit_lab.evaluation.localization.trial import LocalizationTrial
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pointit.schemas import RememberedBias
 from pointit.services.localizer.estimation.bias_memory import BiasMemory
 from pointit.services.localizer.estimation.estimator import Solution, solve
-from pointit.services.localizer.verification.holds import without_spikes
+from pointit.services.localizer.verification import without_spikes
 from pointit_lab.evaluation.localization.localization import LIMITS, OURS, STATED, judged, off_m, outcome
 from pointit_lab.evaluation.localization.scoring import Outcome, rows_of
 from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial

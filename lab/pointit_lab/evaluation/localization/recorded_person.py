@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Anchor, Localization, PointingRay, UserPose
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation import rays as ray_math
+from pointit.services.localizer.estimation import estimator as ray_math
 from pointit.services.localizer.estimation.estimator import Pointings
-from pointit.services.localizer.procedures.lamp_procedure import Hold
+from pointit.services.localizer.procedures.procedure import Hold
 from pointit.services.localizer.procedures.static_targets import MIN_LAMPS
 from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
 

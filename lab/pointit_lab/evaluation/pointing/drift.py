@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pointit.services.localizer.drift.model import DriftSettings
+from pointit.services.localizer.drift.state import DriftSettings
 from pointit_lab.evaluation.datasets import proximity_feedback
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
 from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad

@@ -12,8 +12,8 @@ from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, PointingRay
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
-from pointit.services.localizer.estimation.rays import Mean
-from pointit.services.localizer.tracking.landing import LandingDetector
+from pointit.services.localizer.estimation.estimator import Mean
+from pointit.services.localizer.tracking import LandingDetector
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial
 
 EYE_M = 1.64

@@ -18,8 +18,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, DriftSettings, Fix
-from pointit.services.localizer.tracking.landing import SIGMA_RAD
-from pointit.services.localizer.tracking.pose_tracking import MAX_ERROR_RAD, MAX_LANDINGS
+from pointit.services.localizer.tracking import MAX_ERROR_RAD, MAX_LANDINGS, SIGMA_RAD
 from pointit_lab.evaluation.datasets import proximity_feedback
 from pointit_lab.evaluation.datasets.proximity_feedback import read_floor_trials
 from pointit_lab.evaluation.datasets.vr_arm_pointing import FILE, NAME, RecordedActs, read_acts

@@ -11,9 +11,7 @@ import numpy as np
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Cursor
-from pointit.services.listener.decision import decide
-from pointit.services.listener.referents import MODEL, ReferentModel, Spoken, referents
-from pointit.services.listener.room import Target
+from pointit.services.listener.referents import MODEL, ReferentModel, Spoken, Target, decide, referents
 from pointit_lab.evaluation.referents.speakers import NOTHING, WORD_S, SpokenScene, Utterance, speak
 from pointit_lab.evaluation.things.things import Share
 

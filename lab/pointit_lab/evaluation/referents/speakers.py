@@ -8,7 +8,7 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
-from pointit.services.listener.room import Target
+from pointit.services.listener.referents import Target
 from pointit_lab.evaluation.things.reach import RATE_HZ, ArmReach
 from pointit_lab.evaluation.things.things import BESIDE_RAD, EYES_M, START_NS
 

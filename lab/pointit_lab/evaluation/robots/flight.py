@@ -19,8 +19,8 @@ from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.workspace import WorkspaceStart
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.drivers.sim.motion_limits import STEP_S
-from pointit.services.robot.drivers.sim.sim_driver import OrderedRobot, SimConfig
+from pointit.services.robot.drivers.quadrotor import STEP_S
+from pointit.services.robot.drivers.sim_driver import OrderedRobot, SimConfig
 from pointit.services.robot.robot_driver import Land, ReportItem, RobotSpec, TakeOff
 from pointit.services.robot.robot_messages import RobotMessages
 from pointit.services.robot.robot_pilot import RobotPilot

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 
 from pointit.schemas import NS_PER_S, PointingRay, UserPose
-from pointit.services.goal.robot_identification import RobotIdentifier
+from pointit.services.goal.robot_choice import RobotIdentifier
 from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings, solve
 from pointit.services.localizer.procedures.moving_target import MEANT as MEANT_FROM
 from pointit.services.localizer.procedures.moving_target import rank_by_posterior

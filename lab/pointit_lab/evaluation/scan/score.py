@@ -8,9 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
-from pointit.scan.advice import next_view
 from pointit.scan.result import Scan, ScanError, ScannedStrip
-from pointit.scan.solver import solve
+from pointit.scan.solver import next_view, solve
 from pointit_lab.evaluation.scan.rooms import (
     Array,
     CameraPose,

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import replaced_file
 from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.state_file import replaced_file
 from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionTrialRow
 
 Value = Callable[[SelectionMetrics], float | None]

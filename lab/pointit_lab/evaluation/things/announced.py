@@ -9,7 +9,7 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Announced, ButtonEvent, Cursor, SelectionEvent, Step
-from pointit.services.pui.things import PERIOD_S, TRACKER, listing
+from pointit.services.pui.tracked_objects import PERIOD_S, TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.announcer import AnnounceConfig
 from pointit.services.selector.methods.estimate import EstimateConfig

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from pointit.geometry import vector
-from pointit.services.user_sim.body.aim_error import BENT_ARM_RAD, USUAL_REACH_RAD
+from pointit.services.user_sim.body import BENT_ARM_RAD, USUAL_REACH_RAD
 from pointit.services.user_sim.config import AimConfig
 from pointit_lab.evaluation.things.reach import POSE_RAD, angles
 from pointit_lab.evaluation.things.things import EYES_M, ThingRow, begin

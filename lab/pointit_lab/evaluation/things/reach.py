@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.services.user_sim.body.aim_error import OpenLoopError
+from pointit.services.user_sim.body import OpenLoopError
 from pointit.services.user_sim.config import AimConfig, ArmConfig
 
 RATE_HZ = 50.0

@@ -13,7 +13,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Hover, SelectionEvent, Strip, Thing
 from pointit.services.pui.surfaces import Surfaces
-from pointit.services.pui.things import PERIOD_S, TRACKER, listing
+from pointit.services.pui.tracked_objects import PERIOD_S, TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit_lab.evaluation.things.reach import RATE_HZ, ArmReach

@@ -1,10 +1,14 @@
-"""The keyboard during a live view: keys are not echoed, and Space or Enter is a person's button."""
+"""The keyboard during a command: Enter, or Space as a person's button in a live view."""
 
 import asyncio
 import contextlib
 import os
 import sys
 from collections.abc import Callable, Generator
+
+import click
+
+from pointit.cli.common.lazy import UnknownNameError
 
 BUTTON_KEYS = frozenset(b" \n\r")
 
@@ -56,3 +60,26 @@ def key_bytes(on_bytes: Callable[[bytes], None]) -> Generator[None]:
     finally:
         loop.remove_reader(terminal)
         termios.tcsetattr(terminal, termios.TCSANOW, before)
+
+
+def check_keyboard(otherwise: str) -> None:
+    """Check that Enter can be pressed.
+
+    Raises:
+        UnknownNameError: If there is no keyboard; `otherwise` is the option that needs none.
+    """
+    if not has_keyboard():
+        raise UnknownNameError(f"there is no keyboard to press Enter on; use {otherwise}")
+
+
+async def wait_for_enter(text: str, otherwise: str) -> None:
+    """Print `text` and wait for Enter or Space.
+
+    Raises:
+        UnknownNameError: If there is no keyboard; `otherwise` is the option that needs none.
+    """
+    check_keyboard(otherwise)
+    click.echo(text, err=True)
+    pressed = asyncio.Event()
+    with keys(pressed.set):
+        await pressed.wait()

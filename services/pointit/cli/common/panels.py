@@ -1,14 +1,31 @@
-"""A command whose help shows its options in panels."""
+"""Options of commands: their panels in a help, their types, and panels of `run` that optional rooms bring."""
 
 import copy
 import inspect
+import math
 import re
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import click
+
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.plan import Beside, MakeWatcher, Scenario
+
+
+class Finite(click.FloatRange):
+    """A range of numbers without NaN."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return `value` as a number in the range."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
+
 
 ALL_OPTIONS = "pointit.cli: all options"
 """Key of a context's `meta` that is set while all options are shown."""
@@ -115,3 +132,35 @@ class PanelCommand(click.Command):
                 formatter.write_dl([rows.pop(name) for name in names if name in rows])
         with formatter.section("Other options" if self.panels else "Options"):
             formatter.write_dl(list(rows.values()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Added:
+    """Outcome of the options for one run."""
+
+    beside: Sequence[Beside] = ()
+    services: Sequence[str] = ()
+    """Names of services that it puts there, for `--set`."""
+    settings: Sequence[str] = ()
+    """Parameters of services, as in `--set`, which wins over them."""
+    notes: Sequence[str] = ()
+    """Sentences to print at the start."""
+    closing_note: str = ""
+    """Sentence to print below the summary."""
+    watchers: Sequence[MakeWatcher] = ()
+    """Factories of further observers of each scenario of the run."""
+    moves_wrists: bool = False
+    """People may point with it, so that each gets an imu-bridge."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunPart:
+    """A panel of options of `run`."""
+
+    heading: str
+    names: Sequence[str]
+    """Names of the options."""
+    options: Callable[[Any], Any]
+    """Adds the options to a command."""
+    add: Callable[[Scenario, Choices, Mapping[str, Any]], Added]
+    """Checks the values of the options of `run`; raises PointItError. Returns what they put beside it."""

@@ -1,10 +1,11 @@
-"""Options of commands as a shell completes them, remembered so that the Tab key loads no command again."""
+"""Completions of a shell: options, remembered so that the Tab key loads no command, and names of scenarios, maps and services."""
 
 import contextlib
 import importlib.metadata
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,39 @@ import click
 import platformdirs
 from click.shell_completion import CompletionItem
 
-from pointit.cli.common.completed_names import NAMES, beginning
+Completion = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+
+def beginning(names: Iterable[tuple[str, str]], incomplete: str) -> list[CompletionItem]:
+    """Return those of `names`, each with a line about it, that begin with `incomplete`."""
+    return [CompletionItem(name, help=about) for name, about in names if name.startswith(incomplete)]
+
+
+def scenarios(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return the shipped scenarios, and files."""
+    del ctx, param
+    return _stems("pointit.launch", "scenarios", incomplete)
+
+
+def maps(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return the shipped maps, and files."""
+    del ctx, param
+    return _stems("pointit.maps", "shipped", incomplete)
+
+
+def _stems(package: str, folder: str, incomplete: str) -> list[CompletionItem]:
+    names = sorted(
+        entry.name.removesuffix(".yaml")
+        for entry in files(package).joinpath(folder).iterdir()
+        if entry.name.endswith(".yaml")
+    )
+    found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return [CompletionItem(incomplete, type="file"), *found]  # bash forgets what comes before a file
+
+
+NAMES: dict[str, Completion] = {"scenarios": scenarios, "maps": maps}
+"""Completions by their name in the remembered options."""
+
 
 Load = Callable[[], click.Command]
 

@@ -1,26 +1,50 @@
-"""The summary of a run, printed and written to a file, and its figures while it runs."""
+"""The summary of a run, printed and written to a file, its live view, and the parts of both that optional rooms bring."""
 
 import json
 import math
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import click
+from rich.console import Console, RenderableType
 from rich.text import Text
 
-from pointit.cli.display.display_part import DisplayPart
 from pointit.geometry import floor_sigma
 from pointit.launch.plan.plan import Plan
 from pointit.launch.run.monitor import Monitor
+from pointit.launch.run.running_scenario import RunningScenario
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import replaced_file
-from pointit.runtime.link.outage import SILENT_S, find_outage
+from pointit.runtime.host.state_file import replaced_file
+from pointit.runtime.link.link import SILENT_S, find_outage
 from pointit.runtime.service.plain_console import say
 from pointit.schemas.topics import CURSOR, IMU, RAY, STRIPS_FRAME, Topic
 from pointit.services.led_driver.outputs import FRAME_RATE
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisplayPart:
+    """Display functions for the observations of a run."""
+
+    rows: Callable[[Monitor, int], RenderableType | None]
+    """Returns its table at a terminal's width, or None if it has nothing to show."""
+    lines: Callable[[Monitor], Sequence[Text]]
+    """Returns lines below the table, left out first in a low terminal."""
+    summary: Callable[[Mapping[str, Any]], Sequence[str]]
+    """Returns sentences on the summary of a run."""
+
+
+LiveView: TypeAlias = Callable[
+    [RunningScenario, Console, Callable[[], float | None], Callable[[], bool], Sequence[DisplayPart]],
+    AbstractContextManager[None],
+]
+"""Draws a scenario in a terminal while the context is open. The two functions return the monotonic time when
+the run ends by itself, if ever, and True if a page is open, for which it continues."""
+
 
 SHOWN_RATES: dict[str, Topic[Any]] = {"imu": IMU, "ray": RAY, "cursor": CURSOR, "frame": STRIPS_FRAME}
 """Topics whose rates are shown: the pipeline from wrist to light."""

@@ -8,16 +8,16 @@ import click
 from pydantic import ValidationError
 
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import OutputSection, Row, json_option, print_json, say, show, to_line
+from pointit.cli.common.panels import Finite
 from pointit.cli.common.site_link import AtSite, default_address_note, join_site, quiet, site_options
-from pointit.cli.inspect.topic_names import filled
+from pointit.cli.inspect.topics import filled
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.config import Layers, validate
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas import Query, Reply, summarize_validation_error
 from pointit.schemas.topics import REQUESTS, Request, check_name, topic_of
 from pointit.services.registry import add_installed

@@ -14,7 +14,6 @@ import click
 from rich.text import Text
 
 from pointit.cli.common import site_link
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import (
     INTERRUPTED,
     OutputSection,
@@ -24,19 +23,17 @@ from pointit.cli.common.output import (
     print_json,
     print_table,
 )
-from pointit.cli.site.identities_table import expiring, section, visible_rows
-from pointit.diagnosis.causes import may_pass
+from pointit.cli.common.panels import Finite
+from pointit.cli.site.site import expiring, section, visible_rows
+from pointit.diagnosis.causes import may_pass, unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
 from pointit.diagnosis.missing_services import home_things, is_anything_starting
-from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation
-from pointit.diagnosis.outage import unreachable
-from pointit.diagnosis.stopped_processes import stopped_processes
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, stopped_processes
 from pointit.runtime.errors import ConnectError
 from pointit.runtime.host.extras import CHECKOUT
-from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, SILENT_S, Link
 from pointit.runtime.link.options import given_credentials
-from pointit.runtime.link.outage import SILENT_S
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ClockTick, Deployment, Environment, Health, KeyHealth, Quantiles

@@ -5,8 +5,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.installed_commands import declared
-from pointit.cli.common.lazy import UnknownNameError
+from pointit.cli.common.lazy import UnknownNameError, declared
 from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError
@@ -44,7 +43,10 @@ def _service_row(row: Process) -> dict[str, Any]:
 
 def scenarios() -> OutputSection:
     """Return the shipped scenarios."""
-    from pointit.launch.plan.scenario import read_scenario, scenario_names  # noqa: PLC0415 - only when asked for
+    from pointit.launch.plan.plan import (
+        read_scenario,
+        scenario_names,  # noqa: PLC0415 - only when asked for
+    )
 
     rows: list[dict[str, Any]] = []
     for name in scenario_names():
@@ -60,7 +62,10 @@ def scenarios() -> OutputSection:
 
 def maps() -> OutputSection:
     """Return the shipped maps."""
-    from pointit.maps.checks.contents import about_map, contents  # noqa: PLC0415 - only when asked for
+    from pointit.maps.checks.check import (
+        about_map,
+        contents,  # noqa: PLC0415 - only when asked for
+    )
     from pointit.maps.file import map_path, read_clouds, read_map_file, shipped_maps  # noqa: PLC0415 - as above
 
     rows: list[dict[str, Any]] = []

@@ -8,15 +8,15 @@ import click
 from pointit.cli.address_option import host_port
 from pointit.cli.common.output import print_file
 from pointit.cli.common.site_link import join_site, quiet, site_options
-from pointit.launch.page.page import is_available, page_unavailable_error
+from pointit.launch.page import is_available, page_unavailable_error
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.host.extras import pointit_version
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import Message
 from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
 
 if TYPE_CHECKING:
-    from pointit.bridges.web.metrics.site_metrics import SiteMetrics
+    from pointit.bridges.web.site_metrics import SiteMetrics
 
 LISTEN_S = 2.2
 """Listening time of `--once`, s: two reports of each service."""
@@ -45,7 +45,7 @@ def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[st
     if not is_available():
         raise page_unavailable_error("pointit metrics")
     # here, since the extra may be missing where help is asked for
-    from pointit.bridges.web.metrics.site_metrics import SiteMetrics  # noqa: PLC0415
+    from pointit.bridges.web.site_metrics import SiteMetrics  # noqa: PLC0415
 
     metrics = SiteMetrics(site, pointit_version())
     work = _print(metrics, site, connect) if once else _serve(metrics, *listen, site, connect)
@@ -53,7 +53,7 @@ def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[st
 
 
 def _attach(bus: Bus, metrics: "SiteMetrics") -> None:
-    from pointit.bridges.web.metrics.site_metrics import READS  # noqa: PLC0415
+    from pointit.bridges.web.site_metrics import READS  # noqa: PLC0415
 
     def take(message: Message, name: str) -> None:
         metrics.take(name, message)
@@ -65,7 +65,10 @@ def _attach(bus: Bus, metrics: "SiteMetrics") -> None:
 
 
 async def _print(metrics: "SiteMetrics", site: str, connect: tuple[str, ...]) -> int:
-    from pointit.bridges.web.metrics.metrics_server import TEXT, exposition  # noqa: PLC0415
+    from pointit.bridges.web.server.metrics_server import (
+        TEXT,
+        exposition,  # noqa: PLC0415
+    )
 
     async with join_site(site, connect) as bus:
         _attach(bus, metrics)
@@ -76,8 +79,11 @@ async def _print(metrics: "SiteMetrics", site: str, connect: tuple[str, ...]) ->
 
 
 async def _serve(metrics: "SiteMetrics", host: str, port: int, site: str, connect: tuple[str, ...]) -> int:
-    from pointit.bridges.web.metrics.metrics_server import PATH, MetricsServer  # noqa: PLC0415
     from pointit.bridges.web.server.listener import url  # noqa: PLC0415
+    from pointit.bridges.web.server.metrics_server import (
+        PATH,
+        MetricsServer,  # noqa: PLC0415
+    )
 
     server = MetricsServer(metrics, host, port)  # a wrong address is refused before the site is looked for
     async with join_site(site, connect) as bus:

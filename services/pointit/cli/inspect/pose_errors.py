@@ -1,12 +1,19 @@
-"""Errors of localized poses where a tracker sees the true ones, over a window."""
+"""Errors of localized poses where a tracker sees the true ones, over a window, and in the terminal view."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
+from rich.text import Text
 
 from pointit.cli.common.output import OutputSection, print_table
+from pointit.cli.display.summary import DisplayPart
+from pointit.cli.display.view import color_of
+from pointit.diagnosis.symptoms import figure
 from pointit.forearm.true_pose import find_true_poses
+from pointit.launch.run.monitor import Monitor
 from pointit.schemas import Message, TrackedObjects, UserPose
 
 
@@ -65,3 +72,34 @@ def print_errors(console: Console, rows: tuple[TruthRow, ...]) -> None:
 
 def _degrees(angle_rad: float | None) -> float | None:
     return None if angle_rad is None else math.degrees(angle_rad)
+
+
+MAX_METRIC = 64
+"""Number of characters to which names of metrics are cut."""
+
+
+def error_lines(monitor: Monitor, _width: int) -> RenderableType | None:
+    """Return a line for each person whose pose is compared with the true one, or None if there is none."""
+    lines: list[Text] = []
+    for health in monitor.health.values():
+        for user in monitor.people():
+            position_m = figure(health, f"position error of {user}"[:MAX_METRIC])
+            yaw_deg = figure(health, f"yaw error of {user}"[:MAX_METRIC])
+            if position_m is not None:
+                text = f"error of the pose {position_m:.2f} m"
+                text += "" if yaw_deg is None else f", {yaw_deg:+.1f}°"
+                lines.append(Text.assemble((f"{user}: ", color_of(monitor, user)), text))
+    return Text("\n").join(lines) if lines else None
+
+
+def more_lines(_monitor: Monitor) -> Sequence[Text]:
+    """Return no further lines."""
+    return ()
+
+
+def summary_sentences(_summary: Mapping[str, Any]) -> Sequence[str]:
+    """Return no sentences."""
+    return ()
+
+
+TRUTH_DISPLAY = DisplayPart(rows=error_lines, lines=more_lines, summary=summary_sentences)

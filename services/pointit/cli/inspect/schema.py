@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import replaced_file
+from pointit.runtime.host.state_file import replaced_file
 from pointit.schemas import SchemaError
 from pointit.schemas.catalogue import asyncapi, catalogue
 from pointit.schemas.catalogue.asyncapi import Kind

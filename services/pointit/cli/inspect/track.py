@@ -21,9 +21,9 @@ from pointit.cli.common.output import (
     write_line,
 )
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
-from pointit.cli.inspect.hz import RateMeter, window_options
 from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.cli.inspect.topics import RateMeter, window_options
+from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import NS_PER_S, TrackedObjects, UserPose, encode
 from pointit.schemas.topics import OBJECTS, POSE
 from pointit.services.pui.tracked_objects import DuplicateFinder

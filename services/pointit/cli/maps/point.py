@@ -1,4 +1,4 @@
-"""`pointit map point`: positions of lamps, boxes, screens and tables by pointing at them."""
+"""`pointit map point`: positions of lamps, boxes, screens and tables by pointing at them, and the option of where a person stands."""
 
 import asyncio
 import math
@@ -15,27 +15,61 @@ import numpy as np
 from pointit.cli.common import site_link
 from pointit.cli.common.keyboard import has_keyboard, keys
 from pointit.cli.common.latest_message import LatestMessage
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, print_file, say
-from pointit.cli.common.panels import PanelCommand
+from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3, norm, rotate_z, subtract
-from pointit.maps.edit.edited_map import edited
-from pointit.maps.edit.edits import SetValue
-from pointit.maps.edit.new_file import write_new
+from pointit.maps.edit import SetValue, edited, write_new
 from pointit.maps.file import parse_map_file, to_message
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError, NoMessageError, PointItError, RefusedError
-from pointit.runtime.host.atomic_file import replaced_file
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
-from pointit.scan.as_map import pointed_text
+from pointit.runtime.host.state_file import replaced_file
+from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.scan.by_pointing import PointedAt, TargetRay, locate, pointing_of
+from pointit.scan.result import pointed_text
 from pointit.schemas import ButtonEvent, Environment, PointingRay, UseMap, UserPose
 from pointit.schemas.topics import BUTTON, POSE, RAY, USE_MAP, check_name
-from pointit.services.localizer.estimation.estimator import Pointings, Refusal, Solution, solve
-from pointit.services.localizer.estimation.rays import directions, origins
+from pointit.services.localizer.estimation.estimator import (
+    Pointings,
+    Refusal,
+    Solution,
+    directions,
+    origins,
+    solve,
+)
 from pointit.services.localizer.estimation.solution import SolverSettings
+
+Point = tuple[float, float]
+
+
+def point(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Point | None:
+    """Return the two numbers in `text`.
+
+    Raises:
+        click.BadParameter: If it does not have two.
+    """
+    if text is None:
+        return None
+    try:
+        x, y = (float(word) for word in text.split(","))
+    except ValueError:
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise click.BadParameter(
+            f"{text!r} is not a position; write x and y in metres, such as 1.5,-2", ctx=ctx, param=parameter
+        )
+    return x, y
+
+
+person_option = click.option(
+    "--person",
+    "person_m",
+    metavar="X,Y",
+    callback=point,
+    help="position of a person in the room, m; write --person=-1,2 if x is negative",
+)
+
 
 FLOOR_SIGMA_M = 1.0
 """Standard deviation of a floor's height that is not known: the person's eye height finds it."""

@@ -11,20 +11,17 @@ from typing import Any, TypeVar
 
 import click
 
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import print_file
-from pointit.cli.common.panels import PanelCommand
-from pointit.cli.maps.check import print_findings
+from pointit.cli.common.panels import Finite, PanelCommand
+from pointit.cli.maps.map_file import print_findings
 from pointit.geometry.polyline import Polyline
-from pointit.maps.checks.examine import examined
-from pointit.maps.edit.new_file import write_new
+from pointit.maps.checks.check import examined
+from pointit.maps.edit import write_new
 from pointit.maps.file import load_map, parse_map_file
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.service.shutdown import EXIT_FAILED
-from pointit.scan.advice import next_view
-from pointit.scan.as_map import map_text
-from pointit.scan.result import Scan, ScannedLamp, ScannedStrip
-from pointit.scan.solver import solve
+from pointit.runtime.service.process import EXIT_FAILED
+from pointit.scan.result import Scan, ScannedLamp, ScannedStrip, map_text
+from pointit.scan.solver import next_view, solve
 from pointit.scan.views import KnownLength, Mark, read_survey
 from pointit.schemas.topics import check_name
 

@@ -18,22 +18,20 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pointit.cli.common import site_link
-from pointit.cli.common.enter_key import wait_for_enter
+from pointit.cli.common.keyboard import wait_for_enter
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.panels import PanelCommand
-from pointit.cli.people.anchoring import LISTEN_S
-from pointit.cli.people.changing_line import changing_line
-from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
-from pointit.diagnosis.writers import silence_reason
+from pointit.cli.common.panels import Finite, PanelCommand
+from pointit.cli.people.anchor import LISTEN_S, changing_line
+from pointit.cli.people.calibrate_user import erase_local, query_site, read_local
+from pointit.diagnosis.observation import silence_reason
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import IDENTITY, Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.errors import NoAnswerError, PointItError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas import NS_PER_S, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.system import instance_of
 from pointit.schemas.text import round_beyond

@@ -1,12 +1,18 @@
-"""`pointit person calibrate user USER`: pointing offset from lamps pointed at without a cursor."""
+"""`pointit person calibrate user USER`: pointing offset from lamps pointed at without a cursor, its report, and what is stored."""
 
 import asyncio
 import itertools
-from collections.abc import Sequence
+import math
+import statistics
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
-from typing import Any, Unpack
+from itertools import combinations
+from typing import Any, TypeVar, Unpack
 
 import click
+from pydantic import BaseModel
+from rich.text import Text
 
 from pointit.cli.common import site_link
 from pointit.cli.common.latest_message import LatestMessage
@@ -21,22 +27,236 @@ from pointit.cli.common.output import (
     say,
 )
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.people import offset_report
-from pointit.cli.people.anchor import timeout_option
-from pointit.cli.people.anchoring import LISTEN_S, AnchorNotStartedError, AnchorRequester
-from pointit.cli.people.changing_line import ChangingLine, changing_line
+from pointit.cli.people.anchor import (
+    LISTEN_S,
+    AnchorNotStartedError,
+    AnchorRequester,
+    ChangingLine,
+    changing_line,
+    timeout_option,
+)
 from pointit.cli.people.pose import found
-from pointit.cli.people.stored_calibration import erase_local, query_site, read_local
-from pointit.diagnosis.writers import silence_reason
+from pointit.diagnosis.observation import silence_reason
+from pointit.geometry import vector
 from pointit.runtime.bus.contract import AnyTopic, Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.config.nearest_name import nearest
-from pointit.runtime.errors import NoAnswerError, PointItError, RefusedError
+from pointit.runtime.errors import ConnectError, NoAnswerError, PointItError, RefusedError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.shutdown import run_until_shutdown
-from pointit.schemas import Anchor, PointingOffset, SetOffset, UserProfile
+from pointit.runtime.service.process import run_until_shutdown
+from pointit.schemas import NS_PER_S, Anchor, PointingOffset, SetOffset, UserProfile
 from pointit.schemas.topics import LOCALIZATION, MAP, POSE, PROFILE, SERVICE_ALIVE, SET_OFFSET, check_name
-from pointit.services.supervisor.user_messages import OFFSET_PURPOSE
+from pointit.services.pointing.offset import OffsetFit, OffsetSighting, fit, sighting
+from pointit.services.pointing.pointer import apply
+from pointit.services.supervisor.transitions import OFFSET_PURPOSE
+
+R = TypeVar("R")
+K = TypeVar("K", bound=BaseModel)
+
+
+async def query_site(
+    ask: Callable[[Bus], Awaitable[R]], connection: AbstractAsyncContextManager[Bus]
+) -> R | None:
+    """Return the result of `ask` on a site that is joined, or None if there is none or no service replies."""
+    try:
+        async with connection as bus:
+            return await ask(bus)
+    except (ConnectError, NoAnswerError):
+        return None
+
+
+def erase_local(user: str, file: StateFile[K], quantity: str, *, as_json: bool) -> int:
+    """Delete the calibration stored on this machine, and print that; return the exit code."""
+    was_stored = file.erase()
+    if as_json:
+        print_json({"user": user, "from": str(file.path), "erased": was_stored})
+    elif was_stored:
+        click.echo(
+            f"{user}: no service runs; the {quantity} stored on this machine ({file.path}) was deleted"
+        )
+    else:
+        click.echo(f"{user}: no service runs, and no {quantity} is stored on this machine ({file.path})")
+    return 0
+
+
+def read_local(user: str, file: StateFile[K], quantity: str, *, as_json: bool) -> K | None:
+    """Return the calibration stored on this machine for output as text, after printing its file's name."""
+    state = file.read()
+    if as_json:
+        shown = None if state is None else state.model_dump(mode="json")
+        print_json({"user": user, "from": str(file.path), quantity: shown})
+        return None
+    if state is None:
+        click.echo(f"{user}: no service runs, and no {quantity} is stored on this machine ({file.path})")
+        return None
+    click.echo(f"{user}: no service runs; stored on this machine ({file.path}):")
+    return state
+
+
+STEADY_RAD = math.radians(3.0)
+"""Spread of the rays about their mean above which a pointing does not count."""
+DRIFT_FROM = 4
+"""Number of pointings needed to estimate a drift of the IMU."""
+DRIFT_OVER_S = 8.0
+"""Minimum time between the first and the last of them."""
+MAX_DROPPED = 1.0 / 3.0
+"""Share of dropped pointings above which the pose is wrong, not the person's pointing."""
+SCATTER_RAD = math.radians(20.0)
+"""Rms of all azimuths about their mean above which the pose must be wrong."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnchorResidual:
+    """One pointing at a lamp, with the person's errors before and after correction, rad.
+
+    Target minus ray; azimuths without the mean of all pointings, which is the heading of the pose. None if
+    not measured.
+    """
+
+    lamp: str
+    azimuth_before_rad: float | None = None
+    azimuth_after_rad: float | None = None
+    elevation_before_rad: float | None = None
+    elevation_after_rad: float | None = None
+    is_used: bool
+    why_not: str = ""
+    not_accepted: str = ""
+    """Reason why the localizer did not correct the pose by it, or `""`. It may count nevertheless."""
+
+
+def in_one_pose(anchors: Sequence[Anchor]) -> list[Anchor]:
+    """Return `anchors` relative to the pose before the first, without the corrections by each.
+
+    The IMU's drift meanwhile, a constant rate, is removed if it can be estimated: the median of the slopes
+    between all pairs (Theil and Sen).
+    """
+    if not anchors:
+        return []
+    first = anchors[0]
+    same = [
+        anchor.model_copy(update={"position_m": first.position_m, "yaw_rad": first.yaw_rad})
+        for anchor in anchors
+    ]
+    times_s = [(anchor.stamp_ns - first.stamp_ns) / NS_PER_S for anchor in same]
+    if len(same) < DRIFT_FROM or max(times_s) - min(times_s) < DRIFT_OVER_S:
+        return same
+    turned = [0.0 if seen is None else _turn(seen) for seen in map(sighting, same)]
+    slopes = [
+        vector.wrap(turned[b] - turned[a]) / (times_s[b] - times_s[a])
+        for a, b in combinations(range(len(same)), 2)
+        if times_s[b] - times_s[a] > 1.0
+    ]
+    rate_radps = statistics.median(slopes) if slopes else 0.0
+    return [
+        anchor.model_copy(update={"yaw_rad": anchor.yaw_rad + rate_radps * time_s})
+        for anchor, time_s in zip(same, times_s, strict=True)
+    ]
+
+
+def _turn(seen: OffsetSighting) -> float:
+    return vector.wrap(seen.target_azimuth_rad - seen.azimuth_rad)
+
+
+def assess(anchors: Sequence[Anchor], now_ns: int) -> tuple[OffsetFit, list[AnchorResidual]]:
+    """Return the offset fitted to `anchors`, and the residual of each."""
+    steady = [anchor for anchor in anchors if anchor.target_m and anchor.spread_rad <= STEADY_RAD]
+    sightings = [seen for seen in map(sighting, in_one_pose(steady)) if seen is not None]
+    offset_fit = fit(sightings, now_ns)
+    rows: list[AnchorResidual] = []
+    index = 0
+    for anchor in anchors:
+        if anchor not in steady:
+            rows.append(AnchorResidual(lamp=anchor.target_id, is_used=False, why_not=anchor.reason))
+            continue
+        rows.append(_row(anchor, sightings[index], offset_fit, is_used=index not in offset_fit.dropped))
+        index += 1
+    return offset_fit, rows
+
+
+def _row(anchor: Anchor, seen: OffsetSighting, offset_fit: OffsetFit, *, is_used: bool) -> AnchorResidual:
+    azimuth = vector.wrap(_turn(seen) - offset_fit.heading_rad)
+    elevation = seen.target_elevation_rad - seen.elevation_rad
+    by_azimuth = by_elevation = 0.0
+    if offset_fit.offset is not None:
+        world = seen.azimuth_rad + offset_fit.heading_rad
+        by_azimuth, by_elevation = apply(offset_fit.offset, world, seen.elevation_rad)
+    return AnchorResidual(
+        lamp=anchor.target_id,
+        azimuth_before_rad=azimuth,
+        azimuth_after_rad=vector.wrap(azimuth - by_azimuth),
+        elevation_before_rad=elevation,
+        elevation_after_rad=elevation - by_elevation,
+        is_used=is_used,
+        why_not="" if is_used else "far from the others",
+        not_accepted="" if anchor.accepted else anchor.reason or "no reason given",
+    )
+
+
+def rejection_reason(rows: Sequence[AnchorResidual]) -> str:
+    """Return the evidence in `rows` that the pose is wrong, so that no offset is stored, or `""`."""
+    measured = [row for row in rows if row.azimuth_before_rad is not None]
+    dropped = sum(not row.is_used for row in measured)
+    if dropped > MAX_DROPPED * len(measured):
+        return f"{dropped} of {len(measured)} pointings exceed the error of a person"
+    azimuths = [row.azimuth_before_rad for row in rows if row.azimuth_before_rad is not None]
+    if not azimuths:
+        return ""
+    mean = math.atan2(sum(map(math.sin, azimuths)), sum(map(math.cos, azimuths)))
+    rms = math.sqrt(statistics.fmean(vector.wrap(azimuth - mean) ** 2 for azimuth in azimuths))
+    if rms <= SCATTER_RAD:
+        return ""
+    return f"the directions scatter by {math.degrees(rms):.0f}° about their mean"
+
+
+def table_row(row: AnchorResidual) -> dict[str, Any]:
+    """Return `row` for a program, in degrees, or None if not measured."""
+    return {
+        "lamp": row.lamp,
+        "azimuth_before_deg": _degrees(row.azimuth_before_rad),
+        "azimuth_after_deg": _degrees(row.azimuth_after_rad),
+        "elevation_before_deg": _degrees(row.elevation_before_rad),
+        "elevation_after_deg": _degrees(row.elevation_after_rad),
+        "used": "yes" if row.is_used else f"no: {row.why_not}",
+        "not_accepted": row.not_accepted,
+    }
+
+
+def shown_row(row: AnchorResidual) -> dict[str, Any]:
+    """Return `row` for people: degrees too far right and too low."""
+    counts = "yes" if row.is_used else f"no: {row.why_not}"
+    if row.is_used and row.not_accepted:
+        counts = f"yes, but the localizer did not correct the pose by it: {row.not_accepted}"
+    return {
+        "lamp": row.lamp,
+        "too_far_right": _tenths(row.azimuth_before_rad),
+        "corrected": _tenths(row.azimuth_after_rad),
+        "too_low": _tenths(row.elevation_before_rad),
+        "corrected_": _tenths(row.elevation_after_rad),
+        "counts": counts,
+    }
+
+
+def _degrees(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else round(math.degrees(angle_rad), 2)
+
+
+def _tenths(angle_rad: float | None) -> Text | None:
+    return (
+        None
+        if angle_rad is None
+        else Text(f"{round(math.degrees(angle_rad), 1) + 0.0:.1f}°", justify="right")
+    )
+
+
+def describe(offset: PointingOffset) -> str:
+    """Return the effect of an offset as a clause."""
+    up_deg = math.degrees(offset.elevation[0])
+    text = f"the rays are turned {'up' if up_deg >= 0 else 'down'} by {abs(up_deg):.1f}°"
+    if offset.rung == "polynomial":
+        text += " in the middle, and differently elsewhere (a polynomial in azimuth and elevation)"
+    many = "pointing" if offset.anchors == 1 else "pointings"
+    left_deg = math.degrees(offset.sigma_rad)
+    return f"{text}; fitted from {offset.anchors} {many}, {left_deg:.1f}° (1 sigma) is left"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,8 +348,8 @@ async def _measure(
             anchors, missed = await _point(anchoring, user, order, options.timeout_s)
         except asyncio.CancelledError:
             return INTERRUPTED
-        fitted, rows = offset_report.assess(anchors, clock.now_ns())
-        problem = offset_report.rejection_reason(rows)
+        fitted, rows = assess(anchors, clock.now_ns())
+        problem = rejection_reason(rows)
         if problem:
             problem = (
                 f"the pose looks wrong, {problem}: localize first, or `pointit person pose {user} X Y`, then "
@@ -148,14 +368,14 @@ async def _measure(
             note = reply.message + site_link.default_address_note(**at)
     if as_json:
         offset = fitted.offset.model_dump(mode="json")
-        table_rows = [offset_report.table_row(row) for row in rows]
+        table_rows = [table_row(row) for row in rows]
         print_json(
             {"user": user, "offset": offset, "doubt": problem, "anchors": table_rows, "missed": missed}
         )
     else:
         if options.keeps:
             _show(user, rows)
-        click.echo(f"{user}: {offset_report.describe(fitted.offset)}")
+        click.echo(f"{user}: {describe(fitted.offset)}")
         say(f"{user}: {note}")
     return 0
 
@@ -224,12 +444,12 @@ async def _begun(
     return await anchoring.point(lamp, timeout_s, tell)
 
 
-def _show(user: str, rows: Sequence[offset_report.AnchorResidual]) -> None:
+def _show(user: str, rows: Sequence[AnchorResidual]) -> None:
     about = (
         f"how far {user} pointed too far right and too low, before and after correction, without a common "
         "turn, which belongs to the pose"
     )
-    section = OutputSection(name="pointings", about=about, rows=tuple(map(offset_report.shown_row, rows)))
+    section = OutputSection(name="pointings", about=about, rows=tuple(map(shown_row, rows)))
     print_table(console(), section)
 
 
@@ -254,13 +474,11 @@ async def _keep(user: str, *, erase: bool, as_json: bool, **at: Unpack[site_link
             shown: Any = None if offset is None else offset.model_dump(mode="json")
             print_json({"user": user, "from": "supervisor", "offset": shown})
         else:
-            click.echo(
-                f"{user}: {'no offset is in use' if offset is None else offset_report.describe(offset)}"
-            )
+            click.echo(f"{user}: {'no offset is in use' if offset is None else describe(offset)}")
         return 0
     offset = read_local(user, file, "offset", as_json=as_json)
     if offset is not None:
-        click.echo(f"{user}: {offset_report.describe(offset)}")
+        click.echo(f"{user}: {describe(offset)}")
     return 0
 
 

@@ -8,20 +8,18 @@ from typing import Unpack
 import click
 
 from pointit.cli.common import site_link
-from pointit.cli.common.enter_key import check_keyboard, wait_for_enter
+from pointit.cli.common.keyboard import check_keyboard, wait_for_enter
 from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.lazy import UnknownNameError
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import INTERRUPTED, json_option, print_json, say
-from pointit.cli.common.panels import PanelCommand
-from pointit.cli.people import pose_text
-from pointit.cli.people.anchoring import LISTEN_S
-from pointit.cli.people.pose_text import localizing, missing_reason, out_of_map_warning, people
+from pointit.cli.common.panels import Finite, PanelCommand
+from pointit.cli.people import anchor
+from pointit.cli.people.anchor import LISTEN_S, localizing, missing_reason, out_of_map_warning, people
 from pointit.forearm.true_pose import PoseError, TruePose, find_true_poses
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import NoAnswerError
-from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas import CancelLocalization, Localization, SetHeading, SetPose, TrackedObjects, UserPose
 from pointit.schemas.base import FARTHEST
 from pointit.schemas.text import plain
@@ -195,11 +193,11 @@ async def _pose(user: str, asked: _Asked, *, as_json: bool, **at: Unpack[site_li
                 return 0
         pose = await found(bus, user, latest_pose, latest_localization)
         await asyncio.gather(clock.wait_for_tick(CLOCK_TIMEOUT_S), latest_truth.wait(TRUTH_TIMEOUT_S))
-        shown = pose_text.fields(pose, clock.now_ns(), latest_truth.error_of(pose))
+        shown = anchor.fields(pose, clock.now_ns(), latest_truth.error_of(pose))
     if as_json:
         print_json({"user": user, **shown})
     else:
-        for line in pose_text.lines(shown):
+        for line in anchor.lines(shown):
             click.echo(plain(line))
     return 0
 

@@ -4,12 +4,12 @@ from typing import Unpack, cast
 
 import click
 
-from pointit.api.press import Gesture, press
+from pointit.api.inputs import Gesture, press
 from pointit.cli.common.output import json_option, print_json, say
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import AccessDeniedError
-from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.service.process import run_until_shutdown
 from pointit.schemas.topics import BUTTON, check_name
 
 

@@ -1,23 +1,31 @@
-"""`pointit plugin check`: whether installed plug-ins keep the promises of their kind."""
+"""`pointit plugin new` and `check`: a package with a plug-in that works, and whether installed ones keep their promises."""
 
+import importlib.resources
+import keyword
 import logging
+import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from importlib.util import find_spec
+from pathlib import Path
+from string import Template
 from typing import Any
 
 import click
 
-from pointit.cli.common import installed_commands
-from pointit.commands import UnknownNameError, json_option, nearest, print_json, remedy
+from pointit.cli.common import lazy
+from pointit.commands import UnknownNameError, json_option, nearest, print_json, remedy, replaced_file
 from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, ServicePlugin
-from pointit.runtime.config.installed import OURS
+from pointit.runtime.config.plugins import OURS
+from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.selector.config import SelectorConfig
 from pointit.testing import SUITES, Harness, checks, run_checks
-from pointit.testing.check import CheckFailedError
 from pointit.testing.methods import MethodHarness
 from pointit.testing.requirements import require_parameters
 from pointit.testing.service import ServiceHarness
+from pointit.testing.trial import CheckFailedError
 
 FAKE_DEVICES = "pointit.fake_devices"
 COMMAND = "command"
@@ -72,7 +80,7 @@ def chosen(name: str | None) -> list[tuple[str, str]]:
         UnknownNameError: If there are none.
     """
     packages = {(kind, each): group.package(each) for kind, group in GROUPS.items() for each in group.names}
-    packages |= {(COMMAND, each.name): each.package for each in installed_commands.declared()}
+    packages |= {(COMMAND, each.name): each.package for each in lazy.declared()}
     found = [
         (kind, each)
         for (kind, each), package in packages.items()
@@ -109,9 +117,9 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         for check, problem in run_checks(checks(harness)):
             yield CheckResult(title, check.name, check.promise, problem)
         return
-    if GROUPS[kind].package(name) in OURS and find_spec(installed_commands.LAB.replace("-", "_")) is None:
+    if GROUPS[kind].package(name) in OURS and find_spec(lazy.LAB.replace("-", "_")) is None:
         raise ConfigError(
-            f"{title}: ours are checked with devices of {installed_commands.LAB}, which is not installed; "
+            f"{title}: ours are checked with devices of {lazy.LAB}, which is not installed; "
             f"run {remedy('lab')}"
         )
     try:
@@ -134,9 +142,9 @@ def examined_command(title: str, name: str) -> Iterator[CheckResult]:
     if reason := next((text for each, text in refused.items() if each.name == name), ""):
         yield CheckResult(title, "name", "has a name of its own", reason)
         return
-    package = next(each.package for each in installed_commands.declared() if each.name == name)
+    package = next(each.package for each in lazy.declared() if each.name == name)
     try:
-        command = installed_commands.load(package, name)
+        command = lazy.load(package, name)
     except ConfigError as error:
         yield CheckResult(title, "import", "can be imported", str(error))
         return
@@ -180,3 +188,129 @@ def _print(result: CheckResult) -> None:
     click.echo(f"{verdict} {result.plugin}: {result.promise}")
     if result.problem:
         click.echo(f"       {result.problem}")
+
+
+KINDS = {
+    COMMAND: ("print_selections", "pointit.commands", "command", "$name"),
+    "imu-source": ("imu_source", "pointit.imu_sources", "SOURCE", "run --imu $name:HOST"),
+    "led-output": ("led_output", "pointit.led_outputs", "OUTPUT", "run --output $name:HOST"),
+    "recogniser": ("recogniser", "pointit.recognisers", "RECOGNISER", "listen anna --recogniser $name"),
+    "selection-method": ("selection_method", "pointit.selection_methods", "METHOD", "run --method $name"),
+    "service": ("service", "pointit.services", "SERVICE", "run --with $name"),
+}
+"""Kinds of plug-ins: template, group of the entry point, name of the object, and command that uses it."""
+
+PARAMETERS = {"imu-source": ImuBridgeConfig.model_fields, "selection-method": SelectorConfig.model_fields}
+"""Parameters beside which those of a plug-in have a section, by kind."""
+
+TEMPLATES = "pointit.testing.templates"
+COMMON = ("pyproject.toml", "README.md", ".github/workflows/test.yml")
+"""Files of every package."""
+FAKE_DEVICE = """[project.entry-points."pointit.fake_devices"]
+$name = "$module.fake:DEVICE"
+
+"""
+NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
+
+
+@click.command("new")
+@click.argument("kind", type=click.Choice(list(KINDS)))
+@click.argument("name")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="folder of the package [default: ./NAME]",
+)
+def new(*, kind: str, name: str, folder: Path | None) -> None:
+    """Write a package with a working plug-in NAME of a KIND, and tests that pass.
+
+    The device of the example is connected by TCP, and simulated in tests. Change its connection and its
+    messages; the tests show broken promises.
+
+    Example: pointit plugin new imu-source my-wrist
+    """
+    module = name.replace("-", "_")
+    if not NAME.match(name) or keyword.iskeyword(module) or module in sys.stdlib_module_names | {"pointit"}:
+        raise ConfigError(f"{name!r} cannot be a package's name: use a-z, 0-9 and -, such as my-wrist")
+    check_free(kind, name)
+    target = folder or Path(name)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise ConfigError(f"{target} exists already: give another --folder, or move it away")
+    for path, text in package(kind, name, module).items():
+        place = target / path
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            with replaced_file(place) as part:
+                part.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(
+                f"{place} cannot be written ({error.strerror}): give another --folder"
+            ) from error
+    use = Template(KINDS[kind][3]).substitute(name=name)
+    click.echo(
+        f"{target} is written. Then:\n"
+        f"  pip install --editable {target} pytest\n"
+        f"  pytest {target}\n"
+        f"  pointit plugin check {name}\n"
+        f"  pointit {use}"
+    )
+
+
+def check_free(kind: str, name: str) -> None:
+    """Check that a plug-in of a `kind` can be found by `name` beside those that are installed.
+
+    Raises:
+        ConfigError: If it cannot.
+    """
+    if kind == COMMAND:
+        root: object = click.get_current_context().find_root().command
+        ours = [entry.name for entry in getattr(root, "entries", ())]
+        if name in ours or name in [each.name for each in lazy.declared()]:
+            raise ConfigError(f"`pointit {name}` is a command: choose another name")
+        return
+    group = GROUPS[kind]
+    if name in group.names:
+        raise ConfigError(f"{group.label(name)} is installed: choose another name")
+    if name.replace("-", "_") in PARAMETERS.get(kind, {}):
+        raise ConfigError(f"{name!r} is a parameter of the service that would use it: choose another name")
+
+
+def package(kind: str, name: str, module: str) -> dict[str, str]:
+    """Return the text of each file of a package, by its path in the package's folder."""
+    template, group, thing, use = KINDS[kind]
+    article = "an" if kind[0] in "aeio" else "a"
+    has_device = kind != COMMAND
+    words = {
+        "name": name,
+        "module": module,
+        "kind": kind,
+        "article": article,
+        "group": group,
+        "thing": thing,
+        "use": Template(use).substitute(name=name),
+        "tests": f"each promise of {article} {kind} is a test" if has_device else "its help and its output",
+        "fake": f", `src/{module}/fake.py` what stands for its device in tests" if has_device else "",
+        "fake_device": Template(FAKE_DEVICE).substitute(name=name, module=module) if has_device else "",
+    }
+    sources = importlib.resources.files(TEMPLATES)
+    texts = {
+        path: Template(
+            (sources / "package" / f"{Path(path).name}.txt").read_text(encoding="utf-8")
+        ).substitute(words)
+        for path in (*COMMON, f"tests/test_{'promises' if has_device else 'command'}.py")
+    }
+    files = {file: sources / template / file for file in ("__init__.py", "fake.py")}
+    if not has_device:
+        files = {"__init__.py": importlib.resources.files("pointit.cli.plugins") / f"{template}.py"}
+    for file, source in files.items():
+        text = source.read_text(encoding="utf-8")
+        for word, own in (
+            (f"{TEMPLATES}.{template}", module),
+            ("template-service", name),
+            ("pointit NAME", f"pointit {name}"),
+            ("template_service", module),
+        ):
+            text = text.replace(word, own)
+        texts[f"src/{module}/{file}"] = text
+    texts[f"src/{module}/py.typed"] = ""
+    return texts

@@ -17,8 +17,7 @@ from pointit.commands import (
     say,
 )
 from pointit.plugins import GROUPS, FoundDevice
-from pointit.plugins.device_search import SearchResult, search, words
-from pointit.plugins.home_search import HOME_ASSISTANTS, IMPORT, import_options
+from pointit.plugins.device_search import HOME_ASSISTANTS, IMPORT, SearchResult, import_options, search, words
 from pointit.runtime.service.logs import setup_logging
 
 MOCAP, HOME = "mocap", "home-assistant"

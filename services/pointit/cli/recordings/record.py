@@ -8,8 +8,7 @@ from typing import ClassVar
 
 import click
 
-from pointit.cli.common.option_types import Finite
-from pointit.cli.common.panels import PanelCommand
+from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.cli.common.site_link import join_site, site_options
 from pointit.cli.recordings.run_recorder import recorder_options
 from pointit.launch.recorder import recorder_launch
@@ -17,9 +16,8 @@ from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials
 from pointit.runtime.service.logs import setup_logging
-from pointit.runtime.service.process import CLOCK_TIMEOUT_S
+from pointit.runtime.service.process import CLOCK_TIMEOUT_S, EXIT_FAILED, run_until_shutdown
 from pointit.runtime.service.service import Launch, check_launches, run_services
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
 from pointit.services.recorder.service import Recorder
 
 log = logging.getLogger(__name__)

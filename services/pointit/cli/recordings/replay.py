@@ -10,34 +10,40 @@ from typing import cast
 
 import click
 
-from pointit.cli.common.option_types import Finite
 from pointit.cli.common.output import (
     OutputSection,
     console,
+    interruptible,
     json_option,
     print_json,
     print_table,
+    progress,
     say,
     to_line,
 )
-from pointit.cli.common.panels import PanelCommand
-from pointit.cli.common.progress import interruptible, progress
+from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.cli.common.site_link import join_site, site_options
 from pointit.conversion.recording_file import new_recording
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
-from pointit.replay.comparison.comparison import (
+from pointit.replay.comparison import (
     Comparison,
     ComparisonReport,
     Divergence,
     FieldReport,
     TopicReport,
+    sample_of,
 )
-from pointit.replay.comparison.samples import sample_of
-from pointit.replay.levels import SERVICES, Level
-from pointit.replay.live import play_live, recorded_outputs
-from pointit.replay.playing import ReplayPlan, plan_replay, replay, replay_by_loop_time
+from pointit.replay.playing import (
+    ReplayPlan,
+    plan_replay,
+    play_live,
+    recorded_outputs,
+    replay,
+    replay_by_loop_time,
+)
+from pointit.replay.replayed_services import SERVICES, Level
 from pointit.runtime.service.logs import setup_logging
 from pointit.schemas import NS_PER_S
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.option_types import Finite
+from pointit.cli.common.panels import Finite
 from pointit.cli.parts import RUN_PARTS
 from pointit.launch.plan.launches import LAMPS, LOCALIZATIONS, Choices, robot_of
-from pointit.launch.plan.scenario import FloorPose
+from pointit.launch.plan.plan import FloorPose
 from pointit.runtime.config.config import check_environment
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, Link

@@ -1,30 +1,83 @@
-"""`pointit person add`: one person's services, on a running site."""
+"""`pointit person add` and `pointit service run`: one person's services on a running site, or a single one."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from pointit.cli.common.completed_names import scenarios
+from pointit.cli.common.lazy import LazyEntry, LazyGroup, print_help_without_action
 from pointit.cli.common.panels import PanelCommand
+from pointit.cli.common.remembered_options import scenarios
 from pointit.cli.common.site_link import join_site
 from pointit.cli.parts import PERSON_CHECKS
-from pointit.cli.run.execution import execute
+from pointit.cli.run.run import execute
 from pointit.cli.run.run_options import OPTIONAL, PERSON_PANELS, choices_of, joining, shared_options
-from pointit.launch.plan.launches import added_services, shard_launches, user_launches
-from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import USUAL, Scenario, read_scenario
-from pointit.launch.plan.settings import check_settings
-from pointit.launch.plan.startup_notices import assumed_places
+from pointit.launch.plan.launches import (
+    added_services,
+    assumed_places,
+    check_settings,
+    shard_launches,
+    user_launches,
+)
+from pointit.launch.plan.plan import USUAL, Plan, Scenario, read_scenario
 from pointit.launch.run.run_site import Found, surroundings
 from pointit.runtime.errors import ConfigError, ConnectError
 from pointit.runtime.host.extras import present
 from pointit.runtime.link.options import link_options
-from pointit.runtime.service.process import log_option
-from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.service.process import (
+    log_option,
+    run_until_shutdown,
+    service_command,
+    unavailable_command,
+)
 from pointit.schemas.system import check_user
+from pointit.services.registry import PROCESSES, names, process
+
+
+def _loader(name: str) -> Callable[[], click.Command]:
+    def loaded() -> click.Command:
+        row = process(name)
+        try:
+            return service_command(row.load(), row.label)
+        except ConfigError as error:  # its help is available before its dependencies are installed
+            return unavailable_command(row.name, row.scope, f"{row.about}\n\n{error}.", row.config(), error)
+
+    return loaded
+
+
+ABOUT = {row.name: f"({row.scope}) {row.about}" for row in PROCESSES}
+
+
+class ServiceCommandGroup(LazyGroup):
+    """Group of the services. Its help has their names only: `pointit service list` describes them."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the names of the services."""
+        with formatter.section("Services"):
+            formatter.write_text(", ".join(self.list_commands(ctx)))
+
+
+run_one_service = ServiceCommandGroup(
+    name="run",
+    kind="service",
+    entries=[
+        LazyEntry(name=name, about=ABOUT.get(name, "of another package"), load=_loader(name))
+        for name in names()
+    ],
+    callback=print_help_without_action,
+    invoke_without_command=True,
+    subcommand_metavar="NAME [OPTIONS]...",
+    help="""Run one service by itself.
+
+`pointit service list` describes each one and its scope: those of a person (user) need --user. `pointit
+service run NAME --help` documents every parameter with its unit and default.
+
+Example: pointit service run pointing --user anna
+""",
+)
+
 
 USUAL_OPTIONS = ("imu", "localize", "poses", "hand", "stature_m", "connect", "duration")
 

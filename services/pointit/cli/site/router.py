@@ -12,17 +12,15 @@ import click
 from click.core import ParameterSource
 
 from pointit.access.denied_operations import FILTER, MARKS, DeniedOperations, RecentDenials
-from pointit.access.limits import MAX_CONNECTIONS, ConnectionLimits, LimitedConnection
+from pointit.access.rights import MAX_CONNECTIONS, ConnectionLimits, LimitedConnection
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.cli.common.panels import PanelCommand
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import DEFAULT_ENDPOINT
-from pointit.runtime.router.router import Router, raise_file_limit, running_router
-from pointit.runtime.router.router_log import captured_log
+from pointit.runtime.router import Router, captured_log, raise_file_limit, running_router
 from pointit.runtime.service.logs import setup_logging
-from pointit.runtime.service.process import log_option
-from pointit.runtime.service.shutdown import run_until_shutdown
+from pointit.runtime.service.process import log_option, run_until_shutdown
 
 log = logging.getLogger(__name__)
 

@@ -1,27 +1,142 @@
-"""`pointit site`: identities and rights of a site: certificates, access rules, router configuration."""
+"""`pointit site`: identities and rights of a site, their table, and the check that a command has the right ones."""
 
 import asyncio
 import datetime as dt
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
+from rich.text import Text
 
-from pointit.access.rights import Role, shared_services
-from pointit.access.site_folder import ROUTER, SiteFolder
-from pointit.access.site_state import SiteState
-from pointit.cli.common.option_types import Finite
-from pointit.cli.common.output import json_option, print_json, show
-from pointit.cli.common.panels import PanelCommand
-from pointit.cli.site import identities_table
+from pointit.access.rights import ALL, Role, rights_of, shared_services
+from pointit.access.site_folder import ROUTER, STATE, Identity, SiteFolder, SiteState
+from pointit.cli.common.output import OutputSection, Row, json_option, print_json, show
+from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.launch.run.run_site import check_names
 from pointit.runtime.errors import ConfigError, ConnectError
-from pointit.runtime.link.credentials import read_credentials
-from pointit.runtime.link.link import Link
+from pointit.runtime.link.link import SOON, Credentials, Link, LinkFile, read_credentials
+from pointit.runtime.link.options import given_credentials
 from pointit.schemas.system import check_user
-from pointit.schemas.topics import check_name
+from pointit.schemas.topics import USER_ALIVE, check_name
 from pointit.services.registry import add_installed
+
+ENDING = ("expired", "ends soon")
+STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
+
+
+def rows_of(state: SiteState, names: Iterable[str], now: dt.datetime) -> list[dict[str, Any]]:
+    """Return a row for each of `names`; identities with a password do not expire."""
+    return [
+        {"name": name, **_about(one, _end(state, one), one.state, now)}
+        for name in sorted(names)
+        for one in [state.identities[name]]
+    ]
+
+
+def _about(
+    one: Identity | LinkFile, until: dt.datetime | None, state: str, now: dt.datetime
+) -> dict[str, Any]:
+    standing, day = _standing(state, until, now), until and until.date().isoformat()
+    return {"role": one.role, "generation": one.generation, "state": standing, "until": day}
+
+
+def present(state: SiteState) -> list[str]:
+    """Return the names that were not removed."""
+    return [name for name, one in state.identities.items() if one.state != "removed"]
+
+
+def expiring(rows: Iterable[Row]) -> list[str]:
+    """Return the names whose certificates have expired or expire within 30 days."""
+    return [row["name"] for row in rows if row["state"] in ENDING]
+
+
+def visible_rows(
+    credentials: Credentials | None, folder: Path | None, now: dt.datetime
+) -> list[dict[str, Any]]:
+    """Return rows of the whole site if its folder is available, else one row of the own identity.
+
+    Args:
+        credentials: the own ones, if any; `own` in their row is true.
+        folder: folder of the site. None: the one that contains the credentials, if any.
+        now: current time, with a time zone.
+
+    Raises:
+        ConfigError: If `folder` is not a site's folder.
+    """
+    own = credentials.link.name if credentials is not None else ""
+    state = SiteFolder(folder).state() if folder is not None else _around(credentials)
+    if state is not None:
+        own = own if credentials is not None and credentials.link.site == state.site else ""
+        return [{**row, "own": row["name"] == own} for row in rows_of(state, present(state), now)]
+    if credentials is None:
+        return []
+    link = credentials.link
+    until = None if link.password else link.valid_until
+    return [{"name": link.name, **_about(link, until, "valid", now), "own": True}]
+
+
+def section(rows: Iterable[Row]) -> OutputSection:
+    """Return the table of the rows of `rows_of` or `visible_rows`."""
+    return OutputSection(
+        name="identities",
+        about="identities that may join, and the end of each",
+        rows=tuple(
+            {
+                "name": f"{row['name']} (this one)" if row.get("own") else row["name"],
+                "role": row["role"],
+                "state": Text(row["state"], style=STYLES.get(row["state"], "green")),
+                "until": row["until"] or "by password",
+                "generation": row["generation"],
+            }
+            for row in rows
+        ),
+        roomy=frozenset({"generation"}),
+    )
+
+
+def _around(credentials: Credentials | None) -> SiteState | None:
+    """Return the site whose folder contains the credentials, if it can be read."""
+    if credentials is None:
+        return None
+    for folder in credentials.folder.parents[:2]:  # identities/NAME, or router
+        if (folder / STATE).is_file():
+            try:
+                return SiteFolder(folder).state()
+            except (ConfigError, OSError):
+                return None  # perhaps another user's: the own row is enough
+    return None
+
+
+def _end(state: SiteState, one: Identity) -> dt.datetime | None:
+    return None if state.password and one.role != "router" else one.valid_until
+
+
+def _standing(state: str, until: dt.datetime | None, now: dt.datetime) -> str:
+    if state != "valid" or until is None:
+        return state
+    left = until - now
+    if left < dt.timedelta():
+        return "expired"
+    return "ends soon" if left < SOON else "valid"
+
+
+def check_person(name: str) -> None:
+    """Check that the credentials are for the person `name`, or the router would reject everything.
+
+    Raises:
+        ConfigError: If the running command's credentials are another's.
+    """
+    credentials = given_credentials()
+    if credentials is None:
+        return
+    link = credentials.link
+    if {ALL, USER_ALIVE.at(name)}.isdisjoint(rights_of(cast("Role", link.role), link.name).announces):
+        raise ConfigError(
+            f"--credentials {credentials.folder}: these are of {link.name} (role {link.role}), who may not "
+            f"take part as {name}; use those of {name}, made with `pointit site user add {name}`"
+        )
+
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -222,9 +337,7 @@ def renew(names: tuple[str, ...], folder: Path, hosts: tuple[str, ...]) -> None:
     now = _now()
     state = site.state()
     if not names:
-        names = tuple(
-            identities_table.expiring(identities_table.rows_of(state, identities_table.present(state), now))
-        )
+        names = tuple(expiring(rows_of(state, present(state), now)))
         if hosts:
             names = tuple(dict.fromkeys((ROUTER, *names)))
     if not names:
@@ -257,16 +370,16 @@ def list_identities(folder: Path, *, as_json: bool) -> None:
     Example: pointit site show --folder lab
     """
     state = SiteFolder(folder).state()
-    click.get_current_context().exit(_tell(identities_table.present(state), state, as_json=as_json))
+    click.get_current_context().exit(_tell(present(state), state, as_json=as_json))
 
 
 def _tell(names: Iterable[str], state: SiteState, *, as_json: bool) -> int:
-    rows = identities_table.rows_of(state, names, _now())
-    ending = identities_table.expiring(rows)
+    rows = rows_of(state, names, _now())
+    ending = expiring(rows)
     if as_json:
         print_json({"site": state.site, "identities": rows})
     else:
-        show([identities_table.section(rows)], as_json=False)
+        show([section(rows)], as_json=False)
         if ending:
             click.echo(f"Warning: {', '.join(ending)}: renew with `pointit site renew`", err=True)
     return 1 if ending else 0

@@ -16,7 +16,7 @@ from urllib.request import getproxies, proxy_bypass
 import httpcore
 import httpx
 
-from pointit.runtime.config.network_address import parse_address
+from pointit.runtime.address_config import parse_address
 
 MAX_HEAD_BYTES = 16384
 """Maximum size of a response up to the end of its headers, and of interim responses before it."""

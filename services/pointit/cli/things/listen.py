@@ -1,9 +1,11 @@
-"""`pointit listen USER`: follow a person's spoken commands."""
+"""`pointit listen USER`: follow a person's spoken commands, with verbs of one's own."""
 
 import asyncio
 import contextlib
 import sys
-from collections.abc import AsyncIterator, Sequence
+from collections import defaultdict
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -12,17 +14,73 @@ import click
 from pointit.cli.common.output import say
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.things.reactions import Program, Reaction, ReactionTarget
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import AccessDeniedError, ConfigError
-from pointit.runtime.service.shutdown import run_until_shutdown
-from pointit.schemas import NS_PER_S, Speech, Understood
+from pointit.runtime.errors import AccessDeniedError, ConfigError, RefusedError
+from pointit.runtime.service.process import run_until_shutdown
+from pointit.schemas import NS_PER_S, Referent, Speech, Understood
 from pointit.schemas.topics import SPEECH, check_name
+from pointit.speech.grammar import RESERVED, spoken
+from pointit.speech.verbs import Verb, VerbContext, verb_of_things
 
 if TYPE_CHECKING:
     from pointit.speech.interpreter import Interpreter
     from pointit.speech.speech_synthesizer import SpeechSynthesizer
+
+
+def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None]:
+    """Return the verbs of `VERB THING=PROGRAM`, `VERB THING=URL` or `VERB THING`, and an error of a program.
+
+    The error is the first of a program or URL that cannot be used. The caller raises it when the map has the
+    things: a misspelt thing is the nearer mistake.
+
+    Raises:
+        ConfigError: If a text is none of these.
+    """
+    problem: ConfigError | None = None
+    verbs = defaultdict[str, dict[str, ReactionTarget | None]](dict)
+    for text in texts:
+        words = text.partition("=")[0].split()
+        if len(words) != 2 or spoken(words[0]) != (words[0],):
+            raise ConfigError(
+                f"--verb {text!r}: write 'VERB THING=PROGRAM', such as 'heat kettle=./heat.sh {{user}}'"
+            )
+        verb, thing = words
+        if verb in RESERVED:
+            raise ConfigError(f"--verb {text!r}: {verb!r} has a meaning in all rooms; choose another word")
+        target: ReactionTarget | None = None
+        try:
+            target = Reaction.parse(text).target if "=" in text else None
+        except ConfigError as error:
+            problem = problem or error
+        verbs[verb][thing] = replace(target, is_shown=True) if isinstance(target, Program) else target
+    own = {verb: verb_of_things(targets.keys(), _starts(targets)) for verb, targets in verbs.items()}
+    return own, problem
+
+
+def _starts(
+    targets: Mapping[str, ReactionTarget | None],
+) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:
+    """Return the reaction that starts the program of a thing; it raises RefusedError if the program fails."""
+
+    async def do(context: VerbContext, verb: str, one: Referent) -> str:
+        what = f"{verb} {context.room.label(one)}"
+        if (target := targets[one.name]) is None:
+            return what
+        values = {
+            "thing": one.name,
+            "user": context.user,
+            "confidence": f"{one.probability:.2f}",
+            "state": "on",
+        }
+        if problem := await target.react({**values, "stamp_ns": str(context.clock.now_ns())}):
+            raise RefusedError(f"{what}: {target.describe(values)} {problem}")
+        return what
+
+    return do
+
 
 ROOM_TIMEOUT_S = 2.0
 END_TIMEOUT_S = 15.0
@@ -83,7 +141,7 @@ async def _listen(
     speak: bool,
     **at: Unpack[AtSite],
 ) -> int:
-    from pointit.cli.things.own_verbs import own_verbs  # noqa: PLC0415 - only if the room is there
+    # noqa: PLC0415 - only if the room is there
     from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
     from pointit.speech.speech_synthesizer import SpeechSynthesizer  # noqa: PLC0415 - as above
 
@@ -175,7 +233,12 @@ async def _recognise(
 async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
     """Yield utterances when they would have been said: each ends with its line, an empty one or a pause."""
     from pointit.speech.audio import lines_of  # noqa: PLC0415 - as above
-    from pointit.speech.typed_words import PAUSE_S, TimedWord, speech, words_in  # noqa: PLC0415 - as above
+    from pointit.speech.recogniser import (
+        PAUSE_S,
+        TimedWord,
+        speech,
+        words_in,  # noqa: PLC0415 - as above
+    )
 
     try:
         file = sys.stdin if text == "-" else Path(text).open("rb")  # noqa: SIM115, ASYNC230 - closed below

@@ -7,12 +7,11 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.run_part import Added, RunPart
-from pointit.cli.display.display_part import DisplayPart
+from pointit.cli.common.panels import Added, RunPart
+from pointit.cli.display.summary import DisplayPart
 from pointit.diagnosis.missing_services import HOME_REMEDY
 from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.plan import OnEvent
-from pointit.launch.plan.scenario import Scenario
+from pointit.launch.plan.plan import OnEvent, Scenario
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError

@@ -5,14 +5,13 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.run_part import Added, RunPart
-from pointit.cli.display.display_part import DisplayPart
+from pointit.cli.common.panels import Added, RunPart
+from pointit.cli.display.summary import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reactions, reactions_in
 from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, listed, unconnected_sentence
 from pointit.launch.plan.launches import Choices, site_launches
-from pointit.launch.plan.plan import MakeWatcher
-from pointit.launch.plan.scenario import Scenario
+from pointit.launch.plan.plan import MakeWatcher, Scenario
 from pointit.launch.plan.scenario_catalog import room_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials

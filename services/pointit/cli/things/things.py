@@ -8,7 +8,7 @@ from typing import Unpack
 
 import click
 
-from pointit.api.reactions import check_things, is_reaction
+from pointit.api.feed import check_things, is_reaction
 from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.output import OutputSection, Row, json_option, say, show
 from pointit.cli.common.site_link import TIMEOUT_S, AtSite, join_site, quiet, site_options
@@ -18,7 +18,7 @@ from pointit.cli.things.run_things import mqtt_options, summary_lines
 from pointit.launch.plan.plan import Watcher
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.errors import NoMessageError, RequestError
-from pointit.runtime.service.shutdown import EXIT_FAILED, run_until_shutdown
+from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.schemas import Environment, ReadHistory, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
 from pointit.schemas.topics import MAP, READ_HISTORY, SET_THING

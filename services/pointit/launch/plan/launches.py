@@ -1,26 +1,137 @@
-"""Service launches from a scenario and the command line's changes to it."""
+"""Service launches from a scenario and the command line's changes to it: parameters, notices at the start."""
 
+import os
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from pointit.geometry.floor_sigma import ROBOT_PLACE_SIGMA_M
-from pointit.launch.plan.scenario import REALISTIC, FloorPose, Scenario, ScenarioPlace, body_of
-from pointit.launch.plan.settings import Settings, layers_of
-from pointit.runtime.config.plugins import PluginGroup
+from pointit.launch.plan.plan import REALISTIC, FloorPose, Scenario, ScenarioPlace, body_of
+from pointit.runtime.config.config import Layers, environment_prefix
+from pointit.runtime.config.nearest_name import nearest
+from pointit.runtime.config.plugins import PluginConfig, PluginGroup
+from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import StateFile
 from pointit.runtime.service.service import Launch
+from pointit.schemas import PointingOffset
 from pointit.schemas.system import check_user, instance_of, split_instance
 from pointit.schemas.topics import check_name
 from pointit.services import registry
+from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.sources import SOURCES
+from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
 from pointit.services.led_driver.outputs import OUTPUTS
+from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.registry import Process
 from pointit.services.selector.selection_methods import METHODS
+from pointit.services.supervisor.transitions import OFFSET_PURPOSE, minute, offset_in_use
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Parameters of services from the command line."""
+
+    files: Sequence[Path] = ()
+    """YAML files that map services to parameters."""
+    settings: Sequence[str] = ()
+    """`service.parameter=value`."""
+
+
+def layers_of(instance: str, below: Mapping[str, Mapping[str, Any]], chosen: Settings) -> Layers:
+    """Return the parameters of a service: `below`, by source, then files, variables and `--set`.
+
+    One of several services on a site, such as `robot.quad`, gets the parameters of `robot`, too, and its own
+    last.
+
+    Raises:
+        ConfigError: a file or setting is wrong.
+    """
+    name = split_instance(instance)[0]
+    names = dict.fromkeys((name, instance))
+    layers = Layers(registry.process(name).config().REPLACED)
+    for source, values in below.items():
+        layers.add(values, f"{source}, {instance}")
+    for path in chosen.files:
+        for each in names:
+            layers.add(_section(path, each), f"{path}, {each}")
+    layers.add_environment(os.environ, environment_prefix(name))
+    for each in names:
+        for setting in chosen.settings:
+            target, path_in, text = _split(setting)
+            if target == each:
+                layers.add_text(path_in, text, f"--set {setting}")
+    return layers
+
+
+def check_settings(running: Collection[Launch], chosen: Settings, *others: str) -> None:
+    """Check that every `--set` affects a service in `running`, or in `others` that are started.
+
+    Raises:
+        ConfigError: If one is for a service that is not started.
+    """
+    services = {*(launch.service.NAME for launch in running), *others}
+    named = {launch.instance for launch in running if launch.name}
+    for setting in chosen.settings:
+        target, _, _ = _split(setting)
+        if target not in services | named:
+            there = services if target in registry.names() else named or services
+            raise ConfigError(
+                f"--set {setting!r}: {target} is not among what this starts: {', '.join(sorted(there))}"
+            )
+
+
+def service_of(setting: str) -> str:
+    """Return the service named in a `--set`.
+
+    Raises:
+        ConfigError: If it is malformed, or there is no such service.
+    """
+    return split_instance(_split(setting)[0])[0]
+
+
+def _section(path: Path, name: str) -> Mapping[str, Any]:
+    sections = registry.sections_by_service(read_yaml(path), str(path))
+    for section in sections:
+        _check_service(section, str(path))
+    value = sections.get(name, {})
+    if not isinstance(value, dict):
+        raise ConfigError(f"{path}: {name}: a mapping of parameters was expected, got {value!r}")
+    return cast("dict[str, Any]", value)
+
+
+def _split(setting: str) -> tuple[str, list[str], str]:
+    """Return the service, or one of several such as `robot.quad`; the path of its parameter; the value."""
+    target, separator, text = setting.partition("=")
+    path = target.split(".")
+    if not separator or len(path) < 2:
+        raise ConfigError(f"--set {setting!r}: write service.parameter=value, such as pui.map=conveyor")
+    path[0] = registry.with_service_name(path[0])
+    _check_service(path[0], f"--set {setting!r}")
+    if len(path) > 2 and registry.process(path[0]).several and not _is_parameter(path[0], path[1]):
+        return instance_of(path[0], path[1]), path[2:], text
+    return path[0], path[1:], text
+
+
+def _is_parameter(service: str, name: str) -> bool:
+    config = registry.process(service).config()
+    return name in config.model_fields or (
+        issubclass(config, PluginConfig) and name in config.plugins().names
+    )
+
+
+def _check_service(instance: str, source: str) -> None:
+    name, which = split_instance(instance)
+    known = registry.names()
+    if name not in known:
+        raise ConfigError(f"{source}: {name!r} is no service; {nearest(name, known)}")
+    if which and not registry.process(name).several:
+        raise ConfigError(f"{source}: {instance!r}: a site has one {name}; leave out {which!r}")
 
 
 def seed_of(seed: int, part: str) -> int:
@@ -336,3 +447,53 @@ def _launch(
     config = layers_of(name, named, choices).build(service.CONFIG)
     which = split_instance(name)[1]
     return Launch(service=service, config=config, user=user, name=which, plugin=row.label)
+
+
+def assumed_places(launches: Sequence[Launch], choices: Choices, first: int = 0) -> Iterator[str]:
+    """Yield a message for each person with a device whose place was not given.
+
+    People are in the order of `choices`, in which the first of them has the index `first`.
+    """
+    simulated = {launch.user for launch in launches if launch.service.NAME == "user-sim"}
+    users = list(dict.fromkeys(launch.user for launch in launches if launch.user))
+    places = {launch.user: launch.config for launch in launches if isinstance(launch.config, LocalizerConfig)}
+    source = "the scenario or a file of --config says" if choices.files else "the scenario says"
+    is_set = any(setting.startswith("localizer.") for setting in choices.settings)
+    for index, user in enumerate(users, start=first):
+        config = places.get(user)
+        is_given = is_set or (index < len(choices.poses) and choices.poses[index] is not None)
+        if user in simulated or config is None or config.method != "fixed" or is_given:
+            continue
+        x_m, y_m, _ = config.position_m
+        yield (
+            f"{user} is assumed to stand at {x_m:.2f}, {y_m:.2f} m, yaw {config.yaw_deg:g}°, as {source}; "
+            "give --pose X,Y,YAW or --localize to change that"
+        )
+
+
+def stored_mounting_notices(launches: Sequence[Launch]) -> Iterator[str]:
+    """Yield a message for each stored mounting in use from the start."""
+    for launch in launches:
+        if not isinstance(launch.config, ImuBridgeConfig):
+            continue
+        try:
+            stored = StateFile(StoredMountings, launch.user, PURPOSE).read()
+        except ConfigError:
+            continue  # the service reports that itself and continues without it
+        if stored is not None and MountingSelection(launch.config, stored).is_measured:
+            since = minute(stored.by_source[launch.config.source].set_ns)
+            forget = f"`pointit person calibrate mounting {launch.user} --erase` forgets it"
+            yield f"{launch.user}: a mounting of {since} is in use; {forget}"
+
+
+def stored_offset_notices(launches: Sequence[Launch]) -> Iterator[str]:
+    """Yield a message for each stored pointing offset in use from the start."""
+    for launch in launches:
+        if launch.service.NAME != "supervisor":
+            continue
+        try:
+            stored = StateFile(PointingOffset, launch.user, OFFSET_PURPOSE).read()
+        except ConfigError:
+            continue  # as above
+        if stored is not None:
+            yield offset_in_use(launch.user, stored)

@@ -8,14 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from pointit.launch.plan.launches import PAGE, Choices, place_of, robots_of, site_launches, user_launches
-from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import Scenario, read_scenario, scenario_names
-from pointit.launch.plan.settings import service_of
-from pointit.launch.plan.startup_notices import assumed_places
-from pointit.maps.environment import environment
+from pointit.launch.plan.launches import (
+    PAGE,
+    Choices,
+    assumed_places,
+    place_of,
+    robots_of,
+    service_of,
+    site_launches,
+    user_launches,
+)
+from pointit.launch.plan.plan import Plan, Scenario, read_scenario, scenario_names
+from pointit.maps.environment import broken_references, environment
 from pointit.maps.file import map_path, read_map_file
-from pointit.maps.lanes import broken_references
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import Environment, RunScenario

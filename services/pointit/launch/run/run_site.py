@@ -8,15 +8,14 @@ from collections import deque
 from collections.abc import Callable, Collection
 
 from pointit.launch.plan.launches import CURSOR_COLORS, PAGE
-from pointit.launch.plan.plan import Plan
-from pointit.launch.plan.scenario import USUAL, scenario_names
+from pointit.launch.plan.plan import USUAL, Plan, scenario_names
 from pointit.launch.run.running_scenario import PRESENCE_TIMEOUT_S, RunningScenario
 from pointit.runtime.bus.contract import Bus, list_present
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock, SimulatedClock, WallClock
 from pointit.runtime.errors import ConfigError, ListenError, PointItError, RefusedError
+from pointit.runtime.link.link import SILENT_S as VIEWER_SILENT_S
 from pointit.runtime.link.link import Link
-from pointit.runtime.link.outage import SILENT_S as VIEWER_SILENT_S
 from pointit.runtime.service.instance_takeover import SILENT_S, claim_names
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Deployment, Done, Health, RunScenario, SchemaError, UserProfile

@@ -1,19 +1,55 @@
-"""Checks for probable mistakes in a readable map: `pointit map check`."""
+"""Checks for probable mistakes in a readable map, and its summary: `pointit map check`."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.floor_area import FloorArea
-from pointit.maps.checks.belts import check_belts
-from pointit.maps.checks.extent import check_extent
 from pointit.maps.checks.finding import MapFinding, error, warning
-from pointit.maps.checks.lamps import check_lamps
-from pointit.maps.checks.strips import check_lines, check_strips
-from pointit.maps.checks.things import check_things
-from pointit.maps.lanes import broken_references, lanes_of
+from pointit.maps.checks.lines import check_belts, check_extent, check_lines, check_strips
+from pointit.maps.checks.things import check_lamps, check_things
+from pointit.maps.environment import broken_references, lanes_of
+from pointit.maps.file import MapError, read_clouds, to_message
 from pointit.maps.model import FenceEntry, MapFile
+from pointit.runtime.errors import ConfigError
+
+
+def about_map(path: Path) -> str:
+    """Return the first line of the file at `path` if it is a comment, without its end, or `""`."""
+    with path.open(encoding="utf-8") as file:
+        line = file.readline().strip()
+    return line.lstrip("# ").rstrip(".:") if line.startswith("#") else ""
+
+
+def contents(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> str:
+    """Return a summary of a map, `8 belts, 8 links, 4 bays, 22 strips with 1228 pixels, 3 lamps`."""
+    counts = (
+        (len(file.belts), "belt", ""),
+        (len(file.links), "link", ""),
+        (len(file.bays), "bay", ""),
+        (len(file.strips), "strip", _with(sum(strip.pixels for strip in file.strips.values()), "pixel")),
+        (len(file.lamps), "lamp", ""),
+        (len(file.boxes), "box", ""),
+        (len(file.planes), "plane", ""),
+        (len(file.cylinders), "cylinder", ""),
+        (len(file.spheres), "sphere", ""),
+        (len(clouds), "cloud", _with(sum(len(points) for points in clouds.values()), "point")),
+        (len(file.fences), "fence", ""),
+        (len(file.frames), "frame", ""),
+        (len(file.things), "thing", ""),
+    )
+    return ", ".join(
+        f"{count} {word}{'' if count == 1 else 'es' if word == 'box' else 's'}{more}"
+        for count, word, more in counts
+        if count
+    )
+
+
+def _with(count: int, what: str) -> str:
+    return f" with {count} {what}{'s' if count > 1 else ''}"
+
 
 THINNEST_M = 0.001
 
@@ -159,3 +195,37 @@ def _has_gap(low: float, high: float, closed: list[tuple[float, float]]) -> bool
             return True
         low = max(low, end)
     return low < high
+
+
+def examined(
+    name: str,
+    path: Path,
+    read: Callable[[], MapFile],
+    person_m: Point | None = None,
+    poses_m: Sequence[Point] = (),
+) -> tuple[str, list[MapFinding]]:
+    """Return a map's contents in words, `""` if it cannot be read, and findings on all readable sections.
+
+    Args:
+        name: name of the map, for findings without a section.
+        path: its current or future path; its clouds lie beside it.
+        read: returns the map, or raises `ConfigError`.
+        person_m: position of the person. None: anywhere.
+        poses_m: further positions from which people point at things.
+    """
+    has = ""
+    try:
+        file = read()
+        clouds = read_clouds(path, file)
+    except MapError as unreadable:
+        return has, [error(where, text) for where, text in unreadable.mistakes]
+    except ConfigError as unreadable:
+        return has, [error(name, str(unreadable).removeprefix(f"{path}: "))]
+    has = contents(file, clouds)
+    findings = check_map(file, clouds, person_m=person_m, poses_m=poses_m)
+    if not any(each.severity == "error" for each in findings):
+        try:
+            to_message(path, file, clouds, 0)
+        except ConfigError as too_large:
+            findings.append(error(name, str(too_large).removeprefix(f"{path}: ")))
+    return has, findings

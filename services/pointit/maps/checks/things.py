@@ -1,27 +1,93 @@
-"""Checks of things: below the floor, in each other, with the same light, hard to tell apart."""
+"""Checks of things, lamps and their labels: places, lights, spoken names."""
 
 import math
+import re
+import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, permutations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from pointit.geometry import vector
 from pointit.geometry.solids import BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.maps.checks.finding import MapFinding, error, warning
-from pointit.maps.checks.labels import check_labels
-from pointit.maps.model import MapFile
-from pointit.maps.things import ROUNDED_M, broken_things, things_of
+from pointit.maps.model import ROUNDED_M, LampEntry, MapFile, broken_things, things_of
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Thing
+
+SYLLABLE_S = 0.2
+"""Time of one spoken syllable, s: synthesizers say four to five a second."""
+MAX_SPOKEN_S = 0.6
+"""Time above which a name is slow to point by, s."""
+LETTERS = str.maketrans(
+    {
+        **dict.fromkeys("aeiouyhw", "a"),
+        **dict.fromkeys("bpfv", "p"),
+        **dict.fromkeys("dt", "t"),
+        **dict.fromkeys("cgkqjx", "k"),
+        **dict.fromkeys("sz", "s"),
+        **dict.fromkeys("mn", "n"),
+        **dict.fromkeys("lr", "l"),
+    }
+)
+"""Letters whose sounds are mistaken for each other, by the groups of Soundex."""
+NAMED = 10
+"""Number of slow labels that are named."""
+DIGITS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+
+
+def check_labels(things: Sequence[Thing]) -> Iterator[MapFinding]:
+    """Yield labels that sound alike, and one finding for those that take long to speak.
+
+    Equal labels are left out, since `check_things` reports them; so are ids that are too long.
+    """
+    sounds: dict[str, tuple[str, str]] = {}
+    slow: list[str] = []
+    for thing in things:
+        label = thing.label or thing.id
+        words = spoken_words(label)
+        duration_s = SYLLABLE_S * sum(map(syllable_count, words))
+        if thing.label and duration_s > MAX_SPOKEN_S + 1e-9:
+            slow.append(f"{label!r} ({duration_s:.1f} s)")
+        sound = " ".join(map(sound_of, words))
+        duplicate, other = sounds.setdefault(sound, (thing.id, label)) if sound else (thing.id, label)
+        if duplicate != thing.id and other != label:
+            text = f"{label!r} sounds like {other!r} of {duplicate}; change one label"
+            yield warning(f"things.{thing.id}", text)
+    if slow:
+        more = f" and {len(slow) - NAMED} more" if len(slow) > NAMED else ""
+        listed = f"{', '.join(slow[:NAMED])}{more}"
+        limit = f"labels take longer than {MAX_SPOKEN_S:g} s to speak: {listed}"
+        yield warning("things", f"{limit}; give shorter ones if names are spoken")
+
+
+def spoken_words(label: str) -> list[str]:
+    """Return the words of a label in small Latin letters without accents. Digits are words."""
+    plain = unicodedata.normalize("NFKD", label).casefold()
+    spelled = re.sub(r"[0-9]", lambda digit: f" {DIGITS[int(digit.group())]} ", plain)
+    letters = "".join(each for each in spelled if not unicodedata.combining(each))
+    return re.findall(r"[^\W_]+", letters)
+
+
+def syllable_count(word: str) -> int:
+    """Return the approximate number of syllables: groups of vowels, without a silent e at the end."""
+    groups = len(re.findall(r"[aeiouy]+", word))
+    is_silent = word.endswith("e") and not word.endswith("le") and groups > 1
+    return max(groups - is_silent, 1)
+
+
+def sound_of(word: str) -> str:
+    """Return one letter for each sound of `word`. A single letter is spoken by its name."""
+    return word if len(word) == 1 else re.sub(r"(.)\1+", r"\1", word.translate(LETTERS))
+
 
 EYES_M = 1.64
 """Height of the eyes of a person of 1.76 m, m."""
 APART_DEG = 5.0
 """Angle between two things, edge to edge, below which pointing alone does not tell which one is meant."""
-NAMED = 10
 """Pairs of things that are named."""
 TESTED = 200
 """Number of things up to which pointing at them is measured."""
@@ -186,3 +252,67 @@ def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3, enou
         if apart_rad < math.radians(enough_deg):
             break
     return math.degrees(apart_rad)
+
+
+LAMP_FLOOR_M = 0.0
+HIGHEST_LAMP_M = 5.0
+SAME_PLACE_M = 0.01
+ONE_BEARING_M = 0.2
+"""Width of a column of lamps that has the same bearing from everywhere, m."""
+MIN_SPREAD_DEG = 5.0
+
+
+def check_lamps(
+    lamps: Mapping[str, LampEntry], person_m: tuple[float, float] | None, *, has_heights: bool = True
+) -> Iterator[MapFinding]:
+    """Yield problems of lamps, as seen from `person_m`, or from anywhere if it is None.
+
+    Without `has_heights` heights are not compared with those of a room.
+    """
+    names = list(lamps)
+    places = np.array([lamp.position for lamp in lamps.values()]).reshape(-1, 3)
+    for name, z in zip(names, places[:, 2].tolist(), strict=True):
+        if z < LAMP_FLOOR_M:
+            yield error(f"lamps.{name}", f"is {-z:g} m below the floor; correct its z")
+        elif z > HIGHEST_LAMP_M and has_heights:
+            yield warning(
+                f"lamps.{name}",
+                f"is {z:g} m high, where pointing is difficult; mount it below {HIGHEST_LAMP_M:g} m",
+            )
+    for index, other in _at_one_place(places):
+        yield error(
+            f"lamps.{names[index]}",
+            f"is where {names[other]} is, {places[index].tolist()}; correct one of them",
+        )
+    if len(lamps) < 2:
+        yield warning(
+            "lamps",
+            f"{'there is one lamp' if lamps else 'there are no lamps'} and localizing by pointing needs two; "
+            "add lamps, or say where people stand",
+        )
+    elif _one_bearing([lamp.position for lamp in lamps.values()], person_m):
+        seen = "one above the other" if person_m is None else f"in one direction from {list(person_m)}"
+        yield error("lamps", f"all lie {seen}, which determines no position; move one of them aside")
+
+
+def _at_one_place(places: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Return pairs of a lamp and an earlier one where it is, at most one a lamp."""
+    distinct, first, inverse = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    earlier = first[inverse.reshape(-1)]
+    found = {int(index): int(earlier[index]) for index in np.flatnonzero(earlier != np.arange(len(places)))}
+    if len(distinct) > 1:
+        nearest = KDTree(distinct).query(distinct, k=[2])  # the first one is the lamp itself
+        away_m, near = (np.asarray(each).reshape(-1) for each in nearest)
+        for row in np.flatnonzero(away_m < SAME_PLACE_M):
+            pair = sorted((int(first[row]), int(first[int(near[row])])))
+            found.setdefault(pair[1], pair[0])
+    return sorted(found.items())
+
+
+def _one_bearing(places: Sequence[Vec3], person_m: tuple[float, float] | None) -> bool:
+    flat = np.array(places)[:, :2]
+    if person_m is None:
+        return bool(np.linalg.norm(flat - flat[0], axis=1).max() < ONE_BEARING_M)
+    bearings = np.arctan2(*(flat - person_m).T[::-1])
+    apart = np.degrees(np.abs(np.angle(np.exp(1j * (bearings - bearings[0])))))
+    return bool(apart.max() < MIN_SPREAD_DEG)

@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 
 from pointit.maps.column_units import split_unit
 from pointit.maps.point_files.point_columns import (
+    StatedUnit,
+    Triple,
     cells_of,
     delimiter_of,
     is_number,
     is_numbering,
     point_columns,
-)
-from pointit.maps.point_files.stated_units import (
-    StatedUnit,
-    Triple,
     unit_factors,
     units_in_comments,
     units_of_row,

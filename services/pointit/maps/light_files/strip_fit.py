@@ -1,4 +1,4 @@
-"""Strips through pixels: an even line for each run of pixels, which puts all of them where the file has them.
+"""Strips through pixels: an even line for each run, its name, and numbers of pixels on the wire.
 
 A strip of a map has its pixels evenly along its line. Pixels of other programs have gaps, bends, other
 pitches, slack between them, and may share a position. A run is divided where even pixels cannot show it. What
@@ -6,15 +6,57 @@ is irregular throughout keeps one strip: its line makes a detour between two pix
 others, as the wire does.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from pointit.geometry.polyline import Polyline
-from pointit.maps.model import MAX_PIXELS
+from pointit.maps.model import MAX_PIXELS, StripEntry
+from pointit.runtime.config.validation_message import format_value
+from pointit.runtime.errors import ConfigError
+from pointit.schemas.table_types import valid_name
+from pointit.schemas.text import describe_mistake
+
+
+def first_pixels(strips: Mapping[str, StripEntry]) -> dict[str, int]:
+    """Return the number on the wire of the first pixel of each strip."""
+    firsts: dict[str, int] = {}
+    end = 0
+    for name, strip in strips.items():
+        firsts[name] = end if strip.offset is None else strip.offset
+        end = firsts[name] + strip.pixels
+    return firsts
+
+
+def unused_pixels(strips: Mapping[str, StripEntry]) -> Iterator[tuple[int, int]]:
+    """Yield first and last of the pixels of the wire that are in no strip, before or between others."""
+    end = 0
+    for first, name in sorted((first, name) for name, first in first_pixels(strips).items()):
+        if first > end:
+            yield end, first - 1
+        end = max(end, first + strips[name].pixels)
+
+
+def shared_pixels(strips: Mapping[str, StripEntry]) -> Iterator[tuple[str, str]]:
+    """Yield pairs of strips with common pixels of the wire, the later one first.
+
+    There are none unless a strip has an offset.
+    """
+    if all(strip.offset is None for strip in strips.values()):
+        return
+    firsts = first_pixels(strips)
+    ordered = sorted((first, first + strips[name].pixels, name) for name, first in firsts.items())
+    longest = ordered[0]
+    for before, (first, end, name) in pairwise(ordered):
+        longest = max(longest, before, key=lambda each: each[1])
+        if first < longest[1]:
+            yield name, longest[2]
+        longest = max(longest, (first, end, name), key=lambda each: each[1])
+
 
 Array = NDArray[np.float64]
 
@@ -200,3 +242,48 @@ def _vertices(at: Array, points: Array, limit: float) -> list[int]:
             vertices.add(corner)
             stack += [(low, corner), (corner, high)]
     return sorted(vertices)
+
+
+Note = Callable[[str], object]
+"""Receives a sentence on what differs from the file."""
+
+
+def no_note(_: str) -> None:
+    """Ignore a sentence."""
+
+
+def named_strips(
+    found: Iterable[tuple[str, int, FittedStrip]], names: Container[str], on_note: Note = no_note
+) -> dict[str, StripEntry]:
+    """Return entries of strips, given by name (`""`: none), number of the first pixel, and line."""
+    strips: dict[str, StripEntry] = {}
+    end = 0
+    for name, first, each in found:
+        plain = valid_name(name)
+        is_free = name and name == plain and name not in strips
+        key = name if is_free else free_name(plain or f"strip_{len(strips) + 1}", strips, names)
+        if name != plain:
+            on_note(f"strip {format_value(name)} is called {key}, a name that a map can have")
+        line = [[round(float(value), 6) for value in vertex] for vertex in each.line]
+        strips[key] = strip_entry(line, each.pixels, None if first == end else first)
+        end = first + each.pixels
+    return strips
+
+
+def strip_entry(line: Sequence[Sequence[float]], pixels: int, offset: int | None = None) -> StripEntry:
+    """Return a strip. Raises ConfigError if no map can have it."""
+    try:
+        return StripEntry.model_validate({"line": line, "pixels": pixels, "offset": offset})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"a strip of {pixels} pixels: {where}: {describe_mistake(first)}") from None
+
+
+def free_name(name: str, *taken: Container[str]) -> str:
+    """Return `name`, with a number if one of `taken` has it."""
+
+    def is_free(key: str) -> bool:
+        return not any(key in each for each in taken)
+
+    return name if is_free(name) else next(filter(is_free, (f"{name[:60]}_{number}" for number in count(2))))

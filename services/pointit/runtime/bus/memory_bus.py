@@ -1,14 +1,16 @@
-"""Bus within one process, for tests, for `sim`, and as the inner half of the Zenoh bus.
+"""Bus within one process, for tests, for `sim` and inside the Zenoh bus: its broker, participants and declarations.
 
 Several buses may share one `LocalBroker`; each stands for one participant.
 """
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+import weakref
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus.contract import (
+    MAX_IN_FLIGHT,
     REQUEST_TIMEOUT_S,
     AnyTopic,
     Closable,
@@ -17,30 +19,302 @@ from pointit.runtime.bus.contract import (
     Recall,
     Server,
     Subscription,
+    SubscriptionStats,
     Tap,
 )
-from pointit.runtime.bus.local_broker import (
-    MailboxSubscription,
-    MemoryPublisher,
-    Participant,
-    PresenceWatcher,
-    RequestHandler,
-    RetainedStateServer,
-    no_answer,
-    shutting_down,
-)
-from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
-from pointit.runtime.errors import BusClosedError, RefusedError
+from pointit.runtime.bus.mailbox import Dispatcher, Mailbox, TapMailbox
+from pointit.runtime.errors import BusClosedError, NoAnswerError, PointItError, RefusedError
 from pointit.schemas import Message, Query, Reply
-from pointit.schemas.topics import ANY, Presence, Request, Topic
+from pointit.schemas.text import hide_secrets
+from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
+
+log = logging.getLogger(__name__)
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
+T = TypeVar("T")
+
+
+class _Mailboxes(list[Mailbox]):
+    """A list that can be referenced weakly."""
+
+
+class TopicReaders:
+    """Readers of one topic in the order of their subscriptions."""
+
+    def __init__(self) -> None:
+        self._entries: list[tuple[str, Mailbox]] = []
+        """The wanted name (or `*`) and the mailbox."""
+        self._by_name = weakref.WeakValueDictionary[str, _Mailboxes]()
+        """Mailboxes by the name of a publisher, while that exists."""
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __iter__(self) -> Iterator[tuple[str, Mailbox]]:
+        return iter(self._entries)
+
+    def matching(self, name: str) -> list[Mailbox]:
+        """Return the list of mailboxes for messages of `name`. It is updated, so publishers keep it."""
+        mailboxes = self._by_name.get(name)
+        if mailboxes is None:
+            mailboxes = _Mailboxes(mailbox for wanted, mailbox in self._entries if wanted in (ANY, name))
+            self._by_name[name] = mailboxes
+        return mailboxes
+
+    def add(self, wanted: str, mailbox: Mailbox) -> None:
+        """Add the reader of the name `wanted`, or of all."""
+        self._entries.append((wanted, mailbox))
+        for name, mailboxes in self._by_name.items():
+            if wanted in (ANY, name):
+                mailboxes.append(mailbox)
+
+    def remove(self, wanted: str, mailbox: Mailbox) -> None:
+        """Remove an added reader."""
+        self._entries.remove((wanted, mailbox))
+        for name, mailboxes in self._by_name.items():
+            if wanted in (ANY, name):
+                mailboxes.remove(mailbox)
+
+
+class LocalBroker:
+    """Shared state of the participants of one process: readers, last values, servers, presence."""
+
+    def __init__(self) -> None:
+        self.readers: dict[str, TopicReaders] = {}
+        """By topic key."""
+        self.states: dict[str, dict[str, Message]] = {}
+        """Last values of present writers, by topic key and name."""
+        self.request_servers: dict[str, list[RequestHandler[Any, Any]]] = {}
+        """Servers by request key."""
+        self.present: dict[str, dict[str, int]] = {}
+        """Number of announcements by presence key and name."""
+        self.watchers: dict[str, list[PresenceWatcher]] = {}
+        self.retained_servers: list[RetainedStateServer] = []
+        """Servers of retained states of writers that are gone."""
+
+    def readers_of(self, topic: AnyTopic) -> TopicReaders:
+        """Return the readers of `topic`."""
+        return self.readers.setdefault(topic.key, TopicReaders())
+
+    def handler_for(self, request: Request[Q, R], name: str) -> "RequestHandler[Q, R] | None":
+        """Return the server of `request` for `name` in this process, or None."""
+        for server in self.request_servers.get(request.key, ()):
+            if server.wanted in (ANY, name):
+                return server
+        return None
+
+
+class Participant:
+    """Part of a bus that its declarations need: the broker, its declarations, and tasks that end with it."""
+
+    def __init__(self, exchange: LocalBroker | None = None) -> None:
+        """Join `exchange`, or a new broker. Call this in the loop that will run handlers and tasks."""
+        self.exchange = exchange if exchange is not None else LocalBroker()
+        self.declarations: dict[Declaration, None] = {}
+        self.dispatcher = Dispatcher()
+        self._loop = asyncio.get_running_loop()
+        self._closed = self._loop.create_future()
+        self._tasks: set[asyncio.Task[Any]] = set()
+
+    @property
+    def is_closed(self) -> bool:
+        """Return True if the bus is closed or closing."""
+        return self._closed.done()
+
+    def spawn(self, work: Coroutine[Any, Any, T], name: str) -> asyncio.Task[T]:
+        """Run the coroutine `work` as a task that ends with the bus."""
+        task = self._loop.create_task(work, name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._forget)
+        return task
+
+    def _forget(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.discard(task)
+        error = None if task.cancelled() else task.exception()  # retrieved: the caller may be gone
+        if error is not None and not isinstance(error, PointItError):  # waiting callers get the error
+            log.error("%s failed", task.get_name(), exc_info=error)
+
+
+class MemoryPublisher(Declaration, Generic[M]):
+    """Delivers messages to the readers of this process without copying, since they are frozen."""
+
+    def __init__(
+        self, bus: Participant, topic: Topic[M], name: str, send: Callable[[Message], None] | None = None
+    ) -> None:
+        """Write `topic.at(name)`. `send` gets each message for readers of other processes."""
+        topic.at(name)  # raises on a name that cannot stand in the key
+        self._bus = bus
+        self._name = name
+        self._mailboxes = bus.exchange.readers_of(topic).matching(name)
+        self._send = send
+        self._is_state = topic.delivery is Delivery.STATE
+        self._states = bus.exchange.states.setdefault(topic.key, {})
+        self._message = topic.message
+        self._last: M | None = None
+        self._open = True
+        super().__init__(self._undeclare, bus.declarations)
+
+    def put(self, message: M) -> None:
+        """Send `message`."""
+        if not self._open:
+            raise BusClosedError(f"{self._message.__name__} cannot be sent: the bus is closed")
+        if self._is_state:
+            self._states[self._name] = self._last = message
+        for mailbox in self._mailboxes:
+            mailbox.put(self._name, message)
+        if self._send is not None:
+            self._send(message)
+
+    def close_nowait(self) -> None:
+        """Stop writing."""
+        self.close()
+
+    def _undeclare(self) -> None:
+        self._open = False
+        # a state's last value is removed with its writer
+        if self._is_state and self._last is not None and self._states.get(self._name) is self._last:
+            del self._states[self._name]
+
+
+class MailboxSubscription(Declaration):
+    """A mailbox in the broker's list of readers."""
+
+    def __init__(self, bus: Participant, topic: AnyTopic, mailbox: Mailbox, name: str) -> None:
+        if name != ANY:
+            topic.at(name)
+        self._mailbox = mailbox
+        self._readers = bus.exchange.readers_of(topic)
+        self._name = name
+        self._readers.add(name, mailbox)
+        super().__init__(self._undeclare, bus.declarations)
+        if topic.delivery is Delivery.STATE:
+            for key, state in bus.exchange.states.get(topic.key, {}).items():
+                if name in (ANY, key):
+                    mailbox.put(key, state)
+            for retained_server in bus.exchange.retained_servers:
+                retained_server.deliver(topic, name, mailbox)
+
+    @property
+    def traffic(self) -> SubscriptionStats:
+        """Return the live counters."""
+        return self._mailbox.traffic
+
+    def _undeclare(self) -> None:
+        self._mailbox.close()
+        self._readers.remove(self._name, self._mailbox)
+
+
+class RetainedStateServer(Declaration):
+    """Retained states of one keeper, delivered to present readers and to each later one."""
+
+    def __init__(self, bus: Participant, topics: Sequence[AnyTopic], recall: Recall) -> None:
+        self.recall = recall
+        self._keys = frozenset(topic.key for topic in topics)
+        self._retained_servers = bus.exchange.retained_servers
+        self._retained_servers.append(self)
+        super().__init__(self._undeclare, bus.declarations)
+        for topic in topics:
+            for wanted, mailbox in bus.exchange.readers_of(topic):
+                self.deliver(topic, wanted, mailbox)
+
+    def deliver(self, topic: AnyTopic, wanted: str, mailbox: Mailbox) -> None:
+        """Deliver the retained states of `topic` under the name `wanted`, or under all."""
+        if topic.key in self._keys and mailbox.accepts_retained:
+            for name, message in self.recall(topic):
+                if wanted in (ANY, name):
+                    mailbox.offer_retained(name, message)
+
+    def _undeclare(self) -> None:
+        self._retained_servers.remove(self)
+
+
+class PresenceWatcher(Declaration):
+    """Reports each change of presence to a handler once."""
+
+    def __init__(self, bus: Participant, presence: Presence, handler: Callable[[str, bool], None]) -> None:
+        self.presence = presence
+        self._handler = handler
+        self._known: set[str] = set()
+        self._open = True
+        self._watchers = bus.exchange.watchers.setdefault(presence.key, [])
+        self._watchers.append(self)
+        super().__init__(self._undeclare, bus.declarations)
+
+    def notify(self, name: str, present: bool) -> None:  # noqa: FBT001 - the handler's own signature
+        """Report that `name` is present or gone. Called in the loop, never within `announce` or `close`."""
+        if not self._open or present == (name in self._known):
+            return
+        (self._known.add if present else self._known.discard)(name)
+        try:
+            self._handler(name, present)
+        except Exception:  # an error of one handler must not stop the others
+            log.exception("watcher of %s failed", self.presence.key)
+
+    def _undeclare(self) -> None:
+        self._open = False
+        self._watchers.remove(self)
+
+
+class RequestHandler(Declaration, Generic[Q, R]):
+    """Server of one request. Each answer is a task that ends with the server, not with its caller."""
+
+    def __init__(self, bus: Participant, request: Request[Q, R], server: Server[Q, R], name: str) -> None:
+        self.request = request
+        self._bus = bus
+        self.wanted = name if request.placeholder else ANY
+        self._server = server
+        self._answers: set[asyncio.Task[R]] = set()
+        self._request_servers = bus.exchange.request_servers.setdefault(request.key, [])
+        self._request_servers.append(self)
+        super().__init__(self._undeclare, bus.declarations)
+
+    def handle(self, query: Q, name: str) -> asyncio.Task[R]:
+        """Start a task that answers `query`. It raises no error except `RefusedError`."""
+        is_busy = len(self._answers) >= MAX_IN_FLIGHT
+        task = self._bus.spawn(self._answer(query, name, is_busy=is_busy), f"serve {self.request.key}")
+        self._answers.add(task)
+        task.add_done_callback(self._answers.discard)
+        return task
+
+    def _undeclare(self) -> None:
+        self._request_servers.remove(self)
+        for answer in self._answers:
+            answer.cancel()
+
+    async def _answer(self, query: Q, name: str, *, is_busy: bool) -> R:
+        server, key = self.request.server, self.request.key
+        if is_busy:
+            raise RefusedError(f"{server} is busy with {MAX_IN_FLIGHT} other requests for {key}; ask later")
+        try:
+            reply = await self._server(query, name)
+            if not isinstance(reply, self.request.reply):
+                raise TypeError(f"the reply is a {type(reply).__name__}, not a {self.request.reply.__name__}")  # noqa: TRY301
+        except PointItError as error:  # its text is already written for users
+            raise RefusedError(hide_secrets(str(error))) from error
+        except Exception as error:
+            log.exception("%s failed", key)
+            cause = hide_secrets(f"{type(error).__name__}: {error}")
+            raise RefusedError(f"{server} failed on {key}: {cause}") from error
+        return reply
+
+
+def shutting_down(request: Request[Any, Any]) -> str:
+    """Return the refusal for callers of a server that is closing."""
+    return f"{request.server} is shutting down"
+
+
+def no_answer(request: Request[Any, Any], key: str, timeout_s: float | None = None) -> NoAnswerError:
+    """Return the error for a missing answer. It names the service that should answer `key`."""
+    waited = "" if timeout_s is None else f" within {timeout_s:g} s"
+    return NoAnswerError(
+        f"{request.server} does not answer {key}{waited}; is it running? See `pointit doctor`"
+    )
+
+
 CLOSE_TIMEOUT_S = 1.0
 """Timeout for cancelled servers when the bus closes, s."""
-
-log = logging.getLogger(__name__)
 
 
 class MemoryBus(Participant):

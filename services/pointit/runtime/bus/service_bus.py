@@ -27,14 +27,17 @@ from pointit.runtime.bus.contract import (
     Undecoded,
 )
 from pointit.runtime.bus.instrumented import (
+    DurationWindow,
     InstrumentedPublisher,
     MeteredSubscription,
+    ReaderCounts,
     ServedPublisher,
+    TopicMeter,
     instrument_handler,
+    steady_time,
 )
-from pointit.runtime.bus.metrics import DurationWindow, ReaderCounts, TopicMeter, steady_time
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.old_names import accept_old_names
+from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
 from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic

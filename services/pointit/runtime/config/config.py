@@ -14,8 +14,7 @@ from typing import Any, TypeVar, cast
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pointit.runtime.config.validation_message import describe_validation_error
-from pointit.runtime.config.yaml_file import load_yaml
-from pointit.runtime.config.yaml_values import written_text
+from pointit.runtime.config.yaml_file import load_yaml, written_text
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.text import SECRET_NAME, hide_secrets
 

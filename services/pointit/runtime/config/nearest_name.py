@@ -1,7 +1,10 @@
-"""Advice for a name that does not exist."""
+"""Advice for a name that does not exist or is an old one."""
 
 import difflib
-from collections.abc import Iterable
+import functools
+import warnings
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar, cast
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
@@ -14,3 +17,26 @@ def nearest(name: str, names: Iterable[str]) -> str:
     """Return `did you mean a or b?`, or `there are a, b, c` if no name is similar."""
     known = list(names)
     return did_you_mean(name, known) or f"there are {', '.join(known)}"
+
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def accept_old_names(**names: str) -> Callable[[F], F]:
+    """Return a decorator: a function accepts the old `names` of its arguments, too, each with its new one."""
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def accepting(*arguments: Any, **named: Any) -> Any:
+            for old in names.keys() & named.keys():
+                name, new = function.__qualname__, names[old]
+                if new in named:
+                    raise TypeError(f"{name}() got {new}= and its old name {old}=: leave out {old}=")
+                sentence = f"{name}({old}=) is now {new}=; the next minor version takes only this"
+                warnings.warn(sentence, DeprecationWarning, stacklevel=2)
+                named[new] = named.pop(old)
+            return function(*arguments, **named)
+
+        return cast("F", accepting)
+
+    return decorate

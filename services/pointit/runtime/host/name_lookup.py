@@ -1,11 +1,16 @@
-"""Lookup of host names in a thread of its own, so that a slow resolver delays nothing else."""
+"""Host names and announced services in the network, looked up so that nothing else is delayed."""
 
 import asyncio
 import contextlib
 import ipaddress
 import socket
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import NamedTuple
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
 
 _TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
 """Destinations of route look-ups, the default route first: 192.0.2.1 is of no machine (RFC 5737)."""
@@ -94,3 +99,57 @@ async def look_up(host: str, port: int = 0) -> Sequence[Resolved]:
 
     threading.Thread(target=ask, name=f"look up {host}", daemon=True).start()
     return await answer
+
+
+MAX_SERVICES = 256
+"""Maximum number of services of a kind whose addresses are asked for. Further ones are ignored."""
+
+
+class NetworkService(NamedTuple):
+    """A service in the local network."""
+
+    name: str
+    """Name of the instance, such as `wled-desk`."""
+    address: str
+    """IPv4 address."""
+    port: int
+    host: str
+    """Name of the machine, such as `wled-desk.local`, or `""`."""
+    properties: Mapping[str, str | None] = MappingProxyType({})
+    """Values of its TXT record, by key."""
+
+
+async def browse(kind: str, seconds: float) -> list[NetworkService]:
+    """Return the services of a `kind`, such as `_wled._tcp`, that answer within `seconds`.
+
+    Raises:
+        ConfigError: If the extra `discovery` is not installed.
+    """
+    try:
+        from zeroconf import IPVersion, ServiceStateChange, Zeroconf  # noqa: PLC0415 - an extra
+        from zeroconf.asyncio import AsyncServiceBrowser, AsyncServiceInfo, AsyncZeroconf  # noqa: PLC0415
+    except ImportError as error:
+        raise ConfigError(f"the search in the network needs an extra: run {remedy('discovery')}") from error
+    full_kind = f"{kind}.local."
+    names: set[str] = set()
+
+    def on_change(zeroconf: Zeroconf, service_type: str, name: str, state_change: ServiceStateChange) -> None:
+        del zeroconf, service_type
+        if state_change is not ServiceStateChange.Removed and len(names) < MAX_SERVICES:
+            names.add(name)
+
+    services: list[NetworkService] = []
+    with contextlib.suppress(OSError):  # a machine without a network finds nothing
+        async with AsyncZeroconf(ip_version=IPVersion.V4Only) as zeroconf:
+            browser = AsyncServiceBrowser(zeroconf.zeroconf, full_kind, handlers=[on_change])
+            await asyncio.sleep(seconds / 2)
+            infos = [AsyncServiceInfo(full_kind, name) for name in sorted(names)]
+            await asyncio.gather(*(info.async_request(zeroconf.zeroconf, 500 * seconds) for info in infos))
+            await browser.async_cancel()
+            for info in infos:
+                for address in info.parsed_addresses(IPVersion.V4Only)[:1]:
+                    name = info.name.removesuffix(f".{full_kind}")
+                    host = (info.server or "").rstrip(".")
+                    properties = info.decoded_properties
+                    services.append(NetworkService(name, address, info.port or 0, host, properties))
+    return services

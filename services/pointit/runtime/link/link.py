@@ -1,11 +1,173 @@
-"""Connection of a process to the network: site, addresses, credentials and lease. Loads no Zenoh."""
+"""Connection of a process to the network: site, addresses, credentials, lease, and one that is out of reach. Loads no Zenoh.
 
+It holds `link.json` (site, addresses, name, role), the authority's certificate `ca.pem`, and `cert.pem` with
+`key.pem`, or `password` on a site with passwords.
+"""
+
+import datetime as dt
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+from pydantic import ValidationError
+
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link.credentials import Credentials
+from pointit.runtime.host.state_file import read_limited
+
+VARIABLE = "POINTIT_CREDENTIALS"
+CA = "ca.pem"
+CERTIFICATE = "cert.pem"
+KEY = "key.pem"
+LINK = "link.json"
+PASSWORD = "password"  # noqa: S105 - the name of the file
+MAX_BYTES = 64 * 1024
+OBSERVERS = ("dashboard", "operator")
+"""Roles that may write nothing of their own, not even that they are there."""
+SOON = dt.timedelta(days=30)
+"""Credentials that end sooner are warned of."""
+SECURE = re.compile(r"(?:tls|quic)/(?:\[(?P<ipv6>[^\]]+)\]|(?P<host>[^/:]+)):(?P<port>\d+)")
+PASSWORD_FORM = re.compile(rb"[A-Za-z0-9_-]+")
+"""Characters of a password."""
+
+
+class LinkFile(Config):
+    """Content of `link.json`, without secrets."""
+
+    site: str
+    name: str
+    role: str
+    generation: int
+    endpoints: tuple[str, ...]
+    password: bool = False
+    valid_from: dt.datetime
+    valid_until: dt.datetime
+
+
+@dataclass(frozen=True, kw_only=True)
+class Credentials:
+    """An identity of a site, ready to join it."""
+
+    folder: Path
+    link: LinkFile
+
+    @property
+    def description(self) -> str:
+        """Return the identity for people."""
+        return f"this identity ({self.link.name})"
+
+    @property
+    def is_observer(self) -> bool:
+        """Return True if processes with this identity are not announced to others."""
+        return self.link.role in OBSERVERS
+
+    def check_endpoint(self, endpoint: str) -> None:
+        """Check that `endpoint` is encrypted.
+
+        Raises:
+            ConfigError: If it is neither TLS nor QUIC.
+        """
+        if not SECURE.match(endpoint):
+            raise ConfigError(
+                f"{endpoint}: credentials are for encrypted addresses only, as "
+                f"{' or '.join(self.link.endpoints)}; leave --connect out, or do without --credentials"
+            )
+
+    def expiry_warning(self, now: dt.datetime) -> str:
+        """Return a warning if the credentials end within 30 days, else `""`."""
+        if self.link.password or self.link.valid_until - now >= SOON:
+            return ""
+        name = self.link.name
+        return (
+            f"the credentials of {name} end on {self.link.valid_until:%Y-%m-%d}; renew them with "
+            f"`pointit site renew {name}` before, and copy the folder here"
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings for Zenoh's configuration. They hold secrets: never show them."""
+        tls = "transport/link/tls"
+        settings: dict[str, Any] = {
+            "transport/link/protocols": ["tls", "quic"],
+            f"{tls}/root_ca_certificate": str(self.folder / CA),
+            f"{tls}/close_link_on_expiration": True,
+        }
+        if self.link.password:
+            settings["transport/auth/usrpwd/user"] = self.user
+            settings["transport/auth/usrpwd/password"] = _password(self.folder)
+        else:
+            settings[f"{tls}/enable_mtls"] = True
+            settings[f"{tls}/connect_certificate"] = str(self.folder / CERTIFICATE)
+            settings[f"{tls}/connect_private_key"] = str(self.folder / KEY)
+        return settings
+
+    @property
+    def user(self) -> str:
+        """Return the name by which the router knows this identity."""
+        return f"{self.link.site}/{self.link.name}/{self.link.generation}"
+
+
+def read_credentials(folder: Path, now: dt.datetime) -> Credentials:
+    """Return the credentials in `folder`, looked over as far as that goes without a router.
+
+    Raises:
+        ConfigError: a file is missing or holds something else, others can read a secret, or they are not
+            valid now.
+    """
+    folder = folder.absolute()
+    file = folder / LINK
+    try:
+        link = LinkFile.model_validate_json(_read(file))
+    except ValidationError as error:
+        raise ConfigError(f"{file}: {describe_validation_error(error, LinkFile)}") from error
+    public, secret = ([CA], PASSWORD) if link.password else ([CA, CERTIFICATE], KEY)
+    for name in public:
+        _read(folder / name)
+    path = folder / secret
+    _read(path)
+    if os.name == "posix" and path.stat().st_mode & 0o077:
+        raise ConfigError(
+            f"{path}: others can read it, so it proves nothing; make it yours alone with `chmod 600 {path}`"
+        )
+    if link.password:
+        _password(folder)
+    again = f"renew it with `pointit site renew {link.name}` and copy the folder here"
+    if not link.password and now < link.valid_from:
+        raise ConfigError(
+            f"{folder / CERTIFICATE}: is not valid before {link.valid_from:%Y-%m-%d %H:%M} UTC and "
+            f"here it is {now:%Y-%m-%d %H:%M} UTC; set this machine's clock"
+        )
+    if not link.password and now > link.valid_until:
+        raise ConfigError(f"{folder / CERTIFICATE}: has expired on {link.valid_until:%Y-%m-%d}; {again}")
+    return Credentials(folder=folder, link=link)
+
+
+class PassingRefusal(str):
+    """A refusal that may pass: a router that is busy, or opens again, looks the same for a moment."""
+
+    __slots__ = ()
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return read_limited(path, MAX_BYTES)
+    except FileNotFoundError as error:
+        raise ConfigError(
+            f"{path}: is missing; credentials are a folder made by `pointit site`, with all its files"
+        ) from error
+
+
+def _password(folder: Path) -> str:
+    """Return the password in `folder`. Errors do not quote it."""
+    path = folder / PASSWORD
+    password = _read(path).strip()
+    if not PASSWORD_FORM.fullmatch(password):
+        raise ConfigError(f"{path}: is not a password made by `pointit site`; copy the folder here again")
+    return password.decode()
+
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """The address where `pointit run` listens and every other command connects, on this machine only."""
@@ -69,3 +231,44 @@ VERBS = ("writes", "reads", "serves", "asks")
 """The permissions."""
 JOIN = "joins"
 """Permission to join, granted below `ROOM` to every identity with any right."""
+
+
+SILENT_S = 3.0
+"""Time without a report at which a present service is stopped, or too busy to report, s."""
+MANY = 4
+"""Minimum number of services that are gone together. Of fewer, each is named with its own remedy."""
+
+AGAIN = (
+    "is its process stopped (`kill -CONT PID`), or its machine off or cut off? Else start it again where it "
+    "ran, with `pointit run` or `pointit router`; the services come back by themselves"
+)
+LOST = re.compile(re.escape(ROUTER_LOST.partition("{where}")[0]) + r"(?P<where>.+?) lost \d+ s ago")
+"""A service's warning that it has lost the router."""
+
+
+@dataclass(frozen=True)
+class Outage:
+    """One cause for which services are out of reach, and its remedy."""
+
+    sentence: str
+    remedy: str
+
+
+def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterable[str]) -> Outage | None:
+    """Return the outage if the router is lost or most of the site vanished together, else None.
+
+    `known`: instances that run or should run; `gone`: those of them that left, are absent or silent.
+    """
+    majority = f"{len(gone)} of {len(known)} services are"
+    is_majority = len(gone) >= MANY and 2 * len(gone) > len(known)
+    if lost := next(filter(None, map(LOST.search, warnings)), None):
+        sentence = f"the router at {lost['where']} does not answer: "
+        sentence += f"{majority} out of reach" if is_majority else "nothing arrives from other machines"
+        return Outage(sentence, AGAIN)
+    if not is_majority:
+        return None
+    return Outage(
+        f"{majority} gone together: what started them has ended, is stopped, or is cut off from the router",
+        "look there: continue it (`kill -CONT PID`), or start it again; the log of what started them has the "
+        "command",
+    )

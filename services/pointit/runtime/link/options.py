@@ -9,8 +9,14 @@ from typing import Any
 import click
 
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.link.credentials import VARIABLE, Credentials, read_credentials
-from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, Link
+from pointit.runtime.link.link import (
+    DEFAULT_ENDPOINT,
+    DEFAULT_SITE,
+    VARIABLE,
+    Credentials,
+    Link,
+    read_credentials,
+)
 
 
 def link_options() -> list[click.Parameter]:

@@ -3,7 +3,7 @@
 import socket
 import ssl
 
-from pointit.runtime.link.credentials import CA, CERTIFICATE, KEY, SECURE, Credentials, PassingRefusal
+from pointit.runtime.link.link import CA, CERTIFICATE, KEY, SECURE, Credentials, PassingRefusal
 
 HANDSHAKE_S = 1.0
 """Time limit of each step when probing for the reason of a refusal."""

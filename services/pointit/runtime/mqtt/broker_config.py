@@ -6,9 +6,8 @@ from urllib.parse import SplitResult, unquote, urlsplit
 
 from pydantic import Field, field_validator, model_validator
 
-from pointit.runtime.address_config import described_error
+from pointit.runtime.address_config import described_error, parse_address
 from pointit.runtime.config.config import Config
-from pointit.runtime.config.network_address import parse_address
 
 PORT = 1883
 TLS_PORT = 8883

@@ -18,8 +18,14 @@ from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.instance_takeover import TakeoverMonitor
 from pointit.runtime.service.people_share import check_people
-from pointit.runtime.service.plugin_guard import PluginGuard, describe, watch_for_stalls
-from pointit.runtime.service.surroundings import NullHealth, PluginHealth, Surroundings
+from pointit.runtime.service.plugin_guard import (
+    NullHealth,
+    PluginGuard,
+    PluginHealth,
+    Surroundings,
+    describe,
+    watch_for_stalls,
+)
 from pointit.schemas import Configuration, Environment, Health
 from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import CONFIGURATION, HEALTH, SERVICE_ALIVE, USER_ALIVE

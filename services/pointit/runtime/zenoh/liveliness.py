@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.bus.dispatcher import Dispatcher
-from pointit.runtime.bus.local_broker import Participant, PresenceWatcher
-from pointit.runtime.zenoh.wire_format import name_from_key
+from pointit.runtime.bus.mailbox import Dispatcher
+from pointit.runtime.bus.memory_bus import Participant, PresenceWatcher
+from pointit.runtime.zenoh.declarations import name_from_key
 from pointit.schemas import SchemaError
 from pointit.schemas.topics import ANY, Presence
 

@@ -1,20 +1,258 @@
-"""Bus of a process on a secured site, which knows the rights of its identity."""
+"""Bus of a process on a secured site: the rights of its identity, and a self-test, since a router drops denied messages silently.
 
+Rules that grant a key grant `KEY/@may/NAME/VERB` too. The process writes test messages there. A second
+session of the same identity, which lives as long as the test, reports those that arrive: delivery within one
+session is never filtered. Keys of services are not touched.
+"""
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+
+import asyncio
 import contextlib
-from collections.abc import AsyncGenerator
+import logging
+import secrets
+from collections.abc import AsyncGenerator, Callable, Iterable
 from typing import TypeVar
 
 import zenoh
+from zenoh.handlers import Callback
 
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, AnyTopic
-from pointit.runtime.errors import AccessDeniedError, NoAnswerError
-from pointit.runtime.link.credentials import Credentials
-from pointit.runtime.link.link import Link
-from pointit.runtime.zenoh.permission_probe import PermissionProbe
+from pointit.runtime.errors import AccessDeniedError, NoAnswerError, PointItError
+from pointit.runtime.link.link import JOIN, ROOM, VERBS, Credentials, Link
 from pointit.runtime.zenoh.session import close_session, open_session
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Query, Reply
-from pointit.schemas.topics import Request
+from pointit.schemas.topics import ANY, REQUESTS, Request, topic_of
+
+log = logging.getLogger(__name__)
+
+WORDS = {"writes": "write", "reads": "read", "serves": "answer", "asks": "ask"}
+
+SETTLE_S = 0.25
+"""Rights declared within this time are tested together."""
+WAITS_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""Delays before the messages of a round are written again, s."""
+MIN_COMPLETE_ROUNDS = 3
+"""Complete rounds in which a message must be missing to count as denied. A round is complete when its last
+message, which all may write, has arrived. Sessions deliver in order."""
+RETRY_S = (2.0, 5.0, 15.0, 60.0)
+"""Delays before denied rights are tested again, s. The last one repeats. A restarted router answers late
+while all its clients reconnect, and rules may change."""
+MAX_KEYS = 3
+"""Maximum number of keys in a message."""
+
+Right = tuple[str, str]
+"""A verb (`reads` or `writes`) and a key relative to the site."""
+
+Second = Callable[[], contextlib.AbstractAsyncContextManager[zenoh.Session]]
+"""Opens a session of the same identity, and closes it."""
+
+
+class PermissionProbe:
+    """Tests rights when they are first wanted, and all of them when the router is back."""
+
+    def __init__(
+        self, session: zenoh.Session, credentials: Credentials, second: Second, is_up: Callable[[], bool]
+    ) -> None:
+        """Test the rights of `session`.
+
+        Args:
+            session: The session that writes.
+            credentials: The credentials of both sessions.
+            second: Opens and closes the session that listens.
+            is_up: Returns True if there is a router. Without one, no right is known.
+        """
+        self._session = session
+        self._credentials = credentials
+        self._second = second
+        self._is_up = is_up
+        self._loop = asyncio.get_running_loop()
+        self._wanted: set[Right] = set()
+        self._untested: set[Right] = set()
+        self._testing: set[Right] = set()
+        self._tested = asyncio.Event()
+        """Set at the end of each test, then replaced by a new event."""
+        self._denied: set[Right] = set()
+        self._is_unknown_identity = False
+        self._denials = 0
+        """Number of consecutive tests in which a right was denied."""
+        self._is_due = asyncio.Event()
+        self._task = self._loop.create_task(self._run(), name="self-test")
+
+    @property
+    def problem(self) -> str:
+        """Return one sentence for each kind of right that is known to be denied, else `""`."""
+        return "; ".join(self._sentences())
+
+    def add(self, verb: str, key: str) -> None:
+        """Schedule a test of a right, unless it was tested already."""
+        right = (verb, key)
+        if right not in self._wanted:
+            self._wanted.add(right)
+            self._untested.add(right)
+            self._is_due.set()
+
+    def retest(self) -> None:
+        """Schedule a new test of all rights. A router that is back may have other rules."""
+        self._denials = 0
+        self._untested |= self._wanted
+        self._is_due.set()
+
+    async def denial_reason(self, verb: str, key: str) -> str:
+        """Return the reason if this right is denied, or `""` if it is granted or unknown.
+
+        An added right is tested together with others, and not again while it is granted.
+        """
+        right = (verb, key)
+        was_pending = self._is_pending(right)
+        for _ in range(2):  # it may have been added during a test
+            if self._is_pending(right) and self._is_up():
+                await self._tested.wait()
+        if right in self._wanted and not self._is_pending(right):
+            if right not in self._denied:
+                return ""
+            if was_pending:
+                return (
+                    _unknown_identity_error(self._credentials)
+                    if self._is_unknown_identity
+                    else _sentence(self._credentials, verb, [key])
+                )
+        arrived = await self._arrived({(verb, key)})
+        if arrived is None or (verb, key) in arrived:
+            return ""
+        return (
+            _unknown_identity_error(self._credentials)
+            if not arrived
+            else _sentence(self._credentials, verb, [key])
+        )
+
+    async def close(self) -> None:
+        """Stop testing."""
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _run(self) -> None:
+        while True:
+            wait_s = RETRY_S[min(max(self._denials, 1), len(RETRY_S)) - 1] if self._denied else None
+            try:
+                async with asyncio.timeout(wait_s):
+                    await self._is_due.wait()
+            except TimeoutError:
+                self._untested |= self._denied
+            await asyncio.sleep(SETTLE_S)
+            self._is_due.clear()
+            if self._untested and self._is_up():
+                await self._test()
+
+    def _is_pending(self, right: Right) -> bool:
+        return right in self._untested or right in self._testing
+
+    async def _test(self) -> None:
+        rights, self._untested = self._untested, set[Right]()
+        self._testing = rights
+        try:
+            self._learn(rights, await self._arrived(rights))
+        finally:
+            self._testing = set()
+            tested, self._tested = self._tested, asyncio.Event()
+            tested.set()
+
+    def _learn(self, rights: set[Right], arrived: set[Right] | None) -> None:
+        if arrived is None:
+            self._untested |= rights
+            if self._is_up():  # otherwise `retest` follows when it is back
+                self._is_due.set()
+            return
+        before = self.problem
+        self._is_unknown_identity = not arrived
+        self._denied = (self._denied - rights) | (rights - arrived)
+        self._denials = self._denials + 1 if self._denied else 0
+        for sentence in self._sentences():
+            if sentence not in before:
+                log.warning("%s", sentence)
+        if before and not self.problem:
+            log.info("%s may do now what it needs", self._credentials.description)
+
+    async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
+        """Return the granted `rights` and the right to join, or None if the router did not answer all."""
+        name = self._credentials.link.name
+        keys = {f"{key}/{ROOM}/{name}/{verb}": (verb, key) for verb, key in rights}
+        join = f"{ROOM}/{name}/{JOIN}"
+        keys[join] = (JOIN, "")
+        arrived: set[str] = set()
+        complete_rounds: set[bytes] = set()
+        all_arrived = asyncio.Event()
+
+        token = secrets.token_bytes(8)  # other processes of this identity test the same keys
+
+        def record(key: str, payload: bytes) -> None:
+            if not payload.startswith(token):
+                return
+            arrived.add(key)
+            if key == join:
+                complete_rounds.add(payload)
+            if len(arrived & keys.keys()) == len(keys):
+                all_arrived.set()
+
+        def on_sample(sample: zenoh.Sample) -> None:  # on Zenoh's thread
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(record, str(sample.key_expr), sample.payload.to_bytes())
+
+        try:
+            async with self._second() as second:
+                second.declare_subscriber(f"**/{ROOM}/{name}/**", Callback(on_sample, indirect=False))
+                for number, wait_s in enumerate(WAITS_S):
+                    for key in (*(keys.keys() - arrived - {join}), join):
+                        self._session.put(key, token + bytes([number]))
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(wait_s):
+                            await all_arrived.wait()
+                    if all_arrived.is_set() or len(complete_rounds) >= MIN_COMPLETE_ROUNDS:
+                        break
+        except (PointItError, zenoh.ZError):
+            return None
+        is_answered = all_arrived.is_set() or not arrived or len(complete_rounds) >= MIN_COMPLETE_ROUNDS
+        return {keys[key] for key in arrived & keys.keys()} if is_answered and self._is_up() else None
+
+    def _sentences(self) -> list[str]:
+        if self._is_unknown_identity:
+            return [_unknown_identity_error(self._credentials)]
+        sentences: list[str] = []
+        for verb in VERBS:
+            by_person: dict[str, list[str]] = {}
+            for _, key in sorted(right for right in self._denied if right[0] == verb):
+                by_person.setdefault(_person(key), []).append(key)
+            sentences += [_sentence(self._credentials, verb, keys) for keys in by_person.values()]
+        return sentences
+
+
+def _unknown_identity_error(credentials: Credentials) -> str:
+    name = credentials.link.name
+    return (
+        f"{credentials.description} may do nothing here: it was revoked or its certificate replaced; copy "
+        f"the folder here again, or make one with `pointit site renew {name}`"
+    )
+
+
+def _sentence(credentials: Credentials, verb: str, keys: list[str]) -> str:
+    named = ", ".join(keys[:MAX_KEYS])
+    if len(keys) > MAX_KEYS:
+        named += f" and {len(keys) - MAX_KEYS} more"
+    person = _person(keys[0])
+    if person and person != credentials.link.name:
+        remedy = f"use credentials of {person}, or have them added with `pointit site user add {person}`"
+    else:
+        remedy = "use credentials of that role, or those of the site's supervisor"
+    return f"{credentials.description} may not {WORDS[verb]} {named}: {remedy}"
+
+
+def _person(key: str) -> str:
+    """Return the user in a per-user key, or `""` for other keys."""
+    topic = topic_of(key)
+    rows = REQUESTS if topic is None else (topic,)
+    names = {row.name_in(key) for row in rows if row.placeholder == "user"} - {"", ANY}
+    return min(names, default="")
+
 
 Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)

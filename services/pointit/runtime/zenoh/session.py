@@ -18,8 +18,7 @@ from pointit.runtime.errors import BusError, ConfigError, ConnectError, ListenEr
 from pointit.runtime.host.extras import load_object
 from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.link.credentials import Credentials, PassingRefusal
-from pointit.runtime.link.link import LEASE_MS, Link, check_addresses, ports_of
+from pointit.runtime.link.link import LEASE_MS, Credentials, Link, PassingRefusal, check_addresses, ports_of
 from pointit.schemas.topics import check_name
 
 log = logging.getLogger(__name__)

@@ -29,31 +29,39 @@ from pointit.runtime.bus.contract import (
     Subscription,
     Tap,
 )
-from pointit.runtime.bus.local_broker import (
+from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
+from pointit.runtime.bus.memory_bus import (
+    MemoryBus,
     MemoryPublisher,
     Participant,
     RequestHandler,
     no_answer,
     shutting_down,
 )
-from pointit.runtime.bus.mailbox import Mailbox, TapMailbox
-from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import NoAnswerError, RefusedError, RequestError
 from pointit.runtime.host.extras import load_object
 from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.connections import LinkWatch
-from pointit.runtime.zenoh.declarations import Declared, declare_publisher
+from pointit.runtime.zenoh.declarations import (
+    PRIORITY,
+    Declared,
+    check_size,
+    declare_publisher,
+    decoded,
+    encoding_of,
+    name_from_key,
+)
 from pointit.runtime.zenoh.liveliness import ZenohWatcher
 from pointit.runtime.zenoh.queries import MAX_WAITING, OverflowCounter, QueuedQueryable, query_replies, refuse
-from pointit.runtime.zenoh.retained_states import RetainedStateFetcher, recall_for_others
 from pointit.runtime.zenoh.session import close_session, open_session
 from pointit.runtime.zenoh.subscribers import (
     EncodedMessage,
     NameAllowlist,
+    RetainedStateFetcher,
     SharedSubscriber,
     ZenohSubscription,
+    recall_for_others,
 )
-from pointit.runtime.zenoh.wire_format import PRIORITY, check_size, decoded, encoding_of, name_from_key
 from pointit.schemas import DecodeError, Environment, Message, Query, Reply, SchemaError, encode
 from pointit.schemas.table_types import NAME
 from pointit.schemas.text import one_line

@@ -21,11 +21,9 @@ from pointit.schemas import (
     topics,
 )
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
-from pointit.services.conveyor_sim.feeding.infeed import NoRoomError, UnknownLaneError
-from pointit.services.conveyor_sim.feeding.schedule import check_schedule
-from pointit.services.conveyor_sim.from_map import UnusableMapError
+from pointit.services.conveyor_sim.feeding import NoRoomError, UnknownLaneError, check_schedule
 from pointit.services.conveyor_sim.persistence import PlantPersistence, discard, fingerprint
-from pointit.services.conveyor_sim.plant import Plant
+from pointit.services.conveyor_sim.plant import Plant, UnusableMapError
 from pointit.services.conveyor_sim.tracking import PackageTracker
 
 TRACKER = "conveyor"

@@ -9,8 +9,7 @@ import numpy as np
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import FARTHEST, NS_PER_S, TrackedObject, TrackedObjects
 from pointit.services.conveyor_sim.config import TrackingConfig
-from pointit.services.conveyor_sim.traffic.package import Package
-from pointit.services.conveyor_sim.traffic.traffic import Traffic
+from pointit.services.conveyor_sim.traffic import Package, Traffic
 
 
 class PackageTracker:

@@ -11,8 +11,7 @@ from pointit.runtime.clock import Clock, sleep
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.reading import Deliver, Reading
-from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.sources import Deliver, ImuSource, Reading
 from pointit.sim.recordings import read_imu_csv
 
 log = logging.getLogger(__name__)

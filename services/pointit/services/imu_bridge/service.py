@@ -7,13 +7,12 @@ import math
 from dataclasses import replace
 from typing import ClassVar
 
-from pointit.runtime.bus.metrics import steady_time
+from pointit.runtime.bus.instrumented import steady_time
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
+from pointit.runtime.service.plugin_guard import NullHealth, PluginGuard, guard_of, warning_topics
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.runtime.service.surroundings import NullHealth, warning_topics
 from pointit.schemas import (
     WRIST_PATIENCE_S,
     ButtonEvent,
@@ -29,11 +28,10 @@ from pointit.schemas import (
 )
 from pointit.services.imu_bridge.arm_frame import ArmFrame, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
+from pointit.services.imu_bridge.device_wrist import DeviceWrist, SensorSample
 from pointit.services.imu_bridge.page_wrist import PageWrist, figures, mover_name, warnings
-from pointit.services.imu_bridge.reading import CueSource, Item, Press, Source, StepGesture
-from pointit.services.imu_bridge.sources import SOURCES
+from pointit.services.imu_bridge.sources import SOURCES, CueSource, Item, Press, Source, StepGesture
 from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelection, StoredMountings
-from pointit.services.imu_bridge.wrist.device_wrist import DeviceWrist, SensorSample
 
 log = logging.getLogger(__name__)
 REPORT_S = 1.0

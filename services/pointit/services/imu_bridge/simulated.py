@@ -11,8 +11,7 @@ from pointit.runtime.clock import Clock, ticks
 from pointit.runtime.config.config import Config
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
-from pointit.services.imu_bridge.reading import Deliver, Reading
-from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.sources import Deliver, ImuSource, Reading
 
 
 class SimulatedConfig(Config):

@@ -1,4 +1,4 @@
-"""The newest of every state, its retention and its lookup; pure.
+"""The newest of every state, its retention and lookup, and the file of all, written atomically.
 
 The newest is the one that came last: stamps of writers on different machines, or of another run's simulated
 time, cannot be compared. States from disk are older than any that comes.
@@ -6,23 +6,74 @@ time, cannot be compared. States from disk are older than any that comes.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import read_limited, write_atomically
 from pointit.schemas import (
     NS_PER_S,
+    DecodeError,
     Deployment,
     Environment,
     Localization,
     Message,
     SchemaError,
+    SchemaModel,
     UserPose,
     decode,
     encode,
     topics,
 )
+from pointit.schemas.base import Many, Ns
 from pointit.schemas.topics import TOPICS, Delivery, Topic
 from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.record import StateRecord, StoredState
+
+FILE = "states.msgpack"
+
+
+class StoredState(SchemaModel):
+    """One encoded state."""
+
+    key: str
+    """Key of its topic."""
+    name: str
+    schema_name: str
+    payload: bytes
+
+
+class StateRecord(SchemaModel):
+    """All stored states."""
+
+    max_bytes: ClassVar[int] = 80 * 1024 * 1024
+    """More than the largest `max_mb`."""
+
+    stamp_ns: Ns
+    states: Many[StoredState] = ()
+
+
+def read(path: Path) -> StateRecord | None:
+    """Return the record in the file at `path`, or None if there is no file.
+
+    Raises:
+        ConfigError: If there is a file but it cannot be read or used; names the file.
+    """
+    try:
+        return decode(StateRecord, read_limited(path, StateRecord.max_bytes + 1))
+    except FileNotFoundError:
+        return None
+    except DecodeError as error:
+        raise ConfigError(f"{path}: cannot be used and will be overwritten ({error})") from error
+
+
+def write(path: Path, record: StateRecord) -> None:
+    """Replace the file by `record`, readable by its owner only.
+
+    Raises:
+        ConfigError: If it cannot be written; names the file.
+    """
+    write_atomically(path, encode(record))
+
 
 NOT_RETAINED: tuple[Topic[Any], ...] = (topics.CLOCK, topics.LAMP_LEASES, topics.CONFIGURATION)
 """States that end with their writers."""

@@ -1,23 +1,185 @@
-"""Probability of each thing, robot, person or place that a word may refer to.
+"""Probability of each thing, robot, person or place that a word may refer to, whether to act on it or to ask, and the times of words.
 
 A gesture's arm arrives near its word, mostly a little before it (Levelt, Richardson and La Heij 1985), and
 the recogniser dates the word with an error of its own. So each stay of the arm belongs to the word with a
 probability by its times (`stays`), and none of them with the rest. For each stay a target has the density of
 people's aim without feedback around its outline, as in method `estimate`. What was not seen speaks for and
 against nothing.
+
+No word ends after it has arrived. Arrivals tell nothing of a clock that is behind, as recognisers are slow.
+But arms arrive about their words: the median time between them tells of clocks in both directions.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
+from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, Cursor, Referent, Referents
-from pointit.schemas.person import Deictic
-from pointit.services.listener.room import Target
-from pointit.services.listener.stays import Floats, Stay, TimingModel, chances, stays_of
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Environment,
+    Message,
+    Referent,
+    Referents,
+    RobotState,
+    Speech,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.schemas.person import Deictic, ReferentKind
+from pointit.services.listener.stays import Floats, PointingMemory, Stay, TimingModel, chances, stays_of
+
+SURE = 0.85
+"""Probability from which what is most probable is taken as meant."""
+ASKED = 0.25
+"""Probability from which a candidate is asked about."""
+EACH = 0.5
+"""Probability from which one of `these` is taken as meant: each is, or is not, whatever the others are."""
+EITHER = 0.6
+"""Probability of two candidates together from which the person is asked which one is meant."""
+REACTION_S = 0.3
+"""Time from seeing the light of a candidate to the answer to it, s."""
+
+
+class Decision(NamedTuple):
+    """Next step for a word: act, ask which one is meant, or refuse."""
+
+    do: Literal["act", "ask", "refuse"]
+    candidates: Sequence[Referent]
+    """The referents, or those to ask about, the most probable first. Empty if refused.
+
+    Their probabilities are those among what fits.
+    """
+
+
+def decide(
+    found: Referents,
+    kinds: Sequence[str] = (),
+    names: Collection[str] | None = None,
+    *,
+    several: bool = False,
+) -> Decision:
+    """Return the next step for a word with these referents.
+
+    Only `kinds` fit, or any if empty, and only `names`, or any if None. Candidates that do not fit are
+    excluded by what was said, and the others become more probable, but not more than they are beside `none`.
+    A word that may mean `several` has independent candidates: it acts on each by itself, and never asks.
+    """
+    kept = [one for one in found.candidates if not kinds or one.kind in kinds]
+    fitting = [one for one in kept if names is None or one.name in names]
+    if several:
+        certain = [one for one in fitting if one.probability >= EACH]
+        return Decision("act" if certain else "refuse", certain)
+    total = found.none + sum(one.probability for one in fitting)
+    if not fitting or total <= 0.0:
+        return Decision("refuse", ())
+    chances = [min(one.probability / total, 1.0) for one in fitting]
+    fitting = [
+        one.model_copy(update={"probability": chance}) for one, chance in zip(fitting, chances, strict=True)
+    ]
+    if chances[0] >= SURE:
+        return Decision("act", fitting[:1])
+    if chances[0] < ASKED or sum(chances[:2]) < EITHER:
+        return Decision("refuse", ())
+    return Decision("ask", fitting[: 2 if len(chances) > 1 and chances[1] >= (1.0 - SURE) / 2.0 else 1])
+
+
+M = TypeVar("M", bound=Message)
+
+GONE_S = 3.0
+"""Time after the last list of a tracker, or report of a robot, after which what it told is gone, s."""
+CHEST_M = 1.2
+"""Height of a person's middle, m."""
+PERSON_M = (0.5, 0.5, 1.2)
+"""Extent of a person who is pointed at, m."""
+MAX_TARGETS = 2000
+"""Limit of targets that are considered."""
+ROBOT_TRACKER = "robot."
+"""Beginning of the names of trackers that list one robot, which reports its state, too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """Something in the room that a word may refer to, at one time."""
+
+    kind: ReferentKind
+    name: str
+    center_m: Vec3
+    size_m: Vec3
+    """Extent: the larger one of the floor twice, then upwards."""
+
+
+@dataclass
+class Room:
+    """The newest that is known of the room."""
+
+    things: frozenset[str] = frozenset()
+    objects: dict[str, TrackedObjects] = field(default_factory=dict[str, TrackedObjects])
+    robots: dict[str, RobotState] = field(default_factory=dict[str, RobotState])
+    poses: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
+
+    def on_map(self, environment: Environment) -> None:
+        """Update the names of things."""
+        self.things = frozenset(thing.id for thing in environment.things)
+
+    def on_absence(self, user: str) -> None:
+        """Forget a person who has left."""
+        self.poses.pop(user, None)
+
+    def targets(self, user: str, at_ns: int, now_ns: int) -> list[Target]:
+        """Return the targets for words of `user`, at their positions at `at_ns`, extrapolated by velocity."""
+        targets = [*self._objects(at_ns, now_ns), *self._robots(at_ns, now_ns)]
+        targets += [
+            Target(kind="person", name=name, center_m=_raised(pose.position_m, CHEST_M), size_m=PERSON_M)
+            for name, pose in self.poses.items()
+            if name != user
+        ]
+        return targets[:MAX_TARGETS]
+
+    def _objects(self, at_ns: int, now_ns: int) -> list[Target]:
+        targets: list[Target] = []
+        for tracker, listed in _recent(self.objects, now_ns).items():
+            if tracker.startswith(ROBOT_TRACKER) and tracker.removeprefix(ROBOT_TRACKER) in self.robots:
+                continue
+            for one in listed.objects:
+                wide_m = max(one.size_m[:2]) if one.size_m else one.length_m
+                high_m = one.size_m[2] if one.size_m else 0.0
+                passed_s = (at_ns - listed.stamp_ns) / NS_PER_S
+                targets.append(
+                    Target(
+                        kind="thing" if one.id in self.things else "object",
+                        name=one.id,
+                        center_m=vector.add(one.position_m, vector.scale(one.velocity_mps, passed_s)),
+                        size_m=(wide_m, wide_m, high_m),
+                    )
+                )
+        return targets
+
+    def _robots(self, at_ns: int, now_ns: int) -> list[Target]:
+        targets: list[Target] = []
+        for name, state in _recent(self.robots, now_ns).items():
+            passed_s = (at_ns - state.stamp_ns) / NS_PER_S
+            center_m = vector.add(state.position_m, vector.scale(state.velocity_mps, passed_s))
+            wide_m = 2.0 * state.radius_m
+            targets.append(
+                Target(kind="robot", name=name, center_m=center_m, size_m=(wide_m, wide_m, wide_m))
+            )
+        return targets
+
+
+def _recent(messages: Mapping[str, M], now_ns: int) -> dict[str, M]:
+    return {name: each for name, each in messages.items() if abs(now_ns - each.stamp_ns) <= GONE_S * NS_PER_S}
+
+
+def _raised(place_m: Vec3, by_m: float) -> Vec3:
+    return place_m[0], place_m[1], place_m[2] + by_m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,3 +385,78 @@ def _swept(targets: Sequence[Target], densities: Floats, model: ReferentModel) -
     candidates.sort(key=lambda one: -one.probability)
     none = math.prod(1.0 - one.probability for one in candidates)
     return Referents(candidates=tuple(candidates[: 4 * MAX_CANDIDATES]), none=none, rays=rays)
+
+
+UTTERANCES = 5
+"""Number of utterances whose arrival decides."""
+WORDS = 24
+"""Number of deictic words whose gestures decide."""
+TYPICAL_S = -0.2
+"""Median time from a word to the arrival of the arm, s, with a clock that is right. It scatters by 0.08 s, of
+people simulated as in `pointit evaluate referents`."""
+EARLIEST_S, LATEST_S = -0.42, 0.03
+"""Range of that median beyond which a clock is named, s: of simulated ones that are right less than 1 of 60,
+of those that are 0.5 s off 9 of 10."""
+REMEDY = "synchronize it, or send the site's time"
+WINDOW_S = 1.5
+"""Time about a word in which its gesture is searched, s: wider than for its meaning."""
+CLOCK_MODEL = TimingModel(lag_sigma_s=0.8, held=0.0)
+"""Times of gestures about words of an unknown clock."""
+
+
+class RecogniserClock:
+    """Compares times of words with their arrival and with gestures."""
+
+    def __init__(self, limit_s: float) -> None:
+        """`limit_s`: time by which words may end after they arrive."""
+        self._limit_s = limit_s
+        self._ahead_s = deque[float](maxlen=UTTERANCES)
+        self._lags_s = deque[float](maxlen=WORDS)
+        self._asked = deque[Spoken](maxlen=WORDS)
+        """Words whose gestures may still come."""
+
+    def on_speech(self, speech: Speech, now_ns: int) -> None:
+        """Compare with the arrival of `speech`."""
+        if speech.words and speech.is_final:
+            self._ahead_s.append((speech.words[-1].end_ns - now_ns) / NS_PER_S)
+
+    def on_word(self, spoken: Spoken) -> None:
+        """Note a word that is asked about; it is looked at later."""
+        if spoken.word not in ("", "these") and all(each.at_ns != spoken.at_ns for each in self._asked):
+            self._asked.append(spoken)
+
+    def compare(self, memory: PointingMemory, now_ns: int) -> bool:
+        """Compare words with gestures that are complete by now. Return True if there was any."""
+        window_ns, has_compared = round(WINDOW_S * NS_PER_S), False
+        while self._asked:
+            spoken = self._asked[0]
+            times_ns = (spoken.at_ns, *spoken.others_ns)
+            if max(times_ns) + window_ns > now_ns:
+                break
+            self._asked.popleft()
+            cursors = memory.between(min(times_ns) - window_ns, max(times_ns) + window_ns)
+            if not cursors:
+                continue
+            times_s = np.array([(each.stamp_ns - spoken.at_ns) / NS_PER_S for each in cursors])
+            directions = np.array([each.direction for each in cursors], dtype=np.float64)
+            stays = stays_of(times_s, directions, CLOCK_MODEL)
+            words_s = sorted((each - spoken.at_ns) / NS_PER_S for each in times_ns)
+            shares = chances(stays, words_s, words_s.index(0.0), CLOCK_MODEL)
+            begin_s = stays[int(np.argmax(shares))].begin_s
+            if max(shares) > 0.0 and math.isfinite(begin_s):
+                self._lags_s.append(begin_s)
+                has_compared = True
+        return has_compared
+
+    @property
+    def problem(self) -> str:
+        """Return a sentence on the recogniser's clock, or `""` if it may be right."""
+        ahead_s = max(self._ahead_s, default=0.0)
+        if ahead_s > self._limit_s:
+            return f"words end {ahead_s:.1f} s after they arrive: the recogniser's clock is ahead; {REMEDY}"
+        lag_s = median(self._lags_s) if len(self._lags_s) == WORDS else TYPICAL_S
+        if EARLIEST_S <= lag_s <= LATEST_S:
+            return ""
+        which, side = ("later", "behind") if lag_s > LATEST_S else ("earlier", "ahead")
+        off = f"arms arrive about {abs(lag_s - TYPICAL_S):.1f} s {which} about words than they should"
+        return f"{off}: the recogniser's clock is {side}, or it dates words wrongly; {REMEDY}"

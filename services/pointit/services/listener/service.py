@@ -9,10 +9,8 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
 from pointit.schemas.text import round_beyond
 from pointit.services.listener.config import ListenerConfig
-from pointit.services.listener.memory import PointingMemory
-from pointit.services.listener.recogniser_clock import RecogniserClock
-from pointit.services.listener.referents import Spoken, referents
-from pointit.services.listener.room import Room
+from pointit.services.listener.referents import RecogniserClock, Room, Spoken, referents
+from pointit.services.listener.stays import PointingMemory
 
 M = TypeVar("M", bound=Message)
 

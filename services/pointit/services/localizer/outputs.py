@@ -8,9 +8,8 @@ import numpy as np
 from pointit.schemas import FARTHEST, Anchor, Lamp, Localization, UserPose
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.drift.filter import AnchorResult, DriftPose
-from pointit.services.localizer.estimation.angular_residuals import Array
-from pointit.services.localizer.estimation.estimator import Solution
-from pointit.services.localizer.estimation.rays import Mean
+from pointit.services.localizer.estimation.estimator import Mean, Solution
+from pointit.services.localizer.estimation.levenberg_marquardt import Array
 
 
 @dataclass(frozen=True)

@@ -30,14 +30,12 @@ from pointit.schemas import (
 from pointit.schemas.text import round_beyond
 from pointit.schemas.topics import SET_POSE, START_LOCALIZATION
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation import rays as ray_math
-from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.estimation.rays import Mean
+from pointit.services.localizer.estimation import estimator as ray_math
+from pointit.services.localizer.estimation.estimator import Mean, Refusal
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
-from pointit.services.localizer.procedures.next_target import EYES_M
-from pointit.services.localizer.tracking.landing import LandingDetector
-from pointit.services.localizer.tracking.pose_tracking import PoseTracker
+from pointit.services.localizer.procedures.static_targets import EYES_M
+from pointit.services.localizer.tracking import LandingDetector, PoseTracker
 
 RECENT_NS = NS_PER_S // 2
 """Time over which rays are averaged."""

@@ -26,18 +26,15 @@ from pointit.schemas import (
 )
 from pointit.schemas.text import round_beyond
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.localizer.estimation import rays as ray_math
+from pointit.services.localizer.estimation import estimator as ray_math
 from pointit.services.localizer.estimation.bias_memory import BiasMemory
-from pointit.services.localizer.estimation.estimator import Refusal
-from pointit.services.localizer.estimation.rays import Mean
+from pointit.services.localizer.estimation.estimator import Mean, Refusal
 from pointit.services.localizer.outputs import AnchorOutcome, Output, Phase
-from pointit.services.localizer.procedures import lamps as lamp_choice
-from pointit.services.localizer.procedures.lamp_procedure import LampProcedure
+from pointit.services.localizer.procedures import static_targets as lamp_choice
 from pointit.services.localizer.procedures.moving_target import ROBOT, MovingTarget
-from pointit.services.localizer.procedures.next_target import ObservationModel, best_for_yaw
-from pointit.services.localizer.procedures.procedure import Procedure
-from pointit.services.localizer.procedures.static_targets import StaticTargets
-from pointit.services.localizer.tracking.pose_tracking import PoseTracker
+from pointit.services.localizer.procedures.procedure import LampProcedure, Procedure
+from pointit.services.localizer.procedures.static_targets import ObservationModel, StaticTargets, best_for_yaw
+from pointit.services.localizer.tracking import PoseTracker
 
 Make = Callable[[int], LampProcedure | Refusal]
 """Creates the procedure when it is its turn, from the map and the pose of that time (ns), or a refusal."""

@@ -5,8 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
-from pointit.services.pui.shapes import Kind, SolidKind
-from pointit.services.pui.surfaces import OPAQUE
+from pointit.services.pui.surfaces import OPAQUE, Kind, SolidKind
 
 
 class PuiConfig(Config):

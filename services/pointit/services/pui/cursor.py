@@ -20,10 +20,9 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.base import FARTHEST, unchecked
-from pointit.schemas.cues import SIGNS
 from pointit.schemas.pointing import Solid, SurfaceKind
-from pointit.services.pui.shapes import PLACES, Surface
-from pointit.services.pui.surfaces import Surfaces
+from pointit.schemas.selection import SIGNS
+from pointit.services.pui.surfaces import PLACES, Surface, Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceStart
 

@@ -33,10 +33,8 @@ from pointit.schemas import (
 )
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
-from pointit.services.pui.shapes import Clouds, group_by_priority
-from pointit.services.pui.surfaces import Surfaces
-from pointit.services.pui.things import PERIOD_S, TRACKER, listing
-from pointit.services.pui.tracked_objects import DuplicateFinder, Tracked
+from pointit.services.pui.surfaces import Clouds, Surfaces, group_by_priority
+from pointit.services.pui.tracked_objects import PERIOD_S, TRACKER, DuplicateFinder, Tracked, listing
 from pointit.services.pui.workspace import WorkspaceError, WorkspaceStart
 
 WIDEST_RAD = 1.569

@@ -6,8 +6,7 @@ from typing import Literal
 
 from pointit.geometry import vector
 from pointit.geometry.closest import Hit, make_hit
-from pointit.geometry.plane import GRAZING_RAD, PlaneSolid
-from pointit.geometry.solids import SphereSolid
+from pointit.geometry.solids import GRAZING_RAD, PlaneSolid, SphereSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas.pointing import Solid
 

@@ -8,7 +8,7 @@ import tempfile
 import time
 from typing import ClassVar
 
-from pointit.recording.head import make_head
+from pointit.recording.entries import make_head
 from pointit.runtime.bus.contract import AnyTopic, Undecoded
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import expand_home
@@ -16,8 +16,7 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.topics import ANY, IMU, PRESENCES, RAY, SERVICE_ALIVE, TOPICS, WRIST, Presence
 from pointit.services.recorder.config import RecorderConfig
-from pointit.services.recorder.pseudonyms import Pseudonyms
-from pointit.services.recorder.sink import Arrival, Sink
+from pointit.services.recorder.sink import Arrival, Pseudonyms, Sink
 from pointit.services.service_plugin import add_all_rows
 
 REPORT_S = 0.5

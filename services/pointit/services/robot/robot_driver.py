@@ -6,7 +6,7 @@ from typing import Any, Literal, Protocol
 
 from pointit.geometry.vector import Vec3
 from pointit.runtime.config.plugins import DevicePlugin, PluginGroup
-from pointit.runtime.service.surroundings import Surroundings
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import RobotKind
 
 

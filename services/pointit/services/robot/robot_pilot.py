@@ -9,7 +9,6 @@ from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder, ProgressMonitor, StandstillMonitor
 from pointit.services.robot.driver_frame import report_fault
 from pointit.services.robot.figure_flight import FigureFlight
-from pointit.services.robot.ownership import RobotOwnership
 from pointit.services.robot.robot_driver import (
     Command,
     Follow,
@@ -23,8 +22,15 @@ from pointit.services.robot.robot_driver import (
     TakeOff,
 )
 from pointit.services.robot.safety.safety import Safety
-from pointit.services.robot.steering.command_planner import CommandPlanner
-from pointit.services.robot.steering.table import HOLDS, Stage, hold_of, stage_of, verdict_of
+from pointit.services.robot.steering import (
+    HOLDS,
+    CommandPlanner,
+    RobotOwnership,
+    Stage,
+    hold_of,
+    stage_of,
+    verdict_of,
+)
 from pointit.services.robot.stop_reason import StopReason
 
 CLAIM_AGE_S = 2.0

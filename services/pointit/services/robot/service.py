@@ -4,12 +4,11 @@ import asyncio
 import math
 from typing import ClassVar
 
-from pointit.maps.frames import frame_of
+from pointit.maps.environment import frame_of
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.service.plugin_guard import PluginGuard, guard_of
+from pointit.runtime.service.plugin_guard import NullHealth, PluginGuard, guard_of
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.runtime.service.surroundings import NullHealth
 from pointit.schemas import (
     Cursor,
     Done,

@@ -8,9 +8,9 @@ from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, Selection
 from pointit.schemas.selection import RESTORED
 from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.objects.departures import OWN, Departures
+from pointit.services.selector.objects.object_positions import OWN, Departures
 from pointit.services.selector.outputs import ACTIONS, CHANGES, Output, Owned, Record
-from pointit.services.selector.ownership.ownership import Ownership
+from pointit.services.selector.ownership import Ownership
 from pointit.services.selector.selection_publisher import SelectionPublisher
 
 MAX_CLAIM_AGE_NS = 5 * NS_PER_S

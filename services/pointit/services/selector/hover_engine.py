@@ -8,12 +8,10 @@ from typing import Literal
 from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Environment, Hover, Step, TrackedObjects
 from pointit.schemas.base import unchecked
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.methods.method import MakeMethod, is_by_angle
-from pointit.services.selector.methods.pointer import PersonPointer, PointerResult
-from pointit.services.selector.objects.seen_objects import SeenObjects
-from pointit.services.selector.objects.view import View
+from pointit.services.selector.methods.pointer import MakeMethod, PersonPointer, PointerResult, is_by_angle
+from pointit.services.selector.objects.seen_objects import SeenObjects, View
 from pointit.services.selector.outputs import CHANGES, Action, Output
-from pointit.services.selector.ownership.ownership import Ownership
+from pointit.services.selector.ownership import Ownership
 from pointit.services.selector.selection_methods import NameAnnouncer
 from pointit.services.selector.selection_publisher import make_cue
 

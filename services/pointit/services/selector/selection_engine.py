@@ -1,14 +1,158 @@
-"""The complete selection logic: pointing in; hovers, the selection, its events and cues out."""
+"""The complete selection logic, and the part of it that lives beside people."""
 
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from pointit.schemas import ButtonEvent, Claim, Cursor, Feedback, Hover, TrackedObjects
-from pointit.services.selector.arbiter import Arbiter
+from pointit.schemas import (
+    NS_PER_S,
+    ButtonEvent,
+    Claim,
+    Cursor,
+    Feedback,
+    Hover,
+    Selection,
+    SelectionEvent,
+    TrackedObjects,
+)
+from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS, Arbiter
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
-from pointit.services.selector.methods.method import MakeMethod, make_method
-from pointit.services.selector.outputs import Output, Record
-from pointit.services.selector.ownership.ownership import Ownership
+from pointit.services.selector.methods.pointer import MakeMethod, make_method
+from pointit.services.selector.outputs import ACTIONS, Output, Record
+from pointit.services.selector.ownership import Ownership
+from pointit.services.selector.selection_publisher import make_cue
+
+REPEAT_NS = NS_PER_S
+"""Claims without a decision are sent again after this, ns of the wall. The arbiter ignores old ones."""
+
+GIVE_UP_NS = 2 * MAX_CLAIM_AGE_NS
+"""Claims without a decision are given up after this: the arbiter would refuse them, ns of the wall."""
+
+NO_ARBITER = "the selector of the site cannot be reached, so nothing can be selected"
+
+
+@dataclass(slots=True)
+class _Open:
+    """A claim to toggle an object, not decided yet."""
+
+    user: str
+    claim: Claim
+    sent_ns: int
+    is_decided: bool = False
+    """True if its event is all that is missing."""
+
+
+class ShardEngine(PointingEngine):
+    """The pointing of some people of a site. The site's selector decides on what they claim."""
+
+    def __init__(self, config: SelectorConfig, make: MakeMethod = make_method) -> None:
+        """Create with nothing known of the site. `make` makes the method of each person."""
+        self._ownership = Ownership(config)
+        self._hovers = HoverEngine(config, self._ownership, make, self._is_reserved)
+        self._renew_ns = round(config.reserve_s * NS_PER_S / 2)
+        self._reserved: dict[str, Claim] = {}
+        """Last claim to a reservation, by person."""
+        self._open: dict[tuple[str, int], _Open] = {}
+        """By person and stamp."""
+        self._sent: Counter[tuple[str, str]] = Counter()
+        self._knows_owners = False
+        self.speed = 1.0
+        """Speed of the site's time by the wall's. Ages of claims are those of the wall."""
+        self.has_arbiter = False
+        """True while the site's selector can be reached."""
+
+    def use(self, config: SelectorConfig) -> None:
+        """Change the method or its times."""
+        self._hovers.use(config)
+
+    def on_objects(self, tracker: str, objects: TrackedObjects) -> list[Output]:
+        """Update the objects of `tracker`."""
+        self._hovers.on_objects(tracker, objects)
+        return []
+
+    def on_selection(self, selection: Selection) -> None:
+        """Follow what the site's selector has decided."""
+        self._ownership.follow(selection)
+        if not self._knows_owners:
+            self._knows_owners = True
+            self._hovers.renew()
+        if self._open:
+            for one in selection.objects:
+                claim = self._open.get((one.user, one.since_ns))
+                if claim is not None:
+                    claim.is_decided = True
+
+    def on_event(self, event: SelectionEvent) -> list[Output]:
+        """Close the claim that `event` decides. Latch what was changed in another way, or elsewhere."""
+        is_own = self._open.pop((event.user, event.stamp_ns), None) is not None
+        if event.cause in ACTIONS:
+            if not is_own:  # by another selector that points for them
+                self._hovers.latch(event.object_id, event.user)
+        elif event.cause or event.event in ("selected", "deselected"):  # else it is of the conveyor
+            self._hovers.latch(event.object_id)
+        return []
+
+    def on_cursor(self, user: str, cursor: Cursor) -> list[Output]:
+        """Process a cursor of `user`."""
+        if not self._hovers.is_timely(user, cursor.stamp_ns):
+            return []
+        self._ownership.presences.on_activity(user, cursor.stamp_ns)
+        return self._send(self._hovers.on_cursor(user, cursor), cursor.stamp_ns)
+
+    def on_button(self, user: str, button: ButtonEvent) -> list[Output]:
+        """Process a button gesture of `user`, which confirms the hovered object if so configured."""
+        return self._send(self._hovers.on_button(user, button), button.stamp_ns)
+
+    def tick(self, now_ns: int) -> list[Output]:
+        """Send claims again that are not decided. Tell people of those that never will be."""
+        outputs = self._hovers.forget_ended(now_ns)
+        speed = max(1.0, self.speed)
+        for key, one in list(self._open.items()):
+            if abs(now_ns - one.claim.stamp_ns) > GIVE_UP_NS * speed:
+                del self._open[key]
+                if not one.is_decided:
+                    outputs.append(self._unanswered(one.user, now_ns))
+            elif self.has_arbiter and not one.is_decided and abs(now_ns - one.sent_ns) >= REPEAT_NS * speed:
+                one.sent_ns = now_ns
+                outputs.append(Output(one.user, one.claim))
+        return outputs
+
+    def _send(self, outputs_of_hovers: list[Output], now_ns: int) -> list[Output]:
+        outputs: list[Output] = []
+        for user, message in outputs_of_hovers:
+            if isinstance(message, Feedback):
+                outputs.append(self._cue(user, message.text, now_ns))
+            elif not isinstance(message, Claim):
+                outputs.append(Output(user, message))
+            elif message.wish == "reserve":
+                self._reserved[user] = numbered = self._numbered(user, message)
+                outputs.append(Output(user, numbered))
+            elif not self.has_arbiter:
+                outputs.append(self._unanswered(user, now_ns))
+            else:
+                claim = self._numbered(user, message)
+                self._open[user, claim.stamp_ns] = _Open(user, claim, now_ns)
+                outputs.append(Output(user, claim))
+        return outputs
+
+    def _is_reserved(self, user: str, object_id: str, now_ns: int) -> bool:
+        """Return True if it was claimed a moment ago, or cannot be: reservations are renewed now and then."""
+        last = self._reserved.get(user)
+        return not self.has_arbiter or (
+            last is not None and last.object_id == object_id and 0 <= now_ns - last.stamp_ns < self._renew_ns
+        )
+
+    def _numbered(self, user: str, claim: Claim) -> Claim:
+        self._sent["claim", user] += 1
+        return claim.model_copy(update={"seq": self._sent["claim", user]})
+
+    def _unanswered(self, user: str, now_ns: int) -> Output:
+        return self._cue(user, NO_ARBITER, now_ns)
+
+    def _cue(self, user: str, text: str, now_ns: int) -> Output:
+        self._sent["cue", user] += 1
+        return Output(user, make_cue("refused", text, now_ns, self._sent["cue", user]))
 
 
 class SelectionEngine(PointingEngine, Arbiter):

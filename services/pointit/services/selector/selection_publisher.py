@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import Literal
 
 from pointit.schemas import Feedback, ReservedObject, SelectedObject, Selection
-from pointit.schemas.cues import SIGNS
+from pointit.schemas.selection import SIGNS
 from pointit.services.selector.outputs import Output, Record, event_of
 
 Kind = Literal["selected", "deselected", "refused"]

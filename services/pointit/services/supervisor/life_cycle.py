@@ -1,4 +1,4 @@
-"""Runs the table of transitions for one person: processes events, and returns messages and requests.
+"""Runs the table of transitions for one person: events and readiness of the wrist in, messages and requests out.
 
 One localization or anchor in progress, as the person sees it: queue, target and next step.
 
@@ -11,11 +11,81 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback, ImuSample, Interaction, Localization, UserPose
-from pointit.schemas.cues import MAX_FLASHES, SIGNS, Cue
-from pointit.services.supervisor import user_messages
+from pointit.schemas.selection import MAX_FLASHES, SIGNS, Cue
+from pointit.services.supervisor import transitions
 from pointit.services.supervisor.config import SupervisorConfig
-from pointit.services.supervisor.readiness import InteractionResume, Readiness
 from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage
+
+LAST_WORD_PURPOSE = "interaction"
+"""Name of the file of a person's last interaction."""
+GRACE_NS = 2 * NS_PER_S
+"""Time within which a requested localization begins, ns."""
+
+
+class Readiness:
+    """Decides if a sample may start or resume pointing."""
+
+    def __init__(self, config: SupervisorConfig) -> None:
+        self._autostarts = config.autostart
+        self._retry_ns = round(config.retry_s * NS_PER_S)
+        self._resume_ns = round(config.resume_s * NS_PER_S)
+        self.is_eager = config.autostart
+        """True if a sample may start pointing. False after the person stopped."""
+        self._not_before_ns = 0
+        self._resume_until_ns: int | None = None
+
+    def wait(self, until_ns: int) -> None:
+        """Block starts until `until_ns`."""
+        self._not_before_ns = until_ns
+
+    def fail(self, now_ns: int) -> None:
+        """Record that localizing has failed."""
+        self._not_before_ns = now_ns + self._retry_ns
+
+    def gesture(self, *, ends: bool) -> None:
+        """Record a gesture. One that ends pointing disables the automatic start."""
+        self.is_eager = self._autostarts and not ends
+        self._resume_until_ns = None
+
+    def on_interrupted(self, now_ns: int) -> None:
+        """Record that pointing was interrupted against the person's intention."""
+        self._resume_until_ns = now_ns + self._resume_ns
+
+    def may_begin(self, now_ns: int) -> bool:
+        """Return True if a sample may act like a press."""
+        return self.is_eager and now_ns >= self._not_before_ns
+
+    def may_resume(self, now_ns: int) -> bool:
+        """Return True if a sample may resume pointing."""
+        return self._resume_until_ns is not None and now_ns < self._resume_until_ns
+
+
+class InteractionResume:
+    """Keeps the last interaction of an earlier supervisor until the localizer's first message."""
+
+    def __init__(self) -> None:
+        self._before: Interaction | None = None
+
+    def take(self, before: Interaction, now_ns: int) -> None:
+        """Store the last interaction. One with a future stamp is ignored."""
+        if before.stamp_ns <= now_ns and (self._before is None or before.stamp_ns > self._before.stamp_ns):
+            self._before = before
+
+    def forget(self) -> None:
+        """Discard it, as the person has done something else."""
+        self._before = None
+
+    def resumable_activity(self, localization: Localization) -> Literal["", "localizing", "pointing"]:
+        """Return the activity to resume after the localizer's message `localization`, or `""`. Works once."""
+        before, self._before = self._before, None
+        if before is None or before.state == "idle":
+            return ""
+        if before.state == "pointing":
+            return "pointing" if localization.stamp_ns <= before.stamp_ns else ""
+        is_same = localization.purpose == "pose" and 0 < localization.since_ns <= before.stamp_ns + GRACE_NS
+        if not is_same or localization.phase not in {"sampling", "solved"}:
+            return ""
+        return "localizing" if localization.phase == "sampling" else "pointing"
 
 
 @dataclass(kw_only=True)
@@ -34,7 +104,7 @@ class LocalizationAttempt:
     """Number of the person's last request. 0: none."""
     is_answered: bool = True
     """True if the localizer has accepted the request. An end before that belongs to an earlier attempt."""
-    next_step: str = user_messages.WAIT
+    next_step: str = transitions.WAIT
     ahead: tuple[str, ...] = ()
     target_id: str = ""
     """Current target, or `""`."""
@@ -47,7 +117,7 @@ class LocalizationAttempt:
         """Wait for the localizer, which is asked for the first time or was restarted. Times are kept."""
         self.run = run
         self.is_answered = False
-        self.next_step = user_messages.WAIT
+        self.next_step = transitions.WAIT
         self.ahead, self.target_id, self._aimed = (), "", None
 
     def classify(self, localization: Localization, pose_ns: int | None) -> Event | None:
@@ -85,17 +155,17 @@ class LocalizationAttempt:
         self.ahead = localization.ahead
         if localization.ahead:
             self.counted_ns = now_ns
-            self.next_step = user_messages.queue(localization.ahead)
+            self.next_step = transitions.queue(localization.ahead)
             was_aimed, self._aimed, self.target_id = self._aimed is not None, None, ""
             return was_aimed
         if not localization.target_id:
             if not self.target_id:
-                self.next_step = user_messages.WAIT
+                self.next_step = transitions.WAIT
             return False
         if localization.target_index > self._reached:  # the timeout is per lamp
             self._reached, self.counted_ns = localization.target_index, now_ns
         aimed, self._aimed = self._aimed, (localization.since_ns, localization.target_index)
-        self.next_step = user_messages.aim(localization)
+        self.next_step = transitions.aim(localization)
         self.target_id = localization.target_id
         return aimed != self._aimed
 
@@ -306,8 +376,8 @@ class LifeCycle:
         if deadline_ns is None or now_ns < deadline_ns:
             return []
         if now_ns >= self._silent_ns:
-            return self._on("silent", now_ns, reason=user_messages.silent(self._config.imu_timeout_s))
-        return self._on("timeout", now_ns, reason=user_messages.too_long(self._config.localization_timeout_s))
+            return self._on("silent", now_ns, reason=transitions.silent(self._config.imu_timeout_s))
+        return self._on("timeout", now_ns, reason=transitions.too_long(self._config.localization_timeout_s))
 
     @property
     def _silent_ns(self) -> int:
@@ -427,8 +497,8 @@ class LifeCycle:
         if self._attempt is not None:
             return self._attempt.next_step
         if self._stage == "pointing":
-            return user_messages.POINT_AT_LAMP if self._is_unsure else self._pointing
-        return user_messages.rest(
+            return transitions.POINT_AT_LAMP if self._is_unsure else self._pointing
+        return transitions.rest(
             localizes=self._config.localize,
             is_place_known=self._pose_ns is not None,
             follows_robot=self._config.localization_method == "moving_target",
@@ -438,4 +508,4 @@ class LifeCycle:
     @property
     def _pointing(self) -> str:
         is_end = self._config.press_while_pointing == "ends"
-        return user_messages.POINT if is_end else user_messages.POINT_AND_CONFIRM
+        return transitions.POINT if is_end else transitions.POINT_AND_CONFIRM

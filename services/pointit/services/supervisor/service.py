@@ -28,10 +28,9 @@ from pointit.schemas import (
     topics,
 )
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
-from pointit.services.supervisor.life_cycle import Cancel, LifeCycle, Output, Start
+from pointit.services.supervisor.life_cycle import LAST_WORD_PURPOSE, Cancel, LifeCycle, Output, Start
 from pointit.services.supervisor.pose_restore import PoseRestorer
-from pointit.services.supervisor.readiness import LAST_WORD_PURPOSE
-from pointit.services.supervisor.user_messages import OFFSET_PURPOSE, offset_in_use, offset_problem
+from pointit.services.supervisor.transitions import OFFSET_PURPOSE, offset_in_use, offset_problem
 
 log = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""The life cycle of a pointing-based interaction (paper, §II-D), for one person, as one table.
+"""The life cycle of a pointing-based interaction (paper, §II-D) as one table, and the messages of its events to a person.
 
 `python docs/pictures/life_cycle.py` draws it in docs/explanation/life_cycle.md, which explains each word. The
 stages `localizing`, `anchoring` and `joined` are published as the state `localizing`: the person points at
@@ -9,11 +9,116 @@ what it names; `stopped` and `refused`: rest. `localized`, and a `refused` or `s
 by `started` if pointing continues.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Literal, NamedTuple
 
-from pointit.schemas.cues import Cue
-from pointit.services.supervisor import user_messages as text
+from pointit.schemas import NS_PER_S, Localization, PointingOffset
+from pointit.schemas.selection import Cue
+from pointit.schemas.text import round_beyond
+
+CANCELLED = "Localizing was cancelled."
+STOPPED = "You stopped."
+REFUSED = "You could not be localized from this; point more steadily, or stand elsewhere, and try again."
+NO_POSE = "Your place in the room is not known."
+RESUMED = "You go on where you were interrupted."
+PLACE_KNOWN = "Your place in the room is known."
+LOCALIZED = "You are localized."
+ASKED = "You asked to start."
+POSE_ASKED_FOR = "You were asked to point at a target, so that your place is found."
+POSE_CANCELLED = "Pointing at the target was called off."
+POSE_LOST = "The localizer began something else; ask again to have your place found."
+AGAIN = "The localizer was restarted, localizing starts again."
+NO_POSE_TO_ANCHOR = "Your place in the room is not known, so there is nothing to set right."
+ANCHOR_ASKED = "You asked to have your pose set right."
+ANCHOR_ASKED_FOR = "You were asked to point at a lamp, so that your pose is set right."
+ANCHORED = "Your pose is set right."
+ANCHOR_REFUSED = "Your pose could not be set right; hold the arm straight and still, and try again."
+ANCHOR_CANCELLED = "Pointing at the lamp was called off; your pose is as before."
+ANCHOR_LOST = "The localizer began something else; your pose is as before, ask again to have it set right."
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+WAIT = "Wait for the target to point at; press the button to cancel."
+POINT = "Point with your arm straight; press the button to stop."
+POINT_AND_CONFIRM = "Point with your arm straight and press the button to confirm; hold it to stop."
+POINT_AT_LAMP = "Double press: point at a lamp once, your direction has become uncertain."
+PRESS = "Press the button to start pointing."
+PRESS_FOR_LAMP = "Press the button and point at the lamp that lights up."
+PRESS_FOR_ROBOT = "Press the button and keep pointing at the robot while it moves."
+BY_ITSELF = "Wear the wristband: pointing begins by itself when it is heard."
+BY_ITSELF_AT_LAMP = "Wear the wristband: when it is heard, a lamp lights up; point at it."
+BY_ITSELF_AT_ROBOT = "Wear the wristband: when it is heard, keep pointing at the robot while it moves."
+SET_POSE = "Give the localizer your place (its fixed pose, or its request set_pose), or switch `localize` on."
+
+
+def silent(timeout_s: float) -> str:
+    """Return the reason if the wrist was silent for `timeout_s`."""
+    return f"Nothing was heard from your wrist for {timeout_s:g} s; is the wristband on and charged?"
+
+
+def too_long(timeout_s: float) -> str:
+    """Return the reason if localizing reached neither another target nor an end within `timeout_s`."""
+    return f"Localizing got no further in {timeout_s:g} s; is the localizer running, and the target in sight?"
+
+
+def aim(localization: Localization) -> str:
+    """Return the next step while localizing: the current target."""
+    if localization.purpose == "anchor":
+        return f"Point at {localization.target_id} with your arm straight and stay on it; no cursor is shown."
+    is_one_of = (
+        localization.target_count > 1 and not localization.candidates
+    )  # otherwise it is the number of robots
+    which = f" ({localization.target_index + 1} of {localization.target_count})" if is_one_of else ""
+    return f"Point at {localization.target_id} and stay on it{which}."
+
+
+def queue(ahead: Sequence[str]) -> str:
+    """Return the next step in a queue after the persons `ahead`, the first of whom points now."""
+    first, *others = ahead
+    then = f", then {'come' if len(others) > 1 else 'comes'} {', '.join(others)}" if others else ""
+    place = len(ahead)
+    which = ORDINALS[place] if place < len(ORDINALS) else f"number {place + 1}"
+    return f"Wait: {first} is pointing at the lamps{then}, you are {which}; press the button to cancel."
+
+
+def rest(*, localizes: bool, is_place_known: bool, follows_robot: bool, is_eager: bool) -> str:
+    """Return the next step while idle. `is_eager`: pointing starts without a button."""
+    if localizes and not is_place_known:
+        if is_eager:
+            return BY_ITSELF_AT_ROBOT if follows_robot else BY_ITSELF_AT_LAMP
+        return PRESS_FOR_ROBOT if follows_robot else PRESS_FOR_LAMP
+    if not is_place_known:
+        return SET_POSE
+    return BY_ITSELF if is_eager else PRESS
+
+
+OFFSET_PURPOSE = "offset"
+"""Name of the file of a person's pointing offset."""
+MAX_RAD = math.radians(45.0)
+"""Limit of the mean error of a person's pointing."""
+
+
+def offset_problem(offset: PointingOffset) -> str:
+    """Return an error message if the mean error of `offset` exceeds 45°, else `""`."""
+    worst_rad = max(abs(offset.azimuth[0]), abs(offset.elevation[0]))
+    worst_deg, limit_deg = math.degrees(worst_rad), math.degrees(MAX_RAD)
+    worst = round_beyond(worst_deg, limit_deg, 0)
+    text = f"an offset of {worst}° exceeds the limit of {limit_deg:.0f}°; are its angles in radians?"
+    return text if worst_deg > limit_deg else ""
+
+
+def offset_in_use(user: str, offset: PointingOffset) -> str:
+    """Return a message that a stored offset is in use, and how to erase it, in local time."""
+    of = ""
+    if offset.fitted_ns:
+        of = f" of {minute(offset.fitted_ns)}"
+    return f"{user}: an offset{of} is in use; `pointit person calibrate user {user} --erase` forgets it"
+
+
+def minute(stamp_ns: int) -> str:
+    """Return a time in this machine's local time: `2026-11-20 11:05`."""
+    return f"{datetime.fromtimestamp(stamp_ns / NS_PER_S, UTC).astimezone():%Y-%m-%d %H:%M}"
+
 
 Stage = Literal["idle", "pointing", "localizing", "anchoring", "joined"]
 
@@ -53,59 +158,59 @@ _ASK: tuple[Effect, ...] = ("allow autostart", "request pose")
 _STOP: tuple[Effect, ...] = ("cancel", "forbid autostart")
 _START: tuple[Effect, ...] = ("allow autostart",)
 _REQUESTS = (
-    _T(("double",), "idle", text.NO_POSE_TO_ANCHOR, "refused", conditions=("no pose",)),
-    _T(("double",), "anchoring", text.ANCHOR_ASKED, "started", ("request anchor",)),
-    _T(("anchor requested",), "anchoring", text.ANCHOR_ASKED_FOR),
-    _T(("pose requested",), "joined", text.POSE_ASKED_FOR),
+    _T(("double",), "idle", NO_POSE_TO_ANCHOR, "refused", conditions=("no pose",)),
+    _T(("double",), "anchoring", ANCHOR_ASKED, "started", ("request anchor",)),
+    _T(("anchor requested",), "anchoring", ANCHOR_ASKED_FOR),
+    _T(("pose requested",), "joined", POSE_ASKED_FOR),
 )
 
 TABLE: Mapping[Stage, tuple[Transition, ...]] = {
     "idle": (
-        _T(("press",), "localizing", text.ASKED, "started", _ASK, ("must localize",)),
-        _T(("hold",), "localizing", text.ASKED, "started", _ASK, ("localizes",)),
-        _T(("press", "hold"), "idle", text.NO_POSE, "refused", _START, ("no pose",)),
-        _T(("press", "hold"), "pointing", text.PLACE_KNOWN, "started", _START),
-        _T(("sample",), "pointing", text.RESUMED, "started", conditions=("may resume",)),
-        _T(("sample",), "localizing", text.ASKED, "started", _ASK[1:], ("may start", "must localize")),
-        _T(("sample",), "pointing", text.PLACE_KNOWN, "started", conditions=("may start", "has pose")),
-        _T(("recovered",), "localizing", text.RESUMED),
+        _T(("press",), "localizing", ASKED, "started", _ASK, ("must localize",)),
+        _T(("hold",), "localizing", ASKED, "started", _ASK, ("localizes",)),
+        _T(("press", "hold"), "idle", NO_POSE, "refused", _START, ("no pose",)),
+        _T(("press", "hold"), "pointing", PLACE_KNOWN, "started", _START),
+        _T(("sample",), "pointing", RESUMED, "started", conditions=("may resume",)),
+        _T(("sample",), "localizing", ASKED, "started", _ASK[1:], ("may start", "must localize")),
+        _T(("sample",), "pointing", PLACE_KNOWN, "started", conditions=("may start", "has pose")),
+        _T(("recovered",), "localizing", RESUMED),
         *_REQUESTS,
     ),
     "pointing": (
-        _T(("press",), "idle", text.STOPPED, "stopped", ("forbid autostart",), ("press ends",)),
-        _T(("hold",), "idle", text.STOPPED, "stopped", ("forbid autostart",)),
+        _T(("press",), "idle", STOPPED, "stopped", ("forbid autostart",), ("press ends",)),
+        _T(("hold",), "idle", STOPPED, "stopped", ("forbid autostart",)),
         _T(("silent",), "idle", "", "stopped", ("resume soon",)),
         *_REQUESTS,
     ),
     "localizing": (
-        _T(("press", "double", "hold"), "idle", text.CANCELLED, "stopped", _STOP),
+        _T(("press", "double", "hold"), "idle", CANCELLED, "stopped", _STOP),
         _T(("target",), "localizing"),
-        _T(("found",), "pointing", text.LOCALIZED, "localized"),
-        _T(("refused", "rejected"), "idle", text.REFUSED, "refused", ("retry later",)),
-        _T(("cancelled",), "idle", text.CANCELLED, "stopped", ("retry later",)),
-        _T(("restarted",), "localizing", text.AGAIN, "", ("request pose",)),
+        _T(("found",), "pointing", LOCALIZED, "localized"),
+        _T(("refused", "rejected"), "idle", REFUSED, "refused", ("retry later",)),
+        _T(("cancelled",), "idle", CANCELLED, "stopped", ("retry later",)),
+        _T(("restarted",), "localizing", AGAIN, "", ("request pose",)),
         _T(("silent",), "idle", "", "refused", ("cancel",)),
         _T(("timeout",), "idle", "", "refused", ("cancel", "retry later")),
     ),
     "anchoring": (
-        _T(("hold",), "idle", text.ANCHOR_CANCELLED, "stopped", _STOP),
-        _T(("press", "double"), "before", text.ANCHOR_CANCELLED, "stopped", ("cancel",)),
+        _T(("hold",), "idle", ANCHOR_CANCELLED, "stopped", _STOP),
+        _T(("press", "double"), "before", ANCHOR_CANCELLED, "stopped", ("cancel",)),
         _T(("target",), "anchoring"),
-        _T(("found",), "before", text.ANCHORED, "localized"),
-        _T(("refused", "rejected"), "before", text.ANCHOR_REFUSED, "refused"),
-        _T(("cancelled",), "before", text.ANCHOR_CANCELLED, "stopped"),
-        _T(("lost",), "before", text.ANCHOR_LOST, "refused"),
+        _T(("found",), "before", ANCHORED, "localized"),
+        _T(("refused", "rejected"), "before", ANCHOR_REFUSED, "refused"),
+        _T(("cancelled",), "before", ANCHOR_CANCELLED, "stopped"),
+        _T(("lost",), "before", ANCHOR_LOST, "refused"),
         _T(("silent",), "idle", "", "refused", ("cancel", "resume soon")),
         _T(("timeout",), "before", "", "refused", ("cancel",)),
     ),
     "joined": (
-        _T(("hold",), "idle", text.POSE_CANCELLED, "stopped", _STOP),
-        _T(("press", "double"), "before", text.POSE_CANCELLED, "stopped", ("cancel",)),
+        _T(("hold",), "idle", POSE_CANCELLED, "stopped", _STOP),
+        _T(("press", "double"), "before", POSE_CANCELLED, "stopped", ("cancel",)),
         _T(("target",), "joined"),
-        _T(("found",), "before", text.LOCALIZED, "localized"),
-        _T(("refused",), "before", text.REFUSED, "refused"),
-        _T(("cancelled",), "before", text.POSE_CANCELLED, "stopped"),
-        _T(("lost",), "before", text.POSE_LOST, "refused"),
+        _T(("found",), "before", LOCALIZED, "localized"),
+        _T(("refused",), "before", REFUSED, "refused"),
+        _T(("cancelled",), "before", POSE_CANCELLED, "stopped"),
+        _T(("lost",), "before", POSE_LOST, "refused"),
         _T(("silent",), "idle", "", "refused", ("resume soon",)),
         _T(("timeout",), "before", "", "refused"),
     ),

@@ -122,7 +122,7 @@ class AimConfig(Config):
 
 
 class DecisionConfig(Config):
-    """Times of finding and choosing, and lapses (`decision_times.py` has the sources)."""
+    """Times of finding and choosing, and lapses (`selecting.py` has the sources)."""
 
     check_period_s: float = Field(
         default=0.1, gt=0, le=2, description="time between two looks at the strips while pointing, s"

@@ -8,17 +8,13 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
-from pointit.services.user_sim.body.aim_error import OpenLoopError
-from pointit.services.user_sim.body.arm import Arm
-from pointit.services.user_sim.body.standing_position import StandingPosition
-from pointit.services.user_sim.body.wristband import Wristband
+from pointit.services.user_sim.body import Arm, OpenLoopError, StandingPosition, Wristband
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.decision.behaviour import asked_goal, make_behaviour
 from pointit.services.user_sim.decision.correction import Correction
-from pointit.services.user_sim.decision.decision_times import DecisionTimes
-from pointit.services.user_sim.decision.goal import REST, PersonGoal
+from pointit.services.user_sim.decision.goal import REST, ButtonModel, PersonGoal
 from pointit.services.user_sim.decision.perception import Perception
-from pointit.services.user_sim.decision.press import ButtonModel
+from pointit.services.user_sim.decision.selecting import DecisionTimes
 from pointit.services.user_sim.sight.sight import Sight
 from pointit.sim.aim import Aim, Stance
 

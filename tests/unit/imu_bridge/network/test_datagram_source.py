@@ -10,8 +10,8 @@ import pytest
 
 from pointit.plugins import Disconnected, ImuSource, Press, RawReading, Reading, Reconnected
 from pointit.services.imu_bridge.network import datagram_source
+from pointit.services.imu_bridge.network.datagram_source import MAX_OTHERS, SenderChoice
 from pointit.services.imu_bridge.network.osc import OSC
-from pointit.services.imu_bridge.network.sender_choice import MAX_OTHERS, SenderChoice
 from pointit.services.imu_bridge.network.udp import UDP
 from pointit.services.imu_bridge.network.ximu3 import XIMU3
 from pointit_lab.devices.harnesses.network import osc_quaternion

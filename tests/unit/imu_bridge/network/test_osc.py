@@ -15,9 +15,9 @@ from pythonosc.osc_message_builder import build_msg
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.datagram_values import DatagramError, orientation
+from pointit.services.imu_bridge.network.datagram_source import DatagramError, orientation
 from pointit.services.imu_bridge.network.osc import MAX_MESSAGES, OscConfig, OscDecoder, OscMessage, parse
-from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading, fault
+from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading, fault
 
 WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
 NOW = 1_800_000_000 * NS_PER_S

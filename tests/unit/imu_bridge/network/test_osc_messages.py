@@ -7,7 +7,7 @@ from pythonosc.osc_message_builder import build_msg
 
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
-from pointit.services.imu_bridge.reading import Item, Press, Reading
+from pointit.services.imu_bridge.sources import Item, Press, Reading
 
 WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
 NOW = 1_800_000_000 * NS_PER_S

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import pytest
 from pythonosc.osc_message_builder import OscMessageBuilder
 
-from pointit.services.imu_bridge.network.datagram_values import DatagramError
+from pointit.services.imu_bridge.network.datagram_source import DatagramError
 from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
-from pointit.services.imu_bridge.reading import Reading
-from pointit.services.imu_bridge.serial.fifth_number import MAX_OPEN, MAX_RISES
+from pointit.services.imu_bridge.serial.line_parser import MAX_OPEN, MAX_RISES
+from pointit.services.imu_bridge.sources import Reading
 
 N = 150
 Numbers = Sequence[float]

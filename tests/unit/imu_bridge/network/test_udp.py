@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.datagram_values import DatagramError
+from pointit.services.imu_bridge.network.datagram_source import DatagramError
 from pointit.services.imu_bridge.network.udp import LONGEST_DATAGRAM, UdpConfig, UdpDecoder
 from pointit.services.imu_bridge.network.udp_server import Address, UdpServer
-from pointit.services.imu_bridge.reading import Item, Press, RawReading, Reading
+from pointit.services.imu_bridge.sources import Item, Press, RawReading, Reading
 from tests.support.bench import until
 from tests.support.buses import free_udp_port
 from tests.support.running_source import Health, phone_at

@@ -7,9 +7,9 @@ import pytest
 
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import ximu3
-from pointit.services.imu_bridge.network.datagram_values import DatagramError
+from pointit.services.imu_bridge.network.datagram_source import DatagramError
 from pointit.services.imu_bridge.network.ximu3 import XIMU3, Ximu3Decoder, announced
-from pointit.services.imu_bridge.reading import Battery, Reading
+from pointit.services.imu_bridge.sources import Battery, Reading
 from pointit.testing.devices import UdpDevice
 from pointit_lab.devices.serial_formats import ximu3_binary, ximu3_text
 from tests.support.bench import until

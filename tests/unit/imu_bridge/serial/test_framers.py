@@ -9,16 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import rotation
-from pointit.services.imu_bridge.reading import Item, Reading, Reconnected
-from pointit.services.imu_bridge.serial.bno085 import LENGTH as BNO085_LENGTH
-from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
 from pointit.services.imu_bridge.serial.detection import Detection, Format, SerialConfig
-from pointit.services.imu_bridge.serial.framer import SerialFramer
+from pointit.services.imu_bridge.serial.framers import BNO085_LENGTH as BNO085_LENGTH
+from pointit.services.imu_bridge.serial.framers import LENGTH as WITMOTION_LENGTH
+from pointit.services.imu_bridge.serial.framers import (
+    LONGEST,
+    Bno085Framer,
+    SerialFramer,
+    WitMotionFramer,
+    Ximu3Framer,
+)
 from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE
 from pointit.services.imu_bridge.serial.text_line import TextFramer
-from pointit.services.imu_bridge.serial.witmotion import LENGTH as WITMOTION_LENGTH
-from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
-from pointit.services.imu_bridge.serial.ximu3 import LONGEST, Ximu3Framer
+from pointit.services.imu_bridge.sources import Item, Reading, Reconnected
 from pointit.testing import ImuHarness, checks, run_checks
 from pointit.testing.templates.imu_source.fake import encode as text
 from pointit_lab.devices.harnesses.imu import BNO085_HARNESS, SERIAL_XIMU3_HARNESS, WITMOTION_HARNESS

@@ -17,9 +17,9 @@ from pointit.geometry import rotation
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.host.serial_port import PortSettings, is_open_in_another_process, open_port
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.reading import Disconnected, Reading, Reconnected
 from pointit.services.imu_bridge.serial import source as serial_source
 from pointit.services.imu_bridge.serial.source import SERIAL, discover, set_speed
+from pointit.services.imu_bridge.sources import Disconnected, Reading, Reconnected
 from pointit_lab.devices.serial_formats import (
     bno085_orientation,
     witmotion_packet,

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.imu_bridge.ble.touch_sdk.frame_times import NS_PER_MS, FrameTimes
-from pointit.services.imu_bridge.ble.touch_sdk.messages import SensorFrame, Update
+from pointit.services.imu_bridge.ble.touch_sdk import NS_PER_MS, FrameTimes
+from pointit.services.imu_bridge.ble.touch_sdk_messages import SensorFrame, Update
 
 
 def update(*deltas_ms: int, unix_ms: int = 0, delta_ms: int = 0) -> Update:

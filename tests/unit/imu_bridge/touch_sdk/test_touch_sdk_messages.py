@@ -13,16 +13,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.imu_bridge.ble.touch_sdk.messages import (
+from pointit.services.imu_bridge.ble.touch_sdk_messages import (
     MAX_HAPTIC_MS,
-    decode_update,
-    encode_client_info,
-    encode_haptic,
-)
-from pointit.services.imu_bridge.ble.touch_sdk.wire_format import (
     MessageFields,
+    decode_update,
     encode_bytes,
+    encode_client_info,
     encode_float,
+    encode_haptic,
     encode_text,
     encode_varint,
     signed,

@@ -6,13 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.robot.drivers.vda5050.master_messages import (
-    InstantAction,
-    MessageEncoder,
-    Order,
-    OrderNode,
-    Version,
-)
+from pointit.services.robot.drivers.agv_orders import InstantAction, MessageEncoder, Order, OrderNode, Version
 from pointit.vda5050.agv_messages import AgvConnection, AgvState, Visualization, blocked_by, parse
 
 HEADER = """"headerId": 15, "timestamp": "2017-04-15T11:40:03.12Z", "version": "2.0.0",

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.vda5050.header_check import HeaderCheck
+from pointit.vda5050.agv_messages import HeaderCheck
 
 
 def test_messages_that_come_late_or_twice_are_told_from_those_of_a_restarted_agv() -> None:

@@ -8,10 +8,9 @@ from typing import Any
 import aiomqtt
 import pytest
 
-from pointit.runtime.service.surroundings import Surroundings
-from pointit.services.robot.drivers.vda5050 import driver as vda5050
-from pointit.services.robot.drivers.vda5050.agv import Agv, Vda5050Config
-from pointit.services.robot.drivers.vda5050.driver import Vda5050Driver
+from pointit.runtime.service.plugin_guard import Surroundings
+from pointit.services.robot.drivers import vda5050
+from pointit.services.robot.drivers.vda5050 import Agv, Vda5050Config, Vda5050Driver
 from pointit.services.robot.robot_driver import FollowPath, ReportItem, RobotReport
 from pointit.testing.trial import TrialHealth
 from pointit_lab.devices.agv_broker import VirtualAgv

@@ -6,9 +6,9 @@ from collections.abc import AsyncIterator, Callable
 import pytest
 
 from pointit import plugins
-from pointit.bridges.ros2.robot.config import Ros2RobotConfig
 from pointit.bridges.ros2.robot.goal_book import RESULT_NS, GoalStatus
 from pointit.bridges.ros2.robot.navigator import Navigator
+from pointit.bridges.ros2.robot.plugin import Ros2RobotConfig
 from pointit.geometry import rotation, vector
 from tests.support.bench import START_NS, ManualClock, until
 from tests.unit.ros2.robot.fake_nav2 import ACTION, FakeNav2

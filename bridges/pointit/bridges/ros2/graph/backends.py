@@ -9,17 +9,15 @@ from typing import Literal
 
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Backend
-from pointit.bridges.ros2.graph.backend_warnings import BackendWarnings
+from pointit.bridges.ros2.graph.node_backend import BackendWarnings
 from pointit.bridges.ros2.over_rclpy.backend import opened_rclpy
 from pointit.bridges.ros2.over_zenoh.backend import ZenohBackend
-from pointit.bridges.ros2.over_zenoh.rmw_zenoh import RmwZenoh
-from pointit.bridges.ros2.over_zenoh.token import BRIDGE, ENCLAVE
-from pointit.runtime.address_config import is_loopback
-from pointit.runtime.config.network_address import MAX_PORT, parse_address
+from pointit.bridges.ros2.over_zenoh.rmw_zenoh import BRIDGE, ENCLAVE, RmwZenoh
+from pointit.runtime.address_config import MAX_PORT, is_loopback, parse_address
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.foreign_zenoh.raw_session import RawLink, open_raw_session
+from pointit.runtime.foreign_zenoh import RawLink, open_raw_session
 from pointit.runtime.link.link import ENDPOINT
-from pointit.runtime.service.surroundings import WarningSink
+from pointit.runtime.service.plugin_guard import WarningSink
 
 log = logging.getLogger(__name__)
 

@@ -4,9 +4,8 @@ from typing import Any, NamedTuple
 
 from pointit.bridges.ros2.graph.backend import SENSOR, Qos
 from pointit.bridges.ros2.inbound import conveyor
-from pointit.bridges.ros2.inbound.person import Button, Poses, Wrist, people_in
-from pointit.bridges.ros2.inbound.rays import Rays, Subscriptions
-from pointit.bridges.ros2.routing.frames import PERSON
+from pointit.bridges.ros2.inbound.person import Button, Poses, Rays, Subscriptions, Wrist, people_in
+from pointit.bridges.ros2.routing.names import PERSON
 from pointit.bridges.ros2.routing.route_types import (
     BusOutput,
     ConversionContext,

@@ -5,12 +5,11 @@ from typing import Any
 import numpy as np
 
 from pointit.bridges.ros2.graph.backend import LATCHED, ROSOUT, Qos
-from pointit.bridges.ros2.outbound import conveyor_packages, person, values
-from pointit.bridges.ros2.outbound.map_markers import map_markers
-from pointit.bridges.ros2.outbound.markers import Markers
+from pointit.bridges.ros2.outbound import person, values
+from pointit.bridges.ros2.outbound.markers import Markers, map_markers
 from pointit.bridges.ros2.outbound.person import transforms
 from pointit.bridges.ros2.outbound.rosout import Rosout
-from pointit.bridges.ros2.routing.frames import PERSON
+from pointit.bridges.ros2.routing.names import PERSON
 from pointit.bridges.ros2.routing.route_types import ConversionContext, Converted, OutboundRoute
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
@@ -313,20 +312,20 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("packages", "/packages", "conveyor_msgs/msg/PackageList"),
-            *(_NEWEST, (topics.OBJECTS,), conveyor_packages.packages),
+            *(_NEWEST, (topics.OBJECTS,), person.packages),
             rate_hz=POINTING_HZ,
             yields=True,
             context="what moves on belts and strips",
         ),
         OutboundRoute(
             *("selected_packages", "/selected_packages", "conveyor_msgs/msg/PackageUIDList"),
-            *(LATCHED, (topics.SELECTION,), conveyor_packages.selected),
+            *(LATCHED, (topics.SELECTION,), person.selected),
             on_change=True,
             context="what is selected",
         ),
         OutboundRoute(
             *("pointers", "/pointers", "conveyor_msgs/msg/PointerList"),
-            *(_NEWEST, (topics.CURSOR, topics.HOVER, topics.INTERACTION), conveyor_packages.pointers),
+            *(_NEWEST, (topics.CURSOR, topics.HOVER, topics.INTERACTION), person.pointers),
             rate_hz=POINTING_HZ,
             context="pointing people, with line, position on it and target",
         ),
@@ -343,7 +342,7 @@ def _toolkit() -> tuple[OutboundRoute, ...]:
         ),
         OutboundRoute(
             *("step_number", "/step_number", "std_msgs/msg/Int32"),
-            *(LATCHED, (topics.CONVEYOR_STATE,), conveyor_packages.step_number),
+            *(LATCHED, (topics.CONVEYOR_STATE,), person.step_number),
             on_change=True,
             context="step of the feeding schedule",
         ),

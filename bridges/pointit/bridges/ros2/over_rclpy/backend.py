@@ -16,15 +16,26 @@ from typing import Any, TypeVar
 from pointit.bridges.ros2.config import BackendConfig
 from pointit.bridges.ros2.graph.backend import Closable, Graph, Qos, RosType, Server, Writer, check_cdr
 from pointit.bridges.ros2.graph.node_backend import MessageQueue, NodeBackend, RosEndpoint
-from pointit.bridges.ros2.over_rclpy.dds_context import DdsContext, NullEndpoint
-from pointit.bridges.ros2.over_rclpy.graph import GraphReader
-from pointit.bridges.ros2.over_rclpy.rclpy_library import Rclpy, loaded
-from pointit.bridges.ros2.over_rclpy.rclpy_types import EndInfo, Executor, MessageInfo, Node, RosContext
-from pointit.bridges.ros2.over_rclpy.services import DdsClient, DdsServiceServer
+from pointit.bridges.ros2.over_rclpy.endpoints import (
+    DdsClient,
+    DdsContext,
+    DdsServiceServer,
+    GraphReader,
+    NullEndpoint,
+)
+from pointit.bridges.ros2.over_rclpy.rclpy_library import (
+    EndInfo,
+    Executor,
+    MessageInfo,
+    Node,
+    Rclpy,
+    RosContext,
+    loaded,
+)
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import BusClosedError, ConfigError
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.service.surroundings import WarningSink
+from pointit.runtime.service.plugin_guard import WarningSink
 
 log = logging.getLogger(__name__)
 

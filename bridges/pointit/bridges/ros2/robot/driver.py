@@ -8,11 +8,11 @@ from typing import Protocol
 
 from pointit.bridges.ros2.graph.backend import Backend
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
-from pointit.bridges.ros2.robot.config import Ros2RobotConfig
 from pointit.bridges.ros2.robot.navigator import Navigator
+from pointit.bridges.ros2.robot.plugin import Ros2RobotConfig
 from pointit.bridges.ros2.robot.pose_input import PoseInput, PoseReader
 from pointit.bridges.ros2.robot.set_point_sender import SetPointSender
-from pointit.bridges.ros2.routing.frames import RosNames
+from pointit.bridges.ros2.routing.names import RosNames
 from pointit.bridges.ros2.types.types import Types
 from pointit.plugins import (
     NS_PER_S,

@@ -10,8 +10,8 @@ import numpy as np
 
 from pointit.bridges.ros2.graph.backend import Backend, Closable, Qos
 from pointit.bridges.ros2.outbound import values
-from pointit.bridges.ros2.robot.config import Ros2RobotConfig
 from pointit.bridges.ros2.robot.goal_book import RETRY_NS, GoalBook, Outcome
+from pointit.bridges.ros2.robot.plugin import Ros2RobotConfig
 from pointit.bridges.ros2.types.definitions import NAVIGATE_TO_POSE
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from pointit.bridges.ros2.graph.backend import Backend, Qos
 from pointit.bridges.ros2.outbound import values
-from pointit.bridges.ros2.robot.config import Ros2RobotConfig
 from pointit.bridges.ros2.robot.goal_book import Outcome
+from pointit.bridges.ros2.robot.plugin import Ros2RobotConfig
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3

@@ -1,12 +1,17 @@
-"""State of the site for conversions: the newest messages."""
+"""State of the site for conversions: the newest messages, departed people and services.
 
+Late messages about people who have left, as the end of their cursor, must not bring them back, nor a
+service's last report. People who return after a restart or a lost router do not repeat their states, which
+are kept here.
+"""
+
+import collections
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pointit.bridges.ros2.routing.frames import Frames, RosNames
-from pointit.bridges.ros2.routing.uids import Kinds, Uids
+from pointit.bridges.ros2.routing.names import Frames, Kinds, RosNames, Uids
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import rotation, vector
 from pointit.geometry.polyline import Polyline
@@ -30,10 +35,54 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.pointing import SurfaceKind
-from pointit.schemas.topics import Topic
+from pointit.schemas.topics import Delivery, Topic
 
-if TYPE_CHECKING:  # it loads SciPy
+if TYPE_CHECKING:
     from pointit.forearm.forearm_yaw import ForearmYaw
+
+
+MAX_REMEMBERED = 1000
+"""Maximum number of names; the oldest are evicted first."""
+
+States = tuple[tuple[Topic[Any], Message], ...]
+
+
+class PresenceCache:
+    """Remembers the states of people, or of services, and their departures."""
+
+    def __init__(self, placeholder: str) -> None:
+        """Create an empty cache. Unknown names count as present.
+
+        Args:
+            placeholder: placeholder of their topics. All other topics pass.
+        """
+        self._placeholder = placeholder
+        self._gone: collections.OrderedDict[str, None] = collections.OrderedDict()
+        self._states: collections.OrderedDict[str, dict[Topic[Any], Message]] = collections.OrderedDict()
+
+    def admits(self, topic: Topic[Any], message: Message, name: str) -> bool:
+        """Store a message about `name`. Return True if it is to be shown now."""
+        if topic.placeholder != self._placeholder:
+            return True
+        if topic.delivery is Delivery.STATE:
+            self._states.setdefault(name, {})[topic] = message
+            if len(self._states) > MAX_REMEMBERED:
+                self._states.popitem(last=False)
+        return name not in self._gone
+
+    def on_join(self, name: str) -> States:
+        """Record an arrival. Return the states to publish if the name had left."""
+        if name not in self._gone:
+            return ()
+        del self._gone[name]
+        return tuple(self._states.get(name, {}).items())
+
+    def on_leave(self, name: str) -> None:
+        """Record a departure."""
+        self._gone[name] = None
+        if len(self._gone) > MAX_REMEMBERED:
+            self._gone.popitem(last=False)
+
 
 KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
 """Kinds by the ROS toolkit's numbers: 0 and 1 as in its feeders, the others arbitrary."""

@@ -21,7 +21,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field, ValidationError, field_validator
 
 from pointit.bridges.ros2.inbound.table import inward, served
-from pointit.bridges.ros2.outbound.humans_table import of_ros4hri
+from pointit.bridges.ros2.outbound.humans import of_ros4hri
 from pointit.bridges.ros2.outbound.table import outward
 from pointit.bridges.ros2.routing.conversion_state import KINDS
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute

@@ -1,16 +1,32 @@
-"""Trackers: what ROS nodes tell about positions, as objects of the site in {W}; pure."""
+"""Trackers: what ROS nodes tell about positions, as objects of the site in {W}, and their routes. Pure."""
 
 import itertools
 import math
 from collections.abc import Container, Mapping
 from typing import Any, NamedTuple
 
+from pointit.bridges.ros2.graph.backend import SENSOR, Qos
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
-from pointit.bridges.ros2.routing.frames import frame_name, is_fixed
-from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionContext, ConversionWarning, Taken
+from pointit.bridges.ros2.routing.names import frame_name, is_fixed
+from pointit.bridges.ros2.routing.route_types import (
+    BusOutput,
+    ConversionContext,
+    ConversionWarning,
+    InboundRoute,
+    Taken,
+)
 from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
-from pointit.bridges.ros2.tracking.sightings import PACKAGES, READERS, Sighting, packages
-from pointit.bridges.ros2.tracking.transforms import AT_ORIGIN, Pose, TransformBuffer, compose, yaw
+from pointit.bridges.ros2.tracking.sightings import (
+    AT_ORIGIN,
+    PACKAGES,
+    READERS,
+    Pose,
+    Sighting,
+    TransformBuffer,
+    compose,
+    packages,
+    yaw,
+)
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
@@ -252,3 +268,50 @@ class Motion:
     def keep(self, names: Container[str]) -> None:
         """Forget all other objects."""
         self._last = {name: last for name, last in self._last.items() if name in names}
+
+
+MAX_BYTES = 64 * 1024
+"""Some 600 transforms or packages, or 100 detections; decoding them blocks the loop for 6 ms."""
+TF_BYTES_HZ = 1e6
+"""A tenth of the loop's time."""
+RATE_HZ = 25.0
+"""Rate of objects on our bus."""
+
+
+def tracker_routes(configs: Mapping[str, TrackerConfig]) -> tuple[InboundRoute, ...]:
+    """Return the routes to `objects/NAME` of the trackers `configs` by name, with new converters."""
+    if not configs:
+        return ()
+    buffer = TransformBuffer()
+    trackers = {name: Tracker(name, config, buffer) for name, config in configs.items()}
+    tf = TfInput(buffer, {name: trackers[name] for name in configs if configs[name].type == TF})
+    topics = tuple(
+        InboundRoute(
+            *(f"tracker {name}", config.topic, config.type.replace("/", "/msg/")),
+            *(SENSOR, (OBJECTS,), trackers[name].read),
+            rate_hz=RATE_HZ,
+            max_bytes=MAX_BYTES,
+            context=f"objects of {name}",
+        )
+        for name, config in configs.items()
+        if config.type != TF
+    )
+    return (
+        *topics,
+        InboundRoute(
+            *("trackers: tf", "/tf", "tf2_msgs/msg/TFMessage"),
+            *(Qos(depth=100), (OBJECTS,), tf.moving),
+            bytes_hz=TF_BYTES_HZ,
+            people=tf.frames_in,
+            reader=" for trackers",
+            max_bytes=MAX_BYTES,
+            context="frames of trackers",
+        ),
+        InboundRoute(
+            *("trackers: tf_static", "/tf_static", "tf2_msgs/msg/TFMessage"),
+            *(Qos(depth=100, latched=True), (OBJECTS,), tf.static),
+            reader=" for trackers",
+            max_bytes=MAX_BYTES,
+            context="fixed frames of trackers",
+        ),
+    )

@@ -14,8 +14,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.base import normalize_fieldname
 
 from pointit.bridges.ros2.graph.backend import Distro, RosType
-from pointit.bridges.ros2.types.definitions import Definitions
-from pointit.bridges.ros2.types.rihs01 import ARRAY, BASE, NAME, Fields, Rihs01
+from pointit.bridges.ros2.types.definitions import ARRAY, BASE, NAME, Definitions, Fields, Rihs01
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 

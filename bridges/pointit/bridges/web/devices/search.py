@@ -7,8 +7,7 @@ from pydantic import ValidationError
 
 from pointit.bridges.web.devices.wire import ConnectDevice, ConnectedDevice
 from pointit.plugins import GROUPS
-from pointit.plugins.device_search import SearchResult, search, words
-from pointit.plugins.home_search import HOME_ASSISTANTS, IMPORT, import_options
+from pointit.plugins.device_search import HOME_ASSISTANTS, IMPORT, SearchResult, import_options, search, words
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.config.plugins import FoundDevice
 

@@ -1,19 +1,76 @@
-"""Newest messages on the bus, and those that each page has not yet got: newest wins, events in order.
+"""Newest messages that each page has not yet got, within the rate of its link.
+
+The site's time does not reveal it, since that comes over the same link. Health reports are stamped by the
+clocks of their machines.
 
 A cache keeps the newest message of every key as bytes, encoded once for all pages, and the last events. A
 page's feed knows how far the page has come. A slow page misses states in between, never the newest, and
 costs the other pages nothing.
 """
 
+import math
 from collections import OrderedDict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from pointit.bridges.web.pages.rate_limit import TokenBucket
 from pointit.bridges.web.wire import IN_FLIGHT
-from pointit.schemas import pack
+from pointit.runtime.bus.timeliness import ClockSkewMonitor
+from pointit.schemas import Health, pack
 from pointit.schemas.topics import Delivery, Topic
+
+
+class TokenBucket:
+    """Token bucket: `rate_hz` a second in the long run, `burst` at once."""
+
+    def __init__(self, rate_hz: float, burst: float) -> None:
+        self._rate_hz = rate_hz
+        self._burst = burst
+        self._level = burst
+        self._at_s = -math.inf
+
+    def take(self, now_s: float) -> bool:
+        """Remove a token. Return False if there is none."""
+        if self.wait_s(now_s) > 0.0:
+            return False
+        self._level -= 1.0
+        return True
+
+    def wait_s(self, now_s: float, min_tokens: float = 1.0) -> float:
+        """Return the delay until `min_tokens` tokens (at most `burst`) are there, s."""
+        passed_s = max(0.0, now_s - self._at_s)
+        self._level = min(self._burst, self._level + passed_s * self._rate_hz)
+        self._at_s = max(self._at_s, now_s)
+        return max(0.0, (min_tokens - self._level) / self._rate_hz)
+
+
+WINDOW_S = 3.0
+"""Window (s) of which the fastest report counts."""
+
+LAG_S = 1.0
+"""Delays above this are reported."""
+
+
+class SlowLink:
+    """Compares the stamps of other machines' reports with their arrival times."""
+
+    def __init__(self, host: str) -> None:
+        self._monitor = ClockSkewMonitor(host, WINDOW_S)
+
+    def hear(self, health: Health, arrived_ns: int, now_s: float) -> None:
+        """Process a report that arrived at `arrived_ns` (own clock, Unix ns); `now_s` is monotonic."""
+        if health.host:
+            self._monitor.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
+
+    def sentence(self, now_s: float) -> str:
+        """Return a warning with its remedy, or `""` if there is no delay."""
+        return "; ".join(
+            f"messages of {skew.host} reach {self._monitor.here} {-skew.ahead_s:.1f} s late, so the page is "
+            "behind: the link between the two machines is slow or full, or their clocks differ"
+            for skew in self._monitor.skews(now_s)
+            if skew.ahead_s <= -LAG_S
+        )
+
 
 MAX_KEYS = 4096
 """Maximum number of states. More indicate a fault and are refused."""

@@ -15,7 +15,7 @@ the query's fields. Actions of this server are the rows of `ACTIONS`, at the end
 - `find_devices`, `connect_device`, `forget_device`, `show_device`, `check_mounting`: wrists and lights, see
   `devices/devices.py`; their parameters are in `devices/wire.py`.
 - `told_apart`: number of things that pointing alone tells apart, by place on the floor; the reply has the
-  fields of `Floor` in `model/separability.py`.
+  fields of `Floor` in `model/map_editor.py`.
 - `map_room`: let a phone map the room by its camera; the reply is as that of `pair`.
 - `speak`, `{"words": [{"text", "start_s", "end_s", "confidence"}]}`: what the person said. Times are ages of
   onset and end when it is sent, s, so that no clock has to agree.
@@ -33,9 +33,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.bridges.web.devices.devices import Devices
 from pointit.bridges.web.devices.wire import ConnectDevice, OneDevice
-from pointit.bridges.web.model.map_editor import MapEditor
+from pointit.bridges.web.model.map_editor import FloorSeparability, MapEditor
 from pointit.bridges.web.model.people import People
-from pointit.bridges.web.model.separability import FloorSeparability
 from pointit.bridges.web.scan.scan_server import ScanServer
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.lan import Lan
@@ -43,7 +42,7 @@ from pointit.bridges.web.wire import Answer, Ask, Hello, Role
 from pointit.bridges.web.wrists.pairing import Pairing, offer
 from pointit.bridges.web.wrists.phone import Phones
 from pointit.bridges.web.wrists.wrist_control import MAX_TREMOR_DEG, Hold, WristControl
-from pointit.maps.edit.edits import Edit
+from pointit.maps.edit import Edit
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Bus
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import Query, SetYawOrigin, summarize_validation_error, topics

@@ -4,8 +4,7 @@ import asyncio
 import bisect
 from collections.abc import Iterator
 
-from pointit.bridges.web.playback.lanes import Lanes
-from pointit.bridges.web.playback.past import Key, Moment, in_order, is_shown, moment
+from pointit.bridges.web.playback.recent import Key, Lanes, Moment, in_order, is_shown, moment
 from pointit.bridges.web.wire import Timeline
 from pointit.recording.entries import Entry
 from pointit.recording.reader import Recording

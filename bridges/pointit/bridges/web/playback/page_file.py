@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from urllib.parse import quote
 
 from pointit.bridges.web.pages.latest_values import Change
-from pointit.bridges.web.playback.past import Past
 from pointit.bridges.web.playback.playback import Playback
+from pointit.bridges.web.playback.recent import Past
 from pointit.bridges.web.server.bundle import STATIC
 from pointit.bridges.web.wire import Hello
 from pointit.runtime.errors import ConfigError

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 from starlette.websockets import WebSocket
 
-from pointit.bridges.web.pages.open_pages import Pages
-from pointit.bridges.web.pages.page_session import PageSession
-from pointit.bridges.web.playback.past import Past
+from pointit.bridges.web.pages.page_session import Pages, PageSession
 from pointit.bridges.web.playback.playback import Playback
-from pointit.bridges.web.playback.recent import Recent
+from pointit.bridges.web.playback.recent import Past, Recent
 from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, HeadsetMotion, Hello, Play, Playing
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError

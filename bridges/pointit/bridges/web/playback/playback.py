@@ -6,8 +6,7 @@ Times in seconds are of any monotonic clock; those in nanoseconds are the site's
 from collections.abc import Iterator
 
 from pointit.bridges.web.model.site_model import SiteModel
-from pointit.bridges.web.playback.lanes import GRACE_NS
-from pointit.bridges.web.playback.past import Past
+from pointit.bridges.web.playback.recent import GRACE_NS, Past
 from pointit.bridges.web.wire import PersonLine, Status
 from pointit.recording.entries import Entry
 from pointit.schemas import NS_PER_S, Message

@@ -9,7 +9,7 @@ from starlette.websockets import WebSocket
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.playback.file_past import FilePast
 from pointit.bridges.web.playback.past_page import PastPage
-from pointit.bridges.web.server import exposure_check
+from pointit.bridges.web.server import access as exposure_check
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import application
 from pointit.bridges.web.server.bundle import Bundle, refusal

@@ -37,7 +37,7 @@ def solve_survey(survey: Survey) -> "Scan":
 
 def solution_of(scan: "Scan", size: tuple[int, int]) -> Solution:
     """Return the solution for pages; `size`: of the views' images, image pixels."""
-    from pointit.scan.advice import next_view  # noqa: PLC0415
+    from pointit.scan.solver import next_view  # noqa: PLC0415
 
     lines = {name: (strip.count, strip.line_m) for name, strip in scan.strips.items()}
     points = {name: (1, (lamp.position_m,)) for name, lamp in scan.lamps.items()}
@@ -97,8 +97,8 @@ def _thing(scan: "Scan", size: tuple[int, int], thing: ScanThing) -> ScanStrip:
 
 def _map_text(scan: "Scan", size: tuple[int, int], origin: str, things: Sequence[ScanThing]) -> str:
     """Return the map of what is identified, with its origin at a strip, as YAML."""
-    from pointit.scan.as_map import map_text  # noqa: PLC0415
     from pointit.scan.by_tapping import tapped_text  # noqa: PLC0415
+    from pointit.scan.result import map_text  # noqa: PLC0415
 
     names = [name for name, strip in scan.strips.items() if strip.identified]
     if not names or (origin and origin not in scan.strips):

@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from pointit.runtime.host.atomic_file import write_atomically
+from pointit.runtime.host.state_file import write_atomically
 
 VALID = dt.timedelta(days=397)
 """Validity; browsers reject longer ones."""

@@ -12,7 +12,7 @@ from starlette.types import ASGIApp
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.listener import Listener, bind, url
-from pointit.runtime.config.network_address import parse_address
+from pointit.runtime.address_config import parse_address
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
 from pointit.runtime.host.name_lookup import found_addresses
 from pointit.runtime.host.state_file import site_folder

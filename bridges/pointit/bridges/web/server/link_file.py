@@ -13,8 +13,7 @@ from urllib.parse import urlsplit
 
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.atomic_file import write_atomically
-from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.host.state_file import site_folder, write_atomically
 
 log = logging.getLogger(__name__)
 

@@ -1,4 +1,9 @@
-"""WitMotion's wrists by Bluetooth (WT901BLE, BWT901BLE5.0, WT9011DCL): accelerations and angular velocities.
+"""WitMotion's wrists by Bluetooth (WT901BLE, BWT901BLE5.0, WT9011DCL): frames of accelerations and rates, and commands.
+
+    frame = 55 61 (i16 little-endian){9}         acceleration, angular velocity, angles; no checksum
+    reply = 55 71 register 00 (i16){8}           registers that were asked for
+
+Frames may be split over notifications, or several be in one. There is no time in them.
 
 Their angles are not used, since they are undefined with the arm straight up; imu-bridge computes the
 orientation. Bytes, rates and battery are those of the maker's example programs and of third parties. They
@@ -6,18 +11,118 @@ were tested against a simulated device over a complete Bluetooth stack of others
 """
 
 import asyncio
+import math
+import struct
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field
 
-from pointit.services.imu_bridge.ble import witmotion_protocol as protocol
-from pointit.services.imu_bridge.ble.ble_source import BleSource
-from pointit.services.imu_bridge.ble.discovery import discover_ble
+from pointit.geometry.vector import Vec3
+from pointit.services.imu_bridge.ble.ble_source import BleSource, discover_ble
 from pointit.services.imu_bridge.ble.radio import require_bleak
 from pointit.services.imu_bridge.ble.wrist import BleConfig, Connection, Kind, Wrist, WristItem
-from pointit.services.imu_bridge.reading import Battery, Item, RawReading
-from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.sources import Battery, ImuSource, Item, RawReading
+
+SERVICE = "0000ffe5-0000-1000-8000-00805f9a34fb"
+NOTIFY = "0000ffe4-0000-1000-8000-00805f9a34fb"
+WRITE = "0000ffe9-0000-1000-8000-00805f9a34fb"
+"""Their base is not the usual one: it ends in 9a34fb."""
+FRAME_BYTES = 20
+STANDARD_GRAVITY_MPS2 = 9.80665
+ACCELERATION_SCALE = 16.0 * STANDARD_GRAVITY_MPS2 / 32768.0
+RATE_SCALE = math.radians(2000.0) / 32768.0
+BATTERY_REGISTER = 0x64
+UNLOCK = bytes.fromhex("ffaa6988b5")
+READ_BATTERY = bytes.fromhex("ffaa276400")
+RESTART = bytes.fromhex("ffaa00ff00")
+RATES: dict[int, int] = {10: 6, 20: 7, 50: 8, 100: 9, 200: 11}
+"""Codes of the rates in Hz."""
+_CHARGE = (
+    (3.40, 0.0), (3.50, 0.05), (3.68, 0.10), (3.70, 0.15), (3.73, 0.20), (3.77, 0.30), (3.79, 0.40),
+    (3.82, 0.50), (3.87, 0.60), (3.93, 0.75), (3.96, 0.90), (4.05, 1.0),
+)  # fmt: skip
+"""Volts of the cell and the charge at them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Angular velocity, rad/s, and acceleration with gravity, m/s², in the sensor's frame."""
+
+    angular_velocity_radps: Vec3
+    acceleration_mps2: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Volts:
+    """Voltage of the battery."""
+
+    volts: float
+
+    @property
+    def level(self) -> float:
+        """Return the charge, 0 to 1, as the voltage suggests."""
+        before = _CHARGE[0]
+        for point in _CHARGE:
+            if self.volts <= point[0]:
+                span = point[0] - before[0]
+                return (
+                    point[1]
+                    if span == 0
+                    else before[1] + (point[1] - before[1]) * ((self.volts - before[0]) / span)
+                )
+            before = point
+        return 1.0
+
+
+class Framer:
+    """Cuts what was notified into frames, and buffers less than one of them."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    @property
+    def kept(self) -> int:
+        """Return the number of buffered bytes, less than a frame."""
+        return len(self._rest)
+
+    def feed(self, data: bytes) -> list[Motion | Volts]:
+        """Return the content of the frames that `data` completes. Other bytes are skipped."""
+        data = self._rest + data
+        found: list[Motion | Volts] = []
+        at = 0
+        while (at := data.find(b"\x55", at)) >= 0:
+            if len(data) - at >= 2 and data[at + 1] not in (0x61, 0x71):
+                at += 1
+                continue
+            frame = data[at : at + FRAME_BYTES]
+            if len(frame) < FRAME_BYTES:
+                break
+            content = _content(frame)
+            if content is not None:
+                found.append(content)
+            at += FRAME_BYTES
+        self._rest = data[at:] if at >= 0 else b""
+        return found
+
+
+def set_rate(rate_hz: int) -> bytes:
+    """Return the command that sets the rate, one of `RATES`, until the device is restarted."""
+    return bytes((0xFF, 0xAA, 0x03, RATES[rate_hz], 0x00))
+
+
+def _content(frame: bytes) -> Motion | Volts | None:
+    if frame[1] == 0x61:
+        ax, ay, az, wx, wy, wz = struct.unpack_from("<6h", frame, 2)
+        return Motion(
+            (wx * RATE_SCALE, wy * RATE_SCALE, wz * RATE_SCALE),
+            (ax * ACCELERATION_SCALE, ay * ACCELERATION_SCALE, az * ACCELERATION_SCALE),
+        )
+    if frame[2] == BATTERY_REGISTER:
+        return Volts(int.from_bytes(frame[4:6], "little") / 100.0)
+    return None
+
 
 COMMAND_S = 0.1
 """Pause that the device needs behind a command, s."""
@@ -34,45 +139,43 @@ class WitMotionBleConfig(BleConfig):
 class WitMotionBle(Wrist):
     """The commands and the notifications of a sensor."""
 
-    kind = Kind(
-        label="WitMotion", plugin="witmotion_ble", names=("WT",), services=frozenset({protocol.SERVICE})
-    )
-    notifications = (protocol.NOTIFY,)
+    kind = Kind(label="WitMotion", plugin="witmotion_ble", names=("WT",), services=frozenset({SERVICE}))
+    notifications = (NOTIFY,)
 
     def __init__(self, config: WitMotionBleConfig) -> None:
         self._config = config
-        self._framer = protocol.Framer()
+        self._framer = Framer()
 
     def begin(self, address: str) -> None:
         """Forget an unfinished frame."""
         del address
-        self._framer = protocol.Framer()
+        self._framer = Framer()
 
     async def configure(self, connection: Connection) -> None:
         """Set the rate; the device streams by itself."""
-        for command in (protocol.UNLOCK, protocol.set_rate(self._config.rate_hz)):
-            await connection.write(protocol.WRITE, command)
+        for command in (UNLOCK, set_rate(self._config.rate_hz)):
+            await connection.write(WRITE, command)
             await asyncio.sleep(COMMAND_S)
 
     def received(self, characteristic: str, data: bytes, stamp_ns: int) -> Iterable[WristItem]:
         """Return the items in a notification."""
         del characteristic
         for found in self._framer.feed(data):
-            if isinstance(found, protocol.Motion):
+            if isinstance(found, Motion):
                 yield RawReading(stamp_ns, found.angular_velocity_radps, found.acceleration_mps2)
             else:
                 yield Battery(found.level, found.volts)
 
     async def ask(self, connection: Connection) -> Iterable[Item]:
         """Ask for the battery's voltage, which comes as a frame."""
-        await connection.write(protocol.WRITE, protocol.READ_BATTERY)
+        await connection.write(WRITE, READ_BATTERY)
         return ()
 
     async def reset(self, connection: Connection) -> None:
         """Restart the device."""
-        await connection.write(protocol.WRITE, protocol.UNLOCK)
+        await connection.write(WRITE, UNLOCK)
         await asyncio.sleep(COMMAND_S)
-        await connection.write(protocol.WRITE, protocol.RESTART)
+        await connection.write(WRITE, RESTART)
 
 
 WITMOTION_BLE = ImuSource(

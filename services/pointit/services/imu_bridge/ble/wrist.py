@@ -1,20 +1,91 @@
-"""Interface of one kind of wrist: its advertisements, its commands, and its notifications."""
+"""Interface of one kind of wrist: its advertisements, commands, notifications, gestures of its button, vibration."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
 from pointit.runtime.config.config import Config
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.ble.button import ButtonChange
 from pointit.services.imu_bridge.ble.radio import Advertisement
-from pointit.services.imu_bridge.reading import Item
+from pointit.services.imu_bridge.sources import Item
 
 if TYPE_CHECKING:
     from bleak import BleakClient
+
+
+def vibration_pulses(haptic_ms: Sequence[int]) -> list[tuple[float, int]]:
+    """Return pause before, s, and duration, ms, of each pulse of alternating times on and off."""
+    pulses: list[tuple[float, int]] = []
+    pause_ms = 0
+    for number, duration_ms in enumerate(haptic_ms):
+        if number % 2 == 0:
+            pulses.append((pause_ms / 1000.0, duration_ms))
+            pause_ms = 0
+        pause_ms += duration_ms
+    return pulses
+
+
+Gesture = Literal["press", "double", "hold"]
+HOLD_S = 0.8
+"""Minimum duration of a hold, s."""
+DOUBLE_S = 0.32
+"""Longest time between the releases of a double press, s."""
+
+
+class ButtonGestures:
+    """Makes gestures of changes. All times are seconds of one clock."""
+
+    def __init__(self) -> None:
+        self._down_s: float | None = None
+        self._tapped_s: float | None = None
+
+    @property
+    def due_s(self) -> float | None:
+        """Return the time at which `wait` must be called next, or None if nothing is pending."""
+        if self._down_s is not None:
+            return self._down_s + HOLD_S
+        return None if self._tapped_s is None else self._tapped_s + DOUBLE_S
+
+    def down(self, now_s: float) -> Gesture | None:
+        """Start a press. Return the previous press if it was too long ago for a double press."""
+        before = self.wait(now_s)
+        if self._down_s is None:
+            self._down_s = now_s
+        return before
+
+    def up(self, now_s: float) -> Gesture | None:
+        """End a press. Return the gesture that this completes, a double press or a late hold, or None."""
+        if self._down_s is None:
+            return None
+        if (held := self.wait(now_s)) is not None:
+            return held
+        self._down_s = None
+        if self._tapped_s is not None and now_s <= self._tapped_s + DOUBLE_S:
+            self._tapped_s = None
+            return "double"
+        self._tapped_s = now_s
+        return None
+
+    def wait(self, now_s: float) -> Gesture | None:
+        """Return the gesture that is complete by `now_s` because nothing else happened, or None."""
+        if self._down_s is not None:
+            if now_s >= self._down_s + HOLD_S:  # as in `due_s`, to the last bit
+                self._down_s = self._tapped_s = None
+                return "hold"
+        elif self._tapped_s is not None and now_s >= self._tapped_s + DOUBLE_S:
+            self._tapped_s = None
+            return "press"
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class ButtonChange:
+    """The button went down or up."""
+
+    is_down: bool
 
 
 class LinkError(Exception):

@@ -1,19 +1,69 @@
-"""Xsens DOT and Movella DOT: quaternions of the sensor's own fusion, with its time.
+"""Xsens DOT and Movella DOT: quaternions of the sensor's own fusion with its time, from the short payload.
+
+payload = u32 time in µs, then f32 w, x, y, z; little-endian
 
 Bytes are those of the maker's archived example server and of third parties that agree with it. They were
 tested against a simulated sensor over a complete Bluetooth stack of others, never against a real one. Its
 button and its rates other than 60 Hz are not supported: their bytes could not be verified.
 """
 
+import struct
 from collections.abc import Iterable
+from dataclasses import dataclass
 
-from pointit.services.imu_bridge.ble import xsens_dot_protocol as protocol
-from pointit.services.imu_bridge.ble.ble_source import BleSource
-from pointit.services.imu_bridge.ble.discovery import discover_ble
+from pointit.geometry.rotation import Quaternion
+from pointit.schemas.base import unit_quaternion
+from pointit.services.imu_bridge.ble.ble_source import BleSource, discover_ble
 from pointit.services.imu_bridge.ble.radio import require_bleak
 from pointit.services.imu_bridge.ble.wrist import BleConfig, Connection, Kind, Wrist, WristItem
-from pointit.services.imu_bridge.reading import Battery, Item, Reading
-from pointit.services.imu_bridge.sources import ImuSource
+from pointit.services.imu_bridge.sources import Battery, ImuSource, Item, Reading
+
+CONTROL = "15172001-4947-11e9-8646-d663bd873d93"
+SHORT_PAYLOAD = "15172004-4947-11e9-8646-d663bd873d93"
+BATTERY = "15173001-4947-11e9-8646-d663bd873d93"
+START = bytes.fromhex("010105")
+STOP = bytes.fromhex("010005")
+"""Payload 5: orientation as a quaternion."""
+WRAP_US = 2**32
+
+
+@dataclass(frozen=True, slots=True)
+class Payload:
+    """Device time, which wraps after 71 minutes, and world_from_sensor with norm 1."""
+
+    time_us: int
+    orientation_xyzw: Quaternion
+
+
+def parse(data: bytes) -> Payload | None:
+    """Return the content of a short payload, or None if it is broken."""
+    if len(data) < 20:
+        return None
+    time_us, w, x, y, z = struct.unpack_from("<I4f", data)
+    try:
+        return Payload(time_us, unit_quaternion((x, y, z, w)))
+    except ValueError:
+        return None
+
+
+def parse_battery(data: bytes) -> float | None:
+    """Return the charge, 0 to 1, in a value of `BATTERY`, or None if it is empty."""
+    return min(data[0], 100) / 100.0 if data else None
+
+
+class UnwrappedTime:
+    """Continues a 32-bit count of microseconds beyond its end. A smaller step back remains one."""
+
+    def __init__(self) -> None:
+        self._newest_us = 0
+        self._wrapped_us = 0
+
+    def ns(self, time_us: int) -> int:
+        """Return the continued time of a sample, ns."""
+        if self._newest_us - time_us > WRAP_US // 2:
+            self._wrapped_us += WRAP_US
+        self._newest_us = time_us
+        return (self._wrapped_us + time_us) * 1000
 
 
 class XsensDotConfig(BleConfig):
@@ -24,26 +74,26 @@ class XsensDot(Wrist):
     """The commands and the notifications of a sensor."""
 
     kind = Kind(label="Xsens DOT", plugin="xsens_dot", names=("Xsens DOT", "Movella DOT"))
-    notifications = (protocol.SHORT_PAYLOAD, protocol.BATTERY)
+    notifications = (SHORT_PAYLOAD, BATTERY)
 
     def __init__(self) -> None:
-        self._time = protocol.UnwrappedTime()
+        self._time = UnwrappedTime()
 
     def begin(self, address: str) -> None:
         """Start a new count of its time."""
         del address
-        self._time = protocol.UnwrappedTime()
+        self._time = UnwrappedTime()
 
     async def configure(self, connection: Connection) -> None:
         """Start a measurement, after one that an earlier program may have left."""
-        for command in (protocol.STOP, protocol.START):
-            await connection.write(protocol.CONTROL, command)
+        for command in (STOP, START):
+            await connection.write(CONTROL, command)
 
     def received(self, characteristic: str, data: bytes, stamp_ns: int) -> Iterable[WristItem]:
         """Return the items in a notification."""
-        if characteristic == protocol.BATTERY:
+        if characteristic == BATTERY:
             return _battery(data)
-        found = protocol.parse(data)
+        found = parse(data)
         return (
             ()
             if found is None
@@ -52,15 +102,15 @@ class XsensDot(Wrist):
 
     async def ask(self, connection: Connection) -> Iterable[Item]:
         """Return the battery."""
-        return _battery(await connection.read(protocol.BATTERY))
+        return _battery(await connection.read(BATTERY))
 
     async def stop(self, connection: Connection) -> None:
         """End the measurement."""
-        await connection.write(protocol.CONTROL, protocol.STOP)
+        await connection.write(CONTROL, STOP)
 
 
 def _battery(data: bytes) -> Iterable[Battery]:
-    level = protocol.parse_battery(data)
+    level = parse_battery(data)
     return () if level is None else (Battery(level),)
 
 

@@ -11,13 +11,17 @@ from typing import Final, Literal, NamedTuple
 from pydantic import Field, field_validator
 
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
-from pointit.services.imu_bridge.network.datagram_values import DatagramError, orientation, vector
+from pointit.services.imu_bridge.network.datagram_source import (
+    DatagramConfig,
+    DatagramError,
+    DatagramSource,
+    Decoder,
+    orientation,
+    vector,
+)
 from pointit.services.imu_bridge.network.osc_quaternions import QuaternionPosition
-from pointit.services.imu_bridge.reading import Battery, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.sources import ImuSource
-from pointit.services.imu_bridge.streams.json_content import Order, component
-from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
+from pointit.services.imu_bridge.sources import Battery, ImuSource, Item, Press, RawReading, Reading
+from pointit.services.imu_bridge.streams import Order, SensorChoice, component
 
 LONGEST_DATAGRAM = 8192
 MAX_MESSAGES = 64

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from typing import NamedTuple
 
-from pointit.services.imu_bridge.network.datagram_values import DatagramError
-from pointit.services.imu_bridge.serial.fifth_number import (
+from pointit.services.imu_bridge.network.datagram_source import DatagramError
+from pointit.services.imu_bridge.serial.line_parser import (
     MAX_OPEN,
     ROUNDING_TOLERANCE,
     LeadingNumber,

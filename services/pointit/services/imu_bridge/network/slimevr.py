@@ -11,23 +11,22 @@ from pydantic import Field, field_validator
 from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.plugins import FoundDevice
-from pointit.runtime.service.surroundings import HealthSink
+from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
-from pointit.services.imu_bridge.network.port_source import PortSource
-from pointit.services.imu_bridge.network.sender_choice import REPLACED_S, SenderChoice
+from pointit.services.imu_bridge.network.datagram_source import REPLACED_S, SenderChoice
 from pointit.services.imu_bridge.network.slimevr_protocol import Handshake, SlimevrDatagram
-from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, receive_shared
-from pointit.services.imu_bridge.reading import (
+from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, PortSource, receive_shared
+from pointit.services.imu_bridge.sources import (
     Battery,
     Disconnected,
+    ImuSource,
     Item,
     Press,
     Reading,
     Reconnected,
     Signal,
 )
-from pointit.services.imu_bridge.sources import ImuSource
 
 MAX_CALLERS = 16
 """Trackers that are remembered at the same time; further ones are ignored."""

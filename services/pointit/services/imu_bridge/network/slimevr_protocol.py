@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.geometry.rotation import Quaternion
-from pointit.services.imu_bridge.network.datagram_values import DatagramError, orientation
+from pointit.services.imu_bridge.network.datagram_source import DatagramError, orientation
 
 PORT = 6969
 LONGEST_DATAGRAM = 1500

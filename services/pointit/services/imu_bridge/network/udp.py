@@ -9,21 +9,25 @@ from pydantic import Field
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
-from pointit.services.imu_bridge.network.datagram_values import DatagramError, orientation, vector
-from pointit.services.imu_bridge.reading import Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.serial.fifth_number import Fifth
-from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser
-from pointit.services.imu_bridge.sources import ImuSource
-from pointit.services.imu_bridge.streams.json_content import (
+from pointit.services.imu_bridge.network.datagram_source import (
+    DatagramConfig,
+    DatagramError,
+    DatagramSource,
+    Decoder,
+    orientation,
+    vector,
+)
+from pointit.services.imu_bridge.serial.line_parser import ButtonLine, Fifth, LineError, LineParser
+from pointit.services.imu_bridge.sources import ImuSource, Item, Press, RawReading, Reading
+from pointit.services.imu_bridge.streams import (
     ContentError,
     Order,
+    SensorChoice,
     is_object,
     names_in,
     quaternions,
     quoted,
 )
-from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
 
 LONGEST_DATAGRAM = 4096
 MAX_LINES = 64

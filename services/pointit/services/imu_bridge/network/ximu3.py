@@ -9,16 +9,18 @@ from pydantic import Field, field_validator
 
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.plugins import FoundDevice
-from pointit.runtime.service.surroundings import HealthSink
+from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.network.datagram_source import DatagramConfig, DatagramSource, Decoder
-from pointit.services.imu_bridge.network.datagram_values import DatagramError
+from pointit.services.imu_bridge.network.datagram_source import (
+    DatagramConfig,
+    DatagramError,
+    DatagramSource,
+    Decoder,
+)
 from pointit.services.imu_bridge.network.udp_server import ANY_HOST, Address, receive_shared
-from pointit.services.imu_bridge.reading import Item
-from pointit.services.imu_bridge.serial.framer import FLASH_S
-from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
-from pointit.services.imu_bridge.sources import ImuSource
-from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
+from pointit.services.imu_bridge.serial.framers import FLASH_S, Ximu3Framer
+from pointit.services.imu_bridge.sources import ImuSource, Item
+from pointit.services.imu_bridge.streams import SensorChoice
 
 ANNOUNCEMENTS = 10000
 """UDP port to which each device announces itself once a second."""

@@ -10,16 +10,17 @@ from pydantic import Field
 from pointit.geometry import vector
 from pointit.geometry.rotation import rotate
 from pointit.runtime.config.config import Config
-from pointit.services.imu_bridge.reading import Item, RawReading, Reading, Reconnected
-from pointit.services.imu_bridge.serial import bno085, witmotion
-from pointit.services.imu_bridge.serial.bno085 import Bno085Framer
-from pointit.services.imu_bridge.serial.fifth_number import Fifth
-from pointit.services.imu_bridge.serial.framer import SerialFramer
+from pointit.services.imu_bridge.serial import framers
+from pointit.services.imu_bridge.serial.framers import (
+    Bno085Framer,
+    SerialFramer,
+    WitMotionFramer,
+    Ximu3Framer,
+)
+from pointit.services.imu_bridge.serial.line_parser import Fifth
 from pointit.services.imu_bridge.serial.text_line import TextFramer
-from pointit.services.imu_bridge.serial.witmotion import WitMotionFramer
-from pointit.services.imu_bridge.serial.ximu3 import Ximu3Framer
-from pointit.services.imu_bridge.streams.json_content import Order
-from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
+from pointit.services.imu_bridge.sources import Item, RawReading, Reading, Reconnected
+from pointit.services.imu_bridge.streams import Order, SensorChoice
 
 Format = Literal["text", "witmotion", "bno085", "ximu3"]
 
@@ -102,23 +103,23 @@ FORMATS: Final[dict[Format, FormatRow]] = {
     "text": FormatRow(
         label="lines of text",
         make=lambda config, _baud, sensors: TextFramer(config.order, config.fifth, sensors),
-        bauds=witmotion.BAUDS,
+        bauds=framers.BAUDS,
         enough=1,
     ),
     "witmotion": FormatRow(
         label="WitMotion",
         make=lambda config, baud, _sensors: WitMotionFramer(configure=config.configure, baud=baud),
-        bauds=witmotion.BAUDS,
+        bauds=framers.BAUDS,
         enough=3,
     ),
     "bno085": FormatRow(
         label="BNO085 (UART-RVC)",
         make=lambda _config, _baud, _sensors: Bno085Framer(),
-        bauds=(bno085.BAUD,),
+        bauds=(framers.BAUD,),
         enough=3,
     ),
     "ximu3": FormatRow(
-        label="x-IMU3", make=lambda _config, _baud, _sensors: Ximu3Framer(), bauds=witmotion.BAUDS, enough=1
+        label="x-IMU3", make=lambda _config, _baud, _sensors: Ximu3Framer(), bauds=framers.BAUDS, enough=1
     ),
 }
 

@@ -24,18 +24,17 @@ from pointit.runtime.host.serial_port import (
     open_port,
     serial_ports,
 )
-from pointit.runtime.service.surroundings import HealthSink
+from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.reading import Deliver, Disconnected, Item, Reconnected
 from pointit.services.imu_bridge.serial.detection import (
     DetectedSensor,
     Detection,
     SerialConfig,
     sensor_choice,
 )
-from pointit.services.imu_bridge.serial.framer import FLASH_S, SerialFramer
-from pointit.services.imu_bridge.sources import ImuSource
-from pointit.services.imu_bridge.streams.json_content import quoted
+from pointit.services.imu_bridge.serial.framers import FLASH_S, SerialFramer
+from pointit.services.imu_bridge.sources import Deliver, Disconnected, ImuSource, Item, Reconnected
+from pointit.services.imu_bridge.streams import quoted
 
 log = logging.getLogger(__name__)
 

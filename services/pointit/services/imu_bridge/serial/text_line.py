@@ -1,17 +1,16 @@
 """Lines of text of a board: bytes to lines, lines to readings of one of its sensors."""
 
-from pointit.services.imu_bridge.reading import Item, Press, Reading
-from pointit.services.imu_bridge.serial.fifth_number import Fifth
-from pointit.services.imu_bridge.serial.framer import SerialFramer
+from pointit.services.imu_bridge.serial.framers import SerialFramer
 from pointit.services.imu_bridge.serial.line_parser import (
     LONGEST_LINE,
     AnglesError,
+    Fifth,
     LineError,
     LineParser,
     QuaternionLine,
 )
-from pointit.services.imu_bridge.streams.json_content import Order, quoted
-from pointit.services.imu_bridge.streams.sensor_choice import SensorChoice
+from pointit.services.imu_bridge.sources import Item, Press, Reading
+from pointit.services.imu_bridge.streams import Order, SensorChoice, quoted
 
 
 class LineSplitter:

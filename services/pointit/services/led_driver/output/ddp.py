@@ -1,8 +1,12 @@
-"""Output to WLED and other pixel controllers in the network, by DDP, and the search for WLED."""
+"""Output to WLED and other pixel controllers by DDP, the Distributed Display Protocol, and the search for WLED.
+
+A packet is flags, sequence, data type, id, offset (4 bytes) and size (2 bytes) of its data, the data.
+"""
 
 import asyncio
 import contextlib
 import json
+import struct
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -11,15 +15,46 @@ from pydantic import Field
 from pointit.runtime.address_config import AddressConfig, format_address
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.name_lookup import look_up
-from pointit.runtime.host.service_browser import NetworkService, browse
-from pointit.runtime.service.surroundings import Surroundings
+from pointit.runtime.host.name_lookup import NetworkService, browse, look_up
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas.text import one_line
-from pointit.services.led_driver.output import ddp_protocol
-from pointit.services.led_driver.output.datagram_sender import Datagram, Destination
-from pointit.services.led_driver.output.network_output import NetworkOutput, Wire
+from pointit.services.led_driver.output.network_output import Datagram, Destination, NetworkOutput, Wire
 from pointit.services.led_driver.output.pixel_map import PixelMap
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig
+
+PORT = 4048
+MAX_DATA_BYTES = 1440
+"""Limit of the data of a packet, bytes: 480 pixels of three colours, 360 of four."""
+VERSION, PUSH = 0x40, 0x01
+DATA_TYPES = {3: 0x0B, 4: 0x1B}
+"""Red, green, blue, and the same with white, 8 bits each."""
+DEFAULT_ID = 1
+SEQUENCES = 15
+"""Sequence numbers go from 1 to this one. 0 is for packets without."""
+SEQUENCED_PACKETS = 10
+"""Limit of packets in a frame with sequence numbers. WLED would take later ones for late ones of the frame
+before."""
+_HEADER = struct.Struct(">BBBBIH")
+
+
+def encode_frame(pixels: bytes, colors: int, number: int) -> list[bytes]:
+    """Return the packets that show `pixels`. The last one makes the controller show all.
+
+    Args:
+        pixels: bytes of the output, `colors` a pixel.
+        colors: 3, or 4 with white.
+        number: number of the frame, from 1.
+    """
+    starts = range(0, len(pixels), MAX_DATA_BYTES)
+    first = (number - 1) * len(starts)
+    packets: list[bytes] = []
+    for index, start in enumerate(starts):
+        data = pixels[start : start + MAX_DATA_BYTES]
+        flags = VERSION | (PUSH if index == len(starts) - 1 else 0)
+        sequence = (first + index) % SEQUENCES + 1 if len(starts) <= SEQUENCED_PACKETS else 0
+        packets.append(_HEADER.pack(flags, sequence, DATA_TYPES[colors], DEFAULT_ID, start, len(data)) + data)
+    return packets
+
 
 SERVICE = "_wled._tcp"
 ANSWER_S = 1.0
@@ -105,14 +140,14 @@ class DdpConfig(AddressConfig, OutputConfig):
 
     kind: str = Field(default="ddp", description="kind of controller")
     host: str = Field(default="", description="name or address of the controller, or HOST:PORT")
-    port: int = Field(default=ddp_protocol.PORT, gt=0, le=65535, description="UDP port of the controller")
+    port: int = Field(default=PORT, gt=0, le=65535, description="UDP port of the controller")
     max_rate_hz: float = Field(
         default=66.0, gt=0, le=1000, description="maximum number of frames per second; WLED shows up to 66"
     )
 
 
 def _encode(pixels: bytes, pixel_map: PixelMap, number: int) -> Sequence[Datagram]:
-    return [Datagram(data) for data in ddp_protocol.encode_frame(pixels, pixel_map.colors, number)]
+    return [Datagram(data) for data in encode_frame(pixels, pixel_map.colors, number)]
 
 
 def _make(config: DdpConfig, surroundings: Surroundings) -> NetworkOutput:
@@ -120,7 +155,7 @@ def _make(config: DdpConfig, surroundings: Surroundings) -> NetworkOutput:
         raise ConfigError("host: is missing; give the controller's name or address, as in --output ddp:HOST")
     destination = Destination(host=config.host, port=config.port)
     wire = Wire(encode=_encode, max_rate_hz=config.max_rate_hz)
-    address = config.host if config.port == ddp_protocol.PORT else format_address(config.host, config.port)
+    address = config.host if config.port == PORT else format_address(config.host, config.port)
     return NetworkOutput(config, destination, wire, surroundings.health, address)
 
 

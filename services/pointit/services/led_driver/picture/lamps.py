@@ -1,15 +1,194 @@
-"""Single lamps: lit for people who localize, coloured by the angle to the ray, or the state of the site."""
+"""Single lamps: lit in turn for people who localize, coloured by the angle to the ray, or the state of their thing.
+
+led-driver alone decides. Localizers state which lamps they use and which one is to be lit
+(`Localization.lamps`, `target_id`), again every second, so that a restarted led-driver restores the queue.
+"""
 
 import math
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from typing import Literal, NamedTuple
 
 from pointit.geometry.colormap import colormap
-from pointit.schemas import NS_PER_S, Cursor, Feedback
+from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Hover, LampLease, Localization, Selection
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.config import LedDriverConfig, StateLampConfig
-from pointit.services.led_driver.picture.lamp_queue import LampQueue
-from pointit.services.led_driver.picture.thing_lamps import ThingLamps
+
+FRESH_NS = 3 * NS_PER_S
+"""Age after which a localization by lamps counts as ended, ns. Active ones are published once a second."""
+MAX_PEOPLE = 64
+"""Limit of people. Beyond it the one silent for longest is forgotten."""
+
+
+class LampService(NamedTuple):
+    """Lamps as they are shared out."""
+
+    leases: tuple[LampLease, ...] = ()
+    """Lamps of each person, and the order of the waiting users."""
+    targets: frozenset[str] | set[str] = frozenset()
+    """Ids of the lamps to light."""
+
+
+class LampQueue:
+    """Localizations of all people, and the lamps that each may use. Pure."""
+
+    def __init__(self, silence_ns: int) -> None:
+        """Create without people. `silence_ns`: age after which a localization without lamps has ended."""
+        self._silence_ns = silence_ns
+        self._active: dict[str, tuple[int, Localization]] = {}
+        """By user: time of arrival, ns, and last message. Those silent for longest come first."""
+
+    def on_localization(self, user: str, localization: Localization, now_ns: int) -> None:
+        """Set the state of `user`'s localization."""
+        self._active.pop(user, None)
+        if localization.phase == "sampling":
+            self._active[user] = (now_ns, localization)
+        while len(self._active) > MAX_PEOPLE:
+            del self._active[next(iter(self._active))]
+
+    def leave(self, user: str) -> None:
+        """Remove `user`, who or whose localizer has left."""
+        self._active.pop(user, None)
+
+    def expire(self, now_ns: int) -> None:
+        """Remove localizations that have sent nothing for longer than the timeout."""
+        self._active = {
+            user: (at_ns, localization)
+            for user, (at_ns, localization) in self._active.items()
+            if 0 <= now_ns - at_ns < self._timeout_ns(localization)
+        }
+
+    def next_expiry_ns(self) -> int | None:
+        """Return the time of the next expiry without new messages, or None."""
+        return min(
+            (at_ns + self._timeout_ns(localization) for at_ns, localization in self._active.values()),
+            default=None,
+        )
+
+    @property
+    def is_in_use(self) -> bool:
+        """True if anybody localizes rather than waits."""
+        return any(not localization.ahead for _, localization in self._active.values())
+
+    def service(self) -> LampService:
+        """Return the order of people, those who point before those who wait, and the lamps to light."""
+        # those who point come first: clocks differ, so a later request may state an earlier time
+        wanted = (
+            (bool(localization.ahead), localization.since_ns, user, localization)
+            for user, (_, localization) in self._active.items()
+            if localization.lamps
+        )
+        leases: list[LampLease] = []
+        targets: set[str] = set()
+        for _, since_ns, user, localization in sorted(wanted, key=lambda each: each[:3]):
+            ahead = tuple(each.user for each in leases if not set(localization.lamps).isdisjoint(each.lamps))
+            leases.append(LampLease(user=user, since_ns=since_ns, lamps=localization.lamps, ahead=ahead))
+            if not ahead and not localization.ahead and localization.target_id in localization.lamps:
+                targets.add(localization.target_id)
+        return LampService(tuple(leases), targets)
+
+    def _timeout_ns(self, localization: Localization) -> int:
+        return FRESH_NS if localization.lamps else self._silence_ns
+
+
+HOVERED = 0.3
+"""Brightness of a thing's lamp when a person begins to point at it, relative to their colour. It grows to 1
+with the progress of the selection."""
+STEP = 0.05
+"""Change of brightness below which a lamp is left as it is."""
+
+Change = Literal["none", "level", "lamps"]
+"""Effect of a hover: nothing is shown differently, a lamp is brighter or darker, or other lamps are lit."""
+
+
+class _Hovered(NamedTuple):
+    """The lamp of the thing at which a person points, and its brightness as last shown."""
+
+    received_ns: int
+    lamp: str
+    level: float
+
+
+class ThingLamps:
+    """Colours of the lamps of things that are hovered or selected. Pure."""
+
+    def __init__(self, color_of: Callable[[str], Rgb], timeout_ns: int) -> None:
+        """Create without things. `color_of`: a person's colour. `timeout_ns`: age of an ended hover."""
+        self._color_of = color_of
+        self._timeout_ns = timeout_ns
+        self.lamps: dict[str, str] = {}
+        """Lamps of the map's things, by thing. While there are none, `on_hover` need not be called."""
+        self._selection: Selection | None = None
+        self._owners: dict[str, str] = {}
+        """People who have selected a thing, by its lamp."""
+        self._hovered: dict[str, _Hovered] = {}
+        """By user."""
+
+    def set_map(self, environment: Environment) -> None:
+        """Set the things, of which those count whose lamp is in the map. Hovers are forgotten."""
+        known = {lamp.id for lamp in environment.lamps}
+        self.lamps = {thing.id: thing.lamp for thing in environment.things if thing.lamp in known}
+        self._hovered.clear()
+        self._find_owners()
+
+    def set_selection(self, selection: Selection) -> bool:
+        """Set the selection. Return True if a lamp changes."""
+        self._selection = selection
+        return self._find_owners()
+
+    def _find_owners(self) -> bool:
+        before, self._owners = self._owners, {}
+        if self.lamps and self._selection is not None:
+            selected = self._selection.objects
+            self._owners = {self.lamps[item.id]: item.user for item in selected if item.id in self.lamps}
+        return self._owners != before
+
+    def on_hover(self, user: str, hover: Hover, now_ns: int) -> Change:
+        """Set `user`'s hovered object. Return its effect."""
+        before = self._hovered.get(user)
+        lamp = self.lamps.get(hover.object_id)
+        if lamp is None:
+            self._hovered.pop(user, None)
+            return "none" if before is None else "lamps"
+        level = HOVERED + (1.0 - HOVERED) * (0.0 if hover.action == "refuse" else hover.progress)
+        if before is None or before.lamp != lamp:
+            self._hovered[user] = _Hovered(now_ns, lamp, level)
+            return "lamps"
+        changes = abs(level - before.level) >= STEP
+        self._hovered[user] = _Hovered(now_ns, lamp, level if changes else before.level)
+        return "level" if changes else "none"
+
+    def colors(self, now_ns: int) -> dict[str, Rgb]:
+        """Return the colours of the lamps of hovered and selected things. Ended hovers are dropped.
+
+        A selected thing has its owner's colour. Among people who point at one, the greatest progress counts.
+        """
+        for user, hovered in list(self._hovered.items()):
+            if not 0 <= now_ns - hovered.received_ns < self._timeout_ns:
+                del self._hovered[user]
+        nearest: dict[str, tuple[float, str]] = {}
+        for user, (_, lamp, level) in self._hovered.items():
+            if lamp not in nearest or level > nearest[lamp][0]:
+                nearest[lamp] = (level, user)
+        nearest |= {lamp: (1.0, user) for lamp, user in self._owners.items()}
+        return {lamp: self._shade(user, level) for lamp, (level, user) in nearest.items()}
+
+    def reason(self, lamp: str) -> str:
+        """Return the reason for the colour of a lamp that is in `colors`."""
+        thing = next(thing for thing, its_lamp in self.lamps.items() if its_lamp == lamp)
+        if lamp in self._owners:
+            return f"{self._owners[lamp]} has selected {thing}"
+        users = sorted(user for user, hovered in self._hovered.items() if hovered.lamp == lamp)
+        return f"{' and '.join(users)} {'points' if len(users) == 1 else 'point'} at {thing}"
+
+    def _shade(self, user: str, level: float) -> Rgb:
+        red, green, blue = (round(value * level) for value in self._color_of(user))
+        return (red, green, blue)
+
+    def ends_ns(self) -> list[int]:
+        """Return the times at which hovers end without new ones."""
+        return [hovered.received_ns + self._timeout_ns for hovered in self._hovered.values()]
+
 
 DARK: Rgb = (0, 0, 0)
 TARGET: Rgb = (255, 255, 255)

@@ -13,20 +13,24 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
-from pointit.services.localizer.drift.model import (
+from pointit.services.localizer.drift.state import (
     CREEP,
     RATE,
     YAW,
     AnchorMeasurement,
     AnchorResult,
     Array,
+    Case,
     DriftPose,
     DriftSettings,
+    DriftState,
     Fix,
+    Innovation,
     X,
     Y,
+    bounded,
+    checked,
 )
-from pointit.services.localizer.drift.state import Case, DriftState, Innovation, bounded, checked
 
 
 def innovation(means: Array, measurement: AnchorMeasurement, late_s: float) -> Innovation:

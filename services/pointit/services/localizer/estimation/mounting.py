@@ -14,11 +14,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pointit.services.localizer.estimation.angular_residuals import Array, Complex, angular_errors
 from pointit.services.localizer.estimation.estimator import solve
-from pointit.services.localizer.estimation.levenberg_marquardt import minimize
-from pointit.services.localizer.estimation.sample_blocks import Pointings, blocks, in_time
-from pointit.services.localizer.estimation.solution import Refusal, Solution, SolverSettings
+from pointit.services.localizer.estimation.levenberg_marquardt import Array, Complex, angular_errors, minimize
+from pointit.services.localizer.estimation.solution import (
+    Pointings,
+    Refusal,
+    Solution,
+    SolverSettings,
+    blocks,
+    in_time,
+)
 
 MIN_SLOPE = 0.5
 """Halfway between a sensor along the arm and one across: the least of recorded people is 0.57 in 5 s."""

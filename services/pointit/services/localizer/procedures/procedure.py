@@ -1,13 +1,26 @@
-"""Life cycle of every localization procedure: started once by a request, stepped until it has ended.
+"""Life cycle of every localization procedure, and the base of those that point at lamps.
 
 Pure: rays, tracked objects and the time go in; progress, poses and anchors come out.
+
+Pure: rays and the time go in; progress comes out, by which led-driver lights the lamp.
+
+One hold: a lamp lights, the person notices, turns to it and settles, and then their rays count.
+
+The first second or so is reaction, and an open-loop reach settles about two seconds after the light
+(pointing.md §4): the hold begins when the reaction is over and the ray is steady.
 """
 
+import math
 from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
-from pointit.schemas import Localization, PointingRay, TrackedObjects
+import numpy as np
+
+from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimation import estimator as ray_math
 from pointit.services.localizer.estimation.estimator import Solution
 from pointit.services.localizer.outputs import Output, Phase, finite_or_none
 
@@ -107,3 +120,192 @@ class Procedure(ABC):
             yaw_sigma_rad=None if solution is None else finite_or_none(solution.yaw_sigma_rad),
             **self._details(phase),
         )
+
+
+STEADY_S = 0.4
+"""Time over which a ray must be steady."""
+
+MIN_RAYS = 4
+"""Smallest number of rays in that time."""
+
+MAX_RAYS = 8192
+"""Largest number of rays in one hold, whatever their rate."""
+
+
+class Hold:
+    """Rays of one hold; those captured before it only determine its beginning."""
+
+    def __init__(self, lit_ns: int, config: LocalizerConfig) -> None:
+        """Create the hold of a lamp that lights at `lit_ns`."""
+        self._config = config
+        self._from_ns = lit_ns + round(config.reaction_s * NS_PER_S)
+        self._latest_ns = self._from_ns + round(config.patience_s * NS_PER_S)
+        """Time at which the hold begins even if the ray is not steady."""
+        self._newest_ns = -1
+        self._recent: deque[PointingRay] = deque()
+        """Rays of the last `STEADY_S`, while the ray is not steady."""
+        self._waits = config.steady_degps > 0.0
+        self.rays: list[PointingRay] = []
+        """Rays that count."""
+
+    @property
+    def is_settled(self) -> bool:
+        """Return True if the ray was steady or need not be."""
+        return not self._waits
+
+    def add(self, ray: PointingRay) -> None:
+        """Add `ray` unless it is not newer than the last."""
+        if ray.stamp_ns <= self._newest_ns:
+            return
+        self._newest_ns = ray.stamp_ns
+        if not self._waits:
+            if ray.stamp_ns > self._from_ns and len(self.rays) < MAX_RAYS:
+                self.rays.append(ray)
+            return
+        self._recent.append(ray)
+        while self._recent[0].stamp_ns < ray.stamp_ns - round(STEADY_S * NS_PER_S):
+            self._recent.popleft()
+        if ray.stamp_ns > self._from_ns and (self._is_steady() or ray.stamp_ns >= self._latest_ns):
+            self._settle()
+
+    def is_over(self, now_ns: int, enough: int) -> bool:
+        """Return True if the hold has lasted long enough and `enough` rays came."""
+        return self.is_settled and now_ns >= self._end_ns and len(self.rays) >= enough
+
+    def has_timed_out(self, now_ns: int) -> bool:
+        """Return True if waiting for more rays is useless."""
+        return now_ns >= self._end_ns + round(self._config.patience_s * NS_PER_S)
+
+    def progress(self, now_ns: int) -> float:
+        """Return the progress, 0 to 1."""
+        if not self.is_settled:
+            return 0.0
+        held_s = max(0, now_ns - self._from_ns) / NS_PER_S
+        return min(1.0, held_s / self._config.hold_s)
+
+    @property
+    def _end_ns(self) -> int:
+        return self._from_ns + round(self._config.hold_s * NS_PER_S)
+
+    def _settle(self) -> None:
+        self._waits = False
+        self._from_ns = max(self._from_ns, self._recent[0].stamp_ns - 1)
+        self.rays = [ray for ray in self._recent if ray.stamp_ns > self._from_ns]
+        self._recent.clear()
+
+    def _is_steady(self) -> bool:
+        """Return True if the mean directions of the two halves of the recent rays are close.
+
+        Halves, because single rays jitter faster than the arm moves.
+        """
+        recent = self._recent
+        span_s = (recent[-1].stamp_ns - recent[0].stamp_ns) / NS_PER_S
+        if len(recent) < MIN_RAYS or span_s < 0.75 * STEADY_S:
+            return False
+        directions = ray_math.directions(recent)
+        half = len(recent) // 2
+        before, after = directions[:half].sum(axis=0), directions[-half:].sum(axis=0)
+        angle_rad = math.atan2(float(np.linalg.norm(np.cross(before, after))), float(before @ after))
+        return angle_rad <= math.radians(self._config.steady_degps) * span_s / 2.0
+
+
+class LampProcedure(Procedure):
+    """Keeps one lamp lit while it runs."""
+
+    def __init__(self, lamp_ids: Iterable[str], config: LocalizerConfig, min_rays: int, then: str) -> None:
+        """Create the procedure.
+
+        Args:
+            lamp_ids: all lamps that other people cannot use meanwhile.
+            config: times of each hold.
+            min_rays: number of rays that a hold needs.
+            then: advice if they did not come, as in `start again`.
+        """
+        super().__init__(config)
+        self.lamp_ids = tuple(sorted({*lamp_ids}))
+        self._min_rays = min_rays
+        self._then = then
+        self._holds: list[tuple[Hold, Lamp]] = []
+        """Holds since the start; the last one is running."""
+        self._published: tuple[str, int] | None = None
+
+    @property
+    def lit(self) -> str:
+        """Return the id of the lamp that is lit, or `""` if none is."""
+        return self._lamp.id if self._running else ""
+
+    @property
+    @abstractmethod
+    def targets(self) -> Sequence[Lamp]:
+        """Return the lamps that are, were or may be pointed at."""
+
+    def on_ray(self, ray: PointingRay) -> None:
+        """Add `ray` to the hold of the lamp that is lit."""
+        if self._running:
+            self._hold.add(ray)
+
+    def _begin(self, now_ns: int) -> list[Output]:
+        return self._light(now_ns)
+
+    def _continue(self, now_ns: int) -> list[Output]:
+        hold = self._hold
+        if hold.is_over(now_ns, self._min_rays):
+            return self._held(now_ns)
+        if not hold.has_timed_out(now_ns):
+            return self._progress(now_ns)
+        return self._end(
+            now_ns,
+            "refused",
+            f"only {len(hold.rays)} rays came while {self._lamp.id} was lit and {self._min_rays} are needed; "
+            f"check that the IMU is on and sends, then {self._then}",
+        )
+
+    def republish(self, now_ns: int) -> list[Output]:
+        """Return the progress again, since led-driver forgets who is silent."""
+        self._published = None
+        return self._progress(now_ns) if self._running else []
+
+    @property
+    def _hold(self) -> Hold:
+        return self._holds[-1][0]
+
+    @property
+    def _lamp(self) -> Lamp:
+        return self._holds[-1][1]
+
+    @abstractmethod
+    def _next_lamp(self) -> Lamp:
+        """Return the lamp to light now."""
+
+    @abstractmethod
+    def _held(self, now_ns: int) -> list[Output]:
+        """Continue after a hold."""
+
+    @property
+    def _count(self) -> int:
+        return 1
+
+    def _details(self, phase: Phase) -> dict[str, Any]:
+        is_on = phase == "sampling"
+        return {
+            "target_id": self._lamp.id if is_on else "",
+            "target_index": len(self._holds) - 1,
+            "target_count": self._count,
+            "samples": sum(len(hold.rays) for hold, _ in self._holds),
+            "lamps": self.lamp_ids if is_on else (),
+        }
+
+    def _share(self, now_ns: int, phase: Phase) -> float:
+        done = len(self._holds) - 1 + self._hold.progress(now_ns)
+        return done / self._count if phase == "sampling" else 0.0
+
+    def _light(self, now_ns: int) -> list[Output]:
+        self._holds.append((Hold(now_ns, self._config), self._next_lamp()))
+        return self.republish(now_ns)
+
+    def _progress(self, now_ns: int) -> list[Output]:
+        state = (self._lamp.id, len(self._hold.rays))
+        if state == self._published:
+            return []
+        self._published = state
+        return [self._localization(now_ns, "sampling")]

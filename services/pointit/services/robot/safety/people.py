@@ -3,11 +3,11 @@
 import math
 
 from pointit.geometry.floor_sigma import place_sigma_m
-from pointit.geometry.plane import is_level
+from pointit.geometry.solids import is_level
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
 from pointit.schemas.text import round_beyond
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.safety.obstacles import CylinderObstacle
+from pointit.services.robot.safety.region import CylinderObstacle
 from pointit.services.robot.stop_reason import StopReason
 
 LEVEL_WORKSPACE = "workspace/horizontal"

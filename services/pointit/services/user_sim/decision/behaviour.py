@@ -11,14 +11,11 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.decision_times import DecisionTimes
-from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
-from pointit.services.user_sim.decision.perceived_state import PerceivedState
+from pointit.services.user_sim.decision.goal import REST, PerceivedState, PersonGoal, on_object
 from pointit.services.user_sim.decision.robot_user import GroundRobotUser, QuadrotorUser
-from pointit.services.user_sim.decision.selecting import Selecting
-from pointit.services.user_sim.sight.perceived_objects import PerceivedObjects
-from pointit.services.user_sim.sight.pixels import Kind
-from pointit.services.user_sim.sight.sight import Sight
+from pointit.services.user_sim.decision.selecting import DecisionTimes, Selecting
+from pointit.services.user_sim.sight.eyes import Kind
+from pointit.services.user_sim.sight.sight import PerceivedObjects, Sight
 
 APART_M = 0.3
 """Gap between strips above which the next one is another reach, not the same movement, m."""

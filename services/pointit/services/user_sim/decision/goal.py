@@ -1,14 +1,194 @@
-"""A goal of pointing, and its motion."""
+"""A goal of pointing: the state of the interaction as the person perceives it, presses of the button, the motion."""
 
+import math
 from dataclasses import dataclass
+from typing import Literal
 
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S
-from pointit.services.user_sim.decision.press import Gesture
-from pointit.services.user_sim.sight.pixels import Kind
+from pointit.schemas import NS_PER_S, ButtonEvent, Feedback
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.sight.eyes import Kind
 from pointit.services.user_sim.sight.sight import SeenObject, Sight
+
+State = Literal["idle", "asked", "pointing"]
+
+
+class PerceivedState:
+    """State derived from cues. Cues before the start of the person are unknown.
+
+    `idle`: nothing happens until they press their button. `asked`: they are to point at `target`, or to wait
+    for one. `pointing`: free pointing.
+    """
+
+    def __init__(self) -> None:
+        self.state: State = "idle"
+        self.since_ns = 0
+        """Start of the state, ns. Time at a target within pointing counts as pointing."""
+        self.target = ""
+        """Target while asked. `""`: it will be named, or lights up."""
+        self.is_queuing = False
+        """While asked: other people come first, and the lit lamp is theirs."""
+        self._back: State = "idle"
+        """State after being asked, if it fails or was an anchor."""
+
+    def on_cue(self, cue: Feedback, now_ns: int) -> None:
+        """Process a cue. Cues of selecting change nothing here."""
+        match cue.cue:
+            case "target" if cue.turn_rad is None:  # otherwise they point past everything
+                self._ask(now_ns, cue.target_id)
+                self.is_queuing = cue.waits
+            case "started" if cue.waits:
+                self._ask(now_ns, cue.target_id)
+            case "started":
+                self._enter("pointing", now_ns)
+            case "localized":
+                if self.state == "asked":
+                    self._enter(self._back, now_ns)
+            case "refused":
+                if self.state == "asked":
+                    self._enter(self._back, now_ns)
+                elif self.state == "idle":  # the press failed
+                    self.since_ns = now_ns
+            case "stopped":
+                self._enter(self._back if self.state == "asked" else "idle", now_ns)
+            case _:
+                pass
+
+    def reset(self, now_ns: int) -> None:
+        """Assume `idle`, as no cursor has been seen for long."""
+        self._back = "idle"
+        self._enter("idle", now_ns)
+
+    def _ask(self, now_ns: int, target: str) -> None:
+        if self.state != "asked":
+            self._back = self.state
+            if self.state != "pointing":
+                self.since_ns = now_ns
+        self.state = "asked"
+        self.target = target
+        self.is_queuing = False
+
+    def _enter(self, state: State, now_ns: int) -> None:
+        goes_on = self.state == "pointing" or (self.state == "asked" and self._back == "pointing")
+        if not (goes_on and state == "pointing"):
+            self.since_ns = now_ns
+        self.state = state
+        self.target = ""
+
+
+OFF_S = 2.0
+"""Time for which the cursor is off before the person reacts, s."""
+WAIT_S = 15.0
+"""Time for a requested anchor to help before it is requested again, s."""
+CUE_PERIOD_S = 3.0
+"""Time without a profile after which the person presses anyway, s."""
+
+Gesture = Literal["press", "double", "hold"]
+
+
+class ButtonModel:
+    """The person's thumb on the button."""
+
+    def __init__(self, config: UserSimConfig) -> None:
+        self._think_ns = round(config.think_s * NS_PER_S)
+        self._pause_ns = round(config.press_pause_s * NS_PER_S)
+        self._every_ns = round(config.anchor_every_s * NS_PER_S)
+        self._lost_ns = round(config.lost_press_s * NS_PER_S)
+        self._off_rad = math.radians(config.anchor_when_off_deg)
+        self._born_ns: int | None = None
+        self._pressed_ns: int | None = None
+        self._anchored_ns: int | None = None
+        self._on_ns = 0
+        """Last time at which the cursor was on target, ns."""
+        self._in_vain_ns = 0
+        """Time of looking for the cursor since it was seen last, ns."""
+        self._before_ns = 0
+        self._presses = 0
+        self._free_ns: int | None = None
+        """Last time at which another client controlled the wrist. None: never."""
+
+    def decided(self, now_ns: int, gesture: Gesture) -> ButtonEvent:
+        """Return the gesture that the person's behaviour has decided on."""
+        return self._event(now_ns, gesture)
+
+    def wait(self, now_ns: int) -> None:
+        """Press nothing, as another client controls the wrist. Resets all timers."""
+        self._free_ns = self._on_ns = self._before_ns = now_ns
+        self._in_vain_ns = 0
+
+    def step(
+        self,
+        now_ns: int,
+        perceived: PerceivedState,
+        *,
+        known_ns: int | None,
+        off_rad: float = 0.0,
+        sees: bool | None = None,
+    ) -> ButtonEvent | None:
+        """Return the gesture at this time, or None.
+
+        Args:
+            now_ns: time, ns.
+            perceived: perceived state of the interaction.
+            known_ns: time since which they know that the system has their profile. None: not yet.
+            off_rad: angle from the cursor to the felt direction.
+            sees: True if they see their cursor. None: they do not look for it.
+        """
+        if self._born_ns is None or now_ns < self._born_ns:
+            self._born_ns = now_ns
+        passed_ns, self._before_ns = now_ns - self._before_ns, now_ns
+        if sees is not None:
+            self._in_vain_ns = 0 if sees else self._in_vain_ns + max(0, min(passed_ns, NS_PER_S))
+        if perceived.state == "pointing":
+            return self._anchor(now_ns, perceived, off_rad) or self._look_for(now_ns, perceived)
+        self._on_ns = now_ns
+        if perceived.state == "idle":
+            self._anchored_ns = None
+            return self._begin(now_ns, perceived, known_ns)
+        return None
+
+    def _begin(self, now_ns: int, perceived: PerceivedState, known_ns: int | None) -> ButtonEvent | None:
+        greeted_ns = (self._born_ns or 0) + round(CUE_PERIOD_S * NS_PER_S)
+        ready_ns = max(perceived.since_ns, greeted_ns if known_ns is None else known_ns) + self._think_ns
+        if self._free_ns is not None and self._free_ns <= now_ns:
+            ready_ns = max(ready_ns, self._free_ns + self._think_ns)
+        if self._pressed_ns is not None and self._pressed_ns <= now_ns:
+            ready_ns = max(ready_ns, self._pressed_ns + self._pause_ns)
+        if now_ns < ready_ns <= now_ns + self._think_ns + self._pause_ns + 10 * NS_PER_S:
+            return None
+        self._pressed_ns = now_ns
+        return self._event(now_ns, "press")
+
+    def _look_for(self, now_ns: int, perceived: PerceivedState) -> ButtonEvent | None:
+        """Press if no cursor was seen for long: the system may not consider them pointing."""
+        if self._lost_ns == 0 or self._in_vain_ns <= self._lost_ns:
+            return None
+        self._in_vain_ns = 0
+        self._pressed_ns = now_ns
+        perceived.reset(now_ns)
+        return self._event(now_ns, "press")
+
+    def _anchor(self, now_ns: int, perceived: PerceivedState, off_rad: float) -> ButtonEvent | None:
+        """Press twice if the last anchor, or the start, is long ago, or the cursor is off for long."""
+        if off_rad <= self._off_rad:
+            self._on_ns = now_ns
+        asked_ns = self._anchored_ns
+        since_ns = perceived.since_ns if asked_ns is None else asked_ns
+        is_old = 0 < self._every_ns <= now_ns - since_ns
+        is_off = self._off_rad > 0.0 and now_ns - self._on_ns > OFF_S * NS_PER_S
+        may_again = asked_ns is None or now_ns - asked_ns > WAIT_S * NS_PER_S
+        if not is_old and not (is_off and may_again):
+            return None
+        self._anchored_ns = self._on_ns = now_ns
+        self._in_vain_ns = 0
+        return self._event(now_ns, "double")
+
+    def _event(self, now_ns: int, gesture: Gesture) -> ButtonEvent:
+        self._presses += 1
+        return ButtonEvent(stamp_ns=now_ns, seq=self._presses, source="simulated", gesture=gesture)
+
 
 PURSUIT_S = 1.5
 """Time for which a thing is extrapolated after it was lost from view, s."""

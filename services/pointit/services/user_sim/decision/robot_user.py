@@ -8,9 +8,8 @@ from typing import Literal
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback, RobotKind, RobotState
-from pointit.services.user_sim.decision.decision_times import DecisionTimes
-from pointit.services.user_sim.decision.goal import IN_AIR_M, REST, PersonGoal
-from pointit.services.user_sim.decision.press import WAIT_S, Gesture
+from pointit.services.user_sim.decision.goal import IN_AIR_M, REST, WAIT_S, Gesture, PersonGoal
+from pointit.services.user_sim.decision.selecting import DecisionTimes
 from pointit.services.user_sim.sight.sight import Sight
 
 AIM_S = 2.4

@@ -1,4 +1,4 @@
-"""Perception of the light on the strips: the position of the own cursor, and the state of a thing.
+"""Perception of the light on the strips: pixels, the own cursor, and the appearance of things.
 
 A thing is a segment in its kind's colour, dim while it is free, bright once selected. Its two ends show whose
 cursor is on it, or who selected it. A cursor is a short run in its person's colour on top, and overlapping
@@ -6,24 +6,269 @@ cursors alternate by pixel. Only the frame's bytes, the map, the things and the 
 is decoded on a look, not on arrival.
 """
 
+import contextlib
+import functools
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pointit.geometry.colormap import UnknownColormapError, colormap
+from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Environment, StripsFrame, UserProfile
+from pointit.schemas import Belt, Environment, Strip, StripsFrame, UserProfile
 from pointit.schemas.base import Rgb
-from pointit.services.user_sim.sight.observed_appearance import (
-    DARKEST,
-    ObservedAppearance,
-    OwnColor,
-    UsualLooks,
-)
-from pointit.services.user_sim.sight.pixels import Key, Kind, SeenPixels, ShownLine
+from pointit.schemas.environment import BESIDE_BELT_M
+
+Array = NDArray[np.float64]
+Kind = Literal["strip", "belt"]
+Key = tuple[Kind, str]
+T = TypeVar("T", Strip, Belt)
+
+MAX_PIXELS = 64 * 4096
+"""Limit of the pixels of all strips, that of a frame."""
+MAX_PAIRS = 20_000_000
+"""Limit of pixels times segments of belts that are compared, beyond that of any hall."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShownLine:
+    """A strip or a belt, and the pixels that show it, by arc length."""
+
+    kind: Kind
+    id: str
+    line: Polyline
+    pitch_m: float
+    """Distance from one pixel to the next on the strip, or strips."""
+    arcs_m: list[float] = field(default_factory=list[float])
+    """Arc lengths, increasing."""
+    at: list[int] = field(default_factory=list[int])
+    """Index of each in the frame."""
+
+
+Place = tuple[ShownLine, float]
+"""A line and an arc length on it."""
+
+
+class SeenPixels:
+    """All pixels of a room, numbered in the order of a frame (strips in the map's order)."""
+
+    def __init__(self, room: Environment) -> None:
+        """Arrange the strips of `room`. Strips that cannot be drawn, or exceed the limit, are not visible."""
+        self.strips: list[tuple[str, int]] = []
+        """Ids and numbers of pixels, in the map's order."""
+        self.lines: dict[Key, ShownLine] = {}
+        self.count = 0
+        places: list[Array] = []
+        pitches: list[Array] = []
+        for strip, line in drawable(room.strips):
+            if self.count + strip.pixels > MAX_PIXELS:
+                break
+            places.append(self._add(strip, line))
+            pitches.append(np.full(strip.pixels, line.length_m / strip.pixels))
+        points = np.concatenate(places) if places else np.empty((0, 3))
+        self._pitches_m: Array = np.concatenate(pitches) if pitches else np.empty(0)
+        budget = MAX_PAIRS
+        for belt, line in drawable(room.belts):
+            budget -= len(points) * len(line.tangents)
+            if budget >= 0 and len(points):
+                self._lay_beside(belt, line, points)
+        self._by_strip = _by_pixel(self.count, [line for line in self.lines.values() if line.kind == "strip"])
+        by_belt = _by_pixel(self.count, [line for line in self.lines.values() if line.kind == "belt"])
+        self._by_belt = [belts or strips for belts, strips in zip(by_belt, self._by_strip, strict=True)]
+
+    def places(self, pixel: int, kind: Kind) -> Sequence[Place]:
+        """Return the places that `pixel` shows, on belts or on strips only."""
+        return (self._by_belt if kind == "belt" else self._by_strip)[pixel]
+
+    def _add(self, strip: Strip, line: Polyline) -> Array:
+        offset, self.count = self.count, self.count + strip.pixels
+        self.strips.append((strip.id, strip.pixels))
+        pitch_m = line.length_m / strip.pixels
+        arcs = (np.arange(strip.pixels, dtype=np.float64) + 0.5) * pitch_m
+        wire = range(strip.pixels) if strip.direction == 1 else range(strip.pixels - 1, -1, -1)
+        self.lines["strip", strip.id] = ShownLine(
+            "strip", strip.id, line, pitch_m, arcs.tolist(), [offset + index for index in wire]
+        )
+        points = line.points_at(arcs)
+        return points if strip.direction == 1 else points[::-1]
+
+    def _lay_beside(self, belt: Belt, line: Polyline, points: Array) -> None:
+        """Find the pixels beside a belt, each with the nearest arc length of its centre line."""
+        reach_m = belt.width_m / 2.0 + BESIDE_BELT_M
+        low, high = line.vertices_m.min(axis=0) - reach_m, line.vertices_m.max(axis=0) + reach_m
+        near = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
+        arcs, gaps = line.nearest_to(points[near])
+        there = np.flatnonzero((gaps <= reach_m) & ~line.is_beyond_ends(points[near], arcs))
+        order = there[np.argsort(arcs[there], kind="stable")]
+        if not len(order):
+            return
+        at = [int(pixel) for pixel in near[order]]
+        pitch_m = float(self._pitches_m[at].max())
+        self.lines["belt", belt.id] = ShownLine("belt", belt.id, line, pitch_m, arcs[order].tolist(), at)
+
+
+def drawable(things: Sequence[T]) -> Iterator[tuple[T, Polyline]]:
+    """Yield `things` with their lines, except those without length, such as a single point."""
+    for thing in things:
+        with contextlib.suppress(ValueError):
+            yield thing, Polyline(thing.line_m)
+
+
+def _by_pixel(count: int, lines: Sequence[ShownLine]) -> list[list[Place]]:
+    places: list[list[Place]] = [[] for _ in range(count)]
+    for line in lines:
+        for arc_m, pixel in zip(line.arcs_m, line.at, strict=True):
+            places[pixel].append((line, arc_m))
+    return places
+
+
+HUE_TOLERANCE = 0.09
+"""Maximum distance of a colour from another one of any brightness, as a share, to count as equal."""
+
+DARKEST = 0.04
+"""Minimum brightness of a cursor, as a share of its full colour."""
+
+TINTS = 32
+"""Number of distinct colours of a colormap."""
+
+Color = tuple[int, int, int]
+
+FULL = 1.5
+"""Minimum brightness of a selected thing relative to others, which is at least 2 as drawn."""
+
+GAP = 0.6
+"""Maximum relative brightness of a pixel of the pattern of a selected thing."""
+
+BRIGHTER = 1.2
+"""Minimum brightness of an own mark relative to a thing of the same colour. Selected ones are 1.27 darker."""
+
+UNKNOWN_DIM = 105.0
+"""Brightness of unselected things of a kind that was never seen unmarked."""
+
+
+class OwnColor:
+    """The person's own colour, or colours."""
+
+    def __init__(self, profile: UserProfile) -> None:
+        self._own = np.array([profile.cursor_color], dtype=np.float64)
+        if profile.cursor_colormap:
+            with contextlib.suppress(UnknownColormapError):  # it is drawn in `cursor_color`
+                tints = colormap(profile.cursor_colormap)(np.linspace(0.0, 1.0, TINTS))
+                self._own = tints.astype(np.float64)
+        self._shares: dict[int, float] = {0: 0.0}
+        """By colour: brightness of an own cursor of this colour, 0 if it is none."""
+
+    def share(self, code: int) -> float:
+        """Return the brightness of an own cursor that looks like this, as a share, or 0 if it is none."""
+        share = self._shares.get(code)
+        if share is None:
+            if len(self._shares) > 4096:
+                self._shares = {0: 0.0}
+            share = self._shares[code] = self._share_of(rgb(code))
+        return share
+
+    def _share_of(self, color: Color) -> float:
+        pixel = np.array(color, dtype=np.float64)
+        squares = np.maximum(np.einsum("ij,ij->i", self._own, self._own), 1.0)
+        shares = self._own @ pixel / squares
+        beside = np.linalg.norm(pixel - shares[:, None] * self._own, axis=1)
+        off = beside / np.maximum(shares * np.sqrt(squares), 1e-9)
+        best = int(np.argmin(off))
+        return float(shares[best]) if off[best] <= HUE_TOLERANCE and shares[best] >= DARKEST else 0.0
+
+
+def rgb(code: int) -> Color:
+    """Return red, green and blue of a pixel's code."""
+    return (code >> 16, code >> 8 & 255, code & 255)
+
+
+def brightness(code: int) -> int:
+    """Return the maximum of red, green and blue, 0 to 255."""
+    return max(rgb(code))
+
+
+@functools.lru_cache(maxsize=4096)
+def is_same_hue(code: int, other: int) -> bool:
+    """Return True if two colours differ in brightness only."""
+    a, b = rgb(code), rgb(other)
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    lengths = math.hypot(*a) * math.hypot(*b)
+    return lengths > 0.0 and dot >= lengths * math.cos(HUE_TOLERANCE)
+
+
+class ObservedAppearance(NamedTuple):
+    """Appearance of a thing."""
+
+    marked: bool
+    """True if its ends are in another colour than its middle."""
+    full: bool
+    """True if it is as bright as selected things."""
+    hidden: bool
+    """True if a cursor covers its middle, so that its brightness is uncertain."""
+    own: bool
+    """True if an end is in the own colour."""
+    foreign: bool
+    """True if an end is in a colour that is neither the own nor the thing's."""
+
+
+class UsualLooks:
+    """Learned appearance of unselected things of each kind."""
+
+    def __init__(self) -> None:
+        self._dim: dict[str, tuple[int, int]] = {}
+        """By kind: colour and brightness of unselected things."""
+
+    def judge(
+        self, kind: str, shown: Sequence[int], own_color: OwnColor, cursor_brightness: float
+    ) -> ObservedAppearance:
+        """Return the appearance of a thing, and learn from unmarked ones.
+
+        Args:
+            kind: kind of the thing.
+            shown: codes of its pixels from end to end, at least 3.
+            own_color: colour of the person.
+            cursor_brightness: recent brightness of cursors, as a share.
+        """
+        known = self._dim.get(kind)
+        body = known[0] if known is not None else _commonest(shown[1:-1])
+        is_plain = [is_same_hue(code, body) for code in shown]
+        bodies = [code for code, is_it in zip(shown, is_plain, strict=True) if is_it]
+        is_own_hue = own_color.share(body) > 0.0  # then only brightness tells the own marks from the thing
+        if is_plain[0] and is_plain[-1] and (not is_own_hue or len(set(shown)) == 1):
+            usual = _commonest(bodies)
+            self._dim[kind] = (usual, brightness(usual))
+            return ObservedAppearance(marked=False, full=False, hidden=False, own=False, foreign=False)
+        dimmest = min(map(brightness, bodies), default=0)
+        ends = [
+            code
+            for code in (shown[0], shown[-1])
+            if not is_same_hue(code, body) or (is_own_hue and brightness(code) > BRIGHTER * dimmest)
+        ]
+        is_own = [own_color.share(code) > 0.0 for code in ends]
+        own, foreign = any(is_own), not all(is_own)
+        if not bodies:  # covered by a cursor or another thing
+            return ObservedAppearance(marked=True, full=False, hidden=True, own=own, foreign=foreign)
+        dim = known[1] if known is not None else UNKNOWN_DIM * cursor_brightness
+        middle = (len(shown) - 1) / 2.0
+        nearest = min((k for k, is_it in enumerate(is_plain) if is_it), key=lambda k: abs(k - middle))
+        level = brightness(shown[nearest])
+        return ObservedAppearance(
+            marked=True,
+            full=level > FULL * dim or (known is not None and level < GAP * dim),
+            hidden=abs(nearest - middle) > len(shown) / 6.0,
+            own=own,
+            foreign=foreign,
+        )
+
+
+def _commonest(codes: Sequence[int]) -> int:
+    return max(codes, key=codes.count)
+
 
 LEVEL_SHARE = 0.8
 """Minimum brightness of a cursor, as a share of its recent brightness."""

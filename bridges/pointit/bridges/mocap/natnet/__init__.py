@@ -1,1 +1,0 @@
-"""NatNet, the protocol of OptiTrack Motive: packets, clock, session, sockets, search."""

@@ -1,0 +1,323 @@
+"""Packets of NatNet 2.0 to 4.1, and of later versions as far as their layout is the same, and names in lists of models. Pure.
+
+Integers and floats are little-endian, lengths metres. Since 4.1 each section states its size, so that all
+but the rigid bodies are skipped unread. Coordinates are those of the stream: Motive's settings say which axis
+is up.
+"""
+
+import struct
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from pointit.bridges.mocap.bodies import BodySample, body_sample
+
+COMMAND_PORT = 1510
+DATA_PORT = 1511
+GROUP = "239.255.42.99"
+"""Multicast group of servers before 3.0, which do not state it."""
+CONNECT, SERVER_INFO, MODEL_REQUEST, MODEL, FRAME, KEEP_ALIVE = 0, 1, 4, 5, 7, 10
+ECHO_REQUEST, ECHO, DISCOVERY = 12, 13, 14
+MODEL_CHANGED, IS_EDITING, BITSTREAM_CHANGED = 2, 4, 8
+"""Bits of a frame's flags."""
+OCCLUDED, MODEL_FILLED = 1, 4
+"""Bits of a labelled marker's flags."""
+MAX_VERSION = (4, 1)
+"""Version that unicast servers are asked for. Others were never seen."""
+SIZED = (4, 1)
+"""Version since which sections state their sizes."""
+SUFFIX_BYTES = 54
+"""Length of the times and flags at the end of a frame since 4.1."""
+MAX_COUNT = 65535
+"""Limit of the items of a section: a datagram has no room for more."""
+
+Version = tuple[int, int]
+
+_HEADER = struct.Struct("<HH")
+_BODY = struct.Struct("<i3f4f")
+_INFO = struct.Struct("<256s4B4B")
+_CONNECTION = struct.Struct("<QHB4s")
+_TICKS = struct.Struct("<3Q")
+
+
+class MalformedPacketError(ValueError):
+    """A packet that is damaged, or of no known layout."""
+
+
+class ServerInfo(NamedTuple):
+    """Answer of a server to a connection or a search."""
+
+    application: str
+    version: Version
+    """Version of NatNet."""
+    clock_hz: int
+    """Ticks per second of the server's clock, or 0 before 3.0."""
+    data_port: int
+    is_multicast: bool
+    group: str
+
+
+class MocapFrame(NamedTuple):
+    """One frame of all bodies."""
+
+    number: int
+    bodies: tuple[BodySample, ...]
+    exposure_ticks: int
+    """Middle of the exposure by the server's clock, or 0 if unknown."""
+    sent_ticks: int
+    """Time of sending by the server's clock, or 0 before 3.0."""
+    flags: int
+
+
+class PacketReader:
+    """Reads values one after another."""
+
+    def __init__(self, data: bytes, at: int = 0) -> None:
+        """Begin at byte `at`."""
+        self.data = data
+        self.at = at
+
+    def skip(self, size: int) -> None:
+        """Pass over `size` bytes."""
+        if not 0 <= size <= len(self.data) - self.at:
+            raise MalformedPacketError(f"{size} bytes are missing at byte {self.at} of {len(self.data)}")
+        self.at += size
+
+    def count(self, item_bytes: int = 1) -> int:
+        """Return a number of items of at least `item_bytes`."""
+        (count,) = struct.unpack_from("<i", self.data, self.at)
+        self.at += 4
+        if not 0 <= count * item_bytes <= len(self.data) - self.at or count > MAX_COUNT:
+            raise MalformedPacketError(f"{count} items at byte {self.at} of {len(self.data)}")
+        return int(count)
+
+    def text(self) -> str:
+        """Return a text that a zero ends."""
+        end = self.data.find(b"\0", self.at)
+        if end < 0:
+            raise MalformedPacketError(f"a text does not end after byte {self.at}")
+        begin, self.at = self.at, end + 1
+        return self.data[begin:end].decode("utf-8", "replace")
+
+
+def packet(message: int, payload: bytes = b"") -> bytes:
+    """Return a packet."""
+    return _HEADER.pack(message, len(payload)) + payload
+
+
+def connect_packet(message: int = CONNECT) -> bytes:
+    """Return a request to connect by unicast with `MAX_VERSION`, or another one of the same layout."""
+    version = (*MAX_VERSION, 0, 0)
+    return packet(message, _INFO.pack(b"PointIt", *version, *version) + struct.pack("<B4B", 0, *version))
+
+
+def echo_packet(time_ns: int) -> bytes:
+    """Return a request for the server's time."""
+    return packet(ECHO_REQUEST, struct.pack("<Q", time_ns))
+
+
+def split_packet(data: bytes) -> tuple[int, bytes]:
+    """Return the message and the payload of a packet.
+
+    Raises:
+        MalformedPacketError: If it is cut off.
+    """
+    if len(data) < _HEADER.size:
+        raise MalformedPacketError(f"{len(data)} bytes are no packet")
+    message, size = _HEADER.unpack_from(data)
+    if size > len(data) - _HEADER.size:
+        raise MalformedPacketError(f"{len(data)} bytes instead of {size + _HEADER.size}")
+    return message, data[_HEADER.size : _HEADER.size + size]
+
+
+def read_echo(payload: bytes) -> tuple[int, int]:
+    """Return the sent time, ns, and the server's ticks at its arrival.
+
+    Raises:
+        MalformedPacketError: If it is too short.
+    """
+    if len(payload) < 16:
+        raise MalformedPacketError(f"{len(payload)} bytes are no echo")
+    time_ns, ticks = struct.unpack_from("<QQ", payload)
+    return time_ns, ticks
+
+
+def read_server_info(payload: bytes) -> ServerInfo:
+    """Return the description that a server sends.
+
+    Raises:
+        MalformedPacketError: If it is too short.
+    """
+    if len(payload) < _INFO.size:
+        raise MalformedPacketError(f"{len(payload)} bytes are no description of a server")
+    name, *_, major, minor, _build, _revision = _INFO.unpack_from(payload)
+    clock_hz, port, is_multicast, group = 0, DATA_PORT, 1, bytes(map(int, GROUP.split(".")))
+    if len(payload) >= _INFO.size + _CONNECTION.size:
+        clock_hz, port, is_multicast, group = _CONNECTION.unpack_from(payload, _INFO.size)
+    text = name.partition(b"\0")[0].decode("utf-8", "replace")
+    address = ".".join(map(str, group))
+    return ServerInfo(text, (major, minor), clock_hz, port or DATA_PORT, bool(is_multicast), address)
+
+
+def read_frame(payload: bytes, version: Version) -> MocapFrame:
+    """Return the bodies and times of a frame.
+
+    Raises:
+        MalformedPacketError: If it is damaged.
+    """
+    try:
+        return _frame(PacketReader(payload), version)
+    except struct.error as error:
+        raise MalformedPacketError(f"a frame of {len(payload)} bytes ends early") from error
+
+
+def _frame(reader: PacketReader, version: Version) -> MocapFrame:
+    data, is_sized = reader.data, version >= SIZED
+    (number,) = struct.unpack_from("<i", data)
+    reader.at = 4
+    for skip in (_skip_marker_sets, _skip_markers):
+        count, end = _section(reader, is_sized=is_sized)
+        skip(reader, count) if end is None else reader.skip(end - reader.at)
+    count, end = _section(reader, is_sized=is_sized)
+    if end is None:
+        bodies = [_body(reader, version) for _ in range(count)]
+    else:
+        bodies = [
+            _body(PacketReader(data, at), version) for at in _strides(reader.at, end, count, _BODY.size + 6)
+        ]
+        reader.skip(end - reader.at)
+    if version >= (2, 1):
+        count, end = _section(reader, is_sized=is_sized)
+        for _ in range(0 if end is not None else count):
+            reader.skip(4)
+            for _bone in range(reader.count(_BODY.size)):
+                _body(reader, version)
+        reader.skip(0 if end is None else end - reader.at)
+    if is_sized:
+        _, end = _section(reader, is_sized=True)
+        reader.skip((end or reader.at) - reader.at)
+    measured = dict[int, int]()
+    if version >= (2, 6):
+        count, end = _section(reader, is_sized=is_sized)
+        item_bytes = 26 if version >= (3, 0) else 22
+        for at in _strides(
+            reader.at, reader.at + count * item_bytes if end is None else end, count, item_bytes
+        ):
+            marker, flags = struct.unpack_from("<i", data, at)[0], struct.unpack_from("<H", data, at + 20)[0]
+            measured[marker >> 16] = measured.get(marker >> 16, 0) + (not flags & (OCCLUDED | MODEL_FILLED))
+    exposure, sent = 0, 0
+    if version >= (3, 0):
+        exposure, _, sent = _TICKS.unpack_from(data, len(data) - (SUFFIX_BYTES if is_sized else 46) + 16)
+    (flags,) = struct.unpack_from("<H", data, len(data) - 6)
+    bodies = [body._replace(measured=measured.get(body.id)) for body in bodies]
+    return MocapFrame(number, tuple(bodies), exposure, sent, flags)
+
+
+def _section(reader: PacketReader, *, is_sized: bool) -> tuple[int, int | None]:
+    """Return the number of items of a section, and the byte after it if it is stated."""
+    count = reader.count()
+    if not is_sized:
+        return count, None
+    size = reader.count()
+    return count, reader.at + size
+
+
+def _strides(begin: int, end: int, count: int, item_bytes: int) -> Iterable[int]:
+    """Return where the items of a section begin. Newer versions may have longer ones."""
+    stride = (end - begin) // count if count else item_bytes
+    if stride < item_bytes:
+        raise MalformedPacketError(f"items of {stride} bytes instead of {item_bytes}")
+    return range(begin, begin + count * stride, stride)
+
+
+def _skip_marker_sets(reader: PacketReader, count: int) -> None:
+    for _ in range(count):
+        reader.text()
+        reader.skip(12 * reader.count(12))
+
+
+def _skip_markers(reader: PacketReader, count: int) -> None:
+    reader.skip(12 * count)
+
+
+def _body(reader: PacketReader, version: Version) -> BodySample:
+    number, *values = _BODY.unpack_from(reader.data, reader.at)
+    reader.at += _BODY.size
+    if version < (3, 0):
+        reader.skip(20 * reader.count(20))
+    (error_m,) = struct.unpack_from("<f", reader.data, reader.at)
+    reader.skip(4)
+    is_tracked = True
+    if version >= (2, 6):
+        is_tracked = bool(struct.unpack_from("<H", reader.data, reader.at)[0] & 1)
+        reader.skip(2)
+    return body_sample(number, values[:3], values[3:], error_m, is_tracked=is_tracked)
+
+
+_MARKER_SET, _RIGID_BODY, _SKELETON, _PLATE, _DEVICE, _CAMERA = range(6)
+"""Kinds of models."""
+
+
+def read_models(payload: bytes, version: Version) -> dict[int, str]:
+    """Return the names of the rigid bodies by their ids.
+
+    Raises:
+        MalformedPacketError: If the list is damaged.
+    """
+    reader, names = PacketReader(payload), dict[int, str]()
+    try:
+        for _ in range(reader.count()):
+            kind = reader.count(0)
+            end = None
+            if version >= SIZED:
+                size = reader.count()
+                end = reader.at + size
+            if kind == _RIGID_BODY:
+                name, number = _body_model(reader, version)
+                names[number] = name
+            elif end is None:
+                _skip_model(reader, kind, version)
+            if end is not None:
+                reader.at = end
+    except struct.error as error:
+        raise MalformedPacketError(f"a list of models of {len(payload)} bytes ends early") from error
+    return names
+
+
+def _body_model(reader: PacketReader, version: Version) -> tuple[str, int]:
+    name = reader.text()
+    (number,) = struct.unpack_from("<i", reader.data, reader.at)
+    reader.skip(20)
+    if version >= (3, 0) and version < SIZED:
+        count = reader.count(16)
+        reader.skip(16 * count)
+        for _ in range(count if version >= (4, 0) else 0):
+            reader.text()
+    return name, number
+
+
+def _skip_model(reader: PacketReader, kind: int, version: Version) -> None:
+    """Skip a model that is no body. Before 4.1 the layout of each kind must be known."""
+    if kind == _MARKER_SET:
+        reader.text()
+        for _ in range(reader.count()):
+            reader.text()
+    elif kind == _SKELETON:
+        reader.text()
+        reader.skip(4)
+        for _ in range(reader.count(20)):
+            _body_model(reader, version)
+    elif kind in (_PLATE, _DEVICE):
+        reader.skip(4)
+        reader.text()
+        if kind == _PLATE:
+            reader.skip(4 * (2 + 3 + 144 + 12))
+        else:
+            reader.text()
+        reader.skip(8)
+        for _ in range(reader.count()):
+            reader.text()
+    elif kind == _CAMERA:
+        reader.text()
+        reader.skip(28)
+    else:
+        raise MalformedPacketError(f"models of kind {kind} are unknown")

@@ -1,1 +1,0 @@
-"""QTM RT, the protocol of Qualisys Track Manager: session, connection, search."""

@@ -1,0 +1,436 @@
+"""Connection to a QTM server by `qtm-rt`, the search for servers, and the session: names of bodies, times of frames.
+
+`qtm-rt` decodes packets and sends commands. Its own `connect` is not used: it returns None for each error and
+has no timeout, its receiver never returns from a packet whose size is 0 and collects any size, its frames
+count through components of size 0, and commands get no answer after the connection has ended.
+"""
+
+import asyncio
+import contextlib
+import importlib
+import math
+import struct
+import xml.etree.ElementTree as ET
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, TimedFrame, body_sample
+from pointit.bridges.mocap.server_search import BROADCAST, search_servers
+from pointit.geometry.rotation import Quaternion
+from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.name_lookup import look_up
+from pointit.schemas import NS_PER_S
+
+SILENCE_NS = 3 * NS_PER_S
+"""Time without frames after which that is reported."""
+REPORT_NS = 10 * NS_PER_S
+"""Time for which a damaged packet is reported."""
+WINDOW_NS = 10 * NS_PER_S
+"""Time over which the shortest delay between exposure and arrival is taken, ns."""
+MAX_LATE_NS = 2 * NS_PER_S
+"""Time by which a frame may come later than the fastest one."""
+LIVE, PLAYBACK = frozenset({1, 2, 3, 4, 9, 10}), 8
+"""Events after which the cameras may measure, and the one after which QTM plays a file."""
+SETTINGS_CHANGED = frozenset({1, 3, 8, 11})
+"""Events after which bodies may have other names."""
+
+Body6D = tuple[Sequence[float], Sequence[float], float]
+"""Position in mm, rotation matrix by columns, and residual in mm."""
+
+
+class QtmSession:
+    """Understands the frames and settings of one server."""
+
+    def __init__(self, server: str, on_frame: Callable[[TimedFrame], None]) -> None:
+        self.server = server
+        """Name of the server in messages."""
+        self.damaged = 0
+        """Number of packets that could not be read."""
+        self.are_settings_stale = True
+        """True if the names of the bodies must be asked for."""
+        self._on_frame = on_frame
+        self._names: tuple[str, ...] = ()
+        self._up = ""
+        self._is_connected = self._is_playback = False
+        self._since_ns = self._arrived_ns = self._used_ns = self._damage_ns = 0
+        self._last_us = -1
+        self._delays: deque[tuple[int, int]] = deque()
+        """Arrivals of frames, and their times of arrival less those of exposure, rising."""
+        self._frame_fault = ""
+
+    def restart(self, now_ns: int, *, is_connected: bool) -> None:
+        """Begin or end a connection."""
+        self._is_connected, self._is_playback, self._since_ns = is_connected, False, now_ns
+        self._arrived_ns = self._used_ns = 0
+        self._last_us, self.are_settings_stale = -1, True
+        self._delays.clear()
+
+    def set_parameters(self, text: bytes) -> None:
+        """Use the settings of 3D and 6DOF.
+
+        Raises:
+            ValueError: If they are no XML that can be read.
+        """
+        if b"<!DOCTYPE" in text:
+            raise ValueError("its settings have a document type")
+        try:
+            root = ET.fromstring(_decoded(text))  # noqa: S314 - entities need a document type
+        except ET.ParseError as error:
+            raise ValueError(f"its settings are no XML ({error})") from error
+        names = [(each.findtext("Name") or "").strip() for each in root.iterfind("The_6D/Body")]
+        self._names = tuple(name or f"body {number}" for number, name in enumerate(names, start=1))
+        self._up = (root.findtext("The_3D/AxisUpwards") or "+Z").strip().lower()
+        self.are_settings_stale = False
+
+    def set_event(self, event: int) -> None:
+        """Follow the state of QTM."""
+        self._is_playback = event == PLAYBACK or (self._is_playback and event not in LIVE)
+        self.are_settings_stale = self.are_settings_stale or event in SETTINGS_CHANGED
+
+    def note_damage(self, now_ns: int) -> None:
+        """Count a packet that could not be read."""
+        self.damaged += 1
+        self._damage_ns = now_ns
+
+    def problem(self, now_ns: int) -> str:
+        """Return a sentence if there is no usable stream, or something is odd, else `""`."""
+        if not self._is_connected:
+            return ""  # the connection says why
+        if now_ns - max(self._arrived_ns, self._since_ns) > SILENCE_NS:
+            return (
+                f"{self.server} answers, but no frames come: start a measurement in QTM (File, New) and "
+                "switch on `Calculate 6DOF` under its real-time actions"
+            )
+        if self._frame_fault and now_ns - max(self._used_ns, self._since_ns) > NS_PER_S:
+            return f"{self.server}: {self._frame_fault}"
+        if self._damage_ns and now_ns - self._damage_ns < REPORT_NS:
+            return f"{self.server} sent {self.damaged} packets that cannot be read: update PointIt or QTM"
+        return ""
+
+    def clock_sigma_s(self, now_ns: int) -> float | None:  # noqa: ARG002 - as of NatNet
+        """Return None: QTM tells no clock."""
+        return None
+
+    def receive(self, time_us: int, bodies: Sequence[Body6D], now_ns: int) -> None:
+        """Use a frame that was exposed `time_us` after the measurement began."""
+        self._arrived_ns = now_ns
+        is_repeated, is_restarted = time_us == self._last_us, time_us < self._last_us
+        self._last_us = time_us
+        if is_restarted:
+            self._delays.clear()
+        fault = self._fault(len(bodies), is_repeated=is_repeated)
+        stamp_ns, late_ns = self._stamp(time_us, now_ns)
+        if not fault and late_ns > MAX_LATE_NS:
+            fault = f"its frames come {late_ns / NS_PER_S:.1f} s late: use a cable, or a lower camera rate"
+        self._frame_fault = fault
+        if fault:
+            return
+        self._used_ns = now_ns
+        samples = (
+            body_sample(
+                number, (x / 1000.0, y / 1000.0, z / 1000.0), _quaternion(matrix), max(0.0, mm / 1000.0)
+            )
+            for number, ((x, y, z), matrix, mm) in enumerate(bodies, start=1)
+        )
+        named = tuple(zip(self._names, samples, strict=True))
+        self._on_frame(TimedFrame(stamp_ns, ARRIVAL_SIGMA_S, named, self._up[-1:]))
+
+    def _fault(self, count: int, *, is_repeated: bool) -> str:
+        if self._is_playback:
+            return "QTM plays a file, whose frames are not used: start a measurement (File, New)"
+        if self._up not in ("+y", "+z"):
+            return f"its axis {self._up.upper()} points up: choose +Z or +Y under Calibration in QTM"
+        if is_repeated:
+            return "its frames stand still: end the pause in QTM"
+        if count != len(self._names):
+            self.are_settings_stale = True
+            return (
+                f"its frames have {count} bodies, its settings {len(self._names)}: enable all bodies in QTM"
+            )
+        if self.are_settings_stale:
+            return "QTM has not named its bodies yet: start a measurement there (File, New)"
+        return ""
+
+    def _stamp(self, time_us: int, now_ns: int) -> tuple[int, int]:
+        """Return the site's time of exposure, less the shortest delay, and the delay beyond that, ns."""
+        delay_ns = now_ns - 1000 * time_us
+        while self._delays and self._delays[-1][1] >= delay_ns:
+            self._delays.pop()
+        self._delays.append((now_ns, delay_ns))
+        while now_ns - self._delays[0][0] > WINDOW_NS:
+            self._delays.popleft()
+        late_ns = delay_ns - self._delays[0][1]
+        return now_ns - late_ns, late_ns
+
+
+def _decoded(text: bytes) -> str:
+    """Return the text of old versions, too, which write names in the code page of Windows."""
+    text = text.rstrip(b"\0")
+    try:
+        return text.decode("utf-8")
+    except UnicodeDecodeError:
+        return text.decode("cp1252", "replace")
+
+
+def _quaternion(matrix: Sequence[float]) -> Quaternion:
+    """Return the rotation of a matrix that is given by columns. Its length differs from 1 if it is none."""
+    a, b, c, d, e, f, g, h, i = matrix
+    if a + e + i >= 0.0:
+        square = 1.0 + a + e + i
+        row = (f - h, g - c, b - d, square)
+    elif a >= e and a >= i:
+        square = 1.0 + a - e - i
+        row = (square, b + d, g + c, f - h)
+    elif e >= i:
+        square = 1.0 - a + e - i
+        row = (b + d, square, f + h, g - c)
+    else:
+        square = 1.0 - a - e + i
+        row = (g + c, f + h, square, b - d)
+    if not square > 0.0:  # also NaN
+        return (0.0, 0.0, 0.0, 0.0)
+    scale = 0.5 / math.sqrt(square)
+    x, y, z, w = row
+    return (scale * x, scale * y, scale * z, scale * w)
+
+
+PORT, DISCOVERY_PORT = 22223, 22226
+VERSION = "1.8"
+"""Version of the protocol since which the frames of `qtm-rt` are the same. Every QTM since 2011 has it."""
+RETRY_S = 2.0
+"""Wait before the next connection, s."""
+TIMEOUT_S = 5.0
+"""Timeout of a connection or an answer, s."""
+POLL_S = 1.0
+"""Period at which settings that have changed are asked for, s."""
+PROBE_S = 5.0
+"""Time without packets after which the server is asked whether it is there, s."""
+MAX_PACKET = 1 << 22
+"""Limit of the size of a packet. Settings have some hundred kilobytes."""
+MAX_COMPONENTS = 32
+"""Limit of the components of a frame. One is asked for, and QTM has 19 kinds."""
+RATE = "frequency:100"
+"""Frames that are asked for. Cameras with a higher rate would only cost time."""
+_HEADER, _COMPONENTS_AT = struct.Struct("<II"), 12
+_BODY, _BODIES_AT = struct.Struct("<13f"), 8
+_ERROR, _DATA, _NO_DATA, _EVENT, _DISCOVERY, _LAST_TYPE = 0, 3, 4, 6, 7, 9
+
+
+def check_qtm_rt() -> None:
+    """Check that `qtm-rt` is installed. Raises: ConfigError: If it is not."""
+    try:
+        importlib.import_module("qtm_rt")
+    except ImportError as error:
+        raise ConfigError(
+            f"`system: qtm` needs qtm-rt, which is not installed; run {remedy('qtm')}"
+        ) from error
+
+
+class QtmClient(asyncio.Protocol):
+    """Keeps a connection to one server."""
+
+    def __init__(
+        self,
+        session: QtmSession,
+        now_ns: Callable[[], int],
+        warn: Callable[[str], None],
+        *,
+        port: int = PORT,
+        interface: str = "",
+    ) -> None:
+        """Prepare; nothing is opened yet.
+
+        Args:
+            session: understands frames and settings.
+            now_ns: time of the site, ns.
+            warn: called with a sentence about the connection, or `""`.
+            port: little-endian TCP port of the server.
+            interface: address of this machine from which to connect, or `""` for any.
+        """
+        self._qtm: Any = importlib.import_module("qtm_rt")
+        self._commands: Any = importlib.import_module("qtm_rt.protocol")
+        self._session = session
+        self._now_ns = now_ns
+        self._warn = warn
+        self._port = port
+        self._interface = interface
+        self._packets = b""
+        self._protocol: Any = None
+        """Sends commands, and gives their answers."""
+        self._transport: Any = None
+        self._end, self._changed = asyncio.Event(), asyncio.Event()
+        self._is_starting = False
+        """True while frames, or that there are none yet, are the answer to `StreamFrames`."""
+        self._end_reason = self._refusal = ""
+        self._has_packets = False
+        """True if a packet came since the last probe."""
+
+    async def run(self) -> None:
+        """Receive until cancelled."""
+        while True:
+            try:
+                await self._receive()
+            except (OSError, TimeoutError, ValueError, self._qtm.QRTCommandException) as error:
+                self._warn(self._problem(error))
+            finally:
+                if self._transport is not None:
+                    self._transport.abort()
+                self._session.restart(self._now_ns(), is_connected=False)
+            await asyncio.sleep(RETRY_S)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin."""
+        self._packets, self._transport = b"", transport
+        self._end.clear()
+        self._protocol = self._commands.QTMProtocol(loop=asyncio.get_running_loop())
+        self._protocol.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Use the packets that are complete."""
+        self._packets += data
+        self._has_packets = True
+        while len(self._packets) >= _HEADER.size:
+            size, kind = _HEADER.unpack_from(self._packets)
+            if not _HEADER.size <= size <= MAX_PACKET or kind > _LAST_TYPE:
+                self._end_reason = "sends no packets of QTM"
+                self._transport.abort()
+                return
+            if len(self._packets) < size:
+                return
+            packet, self._packets = self._packets[:size], self._packets[size:]
+            self._use(kind, packet)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End the commands that wait."""
+        self._end_reason = (
+            self._end_reason or f"has ended the connection ({exc or self._refusal or 'no reason'})"
+        )
+        self._protocol.connection_lost(exc)
+        while self._protocol.request_queue:
+            answer: asyncio.Future[object] = self._protocol.request_queue.popleft()
+            if not answer.done():
+                answer.set_exception(ConnectionResetError(self._end_reason))
+                answer.exception()  # nobody may wait for it
+        self._end.set()
+        self._changed.set()
+
+    def _use(self, kind: int, packet: bytes) -> None:
+        try:
+            if kind == _DATA:
+                self._use_frame(packet[_HEADER.size :])
+            elif kind == _EVENT:
+                self._session.set_event(packet[_HEADER.size])
+                self._changed.set()
+                return
+            elif kind == _ERROR:
+                self._refusal = _text(packet[_HEADER.size :])
+            if self._is_starting or kind not in (_DATA, _NO_DATA):  # else it would answer another command
+                self._protocol.data_received(packet)
+        except (ValueError, IndexError, struct.error):
+            self._session.note_damage(self._now_ns())
+
+    def _use_frame(self, data: bytes) -> None:
+        (components,) = struct.unpack_from("<I", data, _COMPONENTS_AT)
+        if components > MAX_COMPONENTS:
+            raise ValueError(f"{components} components")
+        frame = self._qtm.QRTPacket(data)
+        position = frame.components.get(self._qtm.packet.QRTComponentType.Component6dRes)
+        if position is not None:
+            (count,) = struct.unpack_from("<I", data, position)
+            end = position + _BODIES_AT + count * _BODY.size
+            (size,) = struct.unpack_from("<I", data, position - _HEADER.size)
+            if end > min(len(data), position - _HEADER.size + size):
+                raise ValueError(f"{count} bodies in a component of {size} bytes")
+            rows = _BODY.iter_unpack(data[position + _BODIES_AT : end])
+            bodies = [(row[:3], row[3:12], row[12]) for row in rows]
+            self._session.receive(frame.timestamp, bodies, self._now_ns())
+
+    async def _receive(self) -> None:
+        self._transport, self._end_reason, self._refusal = None, "", ""
+        loop = asyncio.get_running_loop()
+        addresses = await look_up(self._session.server, self._port)
+        local = (self._interface, 0) if self._interface else None
+        async with asyncio.timeout(TIMEOUT_S):
+            host = str(addresses[0][1][0])
+            await loop.create_connection(lambda: self, host, self._port, local_addr=local)
+            await self._protocol.set_version(VERSION)
+        connection: Any = self._qtm.QRTConnection(self._protocol, timeout=TIMEOUT_S)
+        self._session.restart(self._now_ns(), is_connected=True)
+        self._warn("")
+        await self._protocol.send_command("getstate", callback=False)
+        await self._update_settings(connection)
+        self._is_starting = True
+        try:
+            await connection.stream_frames(RATE, components=["6dres"], on_packet=_ignore)
+        except TimeoutError:  # a QTM that waits for a trigger sends its first frame as the answer
+            self._protocol.request_queue.clear()  # else `StreamFrames` would get the next command's answer
+        finally:
+            self._is_starting = False
+        idle_s = 0.0
+        while not self._end.is_set():
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(POLL_S):
+                    await self._changed.wait()
+            self._changed.clear()
+            idle_s, self._has_packets = (0.0 if self._has_packets else idle_s + POLL_S), False
+            if idle_s >= PROBE_S and not self._end.is_set():
+                await connection.qtm_version()
+            if self._session.are_settings_stale and not self._end.is_set():
+                await self._update_settings(connection)
+        raise ConnectionResetError(self._end_reason)
+
+    async def _update_settings(self, connection: Any) -> None:
+        with contextlib.suppress(self._qtm.QRTCommandException):  # there is no measurement yet
+            self._session.set_parameters(await connection.get_parameters(["3d", "6d"]))
+
+    def _problem(self, error: Exception) -> str:
+        server = f"{self._session.server}, port {self._port},"
+        remedies = f"use the little-endian port of QTM's RT output, {PORT} by default"
+        if isinstance(error, self._qtm.QRTCommandException) and self._refusal:
+            return f"{server} refuses ({self._refusal}): {remedies}, update QTM, or end other clients of it"
+        if self._end_reason.startswith("has"):
+            return f"{server} {self._end_reason}: start QTM there, or end other clients of it"
+        if self._transport is not None:
+            silence = f"does not answer by QTM's protocol within {TIMEOUT_S:g} s"
+            return f"{server} {self._end_reason or str(error) or silence}: {remedies}"
+        return (
+            f"{server} cannot be reached ({str(error) or 'no answer'}): start QTM there, allow it in the "
+            "firewalls, and correct `server`, `port` or `interface`; `pointit devices` lists servers"
+        )
+
+
+async def find_servers(
+    seconds: float, targets: Sequence[tuple[str, int]] = ((BROADCAST, DISCOVERY_PORT),)
+) -> Sequence[FoundDevice]:
+    """Return the servers that answer within `seconds` at `targets`. Needs no `qtm-rt`.
+
+    Raises:
+        ConfigError: If the question cannot be sent.
+    """
+    return await search_servers("QTM", seconds, targets, discovery_packet, _read_answer)
+
+
+def discovery_packet(port: int) -> bytes:
+    """Return the request of which the answer comes to `port`."""
+    return _HEADER.pack(_HEADER.size + 2, _DISCOVERY) + port.to_bytes(2, "big")
+
+
+def _read_answer(data: bytes, address: str) -> FoundDevice | None:
+    """Return the server of an answer: name, version and cameras as a text, and its port if it is unusual."""
+    if len(data) < _HEADER.size + 3 or _HEADER.unpack_from(data)[0] != len(data):
+        return None
+    base_port = int.from_bytes(data[-2:], "big")
+    label = _text(data[_HEADER.size : -2])
+    details = {} if base_port + 1 == PORT else {"port": base_port + 1}
+    return FoundDevice(address, label, details) if label and base_port else None
+
+
+def _ignore(_frame: object) -> None:
+    """Do nothing: frames are used before `qtm-rt` gets them, since a damaged one would stay in its buffer."""
+
+
+def _text(data: bytes) -> str:
+    return data.partition(b"\0")[0].decode("utf-8", "replace")

@@ -1,0 +1,422 @@
+"""The ROS graph as rclpy sees it, and endpoints in it: their shared context, servers and clients of ROS services."""
+
+import asyncio
+import collections
+import contextlib
+import logging
+import math
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import Endpoint, EndpointKind, Graph, RosType, Server, check_cdr
+from pointit.bridges.ros2.graph.node_backend import NodeContext, RosEndpoint, RosServiceServer
+from pointit.bridges.ros2.over_rclpy.rclpy_library import (
+    EndInfo,
+    NamesAndTypes,
+    Node,
+    Rclpy,
+    Reply,
+    ServiceClass,
+    class_of,
+)
+from pointit.bridges.ros2.types.definitions import INTERFACES
+from pointit.runtime.bus.mailbox import Dispatcher
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.service.plugin_guard import WarningSink
+
+MAX_NODES = 2000
+"""Maximum number of nodes read."""
+WHOLE_EVERY = 4
+"""One of this many reads asks for everything, 0.3 ms a topic; the others ask only for lists of names."""
+
+Traits = tuple[tuple[str, tuple[str, ...]], ...]
+
+
+class GraphReader:
+    """Reads the graph and detects changes, of which rclpy does not notify."""
+
+    def __init__(self, rclpy: Rclpy, node: Node, *, name: str, domain: int) -> None:
+        """Create it without reading.
+
+        Args:
+            rclpy: the library.
+            node: ours.
+            name: our node's full name.
+            domain: ROS_DOMAIN_ID; rclpy does not see others.
+        """
+        self._rclpy = rclpy
+        self._node = node
+        self._name = name
+        self._domain = domain
+        self._traits: object = None
+        self._last_read: tuple[Graph, int] | None = None
+        self._unread = 0
+        """Reads since the last complete one."""
+        self.namesakes = 0
+        """Number of nodes with our name."""
+
+    def read(self) -> Graph | None:
+        """Return the graph, or None if it and `namesakes` are unchanged.
+
+        An endpoint replaced by one of another quality of service is seen at most `WHOLE_EVERY` reads later.
+        """
+        topics = _traits(self._node.get_topic_names_and_types())
+        nodes = [tuple(each) for each in self._node.get_node_names_and_namespaces()[:MAX_NODES]]
+        counts = collections.Counter(full_name(name, namespace) for name, namespace in nodes)
+        held = {full_name(*node): self._held(*node) for node in dict.fromkeys(nodes)}
+        traits = (topics, sorted(counts.items()), sorted(held.items()))
+        self._unread += 1
+        if traits == self._traits and self._unread < WHOLE_EVERY:
+            return None
+        self._unread = 0
+        self._traits = traits
+        self.namesakes = max(counts[self._name] - 1, 0)
+        endpoints: set[Endpoint] = set()
+        for topic, _ in topics:
+            endpoints.update(self._ends("publisher", topic, self._node.get_publishers_info_by_topic(topic)))
+            endpoints.update(
+                self._ends("subscriber", topic, self._node.get_subscriptions_info_by_topic(topic))
+            )
+        for node, (_, _, services, clients) in held.items():
+            endpoints.update(self._services("server", node, services))
+            endpoints.update(self._services("client", node, clients))
+        graph = Graph(nodes=frozenset(counts), endpoints=frozenset(endpoints))
+        if self._last_read == (graph, self.namesakes):
+            return None
+        self._last_read = graph, self.namesakes
+        return graph
+
+    def forget(self) -> None:
+        """Reset the cache, so that the next `read` queries the whole graph."""
+        self._traits = None
+
+    def _held(self, name: str, namespace: str) -> tuple[Traits, ...]:
+        node = self._node
+        try:
+            return (
+                _traits(node.get_publisher_names_and_types_by_node(name, namespace)),
+                _traits(node.get_subscriber_names_and_types_by_node(name, namespace)),
+                _traits(node.get_service_names_and_types_by_node(name, namespace)),
+                _traits(node.get_client_names_and_types_by_node(name, namespace)),
+            )
+        except RuntimeError:  # it has gone meanwhile; the next read does not see it
+            return ((), (), (), ())
+
+    def _ends(self, kind: EndpointKind, topic: str, infos: Sequence[EndInfo]) -> list[Endpoint]:
+        return [
+            self._endpoint(
+                kind,
+                full_name(info.node_name, info.node_namespace),
+                topic,
+                RosType(name=info.topic_type, hash=hash_of(info)),
+                info,
+            )
+            for info in infos
+            if info.topic_type.count("/") == 2
+        ]
+
+    def _services(self, kind: EndpointKind, node: str, services: Traits) -> list[Endpoint]:
+        return [
+            self._endpoint(kind, node, service, RosType(name=name, hash=""))
+            for service, names in services
+            for name in names
+            if name.count("/") == 2
+        ]
+
+    def _endpoint(
+        self, kind: EndpointKind, node: str, name: str, of: RosType, info: EndInfo | None = None
+    ) -> Endpoint:
+        return Endpoint(
+            kind=kind,
+            node=node,
+            name=name,
+            type=of,
+            qos=None if info is None else self._rclpy.qos(info.qos_profile),
+            domain=self._domain,
+            is_ours=node == self._name,
+        )
+
+
+def full_name(name: str, namespace: str) -> str:
+    """Return a node's full name."""
+    return f"{namespace.rstrip('/')}/{name}"
+
+
+def hash_of(info: EndInfo) -> str:
+    """Return the hash of an endpoint's type as `RIHS01_…`, or `""` if unknown, as before Iron."""
+    text = str(getattr(info, "topic_type_hash", ""))
+    return text if text.startswith("RIHS01_") else ""
+
+
+def _traits(names: NamesAndTypes) -> Traits:
+    return tuple((name, tuple(types)) for name, types in names)
+
+
+End = TypeVar("End")
+
+REMEMBERED = 256
+"""Maximum number of remembered messages of a topic; they come back within milliseconds."""
+
+MAX_PADDING = 3
+"""Maximum number of bytes that middlewares append on delivery."""
+
+COARSE_NS = 1000
+"""Resolution of times, which a middleware may cut down to microseconds."""
+
+
+class DdsContext(NodeContext):
+    """Our node, and the loop of its endpoints."""
+
+    def __init__(self, rclpy: Rclpy, node: Node, config: BackendConfig, warnings: WarningSink) -> None:
+        super().__init__(config, warnings, Dispatcher())
+        self.rclpy = rclpy
+        self.node = node
+        self.echoes: dict[str, LoopbackFilter] = collections.defaultdict(LoopbackFilter)
+        """By topic."""
+        self._config = config
+
+    def class_of(self, kind: RosType) -> Any:
+        """Return the Python class of a type, or None, with a warning, if it is not built in this ROS."""
+        try:
+            return class_of(kind.name)
+        except LookupError:
+            package = kind.name.partition("/")[0]
+            if (INTERFACES / package).is_dir():
+                remedy = (
+                    f"build them with `colcon build --base-paths {INTERFACES}`, source install/setup.bash"
+                )
+            else:
+                remedy = f"install ros-{self._config.distro}-{package.replace('_', '-')}"
+            self.warnings.show(
+                f"package {package}",
+                f"this ROS has no types of {package}, whose topics and services are left out; {remedy} and "
+                "start again",
+            )
+            return None
+
+    def declared(self, kind: RosType, name: str, declare: Callable[[], End]) -> End | None:
+        """Return the endpoint made by `declare`, or None, with a warning, if rclpy rejects its type."""
+        try:
+            return declare()
+        except Exception as error:  # noqa: BLE001 - rclpy raises what comes out of the type's libraries
+            why = str(error).partition("\n")[0][:200] or type(error).__name__
+            self.warnings.show(
+                f"refusal of {kind.name}",
+                f"rclpy refuses {kind.name}, so {name} is left out: {why}; rebuild its package for this ROS",
+            )
+            return None
+
+    def is_other(self, kind: RosType, name: str, infos: Callable[[str], Sequence[EndInfo]]) -> bool:
+        """Return True, with a warning, if this ROS has been built with another definition of `kind`.
+
+        Nodes would misread our bytes and cannot reject them.
+
+        Args:
+            kind: ours.
+            name: of a topic with an endpoint of ours.
+            infos: returns the endpoints of that kind.
+        """
+        installed = {
+            hash_of(info)
+            for info in infos(name)
+            if full_name(info.node_name, info.node_namespace) == self._config.node
+            and info.topic_type == kind.name
+        } - {""}
+        if not installed or kind.hash in installed or not kind.hash.startswith("RIHS01_"):
+            return False
+        self.warnings.show(
+            f"definition of {kind.name}",
+            f"this ROS has another definition of {kind.name} than PointIt (hash {min(installed)[:20]}, not "
+            f"{kind.hash[:20]}), so {name} is left out; set distro to this ROS's, or rebuild the package "
+            f"from {INTERFACES}",
+        )
+        return True
+
+
+class NullEndpoint:
+    """Stands for an endpoint that could not be declared, of which a warning tells."""
+
+    is_read = False
+
+    def put(self, cdr: bytes) -> None:
+        """Send nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class LoopbackFilter:
+    """Messages recently sent to one topic: rclpy delivers our own like any other.
+
+    Only rclpy from Kilted on names a message's publisher; every one since Iron gives the time of publication.
+    It is taken inside `publish`, by the same clock as ours: a message with the bytes of one of ours,
+    published while we published, is ours.
+    """
+
+    def __init__(self) -> None:
+        self._sent: collections.deque[_Sent] = collections.deque(maxlen=REMEMBERED)
+
+    def begin(self, cdr: bytes, now_ns: int) -> "_Sent":
+        """Record a message before it is sent, at `now_ns` of the operating system's clock."""
+        sent = _Sent(len(cdr), hash(cdr), now_ns)
+        self._sent.append(sent)
+        return sent
+
+    def is_ours(self, cdr: bytes, source_ns: int) -> bool:
+        """Return True if we published `cdr` at `source_ns`.
+
+        If the time is unknown (0, before Iron), every message of ours matches once.
+        """
+        for sent in self._sent.copy():  # the loop appends meanwhile
+            if source_ns:
+                is_match = sent.began_ns - COARSE_NS <= source_ns < sent.ended_ns
+            else:
+                is_match = not sent.is_back
+            if is_match and sent.is_in(cdr):
+                sent.is_back = True
+                return True
+        return False
+
+
+class _Sent:
+    """One message of ours."""
+
+    __slots__ = ("began_ns", "ended_ns", "is_back", "length", "mark")
+
+    def __init__(self, length: int, mark: int, began_ns: int) -> None:
+        self.length = length
+        self.mark = mark
+        self.began_ns = began_ns
+        self.ended_ns = math.inf
+        """Infinite until it is known: the message may be back before `publish` returns."""
+        self.is_back = False
+
+    def is_in(self, cdr: bytes) -> bool:
+        """Return True if `cdr` is this message, with or without padding."""
+        return 0 <= len(cdr) - self.length <= MAX_PADDING and hash(cdr[: self.length]) == self.mark
+
+
+log = logging.getLogger(__name__)
+
+MAX_OPEN = 64
+"""Maximum number of open requests to one service; further ones get an empty response."""
+LOOK_S = 0.05
+"""Interval (s) of checking for a server, of which rclpy does not notify."""
+
+
+class DdsServiceServer(RosServiceServer[DdsContext]):
+    """Answers one service."""
+
+    def __init__(self, context: DdsContext, service: str, types: ServiceClass, server: Server) -> None:
+        """Declare.
+
+        rclpy sends what a callback returns. A waiting callback would block all others, and a coroutine makes
+        the executor repeat the request. So the callback returns the request, and `send_response`, which the
+        executor calls with that and the header to answer to, hands both to the loop.
+        """
+        super().__init__(context, service, server)
+        self._types = types
+        self._is_made = threading.Event()
+        self._service = context.node.create_service(types, service, self._on_request)
+        self._send = self._service.send_response
+        self._service.send_response = self._on_header
+        self._is_made.set()
+        context.ends.add(self)
+
+    def _undeclare(self) -> None:
+        self._context.node.destroy_service(self._service)
+
+    def _on_request(self, request: object, _response: object) -> bytes:  # on the executor's thread
+        self._is_made.wait()
+        return self._context.rclpy.serialize(request)
+
+    def _on_header(self, request: bytes, header: object) -> None:  # on the executor's thread
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._context.loop.call_soon_threadsafe(self._begin, request, header)
+
+    def _begin(self, request: bytes, header: object) -> None:
+        if self.is_closed or self._context.is_closed:
+            return
+        if len(self._tasks) >= MAX_OPEN or len(request) > self._context.max_bytes:
+            what = "too many requests are open" if len(self._tasks) >= MAX_OPEN else "it was too long"
+            self._context.warnings.show_briefly(
+                f"requests to {self.name}", f"a request to {self.name} was refused: {what}"
+            )
+            self._answer(self._types.Response(), header)
+            return
+        self._start(id(header), self._work(request, header))
+
+    async def _work(self, request: bytes, header: object) -> None:
+        types = self._types
+        try:
+            response = await self._response(
+                request, lambda cdr: self._context.rclpy.deserialize(cdr, types.Response)
+            )
+        except RefusedError:  # DDS has no place for the reason, which the bridge's warnings have
+            response = types.Response()
+        self._answer(response, header)
+
+    def _answer(self, response: object, header: object) -> None:
+        if self.is_closed or self._context.is_closed:
+            return
+        try:
+            self._send(response, header)
+        except RuntimeError as error:  # an error of rcl: the client may be gone
+            log.warning("an answer of %s could not be sent: %s", self.name, error)
+
+
+class DdsClient(RosEndpoint[DdsContext]):
+    """Client of one service."""
+
+    def __init__(self, context: DdsContext, service: str, types: ServiceClass) -> None:
+        super().__init__(context, service)
+        self._types = types
+        self._client = context.node.create_client(types, service)
+        context.ends.add(self)
+
+    async def call(self, request: bytes, *, timeout_s: float) -> bytes:
+        """Return the response's CDR.
+
+        Raises:
+            ValueError: If `request` is not CDR.
+            TimeoutError: If there is no server, or no answer of it in time.
+        """
+        check_cdr(request)
+        try:
+            value = self._context.rclpy.deserialize(request, self._types.Request)
+        except Exception as error:  # any error of the installed version
+            raise ValueError(f"{self.name}: this ROS cannot read the request ({error})") from error
+        lacking = "no node serves it"
+        reply: Reply | None = None
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not self._client.service_is_ready():  # noqa: ASYNC110 - rclpy has no event for it
+                    await asyncio.sleep(LOOK_S)
+                lacking = "its server did not answer"
+                outcome: asyncio.Future[object] = self._context.loop.create_future()
+                reply = self._client.call_async(value)
+                reply.add_done_callback(lambda done: self._on_reply(done, outcome))
+                return self._context.rclpy.serialize(await outcome)
+        except TimeoutError as error:
+            raise TimeoutError(f"ROS service {self.name}: {lacking} within {timeout_s:g} s") from error
+        finally:
+            if reply is not None and not self.is_closed and not self._context.is_closed:
+                self._client.remove_pending_request(reply)
+
+    def _undeclare(self) -> None:
+        self._context.node.destroy_client(self._client)
+
+    def _on_reply(self, reply: Reply, outcome: "asyncio.Future[object]") -> None:  # on the executor's thread
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._context.loop.call_soon_threadsafe(_settle, reply, outcome)
+
+
+def _settle(reply: Reply, outcome: "asyncio.Future[Any]") -> None:
+    if outcome.done():
+        return
+    try:
+        outcome.set_result(reply.result())
+    except Exception as error:  # noqa: BLE001 - handed to the caller
+        outcome.set_exception(error)

@@ -1,0 +1,583 @@
+"""Parameters of another node, read through the services that every ROS node has, and the map in them in any supported form.
+
+A map as the parameters of a ROS node: `strips.1.line: [x, y, z, x, y, z]`, and back.
+
+A parameter is called SECTION.NAME.KEY. The name may have dots in it, so nothing is nested deeper, whatever a
+node says. Bays have no keys, `bays.1: side`; links have numbers, `links.0.from: main`. Only the light and the
+place of a thing are nested: `things.nuts.light.strip`, `things.exit.at.belt`.
+"""
+
+import asyncio
+import contextlib
+import logging
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from pointit.bridges.ros2.config import BackendConfig
+from pointit.bridges.ros2.graph.backend import Backend, Endpoint, Graph
+from pointit.bridges.ros2.graph.backends import check_endpoint, opened
+from pointit.bridges.ros2.message_format import listed, shown
+from pointit.bridges.ros2.over_zenoh.backend import NEEDS
+from pointit.bridges.ros2.types.types import NO_HASH, Types
+from pointit.runtime.config.yaml_file import parse_yaml, read_yaml
+from pointit.runtime.errors import ConfigError, ConnectError, NoAnswerError
+
+Value = bool | int | float | str | list[Any]
+"""A list holds values of one of the other types: ROS has no lists of lists."""
+
+MESSAGE = "rcl_interfaces/msg/ParameterValue"
+NOT_SET = 0
+FIELDS: Mapping[int, str] = {
+    1: "bool_value",
+    2: "integer_value",
+    3: "double_value",
+    4: "string_value",
+    5: "byte_array_value",
+    6: "bool_array_value",
+    7: "integer_array_value",
+    8: "double_array_value",
+    9: "string_array_value",
+}
+"""Field of the value by `rcl_interfaces/msg/ParameterType`; all other fields are unused."""
+
+
+def value_of(message: Any) -> Value | None:
+    """Return the value of a decoded message, or None if the parameter has none.
+
+    Raises:
+        ValueError: If it says that it is of a kind that there is not.
+    """
+    kind = int(message.type)
+    if kind == NOT_SET:
+        return None
+    if kind not in FIELDS:
+        raise ValueError(f"a parameter is of kind {kind}, and there are {NOT_SET} to {max(FIELDS)}")
+    value: Any = getattr(message, FIELDS[kind])
+    if isinstance(value, bool | int | float | str):
+        return value
+    return cast("list[Any]", value.tolist() if hasattr(value, "tolist") else list(value))
+
+
+LIST = "rcl_interfaces/srv/ListParameters"
+GET = "rcl_interfaces/srv/GetParameters"
+LIST_SUFFIX, GET_SUFFIX = "/list_parameters", "/get_parameters"
+"""Service names after the node's name."""
+
+PAGE = 16
+"""Number of parameters per request: a line of a map may have a thousand points."""
+MAX_PARAMETERS = 20_000
+MAX_NAME = 256
+"""Maximum characters of a parameter's name; no map has longer ones."""
+MAX_BYTES = 8_000_000
+"""Maximum size of all answers; the largest map that can travel is an eighth of it."""
+MAX_WAITS = 12
+"""Total timeout in timeouts of one answer, for nodes that answer each request just in time."""
+MAX_SHOWN = 20
+"""Maximum number of names in a message."""
+
+
+class NodeParameters:
+    """The parameters of one node."""
+
+    def __init__(
+        self,
+        backend: Backend,
+        types: Types,
+        node: str,
+        *,
+        domain: int,
+        appears_s: float,
+        timeout_s: float,
+        max_bytes: int,
+        needs: str = "",
+    ) -> None:
+        """Create it without requests.
+
+        Args:
+            backend: us in the graph.
+            types: of the distribution of the others.
+            node: its full name.
+            domain: ours.
+            appears_s: time to wait until it is seen.
+            timeout_s: timeout of one answer.
+            max_bytes: of one answer.
+            needs: conditions for other nodes to be seen, as text.
+        """
+        self._backend = backend
+        self._types = types
+        self._node = node
+        self._domain = domain
+        self._appears_s = appears_s
+        self._timeout_s = timeout_s
+        self._max_bytes = max_bytes
+        self._needs = needs
+        self._had_bytes = 0
+        self._waited_s = 0.0
+
+    async def names(self) -> list[str]:
+        """Return the names of its parameters in its order, without names that no map uses.
+
+        Raises:
+            NoAnswerError: If it is absent (names those present), serves no parameters, or answers too late.
+            ConfigError: If it has too many.
+        """
+        await self._on_presence()
+        response = await self._ask(LIST, LIST_SUFFIX, prefixes=[], depth=0)
+        names: list[str] = response.result.names
+        if len(names) > MAX_PARAMETERS:
+            raise ConfigError(
+                f"node {self._node} has {len(names)} parameters and at most {MAX_PARAMETERS} are read; give "
+                "its map as a file"
+            )
+        return [name for name in dict.fromkeys(names) if len(name) <= MAX_NAME and name.isprintable()]
+
+    async def values(self, names: Sequence[str]) -> dict[str, Value]:
+        """Return the parameters `names` that have a value, in that order.
+
+        Raises:
+            NoAnswerError: If the node does not answer in time, or if its answer does not fit.
+            ConfigError: If the answer is too large.
+        """
+        found: dict[str, Value] = {}
+        for page in _pages(names):
+            response = await self._ask(GET, GET_SUFFIX, names=list(page))
+            if len(response.values) != len(page):
+                raise NoAnswerError(
+                    f"node {self._node} was asked for {len(page)} parameters and told "
+                    f"{len(response.values)}; try again, one may have been taken away meanwhile"
+                )
+            for name, message in zip(page, response.values, strict=True):
+                try:
+                    value = value_of(message)
+                except ValueError as error:
+                    raise NoAnswerError(f"{name} of node {self._node}: {error}") from error
+                if value is not None:
+                    found[name] = value
+        return found
+
+    async def _on_presence(self) -> None:
+        """Wait until the node is seen to serve its parameters by our definitions."""
+        graph = Graph(nodes=frozenset(), endpoints=frozenset())
+        changed = asyncio.Event()
+
+        def look(seen: Graph) -> None:
+            nonlocal graph
+            graph = seen
+            changed.set()
+
+        watch = self._backend.watch(look)
+        try:
+            async with asyncio.timeout(self._appears_s):
+                while not self._servers(graph):
+                    changed.clear()
+                    await changed.wait()
+        except TimeoutError:
+            raise NoAnswerError(self._absence(graph)) from None
+        finally:
+            watch.close()
+        hashes = {each.type.hash for each in self._servers(graph)} - {""}
+        wanted = self._types.kind(LIST).hash
+        if hashes and wanted not in hashes:
+            raise NoAnswerError(f"node {self._node} {_other_distro(hashes, self._types)}")
+
+    def _servers(self, graph: Graph) -> list[Endpoint]:
+        service = f"{self._node}{LIST_SUFFIX}"
+        return [each for each in _lists(graph, self._domain) if each.name == service]
+
+    def _absence(self, graph: Graph) -> str:
+        """Return a message why there is no node to query, with its remedy."""
+        other_domains = {each.domain for each in graph.endpoints if each.node == self._node} - {self._domain}
+        names = _nodes(graph, self._domain) - {self._backend.node}
+        if self._node in names:
+            return (
+                f"node {self._node} serves no parameters; start it with its parameter services, or give its "
+                "map as a file"
+            )
+        if other_domains:
+            domain = min(other_domains)
+            return (
+                f"node {self._node} is in domain {domain}, not in {self._domain}; set domain_id to {domain}"
+            )
+        others = sorted({each.domain for each in graph.endpoints} - {self._domain})
+        if not names and others:
+            return (
+                f"no ROS node is seen in domain {self._domain}, but some in {_listed([*map(str, others)])}; "
+                "set domain_id to theirs"
+            )
+        if not names:
+            why = self._backend.problem or self._needs
+            return f"no ROS node is seen in domain {self._domain}{why and f': {why}'}"
+        return f"there is no node {self._node} in domain {self._domain}; there are {_listed(sorted(names))}"
+
+    async def _ask(self, service: str, suffix: str, **fields: Any) -> Any:
+        types = self._types
+        request = types.request_of(service)
+        clock = asyncio.get_running_loop()
+        begun_s = clock.time()
+        try:
+            cdr = await self._backend.call(
+                f"{self._node}{suffix}",
+                types.kind(service),
+                types.encode(request, types.make(request, **fields)),
+                timeout_s=self._timeout_s,
+            )
+        except TimeoutError as error:
+            raise NoAnswerError(f"{error}") from error
+        self._waited_s += clock.time() - begun_s
+        if self._waited_s > MAX_WAITS * self._timeout_s:
+            raise NoAnswerError(
+                f"node {self._node} has taken {self._waited_s:.3g} s for some of its answers, and has more; "
+                "wait longer for each, or give its map as a file"
+            )
+        self._had_bytes += len(cdr)
+        if self._had_bytes > MAX_BYTES:
+            raise ConfigError(
+                f"the parameters of node {self._node} have more than {MAX_BYTES} bytes, which no map has; "
+                "give it as a file"
+            )
+        try:
+            return types.decode(types.response_of(service), cdr, max_bytes=self._max_bytes)
+        except ValueError as error:
+            advice = "; raise max_message_bytes, or give its map as a file"
+            raise NoAnswerError(
+                f"what node {self._node} answered cannot be read: {error}"
+                f"{advice if len(cdr) > self._max_bytes else ''}"
+            ) from error
+
+
+def _pages(names: Sequence[str]) -> Iterator[Sequence[str]]:
+    return (names[index : index + PAGE] for index in range(0, len(names), PAGE))
+
+
+def _lists(graph: Graph, domain: int) -> list[Endpoint]:
+    return [
+        each
+        for each in graph.within(domain).endpoints
+        if each.kind == "server" and each.name.endswith(LIST_SUFFIX)
+    ]
+
+
+def _nodes(graph: Graph, domain: int) -> set[str]:
+    """Return the nodes present. Bridges to DDS announce services only."""
+    serving = {each.name.removesuffix(LIST_SUFFIX) for each in _lists(graph, domain)}
+    return serving | {name for name in graph.nodes if name.startswith("/")}
+
+
+def _other_distro(hashes: set[str], types: Types) -> str:
+    if NO_HASH in hashes:
+        return f"is of Humble, whose services no node of {types.distro} can ask; set distro to humble"
+    if types.distro == "humble":
+        return "is not of Humble; set distro to theirs (jazzy, kilted, …)"
+    return f"has another definition of {LIST} than {types.distro}; set distro to theirs"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return listed((shown(name, MAX_NAME) for name in names), MAX_SHOWN)
+
+
+log = logging.getLogger(__name__)
+
+BAYS, LINKS = "bays", "links"
+SECTIONS = frozenset(
+    (
+        "lamps",
+        "leds",  # of the ROS toolkit
+        "strips",
+        "belts",
+        LINKS,
+        BAYS,
+        "boxes",
+        "planes",
+        "cylinders",
+        "spheres",
+        "clouds",
+        "fences",
+        "frames",
+        "things",
+    )
+)
+"""Sections of a map's file; docs/reference/maps.md describes them."""
+LINES = {"line": "x, y, z", "centerline": "x, y, z", "outline": "x, y"}
+"""Keys of lists of points, flattened: ROS has no lists of lists. Coordinates of each point."""
+
+NESTED, PART = ("light", "at"), frozenset(("strip", "belt", "from", "to"))
+"""Keys of a thing whose value may be a part of a strip or belt, and the keys of that."""
+
+NUMBER = re.compile(r"[0-9]{1,6}")
+"""Number of a link."""
+
+
+def of_maps(names: Iterable[str], prefix: str = "") -> list[str]:
+    """Return those of `names` that belong to a map below `prefix` (`site.map`).
+
+    Without a prefix those that begin with a section, below one all names.
+    """
+    start = _start(prefix)
+    return [name for name in names if name.startswith(start) and (prefix or _section(name) in SECTIONS)]
+
+
+def prefixes(names: Iterable[str]) -> list[str]:
+    """Return the prefixes in `names` below which a map may be."""
+    found: dict[str, None] = {}
+    for name in names:
+        parts = name.split(".")
+        for index, part in enumerate(parts[1:-1], start=1):
+            if part in SECTIONS:
+                found[".".join(parts[:index])] = None
+                break
+    return list(found)
+
+
+def tree_of(parameters: Mapping[str, Value], prefix: str = "") -> dict[str, Any]:
+    """Return the map in `parameters` below `prefix` as in its file, unchecked.
+
+    Raises:
+        ValueError: If a parameter's name or its list is not one of a map; names it and says what to write.
+    """
+    tree: dict[str, Any] = {}
+    start = _start(prefix)
+    for name, value in parameters.items():
+        section, _, rest = name.removeprefix(start).partition(".")
+        if section == BAYS and rest:
+            tree.setdefault(section, {})[rest] = value
+            continue
+        entry, _, key = rest.rpartition(".")
+        if not (section and entry and key):
+            raise ValueError(
+                f"{name} is not a parameter of a map; they are called {start}SECTION.NAME.KEY, as in "
+                f"{start}leds.door.position"
+            )
+        if section == LINKS and not NUMBER.fullmatch(entry):
+            raise ValueError(f"{name}: links have numbers, as in {start}links.0.{key}")
+        entries = tree.setdefault(section, {})
+        thing, _, outer = entry.rpartition(".")
+        if section == "things" and key in PART and thing and outer in NESTED:
+            entries.setdefault(thing, {}).setdefault(outer, {})[key] = value
+            continue
+        entries.setdefault(entry, {})[key] = _points(name, value, LINES[key]) if key in LINES else value
+    if LINKS in tree:
+        links = cast("dict[str, Any]", tree[LINKS])
+        tree[LINKS] = [links[number] for number in sorted(links, key=int)]
+    return tree
+
+
+def parameters_of(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Value]:
+    """Return the parameters of the valid map `tree`."""
+    start = _start(prefix)
+    parameters: dict[str, Value] = {}
+    for section, inside in tree.items():
+        for name, entry in _entries(inside):
+            if section == BAYS:
+                parameters[f"{start}{section}.{name}"] = entry
+            else:
+                for key, value in entry.items():
+                    part = cast("dict[str, Any]", value) if isinstance(value, dict) else {"": value}
+                    where = f"{start}{section}.{name}.{key}"
+                    parameters |= {f"{where}.{each}".rstrip("."): _flat(part[each]) for each in part}
+    return parameters
+
+
+def _entries(section: Any) -> Iterable[tuple[object, Any]]:
+    if isinstance(section, list):
+        return enumerate(cast("Sequence[Any]", section))
+    return cast("dict[object, Any]", section or {}).items()
+
+
+def _start(prefix: str) -> str:
+    return f"{prefix}." if prefix else ""
+
+
+def _section(name: str) -> str:
+    section, dot, _ = name.partition(".")
+    return section if dot else ""
+
+
+def _points(name: str, value: Value, coordinates: str) -> Value:
+    """Return a list of numbers as a list of points. Other values are left to the map's check."""
+    if not isinstance(value, list):
+        return value
+    size = len(coordinates.split())
+    if len(value) % size:
+        raise ValueError(
+            f"{name} has {len(value)} numbers; write {coordinates} of one point after the other, "
+            f"{('two', 'three')[size - 2]} for each"
+        )
+    return [value[index : index + size] for index in range(0, len(value), size)]
+
+
+def _flat(value: Any) -> Value:
+    """Return lists of points as one list; integers become floats if one number has a fraction."""
+    if not isinstance(value, list):
+        return cast("Value", value)
+    numbers: list[Any] = []
+    for each in cast("Sequence[Any]", value):
+        numbers += cast("Sequence[Any]", each) if isinstance(each, list) else [each]
+    return [float(number) for number in numbers] if float in map(type, numbers) else numbers
+
+
+APPEARS_S = 2.0
+"""Time (s) within which a present node is seen through a router. Discovery is slow on DDS."""
+CONNECT_TIMEOUT_S = 2.0
+"""Time (s) to look for a ROS router."""
+MAX_PATH = 1000
+"""Maximum characters of a path to look for here, and of a foreign word in a message."""
+SUFFIXES = (".yaml", ".yml")
+"""Extensions of files that are read because a foreign node names them: others are no maps, and some never
+end."""
+
+
+Say = Callable[[str], None]
+"""Prints a message for the user."""
+
+ProgressNotice = Callable[[str], contextlib.AbstractContextManager[None]]
+"""Wraps a wait that the message describes, to print it if the wait gets long."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FetchRequest:
+    """Node and parameter of the wanted map."""
+
+    node: str
+    """Its full name."""
+    parameter: str | None
+    """Parameter that holds the map's text or path."""
+    usual: str
+    """Default of `parameter`, if the node has it."""
+    prefix: str | None
+    """Prefix under which the map's values are separate parameters."""
+    timeout_s: float
+    """Timeout of the node's answer."""
+
+
+class _IgnoredWarnings:
+    """Ignores warnings: those of so short a connection are in the error."""
+
+    def warn(self, topic: str, sentence: str) -> None:
+        log.debug("%s: %s", topic, sentence)
+
+    def clear(self, topic: str) -> None:
+        log.debug("%s: well", topic)
+
+
+async def fetched(
+    config: BackendConfig,
+    request: FetchRequest,
+    *,
+    say: Say = log.info,
+    notice: ProgressNotice = lambda _: contextlib.nullcontext(),
+) -> dict[str, Any]:
+    """Return the map as in its file, unchecked.
+
+    Args:
+        config: how to join the ROS graph.
+        request: which map of which node.
+        say: prints which file was read instead of the node.
+        notice: wraps each wait, with a description.
+
+    Raises:
+        ConfigError: If nothing there is a map, or it cannot be read.
+        ConnectError, ListenError: If the ROS graph cannot be joined.
+        NoAnswerError: If there is no such node, or it does not answer.
+    """
+    check_endpoint(config.endpoint)
+    types = Types(config.distro)
+    types.prepare(LIST, GET)
+    try:
+        with notice(f"looking for a ROS router at {config.endpoint} …"):
+            backend = await opened(config, _IgnoredWarnings(), patience_s=CONNECT_TIMEOUT_S)
+    except ConnectError as error:
+        raise ConnectError(f"{error}; --backend.endpoint says where it is") from error
+    try:
+        parameters = NodeParameters(
+            backend,
+            types,
+            request.node,
+            domain=config.domain_id,
+            appears_s=request.timeout_s if config.kind == "dds" else min(APPEARS_S, request.timeout_s),
+            timeout_s=request.timeout_s,
+            max_bytes=config.max_message_bytes,
+            needs=NEEDS if config.kind == "rmw_zenoh" else "",
+        )
+        with notice(f"asking {request.node} for its parameters …"):
+            return await _taken(parameters, request, say)
+    finally:
+        await backend.close()
+
+
+async def _taken(parameters: NodeParameters, request: FetchRequest, say: Say) -> dict[str, Any]:
+    names = await parameters.names()
+    holder = request.usual if request.parameter is None else request.parameter
+    if request.parameter is not None and holder not in names:
+        raise ConfigError(f"node {request.node} has no parameter {holder!r}; {_there(names)}")
+    if request.prefix is None and holder in names:
+        held = (await parameters.values([holder])).get(holder)
+        if isinstance(held, str) and held.strip():
+            return _of_text(held, f"parameter {holder} of {request.node}", say)
+        if request.parameter is not None:
+            raise ConfigError(
+                f"parameter {holder} of {request.node} is {_kind(held)}, not the text of a map or its path; "
+                "--parameter names another"
+            )
+    prefix = (request.prefix or "").rstrip(".")
+    values = await parameters.values(of_maps(names, prefix))
+    if not values:
+        raise ConfigError(_nothing(request, names))
+    try:
+        return tree_of(values, prefix)
+    except ValueError as error:
+        raise ConfigError(f"node {request.node}: {error}") from error
+
+
+def _of_text(text: str, where: str, say: Say) -> dict[str, Any]:
+    """Return the map in `text`, or in the YAML file of this machine that it names.
+
+    Raises:
+        ConfigError: If it is neither; `where` names the origin in messages.
+    """
+    word = text.strip()
+    if "\n" in word or ": " in word or word.startswith("{"):
+        return parse_yaml(text.encode(), where)  # unstripped: all its lines may be indented
+    path = Path(word)
+    if path.is_absolute() and len(word) <= MAX_PATH and path.suffix in SUFFIXES and _is_file(path):
+        say(f"{where} is the path {shown(word, MAX_PATH)}, of a file that is here too")
+        return read_yaml(path)
+    raise ConfigError(
+        f"{where} is a path, {shown(word, MAX_PATH)!r}, of a file on that node's machine; copy the file to "
+        "this one, and give it as it is: --set pui.map=FILE"
+    )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # in a folder without permission
+        return False
+
+
+def _nothing(request: FetchRequest, names: Sequence[str]) -> str:
+    if request.prefix:
+        what = f"no parameter of {request.node} begins with '{request.prefix.rstrip('.')}.'"
+    else:
+        what = f"nothing in the parameters of {request.node} is a map"
+    below = prefixes(names)
+    if below:
+        advice = f"try --prefix {shown(below[0], MAX_PATH)}"
+    else:
+        advice = (
+            "--parameter names the one that holds a map, --prefix what stands before lamps., strips., belts."
+        )
+    return f"{what}; {_there(names)}; {advice}"
+
+
+def _there(names: Sequence[str]) -> str:
+    return f"it has {listed(names, MAX_SHOWN) or 'none'}"
+
+
+def _kind(value: Value | None) -> str:
+    if value is None or value == "":
+        return "empty"
+    kinds: Mapping[type, str] = {bool: "true or false", int: "a number", float: "a number", list: "a list"}
+    return kinds.get(type(value), "blank")

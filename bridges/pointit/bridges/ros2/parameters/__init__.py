@@ -1,1 +1,0 @@
-"""Parameters of ROS nodes, and maps stored in them."""

@@ -1,0 +1,197 @@
+"""Names of frames and people in ROS, numbers for our names, and back.
+
+{W} is `world`, {H} of a person is `{user}/human_footprint`: at their feet, z up, x forward at IMU yaw 0.
+"""
+
+import re
+
+from pointit.bridges.ros2.message_format import holds_text
+
+WORLD = "{world}"
+"""Stands for the frame {W} in a route."""
+PERSON = "{person}"
+"""Stands for a person's frame {H} in a route."""
+
+MAX_FRAME_NAMES = 10_000
+"""Maximum number of distinct names."""
+
+FIXED_FRAMES = frozenset({"earth", "map", "odom", "world"})
+"""Frames of REP 105 that no robot carries along, also in a namespace, as in agv1/odom."""
+
+_NOT_ROS = re.compile(r"[^A-Za-z0-9_]")
+
+
+def frame_name(name: str) -> str:
+    """Return the name of a frame as tf2 has it: without the slash that old drivers begin it with."""
+    return name.lstrip("/")
+
+
+def is_fixed(name: str) -> bool:
+    """Return True if a frame is fixed to the ground by its name."""
+    return name.rpartition("/")[2] in FIXED_FRAMES
+
+
+def holds_frame(cdr: bytes, name: str) -> bool:
+    """Return True if the CDR of a message has the frame `name`, with or without a slash."""
+    name = frame_name(name)
+    return holds_text(cdr, name) or holds_text(cdr, f"/{name}")
+
+
+class RosNames:
+    """Names of people and lamps as parts of ROS names, without `-` and `.`, not beginning with a digit."""
+
+    def __init__(self) -> None:
+        self._of: dict[str, str] = {}
+        self._taken: set[str] = set()
+
+    def of(self, name: str) -> str:
+        """Return the ROS name of `name`: unchanged where possible, always the same, unique."""
+        made = self._of.get(name)
+        if made is None:
+            made = self._free(_NOT_ROS.sub("_", name) or "_")
+            if len(self._of) >= MAX_FRAME_NAMES:
+                oldest = next(iter(self._of))
+                self._taken.discard(self._of.pop(oldest))
+            self._of[name] = made
+            self._taken.add(made)
+        return made
+
+    def _free(self, wanted: str) -> str:
+        if wanted[0].isdigit():
+            wanted = f"_{wanted}"
+        made, count = wanted, 1
+        while made in self._taken:
+            count += 1
+            made = f"{wanted}_{count}"
+        return made
+
+
+class Frames:
+    """Names of frames."""
+
+    def __init__(
+        self, names: RosNames, *, world: str = "world", person: str = "{user}/human_footprint"
+    ) -> None:
+        """Set the name of {W}, and that of {H} with `{user}` for the person."""
+        self.world = world
+        self._person = person
+        self._names = names
+        self._resolved: dict[tuple[str, str], str] = {}
+
+    def person(self, user: str) -> str:
+        """Return the frame {H} of `user`."""
+        return self.resolve(PERSON, user)
+
+    def resolve(self, template: str, name: str) -> str:
+        """Return the frame that `template` of a route means for the person `name`."""
+        found = self._resolved.get((template, name))
+        if found is None:
+            found = template.replace(WORLD, self.world).replace(PERSON, self._person)
+            if "{user}" in found:
+                found = found.replace("{user}", self._names.of(name))
+            if len(self._resolved) >= MAX_FRAME_NAMES:
+                self._resolved.clear()
+            self._resolved[template, name] = found
+        return found
+
+
+MAX_NUMBER = 2**31 - 1
+"""Fits `uint32` as well as the `int32` of a marker's id."""
+
+MAX_NAMES = 100_000
+"""Maximum number of remembered names, evicted by last use; a conveyor needs days for this many."""
+
+_DIGITS = re.compile(r"([0-9]{1,10})\Z")
+
+
+class Uids:
+    """Numbers for names while they are in use: the digits a name ends with, if free."""
+
+    def __init__(self, max_number: int = MAX_NUMBER, max_names: int = MAX_NAMES) -> None:
+        """Use numbers from 0 to `max_number`, for at most `max_names` names at a time."""
+        self._max_number = max_number
+        self._max_names = min(max_names, max_number + 1)
+        self._numbers: dict[str, int] = {}
+        """Ordered by last use."""
+        self._names: dict[int, str] = {}
+        self._next = max_number // 2 + 1
+        self._awaited: set[int] = set()
+
+    def number(self, name: str) -> int:
+        """Return the number of `name`; a new name gets one."""
+        number = self._numbers.pop(name, None)
+        if number is None:
+            number = self._new(name)
+            self._names[number] = name
+        self._numbers[name] = number
+        return number
+
+    def name(self, number: int) -> str | None:
+        """Return the name of a number, or None if it is free."""
+        return self._names.get(number)
+
+    def bind(self, number: int, name: str) -> None:
+        """Bind `number` to `name`, and release it from another name.
+
+        Raises:
+            ValueError: If no name can have such a number.
+        """
+        if not 0 <= number <= self._max_number:
+            raise ValueError(f"{number} is beyond 0 to {self._max_number}")
+        for old in (self._names.get(number), name):
+            if old is not None and old in self._numbers:
+                del self._names[self._numbers.pop(old)]
+        self._numbers[name], self._names[number] = number, name
+
+    def claim(self, number: int, name: str) -> None:
+        """Bind `number`, if a name can have such a one, to `name`, unless it has it."""
+        if number <= self._max_number and self._names.get(number) != name:
+            self.bind(number, name)
+
+    def reserve(self, number: int) -> None:
+        """Reserve `number` for the next new name; until `end_reservation` that may be any."""
+        self._awaited.add(number)
+
+    def end_reservation(self, number: int) -> None:
+        """End the reservation of `number`."""
+        self._awaited.discard(number)
+
+    def is_settled(self, name: str) -> bool:
+        """Return True if the number of `name` is final: it has one, or nothing is reserved."""
+        return not self._awaited or name in self._numbers
+
+    def _new(self, name: str) -> int:
+        if len(self._numbers) >= self._max_names:
+            oldest = next(iter(self._numbers))
+            del self._names[self._numbers.pop(oldest)]
+        digits = _DIGITS.search(name)
+        if digits is not None:
+            number = int(digits.group(1))
+            if number <= self._max_number and number not in self._names:
+                return number
+        while self._next in self._names:
+            self._next = self._next + 1 if self._next < self._max_number else 0
+        return self._next
+
+
+class Kinds:
+    """Kinds of objects as the numbers 0 to 255 of the ROS toolkit's `type` and `kind`."""
+
+    OTHER = 255
+    """Number of kinds without one."""
+
+    def __init__(self, kinds: tuple[str, ...]) -> None:
+        self._kinds = kinds
+        self._numbers = {kind: number for number, kind in reversed(tuple(enumerate(kinds)))}
+
+    def number(self, kind: str) -> int:
+        """Return the number of `kind`."""
+        return self._numbers.get(kind, self.OTHER)
+
+    def kind(self, number: int) -> str | None:
+        """Return the kind of `number`, or None if there is none."""
+        return self._kinds[number] if 0 <= number < len(self._kinds) else None
+
+    def __str__(self) -> str:
+        """Return the kinds for messages."""
+        return ", ".join(f"{number} {kind}" for number, kind in enumerate(self._kinds))

@@ -1,0 +1,90 @@
+"""Metrics server: path and server at which Prometheus reads the metrics of a site."""
+
+import asyncio
+import time
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+from pointit.bridges.web.server.access import Access, new_token
+from pointit.bridges.web.server.app import REFUSAL_S, SecurityMiddleware, info_of
+from pointit.bridges.web.server.listener import Listener, bind
+from pointit.bridges.web.site_metrics import SiteMetrics
+from pointit.runtime.address_config import is_loopback
+from pointit.runtime.errors import ConfigError
+
+PATH = "/metrics"
+TEXT = "text/plain"
+"""Media type of Prometheus' text format."""
+
+NEEDS_TOKEN = (
+    "Metrics need the page's token: in Prometheus, `authorization` with `credentials_file`; "  # noqa: S105
+    "see docs/how-to/observe.md.\n"
+)
+
+TICK_S = 1.0
+"""Interval of checks for idle connections."""
+
+
+def exposition(metrics: SiteMetrics, accept: str) -> tuple[bytes, str]:
+    """Return the metrics in the format that an Accept header asks for, and its media type."""
+    from prometheus_client.exposition import choose_encoder  # noqa: PLC0415 - see SiteMetrics
+    from prometheus_client.registry import CollectorRegistry  # noqa: PLC0415
+
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(metrics)
+    encode, media_type = choose_encoder(accept)
+    return encode(registry), media_type
+
+
+def metrics_route(metrics: SiteMetrics, access: Access | None) -> Route:
+    """Return the route of `PATH`. With `access` it needs one of its tokens, as a cookie or a bearer."""
+
+    async def answer(request: Request) -> Response:
+        now_s = time.monotonic()
+        if access is not None and access.admit(info_of(request), now_s) is None:
+            if access.is_rate_limited(info_of(request).address, now_s):
+                await asyncio.sleep(REFUSAL_S)
+            return PlainTextResponse(NEEDS_TOKEN, 401, headers={"WWW-Authenticate": "Bearer"})
+        content, media_type = exposition(metrics, request.headers.get("accept", ""))
+        return Response(content, headers={"Content-Type": media_type, "Cache-Control": "no-store"})
+
+    return Route(PATH, answer, methods=["GET"])
+
+
+class MetricsServer:
+    """Serves metrics without a token, on this machine only."""
+
+    def __init__(self, metrics: SiteMetrics, host: str, port: int) -> None:
+        """Bind the port.
+
+        Raises:
+            ConfigError: If other machines could reach it.
+            ListenError: If the port is taken.
+        """
+        if not is_loopback(host):
+            raise ConfigError(
+                f"--listen {host}:{port}: other machines could read the metrics, which are not encrypted; "
+                f"listen at 127.0.0.1, and let them read {PATH} of the page, by HTTPS and with its token"
+            )
+        access = Access(new_token(), new_token())
+        access.know_hosts([host])
+        app = SecurityMiddleware(Starlette(routes=[metrics_route(metrics, None)]), access)
+        self._listener = Listener(app, bind(host, port, "--listen"))
+
+    @property
+    def port(self) -> int:
+        """Return the port of the listener."""
+        return self._listener.port
+
+    async def run(self) -> None:
+        """Serve until cancelled."""
+        try:
+            await self._listener.start()
+            while True:
+                await asyncio.sleep(TICK_S)
+                self._listener.cut_lingering()
+        finally:
+            await self._listener.close()

@@ -1,0 +1,390 @@
+"""Metrics of a site, from the messages that its services publish anyway, with totals that only grow. Pure."""
+
+from collections import Counter, OrderedDict, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pointit.diagnosis.observation import expected_services
+from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
+from pointit.schemas import (
+    NS_PER_S,
+    Deployment,
+    Health,
+    KeyHealth,
+    Localization,
+    Message,
+    Quantiles,
+    SelectionEvent,
+    UserPose,
+)
+from pointit.schemas.system import DURATION_BOUNDS_S, split_instance
+from pointit.schemas.topics import DEPLOYMENT, HEALTH, LOCALIZATION, POSE, SELECTION_EVENTS, TOPICS, Topic
+from pointit.services.registry import names
+
+if TYPE_CHECKING:
+    from prometheus_client.metrics_core import (
+        CounterMetricFamily,
+        GaugeMetricFamily,
+        HistogramMetricFamily,
+        Metric,
+    )
+
+
+MAX_INSTANCES = 4096
+"""Maximum number of instances whose last report is stored; the oldest is dropped."""
+
+MAX_TOPICS = 64
+"""Maximum number of topics in a report that are counted."""
+
+OTHER = "other"
+"""Label for keys that are no row of the topic table, and unknown services; bounds the number of series."""
+
+KNOWN_KEYS = frozenset(topic.key for topic in TOPICS)
+
+BUCKETS = (*map(str, DURATION_BOUNDS_S), "+Inf")
+
+
+class Labels(NamedTuple):
+    """Labels of one total. Those that a counter does not have are `""`."""
+
+    counter: str
+    """`messages`, `discarded`, `errors` or `refused`."""
+    service: str
+    topic: str = ""
+    kind: str = ""
+    """Direction of messages, or the reason why they were discarded."""
+
+
+class Totals:
+    """Sums the counters of services over their instances and restarts."""
+
+    def __init__(self) -> None:
+        self.values: defaultdict[Labels, float] = defaultdict(float)
+        self._last: OrderedDict[str, tuple[Health, dict[Labels, float]]] = OrderedDict()
+
+    def add(self, instance: str, service: str, health: Health) -> None:
+        """Add what `instance` has counted since its last report.
+
+        What it counted before its first report here is not added, nor is a report that comes late.
+        """
+        keys = _keys(health)
+        counts = dict(_counts(service, health, keys))
+        before, counts_before = self._last.pop(instance, (None, dict[Labels, float]()))
+        since_s = 0.0
+        """Uptime at which the rates of this report begin."""
+        if before is None:
+            if health.seq != 1:  # it runs for longer than anybody listens here
+                since_s, counts_before = health.uptime_s, counts
+        elif (health.uptime_s, health.seq) > (before.uptime_s, before.seq):
+            since_s = before.uptime_s
+        elif health.stamp_ns <= before.stamp_ns:
+            self._last[instance] = (before, counts_before)
+            return
+        else:
+            counts_before = {}  # restarted
+        for labels, count in counts.items():
+            # a counter below its last value has started again
+            last = counts_before.get(labels, 0.0)
+            self.values[labels] += count - last if count >= last else count
+        for key in keys:
+            labels = Labels("messages", service, key.key, key.direction)
+            self.values[labels] += round(key.rate_hz * (health.uptime_s - since_s))
+        self._last[instance] = (health, counts)
+        if len(self._last) > MAX_INSTANCES:
+            self._last.popitem(last=False)
+
+
+def _keys(health: Health) -> list[KeyHealth]:
+    return [
+        key if key.key in KNOWN_KEYS else key.model_copy(update={"key": OTHER})
+        for key in health.keys[:MAX_TOPICS]
+    ]
+
+
+def _counts(service: str, health: Health, keys: Iterable[KeyHealth]) -> Iterator[tuple[Labels, float]]:
+    yield Labels("errors", service), health.errors
+    discarded: Counter[Labels] = Counter()
+    for key in keys:
+        if key.direction == "in":
+            for reason, count in (("dropped", key.dropped), ("lost", key.lost), ("invalid", key.invalid)):
+                discarded[Labels("discarded", service, key.key, reason)] += count
+    yield from discarded.items()
+    for figure in health.figures:
+        if figure.name == "refused":
+            yield Labels("refused", service), max(0.0, figure.value)
+
+
+class Durations:
+    """Counts durations, by service."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, list[int]] = {}
+        self._sums_s: defaultdict[str, float] = defaultdict(float)
+
+    def add(self, service: str, reported: Quantiles | None) -> None:
+        """Count the durations of one report. None, or one that has no counts, adds nothing."""
+        if reported is None or len(reported.counts) != len(BUCKETS):
+            return
+        counts = self._counts.get(service, [0] * len(BUCKETS))
+        self._counts[service] = [sum(pair) for pair in zip(counts, reported.counts, strict=True)]
+        self._sums_s[service] += max(0.0, reported.sum_s)  # a clock that was set back must not lower the sum
+
+    def family(self, name: str, about: str) -> "HistogramMetricFamily":
+        """Return the histogram under `name`, with its help."""
+        from prometheus_client.metrics_core import HistogramMetricFamily  # noqa: PLC0415 - see SiteMetrics
+
+        family = HistogramMetricFamily(name, about, labels=("service",))
+        for service, counts in self._counts.items():
+            buckets = list(zip(BUCKETS, map(float, accumulate(counts)), strict=True))
+            family.add_metric((service,), buckets, self._sums_s[service])
+        return family
+
+
+READS: tuple[Topic[Any], ...] = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, DEPLOYMENT)
+"""Topics that metrics are made from."""
+
+MAX_USERS = 1024
+"""Maximum number of people with metrics of their own."""
+
+MAX_DEPLOYMENTS = 1024
+
+ROUTER = "router"
+"""Kind of routers. One of several is the instance `router-MACHINE`."""
+
+KINDS = frozenset({ROUTER, *names()})
+"""Services with a label of their own: those that are installed here."""
+
+BATTERIES = ("battery", "battery of the phone")
+"""Figures of imu-bridge with the charge of a wrist, %."""
+
+RESULTS = ("solved", "refused", "cancelled")
+"""Phases in which a localization ends."""
+
+Rows = Iterable[tuple[Sequence[str], float]]
+"""Values of the labels, and the value, of each series of a family."""
+
+
+class SiteMetrics:
+    """Metrics of one site: a collector of `prometheus_client`, 2 MB that the first scrape loads.
+
+    Not thread-safe: messages and scrapes are in the same event loop.
+    """
+
+    def __init__(self, site: str, version: str) -> None:
+        self._about = {"site": site, "version": version}
+        self._present: set[str] = set()
+        self._users: set[str] = set()
+        self._health: dict[str, Health] = {}
+        self._deployments: dict[str, Deployment] = {}
+        self._poses: dict[str, UserPose] = {}
+        self._localizations: dict[str, Localization] = {}
+        self._totals = Totals()
+        self._latency = Durations()
+        self._step = Durations()
+        self._selections: dict[str, int] = {}
+        self._results: dict[tuple[str, str], int] = {}
+        self._take: Mapping[type[Message], Callable[[str, Any], None]] = {
+            Health: self._on_health,
+            UserPose: self._on_pose,
+            Localization: self._on_localization,
+            SelectionEvent: self._on_selection,
+            Deployment: self._on_deployment,
+        }
+
+    @property
+    def is_empty(self) -> bool:
+        """Return True if no service is present."""
+        return not self._present
+
+    def take(self, name: str, message: Message) -> None:
+        """Take a message of one of `READS`. `name` is that in its key."""
+        self._take[type(message)](name, message)
+
+    def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Update the presence of a service. At most `MAX_INSTANCES` are counted."""
+        if not present:
+            self._present.discard(instance)
+            self._health.pop(instance, None)
+        elif len(self._present) < MAX_INSTANCES:
+            self._present.add(instance)
+
+    def set_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Update the presence of a person. At most `MAX_USERS` are counted."""
+        if not present:
+            self._users.discard(user)
+            self._poses.pop(user, None)
+            self._localizations.pop(user, None)
+        elif len(self._users) < MAX_USERS:
+            self._users.add(user)
+
+    def collect(self) -> Iterator["Metric"]:
+        """Yield all families of metrics as they are now."""
+        from prometheus_client.metrics_core import InfoMetricFamily  # noqa: PLC0415
+
+        yield InfoMetricFamily("pointit_site", "Site, and version of PointIt", value=self._about)
+        yield from self._of_services()
+        yield from self._of_traffic()
+        yield from self._of_people()
+
+    def _of_services(self) -> Iterator["Metric"]:
+        expected = expected_services(self._deployments)
+        there = {name: float(name in self._present) for name in sorted(self._present | expected.keys())}
+        health = {split_instance(name): each for name, each in sorted(self._health.items())}
+        of = ("service", "name")
+        yield _gauge(
+            "pointit_service_present",
+            "1: the service runs. 0: it should run, and does not",
+            of,
+            ((split_instance(name), value) for name, value in there.items()),
+        )
+        yield _gauge(
+            "pointit_service_healthy",
+            "1: the service reports no problem. 0: it does",
+            of,
+            ((key, float(each.status == "ok")) for key, each in health.items()),
+        )
+        yield _gauge(
+            "pointit_service_warnings",
+            "Warnings of the service; pointit doctor shows them with their remedies",
+            of,
+            ((key, len(each.warnings)) for key, each in health.items()),
+        )
+        yield _gauge(
+            "pointit_service_reported_timestamp_seconds",
+            "Time of the newest report of the service, by its own clock",
+            of,
+            ((key, each.stamp_ns / NS_PER_S) for key, each in health.items()),
+        )
+        for figure, name, about in (
+            ("viewers", "pointit_page_viewers", "Open pages"),
+            ("sessions", "pointit_router_sessions", "Connections to a router of a secured site"),
+        ):
+            rows = ((key, value) for key, each in health.items() for value in _figures(each, figure))
+            yield _gauge(name, about, of, rows)
+
+    def _of_traffic(self) -> Iterator["Metric"]:
+        totals = self._totals.values
+        for counter, name, about, labels in (
+            ("messages", "pointit_messages", "Messages read and written", ("service", "topic", "direction")),
+            (
+                "discarded",
+                "pointit_discarded_messages",
+                "Messages not handled: dropped for newer ones, lost on the way, or invalid",
+                ("service", "topic", "reason"),
+            ),
+            ("errors", "pointit_errors", "Handlers that raised an exception", ("service",)),
+            ("refused", "pointit_router_refusals", "Attempts that a router has refused", ("service",)),
+        ):
+            rows = (
+                (each[1 : 1 + len(labels)], total) for each, total in totals.items() if each[0] == counter
+            )
+            yield _counter(name, about, labels, rows)
+        yield self._latency.family(
+            "pointit_latency_seconds",
+            "Time from capture to the output of the service. That of led-driver is from wrist to light",
+        )
+        yield self._step.family("pointit_step_seconds", "Time of each call of the service's handlers")
+
+    def _of_people(self) -> Iterator["Metric"]:
+        users = sorted(self._users)
+        yield _gauge("pointit_people", "People on the site", (), [((), len(users))])
+        poses = [(user, self._poses[user].covariance) for user in users if user in self._poses]
+        yield _gauge(
+            "pointit_pose_position_sigma_meters",
+            "1 sigma of the person's position on the floor, in its worse direction",
+            ("user",),
+            (((user,), position_sigma_m(covariance)) for user, covariance in poses),
+        )
+        yield _gauge(
+            "pointit_pose_yaw_sigma_radians",
+            "1 sigma of the azimuth of the person's coordinates",
+            ("user",),
+            (((user,), yaw_sigma_rad(covariance)) for user, covariance in poses),
+        )
+        yield _gauge(
+            "pointit_battery_ratio", "Charge of the person's wrist, 0 to 1", ("user",), self._batteries()
+        )
+        yield _counter(
+            "pointit_localizations",
+            "Localizations that have ended",
+            ("purpose", "result"),
+            self._results.items(),
+        )
+        yield _counter(
+            "pointit_selection_events",
+            "What happened to objects: selected, deselected, refused, left, dispatched",
+            ("result",),
+            (((result,), count) for result, count in self._selections.items()),
+        )
+
+    def _batteries(self) -> Rows:
+        for instance, health in sorted(self._health.items()):
+            service, user = split_instance(instance)
+            charges = [value for name in BATTERIES for value in _figures(health, name)]
+            if service == "imu-bridge" and user in self._users and charges:
+                yield (user,), min(charges) / 100.0
+
+    def _on_health(self, instance: str, health: Health) -> None:
+        if instance not in self._present:
+            return
+        service = _kind(instance)
+        self._health[instance] = health
+        self._totals.add(instance, service, health)
+        self._latency.add(service, health.latency)
+        self._step.add(service, health.step)
+
+    def _on_pose(self, user: str, pose: UserPose) -> None:
+        self._poses[user] = pose
+        self._drop_absent(self._poses)
+
+    def _on_localization(self, user: str, localization: Localization) -> None:
+        before = self._localizations.get(user)
+        if before is not None and before.phase not in RESULTS and localization.phase in RESULTS:
+            result = (localization.purpose, localization.phase)
+            self._results[result] = self._results.get(result, 0) + 1
+        self._localizations[user] = localization
+        self._drop_absent(self._localizations)
+
+    def _drop_absent(self, messages: dict[str, Any]) -> None:
+        """Drop the message of the absent person who is known for longest, if there are too many messages."""
+        if len(messages) > MAX_USERS:
+            messages.pop(next(user for user in messages if user not in self._users))
+
+    def _on_selection(self, _name: str, event: SelectionEvent) -> None:
+        self._selections[event.event] = self._selections.get(event.event, 0) + 1
+
+    def _on_deployment(self, name: str, deployment: Deployment) -> None:
+        believed = deployment.believed(name)
+        if not believed.services:  # ended on purpose
+            self._deployments.pop(name, None)
+        elif name in self._deployments or len(self._deployments) < MAX_DEPLOYMENTS:
+            self._deployments[name] = believed
+
+
+def _gauge(name: str, about: str, labels: Sequence[str], rows: Rows) -> "GaugeMetricFamily":
+    from prometheus_client.metrics_core import GaugeMetricFamily  # noqa: PLC0415
+
+    family = GaugeMetricFamily(name, about, labels=labels)
+    for values, value in rows:
+        family.add_metric(values, value)
+    return family
+
+
+def _counter(name: str, about: str, labels: Sequence[str], rows: Rows) -> "CounterMetricFamily":
+    from prometheus_client.metrics_core import CounterMetricFamily  # noqa: PLC0415
+
+    family = CounterMetricFamily(name, about, labels=labels)
+    for values, value in rows:
+        family.add_metric(values, value)
+    return family
+
+
+def _kind(instance: str) -> str:
+    service, _ = split_instance(instance)
+    kind = ROUTER if service.startswith(f"{ROUTER}-") else service
+    return kind if kind in KINDS else OTHER
+
+
+def _figures(health: Health, name: str) -> list[float]:
+    return [figure.value for figure in health.figures if figure.name == name]

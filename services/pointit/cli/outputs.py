@@ -1,0 +1,482 @@
+"""`pointit output`: adds one to a running site, calibrates a moving head, shows which pixel is where."""
+
+import asyncio
+import contextlib
+import itertools
+import math
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, Unpack
+
+import click
+
+from pointit.cli.common.keyboard import has_keyboard, key_bytes, keys
+from pointit.cli.common.output import interruptible, json_option, say, to_json
+from pointit.cli.common.panels import Finite
+from pointit.cli.common.remembered_options import scenarios
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.geometry.vector import Vec3
+from pointit.launch.plan.launches import Choices
+from pointit.launch.plan.plan import USUAL, read_scenario
+from pointit.launch.plan.scenario_catalog import scenario_launches
+from pointit.maps.file import load_map
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.host.state_file import plugin_folder
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.plugin_guard import HealthSink, NullHealth, Surroundings
+from pointit.runtime.service.process import run_until_shutdown
+from pointit.schemas import Environment, LampColor, Strip, StripFrame, StripsFrame
+from pointit.schemas.base import Rgb
+from pointit.schemas.base import Vec3 as ConfiguredVec3
+from pointit.schemas.topics import LAMP_COLOR, MAP, SERVICE_ALIVE, STRIPS_FRAME
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.output.pose_fit import MIN_PLACES, WRONG_RAD, FittedPose, fit_pose
+from pointit.services.led_driver.output.spotlight import (
+    Angles,
+    BeamState,
+    DmxHead,
+    ManualAim,
+    SpotlightConfig,
+)
+from pointit.services.led_driver.outputs import NONE, OUTPUTS, GuardedOutput, OutputConfig, make_outputs
+from pointit.services.pui.config import PuiConfig
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class PrintedHealth(NullHealth):
+    """Prints each new warning."""
+
+    def __init__(self) -> None:
+        self._warnings: dict[str, str] = {}
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Print a warning unless it was the last one of its topic."""
+        if sentence and self._warnings.get(topic) != sentence:
+            say(sentence, err=True)
+        self._warnings[topic] = sentence
+
+
+def setup_options(function: F) -> F:
+    """Add the argument and options that `read_setup` takes: `scenario`, `output`, `files`, `settings`."""
+    for add in (
+        click.option(
+            "--set", "settings", multiple=True, metavar="SERVICE.PARAMETER=VALUE", help="change one parameter"
+        ),
+        click.option(
+            "--config",
+            "files",
+            multiple=True,
+            type=click.Path(path_type=Path),
+            help="YAML file that maps services to parameters, as for `pointit run`",
+        ),
+        click.option(
+            "--output",
+            "--leds",
+            "output",
+            default="",
+            show_default=False,
+            metavar="OUTPUT",
+            help="output, as for `pointit run`",
+        ),
+        click.argument("scenario", default=USUAL, shell_complete=scenarios),
+    ):
+        function = add(function)
+    return function
+
+
+def read_setup(
+    scenario: str, output: str, files: Sequence[Path], settings: Sequence[str]
+) -> tuple[Environment, LedDriverConfig]:
+    """Return the map of a scenario, and the parameters of its outputs, of which there is at least one.
+
+    Raises:
+        ConfigError: If there is none, or anything is wrong.
+    """
+    chosen = read_scenario(scenario)
+    launches = scenario_launches(
+        chosen, Choices(output=output, files=tuple(files), settings=tuple(settings)), 1
+    )
+    configs = [launch.config for launch in launches]
+    room = next((load_map(each.map_to_read, 0) for each in configs if isinstance(each, PuiConfig)), None)
+    driver = next((each for each in configs if isinstance(each, LedDriverConfig)), None)
+    if room is None or driver is None or all(each.kind == NONE for each in driver.outputs):
+        raise ConfigError(f"{scenario} has no output: add --output, as in --output ddp:HOST")
+    return room, driver
+
+
+LED_DRIVER = "led-driver"
+"""Instance whose frames are shown. Without it the strips are dark."""
+
+
+class PrintedWarnings(NullHealth):
+    """Prints all warnings whenever they change."""
+
+    def __init__(self, well: str, *, as_json: bool) -> None:
+        """Create without warnings. `well`: the sentence that is printed when there are none any more."""
+        self._well = well
+        self._as_json = as_json
+        self._warnings: dict[str, str] = {}
+
+    def warn(self, topic: str, sentence: str) -> None:
+        """Set the warning of a topic, or clear it by `""`."""
+        if self._warnings.get(topic, "") == sentence:
+            return
+        self._warnings[topic] = sentence
+        self.tell()
+
+    def clear(self, topic: str) -> None:
+        """Clear the warning of a topic."""
+        self.warn(topic, "")
+
+    def tell(self) -> None:
+        """Print the warnings, or that all is well."""
+        warnings = [sentence for sentence in self._warnings.values() if sentence]
+        if self._as_json:
+            click.echo(to_json({"warnings": warnings}))
+        else:
+            say("; ".join(warnings) or self._well, err=True)
+
+
+@click.command("add", params=site_options())
+@click.argument("output")
+@click.option(
+    "--strip",
+    "strips",
+    multiple=True,
+    metavar="STRIP",
+    help="strip of the map to show, behind the pixels of the strip before. Repeatable  [default: all]",
+)
+@json_option
+def add(output: str, *, strips: tuple[str, ...], as_json: bool, **at: Unpack[AtSite]) -> int:
+    """Show strips of a running site on one more OUTPUT, such as ddp:HOST for a WLED.
+
+    The site keeps running, and its other outputs do not change. The lights go dark after Ctrl-C, and while
+    the site's led-driver does not run. With --json, each line is an object with the `warnings` from then on.
+
+    Example: pointit output add ddp:wled-kitchen.local --strip shelf
+    """
+    quiet()
+    config = _config(output, strips)
+    frames = ", ".join(f"strip {strip}" for strip in strips) or "all strips"
+    return run_until_shutdown(
+        _show_added(config, PrintedWarnings(f"{output} shows {frames}", as_json=as_json), **at)
+    )
+
+
+def _config(output: str, strips: tuple[str, ...]) -> OutputConfig:
+    try:
+        kind, parameters = OUTPUTS.choose(output)
+        segments = [{"strip": strip} for strip in strips]
+        values = {"kind": kind, **parameters, **({"segments": segments} if segments else {})}
+        config: Any = OUTPUTS.validate(kind, values)
+    except (ConfigError, ValueError) as error:
+        raise ConfigError(f"{output}: {error}") from error
+    assert isinstance(config, OutputConfig)  # noqa: S101 - of the group of outputs
+    return config
+
+
+async def _show_added(config: OutputConfig, health: PrintedWarnings, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
+        folder = plugin_folder(bus.site, "", OUTPUTS.kind, config.kind)
+        surroundings = Surroundings(clock=WallClock(), health=health, folder=folder)
+        (output,) = make_outputs([config], lambda _kind, _name, _user, _which: surroundings, health)
+        if output.follows_cursors:
+            raise ConfigError(f"{config.kind}: follows people's cursors; give it to `pointit run --output`")
+        frames = SiteFrames(output)
+        bus.subscribe(MAP, frames.on_map)
+        bus.subscribe(STRIPS_FRAME, frames.on_frame)
+        bus.subscribe(LAMP_COLOR, frames.on_lamp)
+        bus.watch(SERVICE_ALIVE, frames.on_service)
+        health.tell()
+        await output.run()
+    return 0
+
+
+class SiteFrames:
+    """Passes on to an output what the site shows; nothing is lit without `LED_DRIVER`."""
+
+    def __init__(self, output: GuardedOutput) -> None:
+        self._output = output
+        self._frame = StripsFrame(stamp_ns=0, strips=())
+        self._lamps: set[str] = set()
+
+    def on_map(self, room: Environment, _name: str) -> None:
+        """Set the map, and show the last frame again."""
+        self._output.set_map(room)
+        self._output.show(self._frame)
+
+    def on_frame(self, frame: StripsFrame, _name: str) -> None:
+        """Show a frame."""
+        self._frame = frame
+        self._output.show(frame)
+
+    def on_lamp(self, lamp: LampColor, name: str) -> None:
+        """Show the colour of a lamp."""
+        self._lamps.add(name)
+        self._output.show_lamp(name, lamp.color)
+
+    def on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Show darkness when `LED_DRIVER` has left."""
+        if instance == LED_DRIVER and not present:
+            dark = tuple(StripFrame(id=each.id, rgb=bytes(len(each.rgb))) for each in self._frame.strips)
+            self.on_frame(StripsFrame(stamp_ns=time.time_ns(), strips=dark), "")
+            for name in self._lamps:
+                self._output.show_lamp(name, (0, 0, 0))
+
+
+WHITE = (255, 255, 255)
+KEYS = "arrows turn the beam, + and - change the step, Enter when it is there"
+
+
+@click.command("calibrate")
+@click.option(
+    "--at",
+    "places",
+    nargs=3,
+    type=Finite(-1000, 1000),
+    multiple=True,
+    metavar="X Y Z",
+    help="known place in the map's frame, m, in place of the map's lamps. Repeatable",
+)
+@setup_options
+def calibrate(
+    *,
+    scenario: str,
+    output: str,
+    files: tuple[Path, ...],
+    settings: tuple[str, ...],
+    places: tuple[Vec3, ...],
+) -> int:
+    """Find where a moving head hangs: point its beam at known places, by default the lamps of SCENARIO's map.
+
+    The beam is lit. For each place turn it there by the arrow keys and press Enter. Three places are needed.
+    With four, not all near one line, there is one answer only. Then the pose is printed, as lines for the
+    output's entry in the file of `--config`.
+
+    It sends to the fixture itself: end a running site first. Ctrl-C ends it. The beam is dark afterwards.
+
+    Example: pointit output calibrate scenario_3 --output spotlight:192.168.1.50
+    """
+    setup_logging("error")
+    room, driver = read_setup(scenario, output, files, settings)
+    config = next((each for each in driver.outputs if isinstance(each, SpotlightConfig)), None)
+    if config is None:
+        raise ConfigError(f"{scenario} has no moving head: add --output, as in --output spotlight:ADDRESS")
+    if not config.host:
+        raise ConfigError("host: is missing; `--output spotlight:ADDRESS` sets it")
+    targets = {f"({x:g}, {y:g}, {z:g}) m": (x, y, z) for x, y, z in places} or {
+        f"lamp {lamp.id}": lamp.position_m for lamp in room.lamps
+    }
+    if len(targets) < MIN_PLACES:
+        raise ConfigError(f"{len(targets)} known places, {MIN_PLACES} needed: add --at X Y Z")
+    if not has_keyboard():
+        raise ConfigError("there is no keyboard to turn the beam with: call it in a terminal")
+
+    async def work() -> int:
+        pressed = asyncio.Queue[bytes]()
+        with key_bytes(pressed.put_nowait):
+            angles = await pointed(config, list(targets), pressed, PrintedHealth())
+        for line in report(config, fit_pose(angles, list(targets.values()))):
+            click.echo(line)
+        return 0
+
+    return run_until_shutdown(work())
+
+
+async def pointed(
+    config: SpotlightConfig, targets: Sequence[str], pressed: "asyncio.Queue[bytes]", health: HealthSink
+) -> list[Angles]:
+    """Return the angles at which a person has pointed the beam at each of `targets` by keys."""
+    head = DmxHead(config, health)
+    aim = ManualAim(config.limits)
+    found: list[Angles] = []
+    sending = asyncio.create_task(head.run())
+    try:
+        say(KEYS, err=True)
+        for number, target in enumerate(targets, 1):
+            say(f"{number} of {len(targets)}: point the beam at {target}", err=True)
+            while len(found) < number:
+                head.send(BeamState(aim.angles, WHITE))
+                if aim.press(await pressed.get()):
+                    found.append(aim.angles)
+    finally:
+        sending.cancel()
+        await asyncio.wait({sending})
+    return found
+
+
+def report(config: SpotlightConfig, pose: FittedPose) -> list[str]:
+    """Return the pose as lines of YAML.
+
+    Raises:
+        PointItError: If it is wrong or ambiguous.
+    """
+    error_deg = math.degrees(pose.error_rad)
+    if pose.error_rad > WRONG_RAD:
+        raise PointItError(
+            f"the beam misses the places by {error_deg:.1f}° on average: one was confused, or "
+            "`pan_range_deg` or `tilt_range_deg` are not those of the fixture's manual; correct them and "
+            "calibrate again"
+        )
+    if not pose.is_unique:
+        raise PointItError(
+            "another pose fits these places as well: calibrate again with one more, not on a line with "
+            "others (--at X Y Z)"
+        )
+    x, y, z = pose.position_m
+    lines = [
+        f"# the beam meets the places to {error_deg:.2f}° on average",
+        f"position_m: [{x:.3f}, {y:.3f}, {z:.3f}]",
+        f"yaw_deg: {pose.yaw_deg:.2f}",
+        f"pitch_deg: {pose.pitch_deg:.2f}",
+        f"roll_deg: {pose.roll_deg:.2f}",
+    ]
+    if pose.is_mirrored:
+        lines.append(f"invert_pan: {'false' if config.invert_pan else 'true'}")
+    return lines
+
+
+CONNECT_S = 1.0
+"""Time for outputs to connect before the first step, s."""
+
+
+DARK: Rgb = (0, 0, 0)
+ENDS_S = 3.0
+RUN_S = 4.0
+"""Time in which a pixel runs along the strip, s."""
+COLOR_S = 1.5
+RUN_PICTURES = 120
+"""Maximum number of pictures of the running pixel."""
+COLORED_PIXELS = 10
+COLORS: dict[str, Rgb] = {"red": (255, 0, 0), "green": (0, 255, 0), "blue": (0, 0, 255)}
+
+
+@dataclass(frozen=True)
+class TestStep:
+    """Pictures that show one property of a strip."""
+
+    text: str
+    """Description of the lit pixels, for the operator."""
+    pictures: tuple[bytes, ...]
+    """Pixels of the strip, 3 bytes each."""
+    period_s: float
+    """Time for which each picture is shown, s."""
+
+
+def steps_of(strip: Strip) -> list[TestStep]:
+    """Return the steps that test `strip`."""
+    first_m, last_m = strip.line_m[:: len(strip.line_m) - 1][:: strip.direction]
+    ends = {0: COLORS["green"], strip.pixels - 1: COLORS["red"]}
+    count = min(strip.pixels, RUN_PICTURES)
+    run = [number * (strip.pixels - 1) // max(1, count - 1) for number in range(count)]
+    begin = range(min(COLORED_PIXELS, strip.pixels))
+    return [
+        TestStep(
+            f"first of {strip.pixels} pixels green, at {_place(first_m)} in the map; last red, at "
+            f"{_place(last_m)}",
+            (_picture(strip, ends),),
+            ENDS_S,
+        ),
+        TestStep(
+            "a white pixel runs from the green to the red end",
+            tuple(_picture(strip, {pixel: (255, 255, 255)}) for pixel in run),
+            RUN_S / count,
+        ),
+        *(
+            TestStep(f"the first pixels are {name}", (_picture(strip, dict.fromkeys(begin, color)),), COLOR_S)
+            for name, color in COLORS.items()
+        ),
+    ]
+
+
+def _picture(strip: Strip, lit: dict[int, Rgb]) -> bytes:
+    return b"".join(bytes(lit.get(pixel, DARK)) for pixel in range(strip.pixels))
+
+
+def _place(position_m: ConfiguredVec3) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in position_m) + ") m"
+
+
+@click.command("test")
+@click.option(
+    "--strip", "names", multiple=True, metavar="STRIP", help="test only this strip of the map. Repeatable"
+)
+@setup_options
+def command(
+    *, scenario: str, output: str, names: tuple[str, ...], files: tuple[Path, ...], settings: tuple[str, ...]
+) -> None:
+    """Light the pixels of each strip of SCENARIO's map one after the other, to test the connection.
+
+    Steps for each strip: its first pixel green and its last one red, with their positions in the map. A white
+    pixel that runs from the first to the last. The first pixels red, green and blue. Enter starts the next
+    step at once.
+
+    If the ends are mirrored, set `reversed` in the segment, or `direction: -1` in the map. If colours are
+    wrong, set another `order`. If another strip lights, correct `segments`. If nothing lights, a warning has
+    the reason.
+
+    It opens the outputs itself. End a running site first: a serial port has one user, and a controller in
+    the network would show both. Ctrl-C ends it. The strips are dark afterwards.
+
+    Example: pointit output test scenario_3 --output ddp:wled-kitchen.local
+    """
+    setup_logging("error")
+    room, driver = read_setup(scenario, output, files, settings)
+    known = [strip.id for strip in room.strips]
+    if missing := [name for name in names if name not in known]:
+        raise ConfigError(f"--strip {missing[0]}: the map has no such strip; it has {', '.join(known)}")
+    tested = [strip for strip in room.strips if not names or strip.id in names]
+    with tempfile.TemporaryDirectory() as folder, interruptible():
+        health = PrintedHealth()
+        surroundings = Surroundings(clock=WallClock(), health=health, folder=Path(folder))
+
+        def same(_kind: str, _name: str, _user: str, _which: str) -> Surroundings:
+            return surroundings
+
+        outputs = make_outputs(driver.outputs, same, health)
+        asyncio.run(_show(outputs, room, tested))
+
+
+async def _show(outputs: Sequence[GuardedOutput], room: Environment, strips: Sequence[Strip]) -> None:
+    """Show the steps of each strip on all outputs, which are dark afterwards."""
+    running = [asyncio.create_task(output.run()) for output in outputs]
+    numbers = itertools.count(1)
+    pressed = asyncio.Event()
+    try:
+        for output in outputs:
+            output.set_map(room)
+        await asyncio.sleep(CONNECT_S)
+        with keys(pressed.set) if has_keyboard() else contextlib.nullcontext():
+            for strip, step in [(each, step) for each in strips for step in steps_of(each)]:
+                pressed.clear()
+                click.echo(f"strip {strip.id}: {step.text}")
+                await _show_step(outputs, strip, step, numbers, pressed)
+    finally:
+        for task in running:
+            task.cancel()
+        await asyncio.wait(running)
+
+
+async def _show_step(
+    outputs: Sequence[GuardedOutput],
+    strip: Strip,
+    step: TestStep,
+    numbers: "itertools.count[int]",
+    pressed: asyncio.Event,
+) -> None:
+    """Show the pictures of `step`, each for its time, until a key is `pressed`."""
+    clock = WallClock()
+    for picture in step.pictures:
+        shown = (StripFrame(id=strip.id, rgb=picture),)
+        frame = StripsFrame(stamp_ns=clock.now_ns(), seq=next(numbers), strips=shown)
+        for output in outputs:
+            output.show(frame)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(step.period_s):
+                await pressed.wait()
+            return

@@ -1,1 +1,0 @@
-"""Commands that test and calibrate lights."""

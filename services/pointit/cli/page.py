@@ -1,0 +1,455 @@
+"""The page from the command line: of a run, of a site elsewhere, of a recording; and its browser."""
+
+import asyncio
+import contextlib
+import dataclasses
+import io
+import logging
+import os
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Generator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import click
+
+from pointit.cli.common.output import interruptible, progress
+from pointit.cli.common.panels import Added, PanelCommand, RunPart
+from pointit.cli.common.site_link import site_options
+from pointit.launch.page import (
+    EVERYWHERE,
+    PORT,
+    REMEDY,
+    Page,
+    is_asked_of_page,
+    is_available,
+    page_link_file,
+    page_of,
+    page_unavailable_error,
+    stored_tokens,
+    where,
+)
+from pointit.launch.plan.launches import PAGE, Choices, Settings
+from pointit.launch.plan.plan import Beside, Scenario
+from pointit.launch.plan.scenario_catalog import places
+from pointit.launch.run.run_site import CLOCK_TIMEOUT_S
+from pointit.launch.run.running_scenario import PRESENCE_TIMEOUT_S
+from pointit.runtime.address_config import is_loopback, parse_address
+from pointit.runtime.bus.contract import Bus, list_present
+from pointit.runtime.bus.site_clock import SiteClock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import write_atomically
+from pointit.runtime.link.link import Link
+from pointit.runtime.link.options import link_of
+from pointit.runtime.service.logs import setup_logging
+from pointit.runtime.service.process import log_option, run_until_shutdown
+from pointit.runtime.service.service import Launch, check_launches, run_service
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import NS_PER_S
+from pointit.schemas.topics import SERVICE_ALIVE
+
+if TYPE_CHECKING:
+    from pointit.recording.reader import Recording
+
+
+log = logging.getLogger(__name__)
+
+SNAPS = Path("/snap")
+"""Folder of snap packages. Their browsers cannot read hidden folders in the home folder."""
+
+
+def has_desktop(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> bool:
+    """Return True if a browser can open a window: always on macOS and Windows, else with a display."""
+    if platform in {"darwin", "win32"}:
+        return True
+    return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
+
+
+def is_wanted() -> bool:
+    """Return True if an operator is present: a terminal, and a desktop."""
+    return sys.stderr.isatty() and has_desktop()
+
+
+class BrowserWindow:
+    """Opens `file`, which redirects to the page, at most once, in a daemon thread.
+
+    Not the link itself: every user of the machine can read the arguments of a browser's process.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._copy: Path | None = None
+        if SNAPS.is_dir():
+            with contextlib.suppress(RuntimeError):  # there is no home directory
+                self._copy = Path.home() / f"pointit-{file.name}"
+        self._is_open = False
+        self._lock = threading.Lock()
+        """Held while the copy is written or removed."""
+        self._is_closed = False
+
+    def open(self) -> None:
+        """Open it, unless it was opened before."""
+        if not self._is_open:
+            self._is_open = True
+            threading.Thread(target=self._open, name="browser", daemon=True).start()
+
+    def close(self) -> None:
+        """Do not open it any more; remove the copy made for the browser."""
+        with self._lock:
+            self._is_closed = True
+            if self._copy is not None and self._is_open:
+                self._copy.unlink(missing_ok=True)
+
+    def _open(self) -> None:
+        try:
+            with self._lock:
+                if self._is_closed:
+                    return
+                if self._copy is not None:
+                    write_atomically(self._copy, self._file.read_bytes())
+            is_open = webbrowser.open((self._copy or self._file).absolute().as_uri())
+        except (OSError, webbrowser.Error, ConfigError):
+            is_open = False
+        if not is_open:
+            log.warning("no browser could be opened: open the address of the page yourself")
+
+
+class PageOpener:
+    """Opens `file`, see `BrowserWindow`, as soon as `instance` is present."""
+
+    def __init__(self, bus: Bus, instance: str, file: Path) -> None:
+        self._instance = instance
+        self._window = BrowserWindow(file)
+        self._watching = bus.watch(SERVICE_ALIVE, self._look)
+
+    def close(self) -> None:
+        """Do not open it any more; remove the copy made for the browser."""
+        self._watching.close()
+        self._window.close()
+
+    def _look(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if name == self._instance and present:
+            self._window.open()
+
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+NEW_LINK = (
+    "create new links of the page and revoke the old ones  [default: the site's stored links, so that an "
+    "open page reconnects after a restart at the same port]"
+)
+
+
+def port_option(name: str, metavar: str | None = None) -> Callable[[F], F]:
+    """Return the option for the page's port."""
+    text = f"port of the page on this machine, 0: any free one  [default: {PORT} or the next free one]"
+    return click.option(name, type=click.IntRange(0, 65535), metavar=metavar, help=text)
+
+
+browser_option = click.option("--no-browser", is_flag=True, help="do not open the page in a browser")
+
+SPEAKING = ("page", "phone")
+"""Values of `--announce` for which the page speaks names."""
+
+OPTIONS: dict[str, Callable[[Any], Any]] = {
+    "no_web": click.option("--no-web", is_flag=True, help="no page for browsers"),
+    "web_port": port_option("--web-port", metavar="PORT"),
+    "lan": click.option(
+        "--lan", is_flag=True, help="also open the page to the local network, by HTTPS, which phones need"
+    ),
+    "no_browser": browser_option,
+    "new_link": click.option("--new-link", is_flag=True, help=NEW_LINK),
+}
+
+
+class RunPage(Beside):
+    """The page beside a run."""
+
+    WHAT: ClassVar[str] = "page"
+    ONE_IS_ENOUGH: ClassVar[bool] = True
+
+    def __init__(self, page: Page, *, opens_browser: bool = False) -> None:
+        self.page = page
+        self._opens_browser = opens_browser
+        self._link: Path | None = None
+        """The file that holds its link."""
+        self._site_address = page.config.devices_at
+        """Address at which processes of devices join."""
+
+    @property
+    def instance(self) -> str:
+        """Return its instance name."""
+        return self.page.instance
+
+    def launch(self) -> Launch:
+        """Return its launch. Slow: imports the server."""
+        config = self.page.config.model_copy(update={"devices_at": self._site_address})
+        return dataclasses.replace(self.page, config=config).launch()
+
+    def checked(self) -> Sequence[Launch]:
+        """Return it if parameters were set by hand."""
+        return [] if self.page.is_usual else [self.launch()]
+
+    @contextlib.contextmanager
+    def joined(self, bus: Bus) -> Generator[None]:
+        """Store the page's link in a file, and open the browser as soon as the page is present."""
+        link: Link | None = getattr(bus, "link", None)  # that of Zenoh has one
+        if link is not None and not self.page.scan_url:  # a scan drives its lights alone
+            self._site_address = self._site_address or link.addresses[0]
+        with contextlib.ExitStack() as stack:
+            links = (self.page.scan_url, self.page.url, self.page.lan_url)
+            self._link = stack.enter_context(page_link_file(bus.site, *filter(None, links)))
+            if self._link is not None and self._opens_browser and is_wanted():
+                stack.callback(PageOpener(bus, self.instance, self._link).close)
+            yield
+
+    def greeting(self, *, is_drawn: bool) -> Sequence[str]:
+        """Return where it is, unless the view shows it, and where in the local network."""
+        here = [] if is_drawn else [f"page: {where(self.page.url, self._link)}"]
+        if self.page.scan_url:
+            here += _scan_lines(self.page.scan_url, where(self.page.scan_url, self._link))
+        if not self.page.lan_url:
+            return here
+        address = where(self.page.lan_url, self._link)
+        return [*here, f"--lan: the page is open to the local network, at {address}"]
+
+    @property
+    def address(self) -> str:
+        """Return its URL."""
+        return self.page.url
+
+
+def _scan_lines(url: str, shown: str) -> list[str]:
+    """Return where the room is mapped; on a terminal also as a QR code for a phone."""
+    lines = [f"map this room: open {shown}"]
+    if shown == url and url.startswith("https:"):
+        import segno  # noqa: PLC0415 - of the page's extra
+
+        drawn = io.StringIO()
+        segno.make(url, error="l", micro=False).terminal(out=drawn, compact=True)
+        lines += ["with the phone, in the same network: scan this code", *drawn.getvalue().splitlines()]
+    return lines
+
+
+def _options(function: Any) -> Any:
+    for option in reversed(OPTIONS.values()):
+        function = option(function)
+    return function
+
+
+def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
+    """Return the page of a run, if it has one. Raises ConfigError, or ListenError if its port is in use."""
+    port: int | None = options["web_port"]
+    asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
+    if options["no_web"]:
+        asked[f"--announce {options.get('announce')}"] = options.get("announce") in SPEAKING
+        for option, is_given in asked.items():
+            if is_given:
+                raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
+        return Added()
+    if not is_available():
+        asked["--set web."] = is_asked_of_page(choices.settings)
+        for option, is_given in asked.items():
+            if is_given:
+                raise page_unavailable_error(option)
+        return Added(
+            notes=[f"{REMEDY}; --no-web runs without it and without this note"],
+            closing_note=f"There was no page: {REMEDY}.",
+        )
+    page_options: dict[str, Any] = {"port": port} if port is not None else {}
+    if (announce := options.get("announce")) in SPEAKING:
+        page_options["announce"] = announce
+    tokens, notes = stored_tokens(options["site"], renew=options["new_link"])
+    page = page_of(
+        choices,
+        below=scenario.site.get(PAGE, {}),
+        asked=page_options | ({"lan": True} if options["lan"] else {}),
+        places=places(scenario, choices),
+        tokens=tokens,
+    )
+    if options["new_link"] and page.config.operator_token != tokens.operator:
+        notes = (*notes, "--new-link does not change the link for control: its token is set by hand")
+    config = page.config.model_copy(update={"run_output": page.config.run_output or choices.output})
+    beside = RunPage(dataclasses.replace(page, config=config), opens_browser=not options["no_browser"])
+    return Added(beside=[beside], services=[PAGE], notes=notes, moves_wrists=True)
+
+
+PAGE_PART = RunPart(heading="Page", names=tuple(OPTIONS), options=_options, add=_add)
+
+
+LINK = "recording"
+"""Folder of the link's file, beside those of sites."""
+
+
+@click.command("page")
+@click.argument("file", type=click.Path(path_type=Path))
+@port_option("--port")
+@browser_option
+@click.option(
+    "--to",
+    "output",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="HTML",
+    help="write the page and the recording as one file instead, which plays without PointIt",
+)
+@click.option("--overwrite", is_flag=True, help="replace the file of --to if it exists")
+def command(*, file: Path, port: int | None, no_browser: bool, output: Path | None, overwrite: bool) -> int:
+    """Open the recording FILE in the page, with a timeline: play, pause, step, scrub.
+
+    Prints the address of the page and serves it on this machine until Ctrl-C. Nothing in it can be changed.
+    The file of --to opens in a browser from a disk or any web server.
+
+    Example: pointit page lab.mcap
+    """
+    setup_logging("warning")
+    if not is_available():
+        raise page_unavailable_error("pointit page")
+    # here, since the extra may be missing where help is asked for
+    from pointit.recording.reader import Recording  # noqa: PLC0415
+
+    asked: dict[str, Any] = {} if port is None else {"port": port}
+    if output is not None and port is not None:
+        raise click.UsageError("--port and --to exclude each other: --to writes a file, which needs no port")
+    with Recording.open(file) as recording:
+        if output is not None:
+            return _write(recording, file, output, overwrite=overwrite)
+        page = page_of(Settings(), asked=asked, option="--port")
+        return run_until_shutdown(_serve(recording, file.name, page, is_open=not no_browser))
+
+
+async def _serve(recording: "Recording", title: str, page: Page, *, is_open: bool) -> int:
+    from pointit.bridges.web.playback.file_past import FilePast  # noqa: PLC0415
+    from pointit.bridges.web.playback.server import RecordingServer  # noqa: PLC0415
+
+    server = RecordingServer(FilePast(recording, title), page.config)
+    await server.start()
+    with contextlib.ExitStack() as stack:
+        file = stack.enter_context(page_link_file(LINK, page.url))
+        click.echo(f"page: {where(page.url, file, sys.stdout)}")
+        if recording.problem:
+            click.echo(f"note: {recording.problem}", err=True)
+        if file is not None and is_open and is_wanted():
+            window = BrowserWindow(file)
+            stack.callback(window.close)
+            window.open()
+        await server.run()
+    return 0
+
+
+def _write(recording: "Recording", file: Path, output: Path, *, overwrite: bool) -> int:
+    from pointit.bridges.web.playback.file_past import FilePast  # noqa: PLC0415
+    from pointit.bridges.web.playback.page_file import page_file  # noqa: PLC0415
+
+    if output.is_symlink() or (output.exists() and (not output.is_file() or output.samefile(file))):
+        raise ConfigError(f"{output}: is the recording, or no plain file; give another file")
+    if output.exists() and not overwrite:
+        raise ConfigError(f"{output}: exists already; give another file, or --overwrite to replace it")
+    if recording.problem:
+        click.echo(f"note: {recording.problem}", err=True)
+    past = FilePast(recording, file.stem)
+    with interruptible(), progress(round((past.ended_ns - past.began_ns) / NS_PER_S)) as tell:
+        asyncio.run(past.read())
+        html = page_file(past, lambda at_s: tell("seconds", round(at_s))).encode()
+    write_atomically(output, html, mode=0o644)
+    click.echo(f"{output}: {len(html) / 1e6:.1f} MB, {past.timeline().length_s:.0f} s")
+    return 0
+
+
+@click.command(
+    "dashboard",
+    params=[*site_options(), log_option()],
+    cls=PanelCommand,
+    usual=("connect", "port", "lan", "no_browser", "view_only"),
+)
+@port_option("--port")
+@click.option(
+    "--host",
+    default="",
+    show_default=False,
+    help="address to listen on  [default: localhost only; with --lan, all addresses]",
+)
+@click.option("--lan", is_flag=True, help="also open the page to the local network, by HTTPS")
+@browser_option
+@click.option("--new-link", is_flag=True, help=NEW_LINK)
+@click.option("--view-only", is_flag=True, help="print only the link for viewing, not the one for control")
+def dashboard(
+    *,
+    port: int | None,
+    host: str,
+    lan: bool,
+    no_browser: bool,
+    new_link: bool,
+    view_only: bool,
+    site: str,
+    connect: tuple[str, ...],
+    log_level: str,
+) -> int:
+    """Open the page of a site that runs already: a `pointit run` on another machine, or on this one.
+
+    Joins the site as soon as it is reachable, prints the address of the page, and serves it until Ctrl-C.
+    The site continues when the page ends, and the page waits for the site when that ends.
+
+    Example: pointit dashboard --connect tcp/plant.local:7447 --view-only
+    """
+    setup_logging("warning" if log_level == "info" else log_level)
+    if not is_available():
+        raise page_unavailable_error("pointit dashboard")
+    asked = _asked(port, host, is_lan=lan)
+    tokens, notes = stored_tokens(site, renew=new_link)
+    for note in notes:
+        click.echo(note, err=True)
+    page = page_of(Settings(), asked=asked, tokens=tokens, option="--port")
+    check_launches([page.launch()])
+    return run_until_shutdown(
+        _serve_dashboard(page, link_of(site, connect), is_open=not no_browser, view_only=view_only)
+    )
+
+
+def _asked(port: int | None, address: str, *, is_lan: bool) -> dict[str, Any]:
+    try:
+        host, own_port = parse_address(address) if address else ("", None)
+    except ValueError as error:
+        raise ConfigError(f"--host: {error}") from error
+    asked: dict[str, Any] = {} if port is None else {"port": port}
+    if own_port is not None:
+        name = "lan_port" if is_lan and not is_loopback(host) else "port"
+        if asked.setdefault(name, own_port) != own_port:
+            raise ConfigError(f"--host {address} and --port {port} differ: remove one of the ports")
+    if is_lan:
+        asked["lan"] = True
+    if host and not is_loopback(host):
+        if not is_lan:
+            raise ConfigError(
+                f"--host {address}: a page on a network needs HTTPS, or its token could be intercepted; "
+                "use --lan, which enables it"
+            )
+        asked["lan_address"] = "" if host in EVERYWHERE else host
+    elif host:
+        asked["host"] = host
+    return asked
+
+
+async def _serve_dashboard(page: Page, link: Link, *, is_open: bool, view_only: bool) -> int:
+    """Serve the page as soon as the site is reachable, until cancelled."""
+    bus = await ZenohBus.open(link)
+    try:
+        clock = SiteClock(bus)
+        await clock.wait_for_tick(CLOCK_TIMEOUT_S)
+        there = await list_present(bus, SERVICE_ALIVE, PRESENCE_TIMEOUT_S)
+        launches = (page.launch(number) for number in range(1, len(there) + 2))
+        launch = next(launch for launch in launches if launch.instance not in there)
+        url = page.viewer_url if view_only else page.url
+        lan_url = page.viewer_lan_url if view_only else page.lan_url
+        with contextlib.ExitStack() as stack:
+            file = stack.enter_context(page_link_file(bus.site, url, lan_url))
+            click.echo(f"page: {where(url, file, sys.stdout)}")
+            if lan_url:
+                click.echo(f"for the local network: {where(lan_url, file, sys.stdout)}")
+            if file is not None and is_open and is_wanted():
+                stack.callback(PageOpener(bus, launch.instance, file).close)
+            await run_service(launch, bus, clock)
+    finally:
+        await bus.close()
+    return 0

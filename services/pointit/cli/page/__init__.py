@@ -1,1 +1,0 @@
-"""The page: its options of a run, the dashboard, recordings in it, and the browser."""

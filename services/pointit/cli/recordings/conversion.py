@@ -1,0 +1,172 @@
+"""`pointit export` and `pointit import`: recordings as tables and from other sources."""
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from pointit.cli.common.output import interruptible, progress
+from pointit.cli.common.remembered_options import maps
+from pointit.runtime.errors import ConfigError
+
+TASK = "pointing"
+
+
+@click.command("export")
+@click.argument("recording", metavar="FILE", type=click.Path(path_type=Path))
+@click.option(
+    "--to",
+    "folder",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="folder for the tables, or a BIDS dataset; created if it does not exist",
+)
+@click.option("--overwrite", is_flag=True, help="replace tables that are in the folder")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["csv", "motion-bids"]),
+    default="csv",
+    show_default=True,
+    help="tables, or the Brain Imaging Data Structure for motion",
+)
+@click.option("--task", default=TASK, show_default=True, help="task of motion-bids")
+@click.option("--session", default="", help="session label of motion-bids; if empty, there is one session")
+def export(*, recording: Path, folder: Path, overwrite: bool, form: str, task: str, session: str) -> int:
+    """Write the recording FILE as tidy CSV tables, or as a dataset of Motion-BIDS.
+
+    The tables have units in the names of columns. selections.csv has a row for each selection, acts.csv one
+    for each pointing act, the others (cursors, rays, poses, imu, objects and more) one for each message.
+    columns.csv describes every column.
+
+    Motion-BIDS has motion, channels and events of each person. More recordings join the same dataset.
+
+    Exit code 1: FILE is damaged, and unreadable messages are left out.
+
+    Example: pointit export session.mcap --to tables
+    """
+    if form == "csv" and (session or task != TASK):
+        raise click.UsageError("--task and --session are of --format motion-bids: leave them out, or add it")
+    from pointit.conversion.export_bids import export_bids  # noqa: PLC0415 - only what is needed is loaded
+    from pointit.conversion.export_csv import export_csv  # noqa: PLC0415 - as above
+    from pointit.recording.reader import Recording  # noqa: PLC0415 - needs an extra
+
+    with Recording.open(recording) as opened:
+        if opened.problem:
+            click.echo(f"note: {opened.problem}", err=True)
+        with interruptible(), progress(sum(opened.counts.values())) as tell:
+            tick = functools.partial(tell, "messages")
+            if form == "csv":
+                exported = export_csv(
+                    opened.entries(), opened.began_ns, folder, overwrite=overwrite, tick=tick
+                )
+            else:
+                exported = export_bids(
+                    opened.entries(), folder, task=task, session=session, overwrite=overwrite, tick=tick
+                )
+        if opened.invalid:
+            click.echo(f"note: {opened.invalid} messages are left out; {opened.first_error}", err=True)
+        lost = opened.lost
+    for name, rows in exported.rows.items():
+        click.echo(f"{folder / name}: {rows} rows")
+    if exported.left_out:
+        names = ", ".join(f"{count} of {key}" for key, count in exported.left_out.items())
+        click.echo(f"Messages without a table: {names}.")
+    return 1 if lost else 0
+
+
+SITE = "imported"
+
+
+@click.command("import")
+@click.argument("source", type=click.Path(path_type=Path))
+@click.option(
+    "--to",
+    "recording",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="the recording to write, such as session.mcap",
+)
+@click.option("--overwrite", is_flag=True, help="replace FILE if it exists")
+@click.option("--user", default="user1", help="of a CSV file: the person's name")
+@click.option("--mounting", default="minus_x", help="of a CSV file: the sensor on the arm, as in a Myo")
+@click.option(
+    "--map",
+    "room",
+    metavar="MAP",
+    shell_complete=maps,
+    help="of a bag: the room, without which its packages and pointers have no positions",
+)
+def command(
+    *, source: Path, recording: Path, overwrite: bool, user: str, mounting: str, room: str | None
+) -> None:
+    """Make a recording of SOURCE, for `pointit export`, `pointit page` and `pointit evaluate`.
+
+    SOURCE is a CSV file of an arm (columns t, qw, qx, qy, qz; also robot_x and head_x, y, z of motion
+    capture), one of points on the floor (t, px, py with robot and head), in seconds and metres or with units
+    in the names, as t_ms and robot_x [mm]; or a ROS 2 bag of the ROS toolkit:
+    its folder, or an .mcap or .db3 file. `pointit replay` computes rays from a file of an arm, and the
+    position of a user who follows a robot. Other imports cannot be replayed.
+
+    Example: pointit import rosbag2_2026_11_21 --map lab.yaml --to session.mcap
+    """
+    if not source.exists():
+        raise ConfigError(f"{source}: there is no such file or folder")
+    with interruptible(), progress() as tell:
+
+        def tick(done: int) -> None:
+            tell(f"{done} messages")
+
+        if _is_table(source):
+            count = _import_csv(source, recording, user, mounting, overwrite=overwrite, tick=tick)
+        else:
+            count = _import_bag(source, recording, room, overwrite=overwrite, tick=tick)
+    click.echo(f"{recording}: {count} entries")
+
+
+def _is_table(source: Path) -> bool:
+    """Return True if `source` is a CSV file by its suffix, or a text file with columns of a motion."""
+    from pointit.sim.motion_table import column_names  # noqa: PLC0415 - only what is needed is loaded
+
+    suffix = source.suffix.lower()
+    return suffix in (".csv", ".tsv") or (suffix == ".txt" and "t" in column_names(source))
+
+
+def _import_csv(
+    source: Path, recording: Path, user: str, mounting: str, *, overwrite: bool, tick: Callable[[int], None]
+) -> int:
+    from pointit.conversion.import_csv import csv_entries  # noqa: PLC0415 - only what is needed is loaded
+    from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - needs an extra
+
+    def note(sentence: str) -> None:
+        click.echo(f"note: {sentence}", err=True)
+
+    entries = csv_entries(source, user=user, mounting=mounting, note=note)
+    return write_recording(entries, recording, SITE, overwrite=overwrite, tick=tick)
+
+
+def _import_bag(
+    source: Path, recording: Path, room: str | None, *, overwrite: bool, tick: Callable[[int], None]
+) -> int:
+    from pointit.conversion.import_bag import Bag, is_bag  # noqa: PLC0415 - needs an extra
+    from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - as above
+    from pointit.maps.file import load_map  # noqa: PLC0415 - only what is needed is loaded
+
+    if not is_bag(source):
+        hint = "give the folder of a bag, or its .mcap or .db3"
+        if source.suffix.lower() == ".bag":
+            hint = f"of a ROS 1 bag, `rosbags-convert --src {source} --dst FOLDER` makes one"
+        raise ConfigError(f"{source}: is neither a CSV file nor a ROS 2 bag; {hint}")
+    bag = Bag(source, None if room is None else load_map(room, 0))
+    try:
+        return write_recording(bag.entries(), recording, SITE, overwrite=overwrite, tick=tick)
+    finally:  # also if nothing could be taken
+        for sentence in bag.notes:
+            click.echo(f"note: {sentence}", err=True)
+        for topic, taken in bag.taken.items():
+            click.echo(f"{topic}: {taken} messages")
+        for topic, why in bag.left_out.items():
+            click.echo(f"note: {topic}: left out, {why}", err=True)

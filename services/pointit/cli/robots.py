@@ -1,0 +1,225 @@
+"""`pointit robot list` and `stop`, and robots in the terminal view."""
+
+import asyncio
+from collections.abc import Collection, Mapping
+from typing import Any, Literal, Unpack
+
+import click
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from pointit.cli.common.lazy import UnknownNameError
+from pointit.cli.common.output import OutputSection, Row, json_option, print_json, say, show
+from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
+from pointit.cli.display.summary import DisplayPart
+from pointit.cli.display.view import ROOMY_WIDTH, color_of
+from pointit.launch.robots import RobotWatcher, goal_lines, score_lines
+from pointit.launch.run.monitor import Monitor
+from pointit.runtime.bus.contract import Bus, list_present
+from pointit.runtime.errors import PointItError
+from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
+from pointit.schemas import RobotPlan, RobotState, StopRobot
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import ROBOT_PLAN, ROBOT_STATE, SERVICE_ALIVE, STOP_ROBOT, check_name
+
+
+def robot_lines(monitor: Monitor, width: int) -> RenderableType | None:
+    """Return a row for each robot in columns of constant width, or None if none is known."""
+    robots = _robots(monitor)
+    if not robots:
+        return None
+    is_roomy = width >= ROOMY_WIDTH
+    columns = [("robot", 6), ("steered by", 10), ("phase", 10), ("target", 14)]
+    if is_roomy:
+        columns += [("at", 18), ("battery", 7)]
+    table = Table(box=None, padding=(0, 2 if is_roomy else 1, 0, 0), header_style="dim")
+    for column, least in columns:
+        table.add_column(column, no_wrap=True, min_width=least)
+    for name, state in robots:
+        x_m, y_m, z_m = state.position_m
+        cells = [
+            Text(name, style="bold"),
+            Text(state.user or "-", style=color_of(monitor, state.user) if state.user else ""),
+            Text(state.phase.replace("_", " "), style="yellow" if state.phase in ("stopped", "lost") else ""),
+            Text("-" if state.target_m is None else "{:.1f}, {:.1f} m".format(*state.target_m[:2])),
+            Text(f"{x_m:.1f}, {y_m:.1f}, {z_m:.1f} m"),
+            Text("-" if state.battery is None else f"{state.battery:.0%}"),
+        ]
+        table.add_row(*cells[: len(columns)])
+    return table
+
+
+def reason_lines(monitor: Monitor) -> list[Text]:
+    """Return a line with the reason of each robot that does not move as asked."""
+    return [
+        Text.assemble((f"{name}: ", "bold"), (state.reason, "yellow"))
+        for name, state in _robots(monitor)
+        if state.reason
+    ]
+
+
+def _robots(monitor: Monitor) -> list[tuple[str, RobotState]]:
+    """Return the robots; in the view of one person, theirs and those that nobody steers."""
+    return [
+        (name, state)
+        for watcher in monitor.watchers
+        if isinstance(watcher, RobotWatcher)
+        for name, state in sorted(watcher.monitor.states.items())
+        if not monitor.person or state.user in ("", monitor.person)
+    ]
+
+
+def _summary(summary: Mapping[str, Any]) -> list[str]:
+    return score_lines(summary.get("robots", {})) + goal_lines(summary.get("goals_without_robot", {}))
+
+
+ROBOTS_DISPLAY = DisplayPart(rows=robot_lines, lines=reason_lines, summary=_summary)
+
+
+Found = RobotState | Literal["silent", "lost"]
+"""A robot's state; `silent`: its process says nothing, `lost`: its process has ended."""
+WITHOUT_STATE = {
+    "silent": "its service says nothing: see `pointit doctor`",
+    "lost": "its process has ended: look after the robot, then start its process again",
+}
+
+LOOK_S = 0.5
+"""Time in which robots are found; they say their state ten times a second."""
+
+
+async def find_robots(bus: Bus, wait_s: float = LOOK_S) -> dict[str, Found]:
+    """Return the robots, by name, each with its last state or why there is none.
+
+    Those whose process has ended are known by their last plan, which the keeper has.
+    """
+    states: dict[str, RobotState] = {}
+    planned: set[str] = set()
+
+    def on_state(state: RobotState, robot: str) -> None:
+        states[robot] = state
+
+    def on_plan(_plan: RobotPlan, robot: str) -> None:
+        planned.add(robot)
+
+    listening = (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(ROBOT_PLAN, on_plan))
+    try:
+        present = await list_present(bus, SERVICE_ALIVE, wait_s)
+    finally:
+        for each in listening:
+            each.close()
+    instances = (split_instance(instance) for instance in present)
+    names = {name or service for service, name in instances if service == STOP_ROBOT.server}
+    found: dict[str, Found] = {name: "lost" if name not in names else "silent" for name in names | planned}
+    return dict(sorted((found | states).items()))
+
+
+async def stop_robots(bus: Bus, names: Collection[str], reason: str = "") -> dict[str, str]:
+    """Ask all robots `names` at the same time to stop. Return the answer of each that has not, by name."""
+    problems: dict[str, str] = {}
+
+    async def stop(name: str) -> None:
+        try:
+            await bus.call(STOP_ROBOT, StopRobot(reason=reason), name)
+        except PointItError as error:
+            problems[name] = str(error)
+
+    async with asyncio.TaskGroup() as group:
+        for name in names:
+            group.create_task(stop(name))
+    return problems
+
+
+def rows(robots: Mapping[str, Found]) -> tuple[Row, ...]:
+    """Return a row for each robot."""
+    return tuple(_row(name, state) for name, state in robots.items())
+
+
+def _row(name: str, found: Found) -> Row:
+    state = found if isinstance(found, RobotState) else None
+    x_m, y_m, z_m = (None, None, None) if state is None else state.position_m
+    return {
+        "robot": name,
+        "kind": "" if state is None else state.kind,
+        "phase": found if isinstance(found, str) else found.phase,
+        "user": "" if state is None else state.user,
+        "x_m": x_m,
+        "y_m": y_m,
+        "z_m": z_m,
+        "battery": None if state is None else state.battery,
+        "reason": WITHOUT_STATE[found] if isinstance(found, str) else found.reason,
+    }
+
+
+@click.command("list", params=site_options())
+@json_option
+def list_robots(*, as_json: bool, **at: Unpack[AtSite]) -> int:
+    """List the robots of a site with position, user, and the reason if one does not move.
+
+    The exit code is 1 if there is none.
+
+    Example: pointit robot list --json
+    """
+    quiet()
+    return run_until_shutdown(_list(as_json=as_json, **at))
+
+
+async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
+        found = rows(await find_robots(bus))
+    if not found and not as_json:
+        say("no robot is here; start one: `pointit service run robot --name NAME`", err=True)
+    else:
+        about = "stop one with `pointit robot stop NAME`"
+        show(
+            [OutputSection(name="robots", about=about, rows=found, roomy=frozenset({"battery"}))],
+            as_json=as_json,
+        )
+    return 0 if found else EXIT_FAILED
+
+
+@click.command("stop", params=site_options())
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--all", "everything", is_flag=True, help="stop all robots of the site")
+@click.option(
+    "--reason",
+    default="",
+    show_default=False,
+    metavar="TEXT",
+    help="reason in a few words, shown to the user who steers the robot",
+)
+@json_option
+def stop(
+    names: tuple[str, ...], *, everything: bool, reason: str, as_json: bool, **at: Unpack[AtSite]
+) -> int:
+    """Stop the robots NAME, or --all: each stays where it is until somebody takes it again.
+
+    Anybody may stop a robot. It is no safety function: keep each robot's emergency stop at hand. The exit
+    code is 1 if a robot has not answered.
+
+    Example: pointit robot stop --all
+    """
+    if names and everything:
+        raise UnknownNameError("give either the robots to stop or --all, not both")
+    if not names and not everything:
+        raise UnknownNameError("name the robots to stop, or give --all; `pointit robot list` shows them")
+    for name in names:
+        check_name(name, "robot")
+    query = StopRobot(reason=reason[:200])
+    quiet()
+    return run_until_shutdown(_stop(names, query.reason, as_json=as_json, **at))
+
+
+async def _stop(names: tuple[str, ...], reason: str, *, as_json: bool, **at: Unpack[AtSite]) -> int:
+    async with join_site(**at) as bus:
+        chosen = names or tuple(name for name, found in (await find_robots(bus)).items() if found != "lost")
+        problems = await stop_robots(bus, chosen, reason)
+    if as_json:
+        print_json({"stopped": [name for name in chosen if name not in problems], "problems": problems})
+    else:
+        for name in chosen:
+            is_failed = name in problems
+            say(f"{name}: {problems.get(name) or 'is told to stop; nobody steers it'}", err=is_failed)
+        if not chosen:
+            say("no robot is here", err=True)
+    return EXIT_FAILED if problems or not chosen else 0

@@ -1,1 +1,0 @@
-"""Robots: listed and stopped, and drawn in the view of a run."""

@@ -1,1 +1,0 @@
-"""Studies: run, checked, reported."""

@@ -1,0 +1,283 @@
+"""The page of a run or a dashboard: its service, a free port, its URLs and stored tokens."""
+
+import contextlib
+import json
+import logging
+import os
+import secrets
+import socket
+import sys
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.server.link_file import keep_link, without_token
+from pointit.launch.plan.extras import has_extra
+from pointit.launch.plan.launches import PAGE, Settings, layers_of, service_of
+from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.name_lookup import own_address, resolve
+from pointit.runtime.host.state_file import site_folder, write_atomically
+from pointit.runtime.service.service import AnyService, Launch
+from pointit.services import registry
+
+TOKEN_BYTES = 18
+"""Length of a token: 144 bits, and the URL fits a line of 80 columns."""
+FILE = "tokens.json"
+MAX_BYTES = 4096
+OTHERS = 0o077
+"""Mode bits of a file for its group and others."""
+
+
+def _new() -> str:
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tokens:
+    """Tokens for control and for viewing; random unless given."""
+
+    operator: str = field(default_factory=_new)
+    viewer: str = field(default_factory=_new)
+
+
+class _StoredTokens(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    operator: str = Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")
+    viewer: str = Field(min_length=22, max_length=64, pattern=r"^[\w-]+$")
+
+
+def stored_tokens(site: str, *, renew: bool = False) -> tuple[Tokens, Sequence[str]]:
+    """Return the tokens of the pages of `site`, the same at every start, and notices about them.
+
+    They are in a file of the site's state that only its owner may read. A missing or untrusted file is
+    replaced by one with new tokens.
+
+    `renew`: replace the stored tokens, which revokes earlier links.
+
+    Raises:
+        KeyNameError: If `site` is not a valid name.
+    """
+    path = site_folder(site, PAGE) / FILE
+    notes: list[str] = []
+    if not renew:
+        try:
+            return _read(path), ()
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError) as error:
+            why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
+            notes.append(f"the page has a new link, the old one is revoked: {path} {why}")
+    tokens = Tokens()
+    try:
+        text = json.dumps({"operator": tokens.operator, "viewer": tokens.viewer})
+        write_atomically(path, f"{text}\n".encode())
+    except ConfigError as error:
+        notes.append(f"the link of the page is valid for this run only: {error}")
+    return tokens, notes
+
+
+def _read(path: Path) -> Tokens:
+    """Return the tokens in the file at `path`.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it cannot be trusted. The message continues a sentence that starts with the path.
+    """
+    with path.open("rb") as file:
+        status = os.fstat(file.fileno())
+        if os.name == "posix" and status.st_mode & OTHERS:
+            raise ValueError("could be read by others")
+        if os.name == "posix" and status.st_uid != os.geteuid():
+            raise ValueError("belongs to another user")
+        data = file.read(MAX_BYTES)
+    try:
+        stored = _StoredTokens.model_validate_json(data)
+    except ValidationError:  # its details would reveal the contents
+        raise ValueError("does not hold two tokens") from None
+    if stored.operator == stored.viewer:
+        raise ValueError("does not hold two tokens")
+    return Tokens(operator=stored.operator, viewer=stored.viewer)
+
+
+log = logging.getLogger(__name__)
+
+REMEDY = f"the page needs {remedy(registry.process(PAGE).extra)}"
+"""Advice if the extra is not installed."""
+PORT = 8090
+LAN_PORT = 8443
+PORTS_TO_TRY = 10
+"""Consecutive ports to try, from the default one, if none was requested."""
+EVERYWHERE = frozenset({"", "0.0.0.0", "::"})  # noqa: S104 - told apart, not listened at
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumberedLaunch(Launch):
+    """One of several services of a kind on a site, each with its own instance name: `web`, `web.2`, …."""
+
+    number: int = 1
+
+    @property
+    def instance(self) -> str:
+        """Return the instance name."""
+        return super().instance if self.number == 1 else f"{super().instance}.{self.number}"
+
+
+def _load() -> type[AnyService]:
+    service: type[AnyService] = registry.process(PAGE).load()
+    return service
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A page to be served, and its URLs. They contain tokens, so they are shown once, to the operator."""
+
+    config: WebConfig
+    url: str
+    """URL with control rights, on this machine."""
+    viewer_url: str
+    """URL with viewing rights only."""
+    lan_url: str = ""
+    """URL with control rights from the local network, or `""` if the page is not open to it."""
+    viewer_lan_url: str = ""
+    scan_url: str = ""
+    """URL with which a phone, or a browser here, maps the room. `""`: no scan is open from the start."""
+    is_usual: bool = True
+    """True if no parameter was set by hand, so that none needs to be checked."""
+    load: Callable[[], type[AnyService]] = _load
+    """Returns the service class. Slow, because it imports all dependencies."""
+
+    @property
+    def instance(self) -> str:
+        """Return the instance name of the first or only page."""
+        return PAGE
+
+    def launch(self, number: int = 1) -> NumberedLaunch:
+        """Return the launch of page `number`, counted from 1."""
+        return NumberedLaunch(service=self.load(), config=self.config, number=number)
+
+
+def is_available() -> bool:
+    """Return True if the dependencies of a page are installed; imports none of them."""
+    return has_extra(registry.process(PAGE).extra)
+
+
+def page_of(
+    chosen: Settings,
+    *,
+    below: Mapping[str, Any] | None = None,
+    asked: Mapping[str, Any] | None = None,
+    places: Mapping[str, Mapping[str, Any]] | None = None,
+    tokens: Tokens | None = None,
+    option: str = "--web-port",
+) -> Page:
+    """Return the page, at currently free ports.
+
+    `chosen`, files and `--set`, takes precedence over `asked`, the command line, and that over `below`, the
+    scenario. `tokens` are used unless others are set by hand. `option` chooses another port.
+
+    Raises:
+        ConfigError: a parameter is wrong.
+        ListenError: If the requested port, or every port that was tried, is in use.
+    """
+    tokens = tokens or Tokens()
+    usual = {"operator_token": tokens.operator, "viewer_token": tokens.viewer, "places": dict(places or {})}
+    sources = {"defaults of the page": usual, "scenario": below or {}, "command line": asked or {}}
+    layers = layers_of(PAGE, sources, chosen)
+    config = layers.build(WebConfig)
+    is_asked = "port" in config.model_fields_set  # by itself, or in the host
+    ports = {"port": _port(config.host, config.port, PORT, is_asked=is_asked, option=option)}
+    if config.lan:
+        is_asked = "lan_port" in layers.values
+        ports["lan_port"] = _port("", config.lan_port, LAN_PORT, is_asked=is_asked, option="web.lan_port")
+    here = f"http://{_shown(config.host)}:{config.published_port or ports['port']}/?token="
+    there = ""
+    if config.lan:
+        address = config.lan_address or own_address("127.0.0.1")
+        there = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+    return Page(
+        config=config.model_copy(update=ports),
+        url=here + config.operator_token,
+        viewer_url=here + config.viewer_token,
+        lan_url=there and there + config.operator_token,
+        viewer_lan_url=there and there + config.viewer_token,
+        scan_url=_scan_url(there or here, config.scan_token),
+        is_usual=all(layers.values.get(name) == value for name, value in usual.items())
+        and layers.values.keys() <= {*usual, "port", "lan"},
+    )
+
+
+def _scan_url(link: str, token: str) -> str:
+    return token and f"{link.partition('/?')[0]}/scan?token={token}"
+
+
+def is_asked_of_page(settings: Iterable[str]) -> bool:
+    """Return True if one of `--set` is for the page."""
+    return any(service_of(setting) == PAGE for setting in settings)
+
+
+def _port(host: str, port: int, usual: int, *, is_asked: bool, option: str) -> int:
+    """Return a free port: the requested one, if there is one.
+
+    Raises:
+        ListenError: If none is free.
+    """
+    candidates = [port] if is_asked else list(range(usual, usual + PORTS_TO_TRY))
+    reason = ""
+    for candidate in candidates:
+        try:
+            return _probe(host, candidate)
+        except OSError as error:
+            reason = error.strerror or str(error)
+    shown = f"{candidates[0]}" if is_asked else f"{candidates[0]} to {candidates[-1]}"
+    where = f"{_shown(host)}:{shown}"
+    raise ListenError(f"the page cannot listen at {where}: {reason}; choose another port with {option}")
+
+
+def _probe(host: str, port: int) -> int:
+    """Return `port` (0: any) if it can be bound, with SO_REUSEADDR as the server uses it."""
+    family, address = resolve(host, port, socket.SOCK_STREAM)[0]
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind(address)
+        probe.listen(1)
+        number: int = probe.getsockname()[1]
+    return number
+
+
+def _shown(host: str) -> str:
+    if host in EVERYWHERE:
+        return "127.0.0.1"
+    return f"[{host}]" if ":" in host else host
+
+
+@contextlib.contextmanager
+def page_link_file(site: str, *urls: str) -> Generator[Path | None]:
+    """Yield a file with `urls` that only its owner can read, or None if it cannot be written."""
+    try:
+        path = keep_link(site, *filter(None, urls))
+    except ConfigError as error:
+        log.warning("the link of the page could not be written to a file: %s", error)
+        yield None
+        return
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def where(url: str, path: Path | None, stream: TextIO | None = None) -> str:
+    """Return the text to print for the page at `url`: on a terminal its link, in a log its file, `path`."""
+    if (stream or sys.stderr).isatty():
+        return url
+    return without_token(url) + ("" if path is None else f" (its link is in {path})")
+
+
+def page_unavailable_error(reason: str) -> ConfigError:
+    """Return the error for an option that needs an unavailable page."""
+    return ConfigError(f"{reason}: {REMEDY}")

@@ -1,1 +1,0 @@
-"""The page of a run: its service, free ports, URLs and tokens."""

@@ -1,1 +1,0 @@
-"""Robots in a run: their users, landings and arrivals."""

@@ -1,0 +1,400 @@
+"""Checks of belts, their links, strips, and of a map's unit."""
+
+import math
+import statistics
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from pointit.geometry.polyline import SAME_M, Polyline
+from pointit.geometry.vector import Vec3
+from pointit.maps.checks.finding import MapFinding, error, warning
+from pointit.maps.checks.things import line_places
+from pointit.maps.environment import Lane, enters_at, lanes_of, leaves_at
+from pointit.maps.light_files.strip_fit import shared_pixels
+from pointit.maps.model import LinkEntry, MapFile, StripEntry
+from pointit.runtime.config.validation_message import join_names
+from pointit.schemas.environment import BESIDE_BELT_M
+from pointit.schemas.text import round_beyond
+
+AT_END_M = 0.05
+"""Distance within which a position is at a line's end, m."""
+SAMPLES = 50
+
+Lanes = Mapping[str, Lane]
+
+
+def check_belts(file: MapFile, lanes: Lanes, links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
+    """Yield problems of links and bays; `links` have the indices in the file of those whose lanes exist.
+
+    file: map.
+        file: the map.
+        lanes: lanes of the map by name.
+        links: links whose lanes exist, with their indices in the file.
+    """
+    for index, link in links:
+        yield from _check_link(index, link, lanes)
+    yield from _twice(links)
+    plain = [link for _, link in links]
+    bays = {bay: lane for bay, lane in file.bays.items() if lane in lanes}
+    yield from _check_bays(bays, plain, lanes)
+    if file.belts:
+        yield from _missing_links(plain, lanes)
+    if plain or bays:
+        yield from _loose_lanes("belts" if file.belts else "strips", plain, set(bays.values()), lanes)
+    yield from _endless(plain, set(bays.values()), lanes)
+
+
+def _check_link(index: int, link: LinkEntry, lanes: Lanes) -> Iterator[MapFinding]:
+    where = f"links.{index}"
+    source, target = lanes[link.source], lanes[link.target]
+    leaves, enters = leaves_at(link, source), enters_at(link, target)
+    width = max(source.width_m, target.width_m)
+    a, b = source.line.point_at(leaves), target.line.point_at(enters)
+    if math.dist(a, b) > width:
+        others = [lane for lane in lanes.values() if lane.name not in (source.name, target.name)]
+        bare = _bare_m(a, b, others)
+        if bare > width:
+            yield error(
+                where,
+                f"{source.name} at {leaves:.3g} m and {target.name} at {enters:.3g} m are "
+                f"{round_beyond(bare, width, 2)} m "
+                f"apart, more than a belt's width of {width:g} m; correct the positions, or the lines",
+            )
+    if enters > target.line.length_m - AT_END_M:
+        yield warning(
+            where,
+            f"{target.name} is entered at its end, at {enters:.3g} m; reverse its line, or correct the link",
+        )
+
+
+def _bare_m(a: Vec3, b: Vec3, others: Sequence[Lane]) -> float:
+    """Return the length of the straight from `a` to `b` outside of `others`, since links may cross belts."""
+    places = np.linspace(a, b, SAMPLES)
+    covered = np.zeros(SAMPLES, dtype=bool)
+    for lane in others:
+        covered |= lane.line.nearest_to(places)[1] <= lane.width_m / 2
+    return math.dist(a, b) * (1.0 - float(covered.mean()))
+
+
+def _twice(links: Sequence[tuple[int, LinkEntry]]) -> Iterator[MapFinding]:
+    seen: dict[str, int] = {}
+    for index, link in links:
+        link_text = repr(link)
+        if link_text in seen:
+            yield warning(f"links.{index}", f"is the same as links.{seen[link_text]}; remove one of them")
+        seen.setdefault(link_text, index)
+
+
+def _goes_on(lane: Lane, links: Sequence[LinkEntry]) -> str | None:
+    """Return the lane that follows the end of `lane` by a link, or None."""
+    for link in links:
+        if link.source == lane.name and leaves_at(link, lane) >= lane.line.length_m - AT_END_M:
+            return link.target
+    return None
+
+
+def _check_bays(bays: Mapping[str, str], links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFinding]:
+    owners: dict[str, str] = {}
+    for bay, name in bays.items():
+        target = _goes_on(lanes[name], links)
+        if target is not None:
+            yield error(
+                f"bays.{bay}",
+                f"{name} does not end here, it leads on to {target}; remove the link, or give another belt",
+            )
+        if name in owners:
+            yield error(f"bays.{bay}", f"{name} ends at bay {owners[name]} already; remove one of them")
+        owners.setdefault(name, bay)
+
+
+def _missing_links(links: Sequence[LinkEntry], lanes: Lanes) -> Iterator[MapFinding]:
+    """Yield belts that begin or end beside another one without a link to it."""
+    known = {(link.source, link.target) for link in links}
+    fed = {link.target for link in links}
+    around = _Around(lanes)
+    for lane in lanes.values():
+        for at_start in (False, True):
+            if lane.name in fed if at_start else _goes_on(lane, links) is not None:
+                continue
+            place = lane.line.point_at(0.0 if at_start else lane.line.length_m)
+            other, position = _beside(place, lane, around.near(place), at_start=at_start)
+            if other is None:
+                continue
+            pair = (other.name, lane.name) if at_start else (lane.name, other.name)
+            if pair in known:
+                continue
+            known.add(pair)
+            text = _link_text(pair, other, position, at_start=at_start)
+            yield warning(
+                f"belts.{lane.name}",
+                f"{'begins' if at_start else 'ends'} beside {other.name} and no link joins them; "
+                f"if objects pass there, add to links: {text}",
+            )
+
+
+class _Around:
+    """Bounding boxes of lanes, extended by a lane's width. All pairs of 1000 lanes would take minutes."""
+
+    def __init__(self, lanes: Lanes) -> None:
+        self._lanes = list(lanes.values())
+        widest_m = max(lane.width_m for lane in self._lanes)
+        self._low = np.array([lane.line.vertices_m.min(axis=0) for lane in self._lanes]) - widest_m
+        self._high = np.array([lane.line.vertices_m.max(axis=0) for lane in self._lanes]) + widest_m
+
+    def near(self, place: Vec3) -> list[Lane]:
+        """Return a superset of the lanes within a lane's width of `place`."""
+        inside = np.all((self._low <= place) & (self._high >= place), axis=1)
+        return [self._lanes[index] for index in np.flatnonzero(inside)]
+
+
+def _beside(place: Vec3, lane: Lane, lanes: Iterable[Lane], *, at_start: bool) -> tuple[Lane | None, float]:
+    """Return the nearest other lane within a belt's width of `place`, and the position on it, or None.
+
+    Belts that begin or end side by side are neighbours without a handover.
+    """
+    best: tuple[float, Lane | None, float] = (math.inf, None, 0.0)
+    for other in lanes:
+        if other.name == lane.name:
+            continue
+        positions, distances = other.line.nearest_to(np.array([place]))
+        distance, position = float(distances[0]), float(positions[0])
+        neighbour = position < AT_END_M if at_start else position > other.line.length_m - AT_END_M
+        if not neighbour and distance <= max(lane.width_m, other.width_m) and distance < best[0]:
+            best = (distance, other, position)
+    return best[1:]
+
+
+def _link_text(pair: tuple[str, str], other: Lane, position: float, *, at_start: bool) -> str:
+    source, target = pair
+    if at_start and position < other.line.length_m - AT_END_M:
+        return f"- {{from: {source}, from_position: {position:.3f}, to: {target}}}"
+    if not at_start and position > AT_END_M:
+        return f"- {{from: {source}, to: {target}, to_position: {position:.3f}}}"
+    return f"- {{from: {source}, to: {target}}}"
+
+
+def _loose_lanes(
+    section: str, links: Sequence[LinkEntry], bays: set[str], lanes: Lanes
+) -> Iterator[MapFinding]:
+    """Yield lanes without connection, in a map with links or bays."""
+    touched = {link.source for link in links} | {link.target for link in links} | bays
+    entered_at_start = {link.target for link in links if enters_at(link, lanes[link.target]) < AT_END_M}
+    for lane in lanes.values():
+        if lane.name not in touched:
+            yield warning(
+                f"{section}.{lane.name}", "nothing leads to it or from it; add it to links, or give it a bay"
+            )
+        elif bays and lane.name not in bays and _goes_on(lane, links) is None:
+            yield warning(
+                f"{section}.{lane.name}",
+                "ends without a bay and without a link; say in links where it leads, or give it a bay",
+            )
+    if entered_at_start.issuperset(lanes):
+        yield warning(section, "none has a start that is free, so nothing can be fed; free one of its links")
+
+
+def _endless(links: Sequence[LinkEntry], bays: set[str], lanes: Lanes) -> Iterator[MapFinding]:
+    """Yield circles that objects never leave. Without bays, objects leave where a lane has no link."""
+    if not links:
+        return
+    exits = bays or {name for name, lane in lanes.items() if _goes_on(lane, links) is None}
+    leaving: dict[str, list[int]] = {}
+    for index, link in enumerate(links):
+        leaving.setdefault(link.source, []).append(index)
+    pairs = [
+        (index, then)
+        for index, link in enumerate(links)
+        for then in leaving.get(link.target, ())
+        if leaves_at(links[then], lanes[link.target]) >= enters_at(link, lanes[link.target])
+    ]
+    at = ([first for first, _ in pairs], [then for _, then in pairs])
+    follows = csr_array((np.ones(len(pairs)), at), shape=(len(links), len(links)))
+    saved = np.array([link.target in exits for link in links])
+    while (more := saved | (follows @ saved > 0)).sum() > saved.sum():
+        saved = more
+    count, circle = connected_components(follows, directed=True, connection="strong")
+    for number in range(count):
+        members = {int(index) for index in np.flatnonzero((circle == number) & ~saved)}
+        if not any(first in members and then in members for first, then in pairs):
+            continue
+        names = join_names(dict.fromkeys(links[index].target for index in sorted(members)))
+        text = f"objects on {names} circulate forever; link one of these to a belt that"
+        yield error("links", f"{text} has a bay") if bays else warning("links", f"{text} ends")
+
+
+DENSITY_SPREAD = 0.2
+LENGTH_SPREAD = 0.01
+LENGTH_M = 0.01
+SHARPEST_DEG = 120.0
+FEW_PIXELS = 5
+"""Number of pixels below which their density says nothing."""
+TRACED = 0.2
+"""Number of vertices a pixel above which a line follows the pixels, and means its sharp turns."""
+OFF_SHARE = 0.1
+"""Share of a strip that may lie beyond its belt's end."""
+
+
+def check_strips(file: MapFile) -> Iterator[MapFinding]:
+    """Yield problems of strips: beside no belt, too many pixels or too few."""
+    lines = {name: Polyline(strip.line) for name, strip in file.strips.items()}
+    if file.belts:
+        lanes = lanes_of(file)
+        for name, line in lines.items():
+            yield from _check_beside(name, line, lanes)
+    for name, other in shared_pixels(file.strips):
+        yield warning(
+            f"strips.{name}",
+            f"has pixels of the wire that {other} has, too; correct an offset, or give each its own output",
+        )
+    densities = {
+        name: strip.pixels / lines[name].length_m for name, strip in file.strips.items() if is_even(strip)
+    }
+    if len(densities) < 2:
+        return
+    median = statistics.median(densities.values())
+    for name, density in densities.items():
+        if abs(density / median - 1.0) > DENSITY_SPREAD:
+            length = lines[name].length_m
+            yield warning(
+                f"strips.{name}",
+                f"{file.strips[name].pixels} pixels on {length:.2f} m are {density:.1f} a metre and the "
+                f"strips' median is {median:.1f}; correct pixels (to about {max(1, round(median * length))}) "
+                "or the line, unless it is another kind of strip",
+            )
+
+
+def is_even(strip: StripEntry) -> bool:
+    """Return True if the pixels per metre mean something: the strip is long enough and makes no detours.
+
+    A line through pixels of another program makes a detour where they are irregular, as the wire does.
+    """
+    return strip.pixels >= FEW_PIXELS and not has_detours(strip)
+
+
+def has_detours(strip: StripEntry) -> bool:
+    """Return True if its line turns back between pixels, as one through irregular pixels does."""
+    return len(strip.line) > TRACED * strip.pixels and bool(_sharp_turns(strip.line))
+
+
+def check_lines(file: MapFile) -> Iterator[MapFinding]:
+    """Yield problems of lines: a wrong `length`, vertices twice or out of order."""
+    for name, strip in file.strips.items():
+        yield from _check_line(f"strips.{name}", strip.line, strip.length, is_winding=has_detours(strip))
+    for name, belt in file.belts.items():
+        yield from _check_line(f"belts.{name}", belt.centerline, belt.length)
+
+
+def _check_beside(name: str, line: Polyline, lanes: Mapping[str, Lane]) -> Iterator[MapFinding]:
+    places = line.points_at(np.linspace(0.0, line.length_m, SAMPLES))
+    beyond = {belt: lane.line.nearest_to(places)[1] - lane.width_m / 2 for belt, lane in lanes.items()}
+    off = np.min(list(beyond.values()), axis=0) > BESIDE_BELT_M
+    share = float(off.mean())
+    if share <= OFF_SHARE:
+        return
+    nearest = min(beyond, key=lambda belt: float(beyond[belt].mean()))
+    how_much = "lies" if share == 1.0 else f"{share:.0%} of it lies"
+    far = float(beyond[nearest].max())
+    yield warning(
+        f"strips.{name}",
+        f"{how_much} beside no belt, its pixels are up to {far:.2f} m from the edge of {nearest}; "
+        f"correct its line (a strip shows what is on belts up to {BESIDE_BELT_M:g} m beside it)",
+    )
+
+
+def _check_line(
+    where: str, vertices: Sequence[Vec3], given: float | None, *, is_winding: bool = False
+) -> Iterator[MapFinding]:
+    length = Polyline(vertices).length_m
+    if given is not None and abs(given - length) > max(LENGTH_M, LENGTH_SPREAD * length):
+        yield warning(
+            where, f"length is given as {given:g} m and the line is {length:.3f} m long; correct one of them"
+        )
+    lengths = np.linalg.norm(np.diff(np.array(vertices), axis=0), axis=1)
+    for index in np.flatnonzero(lengths <= SAME_M).tolist():
+        yield warning(
+            where, f"vertex {index + 1} is where vertex {index} is, {list(vertices[index])}; remove it"
+        )
+    for vertex, turn in [] if is_winding else _sharp_turns(vertices):
+        yield warning(
+            where, f"turns by {turn:.0f}° at vertex {vertex}, {list(vertices[vertex])}; put vertices in order"
+        )
+
+
+def _sharp_turns(vertices: Sequence[Vec3]) -> list[tuple[int, float]]:
+    """Return index and angle (degrees) of the vertices where a line turns by more than `SHARPEST_DEG`."""
+    steps = np.diff(np.array(vertices), axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    distinct = lengths > SAME_M
+    at, steps = np.flatnonzero(distinct), steps[distinct] / lengths[distinct, None]
+    turns = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", steps[:-1], steps[1:]), -1.0, 1.0)))
+    return [(int(at[1 + index]), float(turns[index])) for index in np.flatnonzero(turns > SHARPEST_DEG)]
+
+
+MAX_HEIGHT_M = 20.0
+"""Height in a room above which its unit is probably another, m."""
+MAX_CLOUD_HEIGHT_M = 50.0
+"""Vertical extent of a point cloud above which its unit is probably another, m. A scan may show a facade."""
+MAX_WIDTH_M = 1000.0
+"""Horizontal extent above which the unit is probably another, m."""
+MIN_DENSITY = 1.5
+"""Pixels per metre of strips below which the unit is probably another. Strips have 30 to 144, strings 5."""
+_USUAL_WIDTH_M = 6.0
+_USUAL_HEIGHT_M = 2.0
+_USUAL_DENSITY = 60.0
+_UNITS_M = {"centimetres": 0.01, "millimetres": 0.001}
+
+
+def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[MapFinding]:
+    """Yield a map and clouds with extents of a room in another unit; `clouds` are n x 3, in {W}."""
+    centers = [box.center for box in file.boxes.values()]
+    centers += [cylinder.center for cylinder in file.cylinders.values()]
+    centers += [sphere.center for sphere in file.spheres.values()]
+    centers += [thing.center for thing in file.things.values() if thing.center is not None]
+    places = np.array([*line_places(file), *centers]).reshape(-1, 3)
+    if len(places):
+        width_m, height_m = float(np.ptp(places[:, :2], axis=0).max()), float(places[:, 2].max())
+        density = _density(file)
+        if height_m > MAX_HEIGHT_M or width_m > MAX_WIDTH_M or density < MIN_DENSITY:
+            unit = _likely_unit(width_m, height_m, density)
+            sparse = f", its strips have {density:.2g} pixels a metre" if density < MIN_DENSITY else ""
+            text = f"{_extent(width_m, height_m)}{sparse}; give positions in metres, if these are {unit}"
+            yield warning("map", text)
+    for name, points in clouds.items():
+        extent_m = np.ptp(points, axis=0).tolist()
+        width_m, height_m = max(extent_m[:2]), extent_m[2]
+        if height_m > MAX_CLOUD_HEIGHT_M or width_m > MAX_WIDTH_M:
+            unit = _likely_unit(width_m, height_m)
+            scale = (file.clouds[name].scale or 1.0) * _UNITS_M[unit]
+            yield warning(
+                f"clouds.{name}", f"{_extent(width_m, height_m)}; set scale: {scale:g}, if these are {unit}"
+            )
+
+
+def _extent(width_m: float, height_m: float) -> str:
+    return f"is {width_m:.0f} m wide" + (f" and {height_m:.0f} m high" if height_m > MAX_HEIGHT_M else "")
+
+
+def _density(file: MapFile) -> float:
+    """Return the median of the pixels per metre of strips, infinite if none has enough pixels."""
+    densities = [
+        strip.pixels / Polyline(strip.line).length_m for strip in file.strips.values() if is_even(strip)
+    ]
+    return float(np.median(densities)) if densities else math.inf
+
+
+def _likely_unit(width_m: float, height_m: float, density: float = math.inf) -> str:
+    """Return the unit with which the extents are nearest to those of a usual room."""
+
+    def distance(unit_m: float) -> float:
+        ratios = [
+            width_m * unit_m / _USUAL_WIDTH_M,
+            height_m * unit_m / _USUAL_HEIGHT_M,
+            density / unit_m / _USUAL_DENSITY,
+        ]
+        return sum(abs(math.log(ratio)) for ratio in ratios if 0.0 < ratio < math.inf)
+
+    return min(_UNITS_M, key=lambda unit: distance(_UNITS_M[unit]))

@@ -1,0 +1,438 @@
+"""Edits of the text of a map: only the characters of changed values, names and entries change; a new map replaces none.
+
+PyYAML's parser tells where each value is in the text. A round trip through a tree of values would lay out
+the whole file again: it moves comments within flow collections and wraps long lines again. The result is read
+again and compared with the edited values, so that a file whose form defeats this (anchors, block scalars) is
+refused, not damaged.
+"""
+
+import json
+import math
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, cast
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from pointit.maps.model import ENTRIES
+from pointit.runtime.config.yaml_file import (
+    Loader,
+    WrittenFloat,
+    WrittenInt,
+    compose_yaml,
+    parse_yaml,
+    written_text,
+)
+from pointit.runtime.errors import ConfigError, RefusedError
+
+
+def write_new(path: Path, text: str | bytes) -> None:
+    """Write `text` to a new file, which is there once it is complete.
+
+    Raises:
+        ConfigError: If it exists already, or cannot be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        try:
+            with part.open("xb") as opened:
+                opened.write(text.encode() if isinstance(text, str) else text)
+            _rename_to_new(part, path)
+        finally:
+            part.unlink(missing_ok=True)
+    except FileExistsError as error:
+        raise ConfigError(f"{path}: exists already; choose another name or move it away") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def _rename_to_new(part: Path, path: Path) -> None:
+    """Give the file `part` the name `path` if no file has it. FAT has no links and may lose a race."""
+    try:
+        path.hardlink_to(part)
+    except FileExistsError:
+        raise
+    except OSError:
+        if path.exists():
+            raise FileExistsError from None
+        part.rename(path)
+
+
+_PLAIN = re.compile(r"\w(?:[\w. /-]*\w)?", re.ASCII)
+
+_Dumper: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {})
+"""Puts text in quotes that is another value in YAML 1.1, which PyYAML reads, or in 1.2, which we read."""
+
+
+def quoted(text: str) -> str:
+    """Return `text` as a YAML scalar on one line, quoted if YAML 1.1 or 1.2 would read another value."""
+    if _PLAIN.fullmatch(text) and dump_yaml([text], default_flow_style=True) == f"[{text}]\n":
+        return text
+    return dump_yaml(text, default_style='"', width=2**30).rstrip("\n")
+
+
+def dump_yaml(data: object, **style: Any) -> str:
+    """Return `data`, such as a result of `read_yaml`, as YAML with the same names and values."""
+    text: str = cast("Any", yaml).dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, **style)
+    return text
+
+
+def _represent(dumper: Any, value: WrittenInt | WrittenFloat) -> Any:
+    kind = "int" if isinstance(value, int) else "float"
+    return dumper.represent_scalar(f"tag:yaml.org,2002:{kind}", value.text)
+
+
+for _letter, _rows in Loader.yaml_implicit_resolvers.items():
+    for _tag, _pattern in _rows:
+        _Dumper.add_implicit_resolver(_tag, _pattern, [_letter])
+_Dumper.add_representer(WrittenInt, _represent)
+_Dumper.add_representer(WrittenFloat, _represent)
+
+
+Section = Annotated[str, Field(pattern=f"^({'|'.join(name for name in ENTRIES if name != 'links')})$")]
+"""A section of named entries."""
+
+EntryName = Annotated[str, Field(min_length=1, max_length=64)]
+Key = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+class _Edit(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    section: Section
+    name: Annotated[EntryName, Field(description="in the file as it is, also beside a `rename`")]
+
+
+class SetValue(_Edit):
+    """Set the value of a key, or remove the key if it is None."""
+
+    op: Literal["set"] = "set"
+    key: Key
+    value: Any
+
+
+class Add(_Edit):
+    """Add an entry at the end of its section."""
+
+    op: Literal["add"] = "add"
+    value: dict[Key, Any]
+
+
+class Remove(_Edit):
+    """Remove an entry. What refers to it stays."""
+
+    op: Literal["remove"] = "remove"
+
+
+class Rename(_Edit):
+    """Rename an entry, in what refers to it, too."""
+
+    op: Literal["rename"] = "rename"
+    to: EntryName
+
+
+Edit = Annotated[SetValue | Add | Remove | Rename, Field(discriminator="op")]
+"""All edits of one batch name entries as they are in the file, so that two can swap their names."""
+
+
+DIGITS = 6
+"""Decimal places of numbers that are written."""
+LINE_END = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
+
+Data = dict[str, Any]
+Pairs = Sequence[tuple[Any, Any]]
+"""Nodes of keys and values of a mapping."""
+Names = dict[str, dict[str, str]]
+"""New names of entries by section and old name."""
+
+
+class _Splice(NamedTuple):
+    start: int
+    end: int
+    text: str
+
+
+def edited(content: bytes, edits: Sequence[Edit], path: Path) -> bytes:
+    """Return the text of the map at `path` after `edits`, which name entries as they are in `content`.
+
+    Raises:
+        ConfigError: If `content` is not YAML.
+        RefusedError: If an entry is not there, a name would be there twice, a number is not finite, or
+            the file's form does not allow a change in place.
+    """
+    wanted = _data(content, path)
+    names = _apply(wanted, edits)
+    document = _Document(content.decode("utf-8"))
+    result = document.holding(wanted, names)
+    try:
+        is_as_wanted = _whole(_data(result.encode(), path)) == _whole(wanted)
+    except Exception:  # noqa: BLE001 - whatever it is, the text is not what was meant
+        is_as_wanted = False
+    if not is_as_wanted:
+        raise RefusedError(
+            f"{path}: the file's form does not allow this change here (anchors, values over several lines); "
+            "change it with a text editor"
+        )
+    return result.encode()
+
+
+def _data(content: bytes, path: Path) -> Data:
+    data = cast("Data", _plain(parse_yaml(content, path)))
+    if "lamps" not in data and "leds" in data:
+        data["lamps"] = data.pop("leds")
+    return data
+
+
+def _whole(data: Data) -> Data:
+    """Return `data` without empty sections."""
+    return {section: value for section, value in data.items() if value}
+
+
+def _plain(value: Any) -> Any:
+    """Return a copy that shares nothing."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in cast("Data", value).items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in cast("Sequence[Any]", value)]
+    return value
+
+
+def _rounded(value: Any) -> Any:
+    """Return a copy of `value` with numbers as they are written.
+
+    Raises:
+        RefusedError: If a number is not finite.
+    """
+    if isinstance(value, dict):
+        return {key: _rounded(each) for key, each in cast("Data", value).items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(each) for each in cast("Sequence[Any]", value)]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise RefusedError(f"{value} is no number; write metres or degrees")
+    return round(value, DIGITS) if isinstance(value, float) else value
+
+
+def _apply(data: Data, edits: Sequence[Edit]) -> Names:
+    """Apply `edits` to `data`. Return the renamed entries.
+
+    Raises:
+        RefusedError: If an entry is not there, or two have one name.
+    """
+    names: Names = {}
+    removed: set[tuple[str, str]] = set()
+    for edit in (each for each in edits if not isinstance(each, Add)):
+        entries: Data = data.get(edit.section) or {}
+        entry = entries.get(edit.name)
+        if not isinstance(entry, dict):
+            raise RefusedError(f"{edit.section}.{edit.name} is not in the file; load the map again")
+        if isinstance(edit, SetValue):
+            _set(cast("Data", entry), edit.key, edit.value)
+        elif isinstance(edit, Remove):
+            removed.add((edit.section, edit.name))
+        else:
+            names.setdefault(edit.section, {})[edit.name] = edit.to
+    for section, name in removed:
+        del data[section][name]
+        names.get(section, {}).pop(name, None)
+    is_set = {(each.name, each.key) for each in edits if isinstance(each, SetValue)}
+    for section, renamed in names.items():
+        _rename(data, section, renamed, is_set)
+    for added in (each for each in edits if isinstance(each, Add)):
+        _add(data, added.section, added.name, _rounded(added.value))
+    return names
+
+
+def _set(entry: Data, key: str, value: Any) -> None:
+    if value is None:
+        entry.pop(key, None)
+    else:
+        entry[key] = _rounded(value)
+
+
+def _rename(data: Data, section: str, names: Mapping[str, str], is_set: set[tuple[str, str]]) -> None:
+    for holder, key in [*_references(data, section, is_set)]:
+        holder[key] = names.get(str(written_text(holder[key])), holder[key])
+    entries = cast("Data", data[section])
+    data[section] = {}
+    for name, entry in entries.items():
+        _add(data, section, names.get(name, name), entry)
+
+
+def _add(data: Data, section: str, name: str, entry: Any) -> None:
+    entries: Data = data.get(section) or {}
+    if name in entries:
+        raise RefusedError(f"{section}.{name} would be there twice; choose another name")
+    data[section] = {**entries, name: entry}
+
+
+def _references(data: Data, section: str, is_set: set[tuple[str, str]]) -> Iterator[tuple[Data, str]]:
+    """Yield holders and keys of values that name an entry of `section`, but those of things in `is_set`."""
+    if section == "belts" or (section == "strips" and not data.get("belts")):
+        yield from ((link, key) for link in data.get("links") or () for key in ("from", "to") if key in link)
+        bays: Data = data.get("bays") or {}
+        yield from ((bays, key) for key in bays)
+    things: Mapping[str, Data] = data.get("things") or {}
+    for name, thing in things.items():
+        for key, kind in (("light", "strip"), ("at", "belt")):
+            place = thing.get(key)
+            if place is None or (name, key) in is_set:
+                continue
+            if isinstance(place, dict) and section == f"{kind}s" and kind in place:
+                yield cast("Data", place), kind
+            elif not isinstance(place, dict) and (section, key) == ("lamps", "light"):
+                yield thing, key
+
+
+def _flow(value: Any) -> str:
+    """Return `value` as YAML on one line."""
+    if isinstance(value, dict):
+        return (
+            "{" + ", ".join(f"{_key(key)}: {_flow(each)}" for key, each in cast("Data", value).items()) + "}"
+        )
+    if isinstance(value, list):
+        return "[" + ", ".join(_flow(each) for each in cast("Sequence[Any]", value)) + "]"
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, float):
+        return f"{value:.{DIGITS}f}".rstrip("0").rstrip(".")
+    return json.dumps(value)
+
+
+def _key(name: str) -> str:
+    """Return a name as YAML. A number needs no quotes if every reader has the same text for it."""
+    return name if re.fullmatch("0|[1-9][0-9]*", name) else quoted(name)
+
+
+class _Document:
+    """The text of a map, and where its values are."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._newline = "\r\n" if "\r\n" in text else "\n"
+        self._lines = [0, *(match.end() for match in LINE_END.finditer(text))]
+        root = compose_yaml(text)
+        self._pairs: list[tuple[Any, Any]] = [] if root is None else root.value
+
+    def holding(self, data: Data, names: Names) -> str:
+        """Return the text with the least changes that make it hold `data`; another one if they overlap."""
+        parts: list[str] = []
+        done = 0
+        for start, end, text in sorted(self._sections(data, names), key=lambda splice: splice[:2]):
+            parts += (self._text[done:start], text)
+            done = end
+        return "".join((*parts, self._text[done:]))
+
+    def _sections(self, data: Data, names: Names) -> Iterator[_Splice]:
+        missing = dict(_whole(data))
+        for key, node in self._pairs:
+            section = "lamps" if key.value == "leds" and "leds" not in data else key.value
+            value = missing.pop(section, {})
+            if isinstance(node, yaml.ScalarNode) and isinstance(value, dict):
+                if value:  # nothing yet
+                    start = self._text.index(":", self._at(key.end_mark)) + 1
+                    yield _Splice(start, self._end(node), self._block(cast("Data", value)))
+            else:
+                yield from self._node(key, node, value, names.get(section, {}))
+        if missing:
+            end = len(self._text)
+            lead = "" if not end or self._text[-1] in "\r\n" else self._newline
+            blocks = "".join(f"{key}:{self._block(value)}{self._newline}" for key, value in missing.items())
+            yield _Splice(end, end, lead + blocks)
+
+    def _block(self, entries: Data) -> str:
+        return "".join(f"{self._newline}  {_key(name)}: {_flow(value)}" for name, value in entries.items())
+
+    def _node(self, key: Any, node: Any, value: Any, names: Mapping[str, str]) -> Iterator[_Splice]:
+        """Yield changes that make `node`, of `key` if it is in a mapping, hold `value`; `names`: new keys."""
+        if isinstance(node, yaml.MappingNode) and isinstance(value, dict):
+            yield from self._mapping(node, cast("Data", value), names)
+        elif isinstance(node, yaml.SequenceNode) and _is_as_long(value, node):
+            for below, each in zip(node.value, value, strict=True):
+                yield from self._node(None, below, each, {})
+        elif isinstance(node, yaml.ScalarNode) and not isinstance(value, list | dict):
+            if _value(node) != value:
+                yield _Splice(self._at(node.start_mark), self._end(node), _flow(value))
+        elif key is None:
+            yield _Splice(self._at(node.start_mark), self._end(node), _flow(value))
+        else:  # on the line of its key: it may begin elsewhere as a block only
+            start = self._text.index(":", self._at(key.end_mark)) + 1
+            yield _Splice(start, self._end(node), " " + _flow(value))
+
+    def _mapping(self, node: Any, value: Data, names: Mapping[str, str]) -> Iterator[_Splice]:
+        pairs = [(key, below) for key, below in node.value if not key.tag.endswith(":merge")]
+        old = [str(key.value) for key, _ in pairs]
+        new = [names.get(name, name) for name in old]
+        for (key, below), before, name in zip(pairs, old, new, strict=True):
+            if name not in value:
+                continue
+            if name != before:
+                yield _Splice(self._at(key.start_mark), self._at(key.end_mark), _key(name))
+            yield from self._node(key, below, value[name], {})
+        gone = [name not in value for name in new]
+        added = [f"{_key(name)}: {_flow(each)}" for name, each in value.items() if name not in new]
+        if node.flow_style:
+            yield from self._in_flow(self._at(node.start_mark) + 1, pairs, gone, added)
+        else:
+            yield from self._in_block(pairs, gone, added)
+
+    def _in_flow(
+        self, end: int, pairs: Pairs, gone: Sequence[bool], added: Sequence[str]
+    ) -> Iterator[_Splice]:
+        for index, (key, value) in enumerate(pairs):
+            before, end = end, self._end(value)
+            if not gone[index]:
+                continue
+            if not all(gone[:index]):
+                yield _Splice(before, end, "")
+            else:
+                is_last = index + 1 == len(pairs)
+                next_at = end if is_last else self._at(pairs[index + 1][0].start_mark)
+                yield _Splice(self._at(key.start_mark), next_at, "")
+        if added:
+            yield _Splice(end, end, ("" if all(gone) else ", ") + ", ".join(added))
+
+    def _in_block(self, pairs: Pairs, gone: Sequence[bool], added: Sequence[str]) -> Iterator[_Splice]:
+        for (key, value), is_gone in zip(pairs, gone, strict=True):
+            if is_gone:
+                yield _Splice(self._lines[key.start_mark.line], self._next_line(value), "")
+        if added:
+            end = self._next_line(pairs[-1][1])
+            lead = "" if self._text[end - 1] in "\n\r" else self._newline
+            indent = " " * pairs[0][0].start_mark.column
+            yield _Splice(end, end, lead + "".join(f"{indent}{each}{self._newline}" for each in added))
+
+    def _at(self, mark: Any) -> int:
+        """Return the place of `mark` in the text; the parser's own index counts otherwise."""
+        line, column = int(mark.line), int(mark.column)
+        return self._lines[line] + column
+
+    def _end(self, node: Any) -> int:
+        """Return where the text of `node` ends; the parser ends a block where the next thing begins."""
+        if isinstance(node, yaml.ScalarNode) or node.flow_style or not node.value:
+            return self._at(node.end_mark)
+        last = node.value[-1]
+        return self._end(last[1] if isinstance(node, yaml.MappingNode) else last)
+
+    def _next_line(self, node: Any) -> int:
+        """Return the beginning of the line after `node`, and a comment beside it."""
+        end = self._end(node)
+        return next((start for start in self._lines if start > end), len(self._text))
+
+
+def _is_as_long(value: Any, node: Any) -> bool:
+    return isinstance(value, list) and len(cast("Sequence[Any]", value)) == len(node.value)
+
+
+def _value(node: Any) -> object:
+    """Return the value of a scalar, None of others."""
+    if not isinstance(node, yaml.ScalarNode):
+        return None
+    loader: Any = Loader("")
+    try:
+        value: object = loader.construct_object(node)
+        return value
+    finally:
+        loader.dispose()

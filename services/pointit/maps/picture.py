@@ -1,0 +1,492 @@
+"""Draws a map from above: to scale, on white, in colours distinguishable for colour-blind people."""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.font_manager
+import numpy as np
+from matplotlib.collections import PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, FancyArrowPatch, Patch, Polygon
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
+from matplotlib.ticker import MultipleLocator
+from numpy.typing import NDArray
+
+from pointit.geometry.polyline import Polyline
+from pointit.geometry.solids import plane_axes
+from pointit.geometry.vector import Vec3, scale
+from pointit.runtime.host.state_file import replaced_file
+from pointit.schemas import Environment, Thing
+from pointit.schemas.environment import Belt, Box, Cylinder, Fence, Plane, Sphere, Strip
+
+Axes = Any
+"""Matplotlib's axes. Its stubs leave the types of keywords open, which strict checkers reject."""
+
+BELT, BELT_EDGE, ARROW, INK = "#e3e6ea", "#a4abb5", "#7c8591", "#2b2f36"
+STRIP, LAMP, LINK, BAY, CLOUD = "#0072b2", "#e69f00", "#d55e00", "#009e73", "#56b4e9"
+SOLID, SOLID_FILL = "#8a4a77", "#cc79a733"
+"""The palette's purple, darker where it is for lines and text."""
+
+KEEP_IN, KEEP_OUT = "#009e73", "#d55e00"
+
+HALO: list[Any] = [withStroke(linewidth=2.5, foreground="white")]
+ON_TOP: dict[str, Any] = {"path_effects": HALO, "zorder": 9}
+"""Properties of text."""
+
+
+font_manager: Any = matplotlib.font_manager
+"""Its types are partly unknown."""
+LAST_RESORT = "Last Resort"
+"""Begin of the name of a font that has a box for each letter."""
+REPLACEMENT = "?"
+"""Drawn for a letter that no font has."""
+
+
+def use_fonts_with_letters(figure: Any) -> str:
+    """Draw the texts of `figure` in fonts that have their letters. Return the letters that no font has."""
+    texts = [each for each in figure.findobj(Text) if not each.get_text().isascii()]
+    texts += [each for each in figure.findobj(Text) if not each.get_text().replace("\n", "").isprintable()]
+    missing = {letter for each in texts for letter in each.get_text() if letter != "\n"}
+    if not missing:
+        return ""
+    families: list[str] = []
+    for family, font in _fonts():
+        if there := {letter for letter in missing if font.get_char_index(ord(letter))}:
+            families.append(family)
+            missing -= there
+        if not missing:
+            break
+    for each in texts:
+        each.set_fontfamily([*each.get_fontfamily(), *families])
+        each.set_text("".join(REPLACEMENT if letter in missing else letter for letter in each.get_text()))
+    return "".join(sorted(missing))
+
+
+def _fonts() -> Iterator[tuple[str, Any]]:
+    """Yield families and fonts: the usual one first, then those without serifs."""
+    default = font_manager.FontProperties()
+    yield default.get_family()[0], font_manager.get_font(font_manager.findfont(default))
+    names = {
+        entry.name for entry in font_manager.fontManager.ttflist if not entry.name.startswith(LAST_RESORT)
+    }
+    for name in sorted(names, key=lambda name: ("sans" not in name.lower(), name)):
+        with contextlib.suppress(OSError, RuntimeError, ValueError):  # a font that cannot be read
+            properties = font_manager.FontProperties(family=[name])
+            font = font_manager.get_font(font_manager.findfont(properties, fallback_to_default=False))
+            if font.scalable:
+                yield name, font
+
+
+MARGIN_M = 0.6
+MARGIN_SHARE = 0.06
+"""Margin for text beside things, as a share of the longer side."""
+MIN_ASPECT = 0.65
+"""Minimum width by height, as a narrow map has space for text beside it."""
+FLOOR_CELLS = 24
+"""Number of squares along the longer side in which the floor is coloured."""
+
+
+def extent(
+    room: Environment, clouds: Mapping[str, NDArray[np.float64]], person_m: tuple[float, float] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the minimum and maximum x and y of the picture, with a margin."""
+    places: list[tuple[float, float]] = [] if person_m is None else [person_m]
+    places += [lamp.position_m[:2] for lamp in room.lamps]
+    for strip in room.strips:
+        places += [vertex[:2] for vertex in strip.line_m]
+    for belt in room.belts:
+        half = belt.width_m / 2
+        for x, y, _ in belt.line_m:
+            places += [(x - half, y - half), (x + half, y + half)]
+    round_things = [
+        *((box.center_m, math.hypot(*box.size_m[:2]) / 2) for box in (*room.boxes, *room.fixed_things)),
+        *((each.center_m, math.hypot(*each.size_m) / 2 if each.size_m else 1.0) for each in room.planes),
+        *((cylinder.center_m, cylinder.radius_m) for cylinder in room.cylinders),
+        *((sphere.center_m, sphere.radius_m) for sphere in room.spheres),
+    ]
+    for (x, y, _), radius in round_things:
+        places += [(x - radius, y - radius), (x + radius, y + radius)]
+    for fence in room.fences:
+        places += fence.outline_m
+    for points in clouds.values():
+        flat = points[:, :2]
+        places += [tuple(flat.min(axis=0)), tuple(flat.max(axis=0))]
+    array = np.array(places or [(0.0, 0.0)], dtype=np.float64)  # tracked objects have no place
+    low, high = array.min(axis=0), array.max(axis=0)
+    margin = max(MARGIN_M, MARGIN_SHARE * float((high - low).max()))
+    low, high = low - margin, high + margin
+    more = np.array([max(0.0, MIN_ASPECT * (high - low)[1] - (high - low)[0]) / 2, 0.0])
+    return low - more, high + more
+
+
+def floor_edges(low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    """Return the x and the y (m) between which the squares of the floor lie, from `low_m` to `high_m`."""
+    side_m = float((high_m - low_m).max()) / FLOOR_CELLS
+    x_m, y_m = (_edges(*ends, side_m) for ends in zip(low_m.tolist(), high_m.tolist(), strict=True))
+    return x_m, y_m
+
+
+def _edges(low_m: float, high_m: float, step_m: float) -> list[float]:
+    count = max(1, round((high_m - low_m) / step_m))
+    return [low_m + (high_m - low_m) * number / count for number in range(count + 1)]
+
+
+ARROWS_ACROSS = 14
+"""Number of direction arrows that fit into the map's longer side."""
+LETTER = 0.0075
+"""Width of a letter of a belt's name, as a share of the longer side."""
+
+
+def draw_belts(axes: Axes, room: Environment, side_m: float) -> list[Any]:
+    """Draw the belts of a map that is `side_m` long. Return their entries of the legend."""
+    for belt in room.belts:
+        line = Polyline(belt.line_m)
+        left, right = beside(line, belt.width_m / 2), beside(line, -belt.width_m / 2)
+        outline = np.vstack([left, right[::-1]])
+        axes.add_patch(Polygon(outline, facecolor=BELT, edgecolor=BELT_EDGE, linewidth=0.8, zorder=2))
+        name_at, arrows_at = _spaced(line.length_m, side_m / ARROWS_ACROSS, len(belt.id) * side_m * LETTER)
+        _label_along(axes, line, name_at, belt.id, INK, fontweight="bold", fontsize=8)
+        for at in arrows_at:
+            _draw_chevron(axes, line, at, 0.22 * belt.width_m)
+    patch = Patch(facecolor=BELT, edgecolor=BELT_EDGE, label="belt, arrows: where it moves")
+    return [patch] if room.belts else []
+
+
+def draw_strips(axes: Axes, room: Environment) -> list[Any]:
+    """Draw the strips. Return their entries of the legend."""
+    for strip in room.strips:
+        line = Polyline(strip.line_m)
+        axes.plot(*line.vertices_m[:, :2].T, color=STRIP, lw=2.2, solid_capstyle="butt", zorder=4)
+        first = line.vertices_m[0 if strip.direction == 1 else -1]
+        axes.plot(first[0], first[1], "o", ms=4.5, mfc="white", mec=STRIP, mew=1.3, zorder=5)
+        _label_along(axes, line, line.length_m / 2, strip.id, STRIP, fontsize=7)
+    if not room.strips:
+        return []
+    return [
+        Line2D([], [], color=STRIP, lw=2.2, label="strip"),
+        Line2D([], [], marker="o", ls="", ms=4.5, mfc="white", mec=STRIP, mew=1.3, label="its pixel 0"),
+    ]
+
+
+def draw_links(axes: Axes, room: Environment) -> list[Any]:
+    """Draw the links. Return their entries of the legend."""
+    lines = _lanes(room)
+    for link in room.links:
+        source, target = lines[link.source], lines[link.target]
+        leaves = source.length_m if link.source_position_m is None else link.source_position_m
+        start, end = source.point_at(leaves)[:2], target.point_at(link.target_position_m)[:2]
+        axes.plot(*start, "o", ms=3, color=LINK, zorder=6)
+        if math.dist(start, end) < 0.05:
+            continue  # an arrow would be shorter than its head
+        look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 9, "shrinkA": 0, "shrinkB": 0}
+        axes.add_patch(FancyArrowPatch(start, end, color=LINK, lw=1.4, zorder=6, **look))
+    return [Line2D([], [], color=LINK, lw=1.4, marker=">", ms=4, label="link")] if room.links else []
+
+
+def draw_bays(axes: Axes, room: Environment) -> list[Any]:
+    """Draw the bays. Return their entries of the legend."""
+    lines = _lanes(room)
+    for bay in room.bays:
+        line = lines[bay.belt]
+        dx, dy, _ = line.tangent_at(line.length_m)
+        side = "left" if dx > 0 else "right"
+        level = abs(dx) > abs(dy)
+        axes.annotate(
+            f"bay {bay.id}", line.point_at(line.length_m)[:2], xytext=(9 * dx, 9 * dy),
+            textcoords="offset points", color="white", fontsize=8, fontweight="bold",
+            ha=side if level else "center", va="center" if level else ("bottom" if dy > 0 else "top"),
+            bbox={"boxstyle": "round,pad=0.25", "facecolor": BAY, "edgecolor": "white"}, zorder=8,
+        )  # fmt: skip
+    return [Patch(facecolor=BAY, label="bay, where things leave")] if room.bays else []
+
+
+def beside(line: Polyline, offset_m: float) -> NDArray[np.float64]:
+    """Return the vertices of `line`, moved to its left by `offset_m` as seen from above, n x 2."""
+    flat = line.tangents[:, :2]
+    normals = np.column_stack([-flat[:, 1], flat[:, 0]])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    ends = np.vstack([normals[:1], normals]), np.vstack([normals, normals[-1:]])
+    mitre = ends[0] + ends[1]
+    mitre /= np.maximum(np.einsum("ij,ij->i", mitre, ends[0])[:, None], 0.5)
+    moved: NDArray[np.float64] = line.vertices_m[:, :2] + offset_m * mitre
+    return moved
+
+
+def _lanes(room: Environment) -> dict[str, Polyline]:
+    lanes: tuple[Belt | Strip, ...] = room.belts or room.strips
+    return {lane.id: Polyline(lane.line_m) for lane in lanes}
+
+
+def _spaced(length_m: float, step_m: float, name_m: float) -> tuple[float, list[float]]:
+    """Return the positions of a belt's name and of its arrows, about `step_m` apart beside the name."""
+    half = length_m / 2
+    count = max(2, 2 * round(half / step_m))  # even: the name is in the middle
+    places = [(index + 0.5) * length_m / count for index in range(count)]
+    free = [place for place in places if abs(place - half) > name_m / 2 + step_m / 8]
+    return (half, free) if free else (0.4 * length_m, [0.86 * length_m])
+
+
+def _draw_chevron(axes: Axes, line: Polyline, at_m: float, size_m: float) -> None:
+    place, along = np.array(line.point_at(at_m)[:2]), np.array(line.tangent_at(at_m)[:2])
+    across = 1.1 * np.array([along[1], -along[0]])
+    tips = np.array([across - along / 2, along / 2, -across - along / 2])
+    axes.plot(*(place + size_m * tips).T, color=ARROW, lw=1.3, zorder=3)
+
+
+def _label_along(axes: Axes, line: Polyline, at_m: float, text: str, color: str, **look: Any) -> None:
+    """Write `text` along `line`, never upside down."""
+    x, y, _ = line.point_at(at_m)
+    dx, dy, _ = line.tangent_at(at_m)
+    angle = (math.degrees(math.atan2(dy, dx)) + 89.0) % 180.0 - 89.0
+    axes.text(
+        x, y, text, color=color, rotation=angle, rotation_mode="anchor", ha="center", va="center",
+        **ON_TOP, **look,
+    )  # fmt: skip
+
+
+_FILL: dict[str, Any] = {"facecolor": SOLID_FILL, "edgecolor": SOLID, "linewidth": 1.1, "zorder": 1.8}
+LEVEL = 0.999
+"""Vertical component of the normal above which a plane is drawn as a floor, everywhere if unbounded."""
+
+
+MAX_NAMED = 200
+"""Number of solids up to which names are drawn. More would overlap, and each takes 3 ms."""
+
+
+def draw_solids(axes: Axes, room: Environment) -> list[Any]:
+    """Draw the solids of `room`. Return their entries of the legend."""
+    boxes: tuple[Box, ...] = (*room.boxes, *room.fixed_things)
+    solids = len(boxes) + len(room.planes) + len(room.cylinders) + len(room.spheres)
+    is_named = solids <= MAX_NAMED
+    patches: list[Patch] = []
+    for box in boxes:
+        c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.array(box.size_m[:2]) / 2
+        outline = corners @ np.array([[c, s], [-s, c]]) + np.array(box.center_m[:2])
+        patches.append(Polygon(outline, **_FILL))
+    patches += [Circle(each.center_m[:2], each.radius_m, **_FILL) for each in room.cylinders]
+    dashed: dict[str, Any] = {**_FILL, "linestyle": (0, (3, 2))}
+    patches += [Circle(each.center_m[:2], each.radius_m, **dashed) for each in room.spheres]
+    for plane in room.planes:
+        _draw_plane(axes, plane, patches, is_named=is_named)
+    axes.add_collection(PatchCollection(patches, match_original=True, zorder=_FILL["zorder"]))
+    legend: list[Any] = []
+    if is_named:
+        named: tuple[Box | Cylinder | Sphere, ...] = (*boxes, *room.cylinders, *room.spheres)
+        for each in named:
+            _name(axes, (isinstance(each, Thing) and each.label) or each.id, each.center_m)
+    else:
+        legend.append(Line2D([], [], ls="", label=f"{solids} solids, names left out"))
+    if solids:
+        legend.append(
+            Patch(facecolor=SOLID_FILL, edgecolor=SOLID, label="box, thing, plane, cylinder; sphere dashed")
+        )
+    floors = [plane.id for plane in room.planes if plane.size_m is None and abs(plane.normal[2]) >= LEVEL]
+    legend += [Line2D([], [], ls="", label=f"{name}: level, without end") for name in floors]
+    return legend
+
+
+def _draw_plane(axes: Axes, plane: Plane, patches: list[Patch], *, is_named: bool) -> None:
+    x, y, _ = plane.center_m
+    if plane.size_m is None:
+        nx, ny, nz = plane.normal
+        if abs(nz) < LEVEL:  # a level plane is everywhere
+            axes.axline((x, y), (x - ny, y + nx), color=SOLID, lw=1.3, ls=(0, (6, 2)), zorder=1.8)
+            if is_named:
+                _name(axes, f"{plane.id} (without end)", plane.center_m)
+        return
+    u, v = plane_axes(plane.normal)
+    half_u, half_v = scale(u, plane.size_m[0] / 2), scale(v, plane.size_m[1] / 2)
+    corners = [
+        (x + a * half_u[0] + b * half_v[0], y + a * half_u[1] + b * half_v[1])
+        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    look: dict[str, Any] = {**_FILL, "linewidth": 2.0}
+    patches.append(Polygon(corners, **look))
+    if is_named:
+        _name(axes, plane.id, plane.center_m)
+
+
+def _name(axes: Axes, text: str, center_m: Vec3) -> None:
+    axes.text(*center_m[:2], text, color=SOLID, fontsize=7.5, ha="center", va="center", **ON_TOP)
+
+
+MAX_CLOUD_POINTS = 20_000
+
+WIDEST_IN, TALLEST_IN = 10.5, 8.5
+
+DPI = 150
+
+_STYLE: dict[str, Any] = {
+    "font.family": "sans-serif",
+    "font.size": 8.5,
+    "svg.hashsalt": "pointit",
+    "text.parse_math": False,  # names and labels are no formulas
+    "axes.edgecolor": "#8a919b",
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+}
+
+_LOOKS: dict[str, dict[str, Any]] = {
+    "keep_in": {"facecolor": "none", "edgecolor": KEEP_IN, "linewidth": 1.6, "linestyle": (0, (6, 2))},
+    "keep_out": {"facecolor": KEEP_OUT + "22", "edgecolor": KEEP_OUT, "linewidth": 1.2, "hatch": "///"},
+}
+
+_TEXTS = {"keep_in": "robots stay inside", "keep_out": "robots stay outside"}
+
+
+def draw_map(
+    path: Path,
+    room: Environment,
+    clouds: Mapping[str, NDArray[np.float64]],
+    title: str,
+    person_m: tuple[float, float] | None = None,
+    *,
+    separability: Callable[[float, float], float] | None = None,
+) -> str:
+    """Write a picture of `room` from above to `path` (svg, png, pdf), with clouds (n x 3), a person (x, y).
+
+    Return the letters that no font has, which are drawn as `?`.
+
+    `separability`: share of things that pointing tells apart from a place, by which the floor is coloured.
+
+    Raises:
+        ConfigError: If the file cannot be written.
+    """
+    settings: Any = mpl  # its stubs list every parameter there is
+    with settings.rc_context(_STYLE):
+        figure: Any = map_figure(room, clouds, title, person_m, separability=separability)
+        missing = use_fonts_with_letters(figure)
+        metadata = {"Date": None} if path.suffix.lower() == ".svg" else None  # reproducible
+        with replaced_file(path) as part:
+            figure.savefig(part, dpi=DPI, metadata=metadata, bbox_inches="tight", pad_inches=0.15)
+    return missing
+
+
+def map_figure(
+    room: Environment,
+    clouds: Mapping[str, NDArray[np.float64]],
+    title: str,
+    person_m: tuple[float, float] | None = None,
+    *,
+    separability: Callable[[float, float], float] | None = None,
+) -> Any:
+    """Return matplotlib's figure for `draw_map`, in the current style."""
+    low, high = extent(room, clouds, person_m)
+    wide, tall = high - low
+    side = float(max(wide, tall))
+    scale = min(WIDEST_IN / wide, TALLEST_IN / tall)
+    figure: Any = Figure(figsize=(wide * scale, tall * scale), facecolor="white")
+    axes: Axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_aspect("equal")
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    _grid(axes, side)
+    legend = [
+        *(() if separability is None else _draw_separability(axes, low, high, separability)),
+        *_draw_clouds(axes, clouds),
+        *draw_solids(axes, room),
+        *draw_fences(axes, room),
+        *draw_belts(axes, room, side),
+        *draw_strips(axes, room),
+        *draw_links(axes, room),
+        *draw_bays(axes, room),
+        *_draw_lamps(axes, room, side * 0.05),
+        *(() if person_m is None else _draw_person(axes, person_m)),
+    ]
+    axes.set_title(title, loc="left", fontsize=10, fontweight="bold", pad=8)
+    axes.legend(handles=legend, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    return figure
+
+
+def _draw_separability(
+    axes: Axes, low: NDArray[np.float64], high: NDArray[np.float64], share: Callable[[float, float], float]
+) -> list[Any]:
+    """Colour the floor, squares of about the 24th part of the longer side."""
+    x_m, y_m = floor_edges(low, high)
+    shares = [[share((x + x2) / 2.0, (y + y2) / 2.0) for x, x2 in pairwise(x_m)] for y, y2 in pairwise(y_m)]
+    style: dict[str, Any] = {"cmap": "RdYlBu", "vmin": 0.0, "vmax": 1.0, "alpha": 0.55}
+    mesh = axes.pcolormesh(x_m, y_m, np.array(shares), zorder=0.2, linewidth=0, rasterized=True, **style)
+    texts = {1.0: "from here all things are told apart", 0.5: "half of them", 0.0: "none, without light"}
+    return [Patch(facecolor=mesh.cmap(at), alpha=style["alpha"], label=text) for at, text in texts.items()]
+
+
+def _grid(axes: Axes, side_m: float) -> None:
+    step = next((each for each in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0) if side_m / each <= 20), None)
+    if step is not None:
+        axes.xaxis.set_major_locator(MultipleLocator(step))
+        axes.yaxis.set_major_locator(MultipleLocator(step))
+    axes.grid(color="#eceef1", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.tick_params(length=0)
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    for side in axes.spines.values():
+        side.set_linewidth(0.6)
+
+
+def on_belt(room: Environment, x: float, y: float) -> bool:
+    """Return True if the point is on a belt, as seen from above."""
+    for belt in room.belts:
+        try:
+            floor_polyline = Polyline([(*vertex[:2], 0.0) for vertex in belt.line_m])
+        except ValueError:  # vertical belts have no area
+            continue
+        if floor_polyline.nearest_to(np.array([[x, y, 0.0]]))[1][0] <= belt.width_m / 2:
+            return True
+    return False
+
+
+def _draw_lamps(axes: Axes, room: Environment, beside_m: float) -> list[Any]:
+    for lamp in room.lamps:
+        x, y, z = lamp.position_m
+        axes.plot(x, y, "o", ms=11, color=LAMP, alpha=0.25, zorder=7)
+        axes.plot(x, y, "o", ms=5.5, mfc=LAMP, mec=INK, mew=0.8, zorder=7)
+        left = on_belt(room, x + beside_m, y) and not on_belt(room, x - beside_m, y)
+        axes.annotate(
+            f"{lamp.id}\n{z:.2f} m high", (x, y), xytext=(-8 if left else 8, 0), textcoords="offset points",
+            ha="right" if left else "left", va="center", fontsize=7.5, **ON_TOP,
+        )  # fmt: skip
+    return [Line2D([], [], marker="o", ls="", ms=5.5, mfc=LAMP, mec=INK, label="lamp")] if room.lamps else []
+
+
+def _draw_clouds(axes: Axes, clouds: Mapping[str, NDArray[np.float64]]) -> list[Any]:
+    for name, points in clouds.items():
+        step = math.ceil(len(points) / MAX_CLOUD_POINTS)
+        axes.plot(*points[::step, :2].T, ".", ms=1.2, color=CLOUD, alpha=0.5, rasterized=True, zorder=1.4)
+        x, y = points[:, 0].mean(), points[:, 1].max()
+        axes.text(float(x), float(y), name, color=SOLID, fontsize=7.5, ha="center", va="bottom", **ON_TOP)
+    return [Line2D([], [], marker=".", ls="", color=CLOUD, label="point cloud")] if clouds else []
+
+
+def _draw_person(axes: Axes, person_m: Sequence[float]) -> list[Any]:
+    x, y = person_m
+    style: dict[str, Any] = {"marker": "P", "ms": 9, "color": INK, "mec": "white", "mew": 1.0}
+    axes.plot(x, y, zorder=10, **style)
+    return [Line2D([], [], ls="", **style, label=f"person at {x:g}, {y:g}")]
+
+
+def draw_fences(axes: Axes, room: Environment) -> list[Any]:
+    """Draw the fences of `room`. Return their entries of the legend."""
+    for fence in room.fences:
+        axes.add_patch(Polygon(fence.outline_m, **_LOOKS[fence.kind], zorder=1.9))
+        x, y = np.mean(fence.outline_m, axis=0) if fence.kind == "keep_out" else fence.outline_m[0]
+        color = _LOOKS[fence.kind]["edgecolor"]
+        axes.text(x, y, f"{fence.id}{_heights(fence)}", color=color, fontsize=7.5, ha="center", **ON_TOP)
+    kinds = [kind for kind in _LOOKS if any(fence.kind == kind for fence in room.fences)]
+    return [Patch(**_LOOKS[kind], label=_TEXTS[kind]) for kind in kinds]
+
+
+def _heights(fence: Fence) -> str:
+    low = "" if fence.low_m is None else f"from {fence.low_m:g} m"
+    high = "" if fence.high_m is None else f"to {fence.high_m:g} m"
+    return "\n" + f"{low} {high}".strip() if low or high else ""

@@ -1,1 +1,0 @@
-"""A map drawn from above. All but `floor` needs matplotlib."""

@@ -1,0 +1,359 @@
+"""Headers and vertices of PLY and PCD files, text or binary."""
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pointit.maps.point_files.point_columns import AXES, StatedUnit, named_columns
+from pointit.runtime.config.validation_message import format_value, join_names
+from pointit.runtime.errors import ConfigError
+
+
+def read_pcd_header(sample: Sequence[str]) -> tuple[int, list[str]] | None:
+    """Return the number of lines before the points and the names of the columns, None if it is no PCD.
+
+    Args:
+        sample: first lines of the file.
+
+    Raises:
+        ConfigError: If the points are binary, or the header is not understood. Does not name the file.
+    """
+    lines: dict[str, list[str]] = {}
+    for number, line in enumerate(sample, start=1):
+        word, *values = line.split() or [""]
+        lines[word.upper()] = values
+        if word.upper() != "DATA" or not {"FIELDS", "COLUMNS"} & lines.keys():
+            continue
+        if [value.lower() for value in values] != ["ascii"]:
+            raise ConfigError(
+                f"is a PCD with the points {format_value(' '.join(values))}; save it with ascii points, as "
+                "`pcl_convert_pcd_ascii_binary FILE OUT 0` does, or as PLY"
+            )
+        fields = lines.get("FIELDS") or lines.get("COLUMNS") or []
+        counts = lines.get("COUNT") or ["1"] * len(fields)
+        if len(counts) != len(fields) or not all(map(str.isdecimal, counts)):
+            raise ConfigError(
+                f"is a PCD with {len(fields)} FIELDS and COUNT {format_value(' '.join(counts))}; "
+                "export it again"
+            )
+        return number, [name for name, count in zip(fields, counts, strict=True) for _ in range(int(count))]
+    return None
+
+
+MAX_HEADER_LINES = 1000
+"""Limit of the lines of a header. A longer one is not a PLY."""
+
+_TYPES = {
+    code: kind
+    for kind, names in {
+        "i1": ("char", "int8"),
+        "u1": ("uchar", "uint8"),
+        "i2": ("short", "int16"),
+        "u2": ("ushort", "uint16"),
+        "i4": ("int", "int32"),
+        "u4": ("uint", "uint32"),
+        "f4": ("float", "float32"),
+        "i8": ("int64",),
+        "u8": ("uint64",),
+        "f8": ("double", "float64"),
+    }.items()
+    for code in names
+}
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_MAX_LINE = 4096
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Property:
+    """A column of an element."""
+
+    name: str
+    kind: str
+    """Type of numpy, of a list that of its values."""
+    count_kind: str = ""
+    """Type of the number of values of a list, `""` if it is none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Element:
+    """One of the tables of a PLY."""
+
+    name: str
+    rows: int
+    properties: list[Property] = field(default_factory=list[Property])
+
+    @property
+    def has_list(self) -> bool:
+        """Return True if its rows may differ in size."""
+        return any(each.count_kind for each in self.properties)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlyHeader:
+    """Header of a PLY."""
+
+    order: str
+    """Byte order, `<` or `>`. `""` if the body is text."""
+    body: int
+    """Offset of the body, bytes."""
+    before: list[Element]
+    """Tables of the body before the vertices."""
+    vertex: Element
+    columns: list[int]
+    """Indices of x, y and z among the properties of a vertex."""
+    units: Sequence[StatedUnit]
+    """Units that the names of these properties state."""
+    comments: list[str]
+
+    @property
+    def is_list_before_points(self) -> bool:
+        """Return True if a vertex has a list before one of x, y and z."""
+        return any(each.count_kind for each in self.vertex.properties[: max(self.columns)])
+
+
+def read_ply_header(path: Path, wanted: Sequence[str | int] = ()) -> PlyHeader:
+    """Return the header of the PLY at `path`.
+
+    Args:
+        path: file.
+        wanted: properties of a vertex that are x, y and z, by name, or number from 1. Empty: x, y and z.
+
+    Raises:
+        ConfigError: If it is not a PLY, or its vertices lack x, y or z.
+        OSError: If it cannot be read.
+    """
+    with path.open("rb") as file:
+        order, elements, comments = _read_lines(path, file)
+        body = file.tell()
+    index = next((at for at, each in enumerate(elements) if each.name == "vertex"), None)
+    if index is None:
+        raise ConfigError(f"{path}: has no element vertex; give a PLY with points")
+    vertex = elements[index]
+    names = [each.name for each in vertex.properties]
+    try:
+        columns = named_columns(wanted or AXES, names, len(names))
+    except ConfigError as error:
+        if wanted:
+            raise ConfigError(f"{path}: {error}") from error
+        missing = [axis for axis in AXES if [name.lower() for name in names].count(axis) != 1]
+        raise ConfigError(
+            f"{path}: its vertices have {join_names(names) or 'nothing'}, not {join_names(missing)} once; "
+            "export it with x, y and z, or write in the map which they are, such as columns: [px, py, pz]"
+        ) from error
+    for column in columns.indices:
+        if vertex.properties[column].count_kind:
+            raise ConfigError(f"{path}: {names[column]} is a list; export it with a number x, y and z each")
+    return PlyHeader(
+        order=order,
+        body=body,
+        before=elements[:index],
+        vertex=vertex,
+        columns=list(columns.indices),
+        units=columns.units,
+        comments=comments,
+    )
+
+
+def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element], list[str]]:
+    """Return order, elements and comments. Afterwards `file` is at the body."""
+    end = _line_end(file)
+    if _read_line(file, end).strip() != b"ply":
+        raise ConfigError(
+            f"{path}: does not begin with `ply`; give a PLY file, or rename it to .xyz if it is plain text"
+        )
+    order: str | None = None
+    elements: list[Element] = []
+    comments: list[str] = []
+    for number in range(2, MAX_HEADER_LINES + 2):
+        line = _read_line(file, end)
+        words = line.decode(errors="replace").split()
+        if not line:
+            break
+        if words == ["end_header"] and order is not None:
+            return order, elements, comments
+        try:
+            if words[:1] == ["format"]:
+                order = _order(words)
+            elif words[:1] in (["comment"], ["obj_info"]):
+                comments.append(" ".join(words[1:]))
+            else:
+                _parse_line(words, elements)
+        except (KeyError, IndexError, ValueError):
+            raise ConfigError(
+                f"{path}: line {number} of its header is not understood, {format_value(' '.join(words))}; "
+                "export it as PLY 1.0 again"
+            ) from None
+    raise ConfigError(f"{path}: its header does not end; it is cut off or not a PLY, copy or export it again")
+
+
+def _line_end(file: BinaryIO) -> bytes:
+    """Return the end of the lines of a header. Afterwards `file` is behind its byte order mark, if any."""
+    start = file.read(_MAX_LINE)
+    file.seek(len(_BYTE_ORDER_MARK) if start.startswith(_BYTE_ORDER_MARK) else 0)
+    ends = [(at, end) for end in (b"\n", b"\r\n", b"\r") if (at := start.find(end)) >= 0]
+    return max(ends, key=lambda each: (-each[0], len(each[1])))[1] if ends else b"\n"
+
+
+def _read_line(file: BinaryIO, end: bytes) -> bytes:
+    """Return the next line with its `end`, at most `_MAX_LINE` bytes."""
+    if end.endswith(b"\n"):
+        return file.readline(_MAX_LINE)
+    start = file.tell()
+    line = file.read(_MAX_LINE)
+    if (at := line.find(end)) >= 0:
+        line = line[: at + 1]
+        file.seek(start + len(line))
+    return line
+
+
+def _order(words: Sequence[str]) -> str:
+    _, name, version = words
+    if version != "1.0":
+        raise ValueError
+    return _ORDERS[name]
+
+
+def _parse_line(words: Sequence[str], elements: list[Element]) -> None:
+    match words:
+        case []:
+            pass
+        case ["element", name, count]:
+            elements.append(Element(name=name, rows=_count(count)))
+        case ["property", "list", count_kind, kind, name]:
+            list_property = Property(name=name, kind=_TYPES[kind], count_kind=_TYPES[count_kind])
+            elements[-1].properties.append(list_property)
+        case ["property", kind, name]:
+            elements[-1].properties.append(Property(name=name, kind=_TYPES[kind]))
+        case _:
+            raise ValueError
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 0:
+        raise ValueError
+    return count
+
+
+def binary_vertices(path: Path, header: PlyHeader) -> NDArray[np.float64]:
+    """Return x, y, z of the vertices, n x 3. Fewer than in the header if the file is cut off.
+
+    Raises:
+        OSError: If it cannot be read.
+    """
+    has_lists = any(each.has_list and each.rows for each in (*header.before, header.vertex))
+    data = np.fromfile(path, dtype=np.uint8) if has_lists else np.zeros(0, dtype=np.uint8)
+    offset = header.body
+    for element in header.before:
+        offset = _end_of(data, offset, element, header.order)
+    if not header.vertex.has_list:
+        row = _row_type(header.vertex, header.order)
+        rows = max(0, path.stat().st_size - offset) // row.itemsize
+        if not rows:  # a header may claim more than the file has
+            return np.zeros((0, 3))
+        table = np.fromfile(path, dtype=row, count=min(rows, header.vertex.rows), offset=offset)
+        with np.errstate(invalid="ignore"):  # a signalling NaN, rejected later like other NaNs
+            return np.column_stack([table[f"f{column}"].astype(np.float64) for column in header.columns])
+    offsets = list(_rows_of(data, offset, header.vertex, header.order, header.columns))
+    starts = np.array(offsets, dtype=np.int64).reshape(-1, 3)
+    kinds = [header.order + header.vertex.properties[column].kind for column in header.columns]
+    with np.errstate(invalid="ignore"):
+        return np.column_stack([_values_at(data, starts[:, at], kind) for at, kind in enumerate(kinds)])
+
+
+def ascii_vertex_lines(lines: Iterable[str], header: PlyHeader) -> Iterator[str]:
+    """Yield x, y and z of each vertex of a text whose vertices have lists before them, a line each."""
+    for line in lines:
+        words = line.split()
+        starts: list[int] = []
+        at = 0
+        for each in header.vertex.properties[: max(header.columns) + 1]:
+            starts.append(at)
+            count = words[at] if each.count_kind and at < len(words) else "0"
+            at += 1 + (int(count) if count.isdecimal() else len(words))
+        if words:
+            yield " ".join(words[starts[column]] for column in header.columns if starts[column] < len(words))
+
+
+def _row_type(element: Element, order: str) -> np.dtype[np.void]:
+    """Return the layout of a row without lists, with fields f0, f1, … as a PLY may have a name twice."""
+    return np.dtype([(f"f{at}", order + each.kind) for at, each in enumerate(element.properties)])
+
+
+def _end_of(data: NDArray[np.uint8], offset: int, element: Element, order: str) -> int:
+    """Return the offset behind the rows of `element`, which begin at `offset`."""
+    if not element.has_list:
+        return offset + _row_type(element, order).itemsize * element.rows
+    if not element.rows:
+        return offset
+    if (size := _equal_row_size(data, offset, element, order)) is not None:
+        return offset + size * element.rows
+    ends = _rows_of(data, offset, element, order, [len(element.properties)])
+    last = deque(ends, maxlen=1)
+    return last[0][0] if last else offset
+
+
+def _equal_row_size(data: NDArray[np.uint8], offset: int, element: Element, order: str) -> int | None:
+    """Return the size of the rows of `element` if all have lists of the sizes of the first, as triangles."""
+    fields: list[tuple[str, str, int]] = []
+    counts: dict[str, int] = {}
+    at = offset
+    for number, each in enumerate(element.properties):
+        if each.count_kind:
+            kind = np.dtype(order + each.count_kind)
+            if at + kind.itemsize > len(data):
+                return None
+            counts[f"n{number}"] = int(data[at : at + kind.itemsize].view(kind)[0])
+            fields.append((f"n{number}", kind.str, 1))
+            at += kind.itemsize
+        size = counts.get(f"n{number}", 1)
+        if size < 0:
+            return None
+        fields.append((f"f{number}", order + each.kind, size))
+        at += size * np.dtype(each.kind).itemsize
+    row = np.dtype([(name, kind, (size,)) for name, kind, size in fields])
+    end = offset + row.itemsize * element.rows
+    if end > len(data):
+        return None
+    table = data[offset:end].view(row)
+    return row.itemsize if all(bool((table[name] == count).all()) for name, count in counts.items()) else None
+
+
+def _rows_of(
+    data: NDArray[np.uint8], offset: int, element: Element, order: str, columns: Sequence[int]
+) -> Iterator[list[int]]:
+    """Yield the offsets of the properties `columns` of each row of `element`, until a row is not whole.
+
+    The offset of the property behind the last one is the end of the row.
+    """
+    content = data.tobytes()
+    byte_order: Literal["little", "big"] = "little" if order == "<" else "big"
+    sizes = [np.dtype(each.kind).itemsize for each in element.properties]
+    count_sizes = [
+        np.dtype(each.count_kind).itemsize if each.count_kind else 0 for each in element.properties
+    ]
+    for _ in range(element.rows):
+        starts: list[int] = []
+        for size, count_size in zip(sizes, count_sizes, strict=True):
+            starts.append(offset)
+            if count_size:
+                count = int.from_bytes(content[offset : offset + count_size], byte_order)
+                offset += count_size + count * size
+            else:
+                offset += size
+        starts.append(offset)
+        if offset > len(content):
+            return
+        yield [starts[column] for column in columns]
+
+
+def _values_at(data: NDArray[np.uint8], starts: NDArray[np.int64], kind: str) -> NDArray[np.float64]:
+    size = np.dtype(kind).itemsize
+    values: NDArray[np.float64] = data[starts[:, None] + np.arange(size)].view(kind)[:, 0].astype(np.float64)
+    return values

@@ -1,1 +1,0 @@
-"""Differences between a recording and its replay: messages paired, differences counted and measured."""

@@ -1,0 +1,486 @@
+"""A Zenoh router in this process, which joins several machines where no zenohd is installed, and its log.
+
+Zenoh reads access rules, passwords and certificates only when a session opens, so a router whose files have
+changed is reopened. Its clients are back after 0.1 s, and repeat their declarations automatically.
+
+The module also closes sockets of clients, counts their unsent bytes, and releases ports of listeners.
+
+When Zenoh closes a connection, it also waits until the peer has acknowledged all data (`SO_LINGER`), 40 ms or
+more, in the thread that reads all accepted connections of a router. A hundred rejected peers would block all
+others for seconds. Without lingering, the system completes the closing in the background.
+
+A closed QUIC listener of Zenoh keeps its UDP port until its last connection ends. Connections of clients that
+returned during the closing were never accepted, and end after 30 s.
+"""
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+
+import asyncio
+import contextlib
+import ipaddress
+import json
+import logging
+import os
+import re
+import socket
+import struct
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import AsyncGenerator, Callable, Collection, Generator, Iterable, Mapping, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from pointit.runtime.errors import ConfigError, ListenError
+from pointit.runtime.host.tcp_timeouts import own_sockets, ports_of_socket, set_user_timeout
+from pointit.runtime.link.link import LEASE_MS, Link, ports_of
+from pointit.runtime.zenoh.connections import Connections
+from pointit.runtime.zenoh.declarations import encoding_of
+from pointit.runtime.zenoh.session import CLOSE_TIMEOUT_S, close_session, open_cancellable, open_session
+from pointit.schemas import Figure, Health, encode
+from pointit.schemas.table_types import NAME
+from pointit.schemas.text import hide_secrets
+from pointit.schemas.topics import HEALTH, SERVICE_ALIVE
+
+CHUNK_BYTES = 256 * 1024
+STDOUT = 1
+MAX_LINES = 20_000
+"""Limit of lines per second that are taken one by one. Of further ones, equal lines are counted and taken
+once, at most as many that hold a mark, and as many others. Zenoh waits until its log is read, and with it
+everybody whose messages it carries."""
+OWN = b"\x1b["
+"""First bytes of each line of Zenoh. A line without them is the rest of a key with a line break."""
+TIME_BYTES = len("\x1b[2m2026-03-01T00:00:00.000000Z\x1b[0m ")
+"""Length of the time at the start of each line of Zenoh."""
+
+TakeLine = Callable[[str, int], None]
+"""Takes a line, and 0 if it follows the one before, else how often it was among lines that were left out."""
+
+
+@contextlib.contextmanager
+def captured_log(wanted: str, take: TakeLine, marks: Sequence[bytes] = ()) -> Generator[None]:
+    """Pass each line of Zenoh's log to `take`, in another thread. Other output is not changed.
+
+    The log is coloured in spite of NO_COLOR: a line without colours is recognised as the rest of a key with a
+    line break.
+
+    Call this once, in a separate process, since Zenoh's log cannot be configured twice. If the user has set
+    RUST_LOG, the log is not changed. `wanted` has the syntax of RUST_LOG. `take` must not raise. Lines that
+    contain one of `marks` have precedence over others.
+    """
+    if "RUST_LOG" in os.environ:
+        zenoh.try_init_log_from_env()
+        yield
+        return
+    sys.stdout.flush()
+    before = os.dup(STDOUT)
+    source, sink = os.pipe()
+    os.dup2(sink, STDOUT)
+    os.close(sink)
+    shown = sys.stdout
+    sys.stdout = os.fdopen(os.dup(before), "w", 1, encoding=shown.encoding, errors=shown.errors)
+    threading.Thread(target=_read, args=(source, take, marks), name="zenoh-log", daemon=True).start()
+    os.environ.pop("NO_COLOR", None)
+    zenoh.init_log_from_env_or(wanted)
+    try:
+        yield
+    finally:
+        os.dup2(before, STDOUT)  # the pipe's last writer is gone with this, and so is its reader
+        os.close(before)
+        sys.stdout.close()
+        sys.stdout = shown
+
+
+def _read(source: int, take: TakeLine, marks: Sequence[bytes]) -> None:
+    rest, began_s, count = b"", time.monotonic(), 0
+    distinct = {True: 0, False: 0}
+    with os.fdopen(source, "rb", buffering=0) as pipe:
+        while chunk := pipe.read(CHUNK_BYTES):
+            *lines, rest = (rest + chunk).split(b"\n")
+            if time.monotonic() - began_s >= 1.0:
+                began_s, count, distinct = time.monotonic(), 0, {True: 0, False: 0}
+            taken = lines[: max(MAX_LINES - count, 0)]
+            count += len(lines)
+            for line in taken:
+                take(line.decode(errors="replace"), 0)
+            further = [line for line in lines[len(taken) :] if line.startswith(OWN)]
+            for text, times in Counter(line[TIME_BYTES:] for line in further).items():
+                is_marked = any(mark in text for mark in marks)
+                if distinct[is_marked] < MAX_LINES:
+                    distinct[is_marked] += 1
+                    take((further[0][:TIME_BYTES] + text).decode(errors="replace"), times)
+
+
+log = logging.getLogger(__name__)
+
+COUNT = struct.Struct("i")
+LINGER = struct.Struct("ii")
+"""True if it is set, and its duration, s."""
+
+Peer = tuple[str, int]
+"""Address and port, as `peer` returns them."""
+
+
+def peer(host: str, port: int) -> Peer:
+    """Return one spelling of an address: without zone, and IPv4 as such.
+
+    Raises:
+        ValueError: If `host` is no address.
+    """
+    address = ipaddress.ip_address(host.partition("%")[0])
+    return str(getattr(address, "ipv4_mapped", None) or address), port
+
+
+def unread() -> dict[Peer, int]:
+    """Return the unacknowledged bytes (`TIOCOUTQ`) of each connection, by peer address and port."""
+    found: dict[Peer, int] = {}
+    if sys.platform != "linux":
+        return found
+    import fcntl  # noqa: PLC0415 - other systems have none
+    import termios  # noqa: PLC0415 - as above
+
+    for each in own_sockets():
+        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
+            (count,) = COUNT.unpack(fcntl.ioctl(each, termios.TIOCOUTQ, bytes(COUNT.size)))
+            found[peer(*each.getpeername()[:2])] = count
+    return found
+
+
+def cut(peers: Collection[Peer]) -> int:
+    """End the connections of this process from `peers`, each address and port; return how many were.
+
+    Nothing more is read of them, so Zenoh closes them. If they could not be written either, Zenoh might wait
+    5 s for one of them, and with it all others: measured in one of three floods.
+    """
+    count = 0
+    for found in own_sockets():
+        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
+            if peer(*found.getpeername()[:2]) in peers:
+                found.shutdown(socket.SHUT_RD)
+                count += 1
+    return count
+
+
+def disable_linger(ports: Collection[int]) -> int:
+    """Set connections from or to `ports` to close at once. Written data are sent all the same.
+
+    Zenoh sets each connection to linger when it is accepted, so this must be called repeatedly.
+
+    Returns:
+        Number of sockets set, 0 where they cannot be found.
+    """
+    if sys.platform != "linux":
+        return 0
+    count = 0
+    for found in own_sockets():
+        with contextlib.suppress(OSError):  # closed meanwhile
+            lingers, _ = LINGER.unpack(found.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.size))
+            if lingers and not ports_of_socket(found).isdisjoint(ports):
+                found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER.pack(0, 0))
+                count += 1
+    return count
+
+
+def release_udp_ports(ports: Collection[int]) -> int:
+    """Release the UDP ports of closed listeners by moving their descriptors to sockets without a port.
+
+    No other code of this process may open or close files meanwhile, since a descriptor could be reused.
+
+    Returns:
+        Number of sockets that had one of `ports`, 0 where they cannot be found.
+    """
+    count = 0
+    for found in own_sockets(socket.SOCK_DGRAM):
+        with contextlib.suppress(OSError), socket.socket(found.family, socket.SOCK_DGRAM) as empty:
+            empty.setblocking(False)
+            if found.getsockname()[1] in ports:  # looked at last: its owner may close it meanwhile
+                os.dup2(empty.fileno(), found.fileno(), inheritable=False)
+                count += 1
+    return count
+
+
+SERVICE = "router"
+NO_NAME = re.compile(r"[^A-Za-z0-9_-]")
+LONGEST_HOST = 48
+
+
+class RouterHealthPublisher:
+    """Health of a router for `pointit doctor` and the page. Access rules let only routers write it."""
+
+    def __init__(self, session: zenoh.Session, site: str, *, joins_another: bool) -> None:
+        """Be present at `site` while `session` is open.
+
+        `joins_another`: the site has several routers, which get the names of their machines.
+        """
+        host = NO_NAME.sub("-", socket.gethostname())[:LONGEST_HOST]
+        self._instance = f"{SERVICE}-{host}" if joins_another else SERVICE
+        self._session = session
+        self._root = f"pointit/{site}"
+        self._began_s = time.monotonic()
+        self._seq = 0
+        self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
+
+    def report(self, warnings: Sequence[str], refused: int, sessions: int) -> None:
+        """Publish the warnings, the number of refused attempts, and the number of connections."""
+        self._seq += 1
+        health = Health(
+            stamp_ns=time.time_ns(),
+            seq=self._seq,
+            service=SERVICE,
+            instance=self._instance,
+            pid=os.getpid(),
+            host=socket.gethostname(),
+            uptime_s=time.monotonic() - self._began_s,
+            status="degraded" if warnings else "ok",
+            warnings=tuple(map(hide_secrets, warnings)),
+            figures=(
+                Figure(name="refused", value=float(refused)),
+                Figure(name="sessions", value=float(sessions)),
+            ),
+        )
+        self._session.put(
+            f"{self._root}/{HEALTH.at(self._instance)}",
+            encode(health),
+            encoding=encoding_of(Health),
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
+
+
+LOOK_S = 0.25
+"""Period of polling the files, since not every system and file system reports changes."""
+PORT_TIMEOUT_S = 60.0
+"""Time for which its own port may stay in use after it was closed (QUIC: 30 s where it cannot be released).
+A router that gave up sooner would end for everybody."""
+PORT_RETRY_S = 0.05
+REOPEN_TIMEOUT_S = 11.0
+"""Time to wait for a session's end before the next one begins. Zenoh takes 10 s at most."""
+RELATIVE = re.compile(r"(?<=_file=)(?![/\\]|[A-Za-z]:)")
+"""Addresses that name a file by a path relative to the configuration's folder."""
+PEER = re.compile(r"tls/\[?([^]#?]+?)]?:(\d+)(?:[#?]|$)")
+"""Address and port of who is connected by TLS."""
+
+Stamp = tuple[tuple[int, int, int], ...]
+
+
+@asynccontextmanager
+async def running_router(listen: tuple[str, ...]) -> AsyncGenerator[None]:
+    """Route for every site at the addresses `listen` while inside.
+
+    Raises:
+        ListenError: an address is taken or not ours.
+    """
+    session = await open_session(Link(listen=listen, router=True))
+    try:
+        yield
+    finally:
+        await close_session(session)
+
+
+def parse_config(text: str, folder: Path) -> zenoh.Config:
+    """Return Zenoh's configuration from JSON5 whose files are named as seen from `folder`.
+
+    Raises:
+        ConfigError: it is none; the message has the reason, never its content.
+    """
+    try:
+        config = zenoh.Config.from_json5(text)
+        for key in ("listen/endpoints", "connect/endpoints"):
+            absolute = [RELATIVE.sub(f"{folder.absolute()}/", each) for each in _endpoints(config, key)]
+            config.insert_json5(key, json.dumps(absolute))
+        key = "transport/auth/usrpwd/dictionary_file"
+        users: Any = json.loads(config.get_json(key))
+        if isinstance(users, str):
+            config.insert_json5(key, json.dumps(str(folder.absolute() / users)))
+    except (zenoh.ZError, ValueError) as error:
+        raise ConfigError(f"the router's configuration is none that Zenoh takes: {_where(error)}") from None
+    return config
+
+
+class Router:
+    """Routes by a configuration that is made from files, and follows their changes."""
+
+    def __init__(self, make: Callable[[], str], folder: Path, files: Sequence[Path]) -> None:
+        """Prepare. Nothing is opened yet.
+
+        `on_connection` may be set before it is opened.
+
+        `make` returns the configuration as it should be now, JSON5, or raises `ConfigError`. It names
+        files as seen from `folder`. A change of `files` reopens the router.
+        """
+        self._make = make
+        self._folder = folder
+        self._files = tuple(files)
+        self._stamp: Stamp = ()
+        self._listens: tuple[str, ...] = ()
+        self._sites: tuple[str, ...] = ()
+        self._joins_another = False
+        self._session: zenoh.Session | None = None
+        self._connections: Connections | None = None
+        self.on_connection: Callable[[], None] = lambda: None
+        """Called in the loop after each change of `links`."""
+        self.roles: dict[str, str] = {}
+        """By identity, `SITE/NAME`; as `pointit site` has written them."""
+        self._health_publishers: dict[str, RouterHealthPublisher] = {}
+        """By site."""
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """Return the addresses it listens on."""
+        return self._listens
+
+    async def open(self) -> None:
+        """Route.
+
+        Raises:
+            ConfigError: the configuration cannot be used.
+            ListenError: an address is taken or not ours.
+        """
+        self._stamp = self._look()
+        config = await asyncio.to_thread(self._read)
+        self._begin(await _open(config))
+
+    def report(
+        self, of_site: Callable[[str], Sequence[str]], refused: int, sessions: Mapping[str, int]
+    ) -> None:
+        """Publish warnings, refused attempts and connections to each site, once a second."""
+        for site, account in self._health_publishers.items():
+            account.report(of_site(site), refused, sessions.get(site, 0))
+
+    def links(self) -> list[tuple[str, str, str]]:
+        """Return session, common name (empty where none is known) and address of all who are connected."""
+        if self._session is None:
+            return []
+        links = self._session.info.links()
+        return [(str(link.zid), link.auth_identifier or "", str(link.dst)) for link in links]
+
+    def cut(self, addresses: Iterable[str]) -> None:
+        """End the connections from `addresses`, as `links` returns them; those by QUIC stay."""
+        if peers := {found for address in addresses if (found := _peer(address)) is not None}:
+            cut(peers)
+
+    def unread(self, addresses: Iterable[str]) -> dict[str, int]:
+        """Return the bytes that wait for the peers connected from `addresses`, where known."""
+        peers = {address: found for address in addresses if (found := _peer(address)) is not None}
+        waiting = unread() if peers else {}
+        return {address: waiting[found] for address, found in peers.items() if found in waiting}
+
+    async def reload_on_change(self) -> None:
+        """Route until cancelled, and reopen after a change of a file. Unusable changes are ignored."""
+        before = self._stamp
+        while True:
+            await asyncio.sleep(LOOK_S)
+            disable_linger(ports_of(self._listens))
+            stamp = self._look()
+            is_written, before = stamp != before, stamp
+            if is_written or stamp == self._stamp:  # a change replaces several files, and is one
+                continue
+            self._stamp = stamp
+            try:
+                config = await asyncio.to_thread(self._read)
+            except ConfigError as error:
+                log.warning("%s; the router goes on by what it has read before", error)
+                continue
+            await self._reopen(config)
+
+    async def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+        """Stop routing; wait for up to this time until nothing of the session is left."""
+        session, self._session = self._session, None
+        if self._connections is not None:
+            self._connections.close()
+        self._health_publishers.clear()
+        if session is not None:
+            await close_session(session, patience_s=timeout_s)
+
+    async def _reopen(self, config: zenoh.Config) -> None:
+        await self.close(REOPEN_TIMEOUT_S)
+        loop = asyncio.get_running_loop()
+        began_s = loop.time()
+        while True:
+            try:
+                session = await _open(config)
+            except ListenError:
+                if loop.time() - began_s > PORT_TIMEOUT_S:
+                    raise
+                release_udp_ports(ports_of(self._listens))
+                await asyncio.sleep(PORT_RETRY_S)
+            else:
+                self._begin(session)
+                log.info("the router goes by the rules and certificates that there are now")
+                return
+
+    def _begin(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._connections = Connections(session, self._listens, self.on_connection)
+        self._health_publishers = {
+            site: RouterHealthPublisher(session, site, joins_another=self._joins_another)
+            for site in self._sites
+        }
+
+    def _read(self) -> zenoh.Config:
+        config = parse_config(self._make(), self._folder)
+        endpoints = _endpoints(config, "listen/endpoints")
+        self._listens = tuple(re.split("[?#]", each)[0] for each in endpoints)
+        self._joins_another = bool(_endpoints(config, "connect/endpoints"))
+        subjects: list[dict[str, Any]] = json.loads(config.get_json("access_control/subjects")) or []
+        sites = (str(subject["id"]).partition("/") for subject in subjects)  # as `pointit site` names them
+        self._sites = tuple(dict.fromkeys(site for site, slash, _ in sites if slash and NAME.match(site)))
+        policies: list[dict[str, Any]] = json.loads(config.get_json("access_control/policies")) or []
+        named = (str(policy.get("id") or "").rpartition("/") for policy in policies)
+        self.roles = {identity: role for identity, _, role in named if identity}
+        return config
+
+    def _look(self) -> Stamp:
+        found: list[tuple[int, int, int]] = []
+        for file in self._files:
+            with contextlib.suppress(OSError):
+                status = file.stat()
+                found.append((status.st_mtime_ns, status.st_size, status.st_ino))
+        return tuple(found)
+
+
+def _peer(address: str) -> Peer | None:
+    found = PEER.match(address)
+    return None if found is None else peer(found[1], int(found[2]))
+
+
+def _endpoints(config: zenoh.Config, key: str) -> list[str]:
+    found: list[str] | dict[str, list[str]] = json.loads(config.get_json(key))
+    return found.get("router", []) if isinstance(found, dict) else found
+
+
+async def _open(config: zenoh.Config) -> zenoh.Session:
+    """Return a session; when this is cancelled, one that opens all the same is closed again."""
+    try:
+        session = await open_cancellable(config, runtime="")
+    except zenoh.ZError as error:
+        reason = str(error).partition(" at /")[0].rstrip(".")  # without the place in Zenoh's source
+        raise ListenError(f"the router cannot be opened: {reason}") from error
+    set_user_timeout(ports_of(_endpoints(config, "listen/endpoints")), LEASE_MS)
+    return session
+
+
+def _where(error: Exception) -> str:
+    """Return where a configuration is wrong, and no value of it: it may be a password."""
+    text = str(error)
+    if place := re.search(r"--> (\d+):(\d+)", text):
+        return f"line {place[1]}, column {place[2]} is no JSON5"
+    if field := re.search(r"unknown field `([\w/]+)`", text):
+        return f"there is no {field[1]}"
+    return "a value is not of the kind that stands there"
+
+
+def raise_file_limit() -> None:
+    """Raise the limit of open files to the system's maximum.
+
+    The default is usually 1024. If the system has no such limit or refuses to raise it, nothing changes.
+    """
+    if sys.platform == "win32":
+        return
+    import resource  # noqa: PLC0415 - there is none on Windows
+
+    _, hard_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(OSError, ValueError):  # macOS: "no limit" is more than it takes
+        resource.setrlimit(resource.RLIMIT_NOFILE, (hard_limit, hard_limit))

@@ -1,0 +1,523 @@
+"""Feeding of a conveyor: which packages enter when, by configuration or timed steps, as soon as there is room."""
+
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pointit.runtime.config.config import validate
+from pointit.runtime.config.validation_message import describe_validation_error
+from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import expand_home
+from pointit.services.conveyor_sim.config import ConveyorSimConfig, KindNumber
+from pointit.services.conveyor_sim.network import Piece
+from pointit.services.conveyor_sim.traffic import TOLERANCE_M, Package, Traffic
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedSpec:
+    """Packages of a feeder and their intervals."""
+
+    sequence: tuple[str, ...] = ()
+    """Kinds, repeated in this order."""
+    probabilities: Mapping[str, float] | None = None
+    """Relative frequency of each kind, instead of `sequence`."""
+    min_interval_s: float
+    max_interval_s: float
+    length_m: float
+    count: int = 0
+    """Number of packages; 0: unlimited."""
+
+
+class Feeder:
+    """Gives one package after the other, to one belt or to several in turn.
+
+    All random values derive from the seed and the number of the package, so `taken` and `due_s` are the whole
+    state of a feeder.
+    """
+
+    def __init__(self, name: str, belts: Sequence[str], supply: FeedSpec, *, seed: int) -> None:
+        """Feed `belts`, at least one; the first wait is a random share of the interval's range."""
+        self.name = name
+        self.belts = tuple(belts)
+        self.supply = supply
+        self._seed = seed
+        self.restart()
+
+    def restart(self) -> None:
+        """Restart with the same packages and intervals as before."""
+        self.taken = 0
+        """Number of packages taken since the start."""
+        spread_s = self.supply.max_interval_s - self.supply.min_interval_s
+        self.due_s = self._chance("first") * spread_s
+        """Time until the next package, s; 0 while it waits to be taken."""
+
+    @property
+    def is_done(self) -> bool:
+        """Return True if there is nothing more to feed."""
+        supply = self.supply
+        has_kinds = bool(supply.sequence or supply.probabilities)
+        return not has_kinds or 0 < supply.count <= self.taken
+
+    @property
+    def belt(self) -> str:
+        """Return the belt that gets the next package."""
+        return self.belts[self.taken % len(self.belts)]
+
+    def tick(self, elapsed_s: float) -> None:
+        """Advance the time; a package that waits for room does not delay those behind it further."""
+        self.due_s = max(0.0, self.due_s - elapsed_s)
+
+    def take(self) -> str:
+        """Return the next package's kind and start the interval to the one after it.
+
+        Raises:
+            ValueError: If there is nothing more to feed.
+        """
+        if self.is_done:
+            raise ValueError("there is nothing more to feed")
+        supply = self.supply
+        if supply.probabilities:
+            kinds = list(supply.probabilities)
+            weights = list(supply.probabilities.values())
+            kind = random.Random(self._key("kind")).choices(kinds, weights)[0]  # noqa: S311 - not for secrets
+        else:
+            kind = supply.sequence[self.taken % len(supply.sequence)]
+        spread_s = supply.max_interval_s - supply.min_interval_s
+        self.due_s = supply.min_interval_s + (self._chance("interval") * spread_s if spread_s else 0.0)
+        self.taken += 1
+        return kind
+
+    def _key(self, purpose: str) -> str:
+        return f"{self._seed}/{self.name}/{self.taken}/{purpose}"
+
+    def _chance(self, purpose: str) -> float:
+        return random.Random(self._key(purpose)).random()  # noqa: S311 - not for secrets
+
+
+def configured(config: ConveyorSimConfig, entries: Sequence[str], seed: int) -> list[Feeder]:
+    """Return the feeders of `config` except those of a schedule; `entries` are the belts fed in turn."""
+    if config.schedule:
+        return []
+    if config.feeders:
+        named = config.feeders.items()
+        supplies = {name: FeedSpec(**feeder.model_dump(exclude={"belt"})) for name, feeder in named}
+        return [Feeder(name, (feeder.belt,), supplies[name], seed=seed) for name, feeder in named]
+    feeder = config.feeder
+    supply = FeedSpec(
+        sequence=feeder.sequence,
+        min_interval_s=feeder.interval_s,
+        max_interval_s=feeder.interval_s,
+        length_m=feeder.length_m,
+        count=feeder.count,
+    )
+    return [Feeder("feeder", entries, supply, seed=seed)]
+
+
+END = "end"
+"""Name of the step after the last one, when nothing more is fed."""
+
+_Share = Annotated[float, Field(ge=0, le=1e6)]
+_Interval = Annotated[float, Field(gt=0, le=3600)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class FeederEntry(_Entry):
+    """One feeder in one step."""
+
+    random: bool = False
+    pack_proba: dict[KindNumber, _Share] = {}
+    kind_sequence: tuple[KindNumber, ...] = ()
+    min_interval: _Interval
+    max_interval: _Interval
+
+
+class StepEntry(_Entry):
+    """One step; `feed: False` lets the belts run empty even if the feeders are on."""
+
+    speed: Annotated[float, Field(ge=-10, le=10)]
+    duration: Annotated[float, Field(gt=0, le=86400)]
+    feed: bool = True
+    feeders: dict[str, FeederEntry] = {}
+
+
+class ScheduleFile(_Entry):
+    """A schedule file; the steps run in the order of the file."""
+
+    steps: Annotated[dict[KindNumber, StepEntry], Field(min_length=1)]
+
+
+def read_schedule(path: Path) -> ScheduleFile:
+    """Return the schedule in a file.
+
+    Raises:
+        ConfigError: If it cannot be read or used; names the file, the field and the value.
+    """
+    try:
+        return validate(ScheduleFile, read_yaml(path))
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {describe_validation_error(error, ScheduleFile)}") from error
+
+
+@dataclass(frozen=True)
+class FeedingStep:
+    """A step with its feeders."""
+
+    name: str
+    speed_mps: float
+    duration_s: float
+    feeders: tuple[Feeder, ...]
+
+
+class Schedule:
+    """Runs the steps once; after the last one nothing is fed and the speed stays."""
+
+    def __init__(self, steps: Sequence[FeedingStep]) -> None:
+        """Start with the first of `steps`, at least one."""
+        self._steps = tuple(steps)
+        self.restart()
+
+    def restart(self) -> None:
+        """Restart from the first step."""
+        self.index = 0
+        self.left_s = self._steps[0].duration_s
+        """Time until the step ends, s; infinite after the last one."""
+        for step in self._steps:
+            for feeder in step.feeders:
+                feeder.restart()
+
+    @property
+    def count(self) -> int:
+        """Return the number of steps."""
+        return len(self._steps)
+
+    @property
+    def step(self) -> FeedingStep:
+        """Return the current step, or the last one."""
+        return self._steps[min(self.index, len(self._steps) - 1)]
+
+    @property
+    def is_over(self) -> bool:
+        """Return True if all steps are over."""
+        return self.index >= len(self._steps)
+
+    @property
+    def feeders(self) -> tuple[Feeder, ...]:
+        """Return the current feeders."""
+        return () if self.is_over else self.step.feeders
+
+    def tick(self, elapsed_s: float) -> bool:
+        """Advance the time, at most to the end of the step. Return True if another step begins."""
+        self.left_s -= elapsed_s
+        if self.is_over or self.left_s > 0.5e-9:
+            return False
+        self.index += 1
+        self.left_s = math.inf if self.is_over else self.step.duration_s
+        return not self.is_over
+
+    def resume(self, index: int, left_s: float) -> None:
+        """Continue from a saved position."""
+        self.index = index
+        self.left_s = left_s if index < len(self._steps) else math.inf
+
+
+def scheduled(config: ConveyorSimConfig, belts: Mapping[str, object], seed: int) -> Schedule | None:
+    """Return the schedule that `config` names for `belts`, or None if it names none.
+
+    Raises:
+        ConfigError: If the file cannot be used, or a feeder's belt or a kind's name is missing.
+    """
+    if not config.schedule:
+        return None
+    path = expand_home(config.schedule)
+    steps: list[FeedingStep] = []
+    for name, entry in read_schedule(path).steps.items():
+        feeders: list[Feeder] = []
+        for feeder_name, feeder in entry.feeders.items():
+            where = f"{path}: step {name}, feeder {feeder_name!r}"
+            belt = _belt(where, feeder_name, config, belts)
+            supply = _supply(where, feeder, config)
+            if entry.feed:
+                feeders.append(Feeder(f"{name}/{feeder_name}", (belt,), supply, seed=seed))
+        steps.append(FeedingStep(name, entry.speed, entry.duration, tuple(feeders)))
+    return Schedule(steps)
+
+
+def check_schedule(config: ConveyorSimConfig) -> None:
+    """Check the parts of a schedule that do not depend on a map.
+
+    Raises:
+        ConfigError: If it cannot be used. The message has the file, the step and the remedy.
+    """
+    if config.schedule:
+        path = expand_home(config.schedule)
+        for name, entry in read_schedule(path).steps.items():
+            for feeder_name, feeder in entry.feeders.items():
+                _supply(f"{path}: step {name}, feeder {feeder_name!r}", feeder, config)
+
+
+def _belt(where: str, name: str, config: ConveyorSimConfig, belts: Mapping[str, object]) -> str:
+    wanted = (
+        (config.feeder_belts[name],)
+        if name in config.feeder_belts
+        else (name, f"belt_{name}", f"part_{name}")
+    )
+    for belt in wanted:
+        if belt in belts:
+            return belt
+    raise ConfigError(
+        f"{where}: the map has no belt {' or '.join(wanted)}, there are {', '.join(belts) or 'none'}; "
+        f"set feeder_belts: {{{name}: BELT}}"
+    )
+
+
+def _supply(where: str, entry: FeederEntry, config: ConveyorSimConfig) -> FeedSpec:
+    def kind(number: str) -> str:
+        if number not in config.kinds:
+            raise ConfigError(f"{where}: kind {number} has no name; set kinds: {{{number}: NAME}}")
+        return config.kinds[number]
+
+    if entry.min_interval > entry.max_interval:
+        raise ConfigError(
+            f"{where}: min_interval {entry.min_interval:g} is above max_interval {entry.max_interval:g}"
+        )
+    if entry.random and not sum(entry.pack_proba.values()):
+        raise ConfigError(f"{where}: it feeds at random, but pack_proba has no number above 0")
+    return FeedSpec(
+        sequence=() if entry.random else tuple(kind(number) for number in entry.kind_sequence),
+        probabilities={kind(n): p for n, p in entry.pack_proba.items()} if entry.random else None,
+        min_interval_s=entry.min_interval,
+        max_interval_s=entry.max_interval,
+        length_m=config.schedule_length_m,
+    )
+
+
+class Feeders:
+    """Feeders of the configuration, or of the schedule's current step.
+
+    While they pause their time stands still, so nothing piles up. The schedule continues with its speeds: a
+    package comes if they are on and the step has a feeder.
+    """
+
+    def __init__(
+        self,
+        config: ConveyorSimConfig,
+        *,
+        entries: Sequence[str],
+        belts: Mapping[str, object],
+        seed: int,
+        is_on: bool,
+    ) -> None:
+        """Feed `entries` in turn unless `config` names some of `belts`; they pause unless `is_on`.
+
+        Raises:
+            ConfigError: If the schedule cannot be used.
+        """
+        self.is_on = is_on
+        """False while they pause."""
+        self.schedule = scheduled(config, belts, seed)
+        self._configured = configured(config, entries, seed)
+
+    @property
+    def step(self) -> str:
+        """Return the name of the schedule's step, `""` without one, `end` after the last package or step."""
+        if self.schedule is None:
+            has_ended = any(each.taken for each in self.all) and all(each.is_done for each in self.all)
+            return END if has_ended else ""
+        return END if self.schedule.is_over else self.schedule.step.name
+
+    @property
+    def all(self) -> Sequence[Feeder]:
+        """Return the current feeders, paused or not."""
+        return self._configured if self.schedule is None else self.schedule.feeders
+
+    @property
+    def active(self) -> Sequence[Feeder]:
+        """Return the feeders that are not paused."""
+        return self.all if self.is_on else ()
+
+    def restart(self) -> None:
+        """Restart the feeders and the schedule; paused ones stay paused."""
+        for feeder in self._configured:
+            feeder.restart()
+        if self.schedule is not None:
+            self.schedule.restart()
+
+    def to_state(self) -> dict[str, Any]:
+        """Return the state as JSON values."""
+        schedule = self.schedule
+        return {
+            "feeding": self.is_on,
+            "feeders": [[feeder.taken, feeder.due_s] for feeder in self.all],
+            "step": None if schedule is None or schedule.is_over else [schedule.index, schedule.left_s],
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Continue from the state `state`."""
+        if self.schedule is not None:
+            index, left_s = state["step"] or (self.schedule.count, 0.0)
+            self.schedule.resume(index, left_s)
+        for feeder, (taken, due_s) in zip(self.all, state["feeders"], strict=True):
+            feeder.taken, feeder.due_s = taken, due_s
+        self.is_on = state.get("feeding", True)  # older versions could not pause
+
+
+ROUNDING_S = 0.5e-9
+"""Times are whole nanoseconds; sums of their floats are off by less than half a nanosecond."""
+
+
+class NoRoomError(Exception):
+    """A package does not fit now; the message is for users."""
+
+
+class UnknownLaneError(Exception):
+    """There is no such belt; the message lists the existing ones."""
+
+
+class Infeed:
+    """Puts packages on at the starts of belts, or at the ends of unlinked belts that run backwards."""
+
+    def __init__(self, traffic: Traffic, send: Callable[[Package], None], *, prefix: str) -> None:
+        """Number ids from `prefix`-1; `send` assigns a bay to a package that was put on."""
+        self.prefix = prefix
+        self.ids = 0
+        self.fed = 0
+        """Number of packages put on so far."""
+        self.is_reverse = dict.fromkeys(traffic.network.lines, False)
+        """True for a belt that runs backwards, or did before it stopped."""
+        self._traffic = traffic
+        self._network = traffic.network
+        self._send = send
+
+    def turn(self, belt: str, speed_mps: float) -> None:
+        """Update the direction of `belt`, which runs at `speed_mps` from now on."""
+        if speed_mps:
+            self.is_reverse[belt] = speed_mps < 0.0
+
+    def feed(self, feeders: Sequence[Feeder]) -> bool:
+        """Put on all due packages that have room. Return True if there was one."""
+        is_fed = False
+        for feeder in feeders:
+            while not feeder.is_done and feeder.due_s <= ROUNDING_S:
+                belt, length_m = feeder.belt, feeder.supply.length_m
+                if self._wait_m(belt, length_m) > 0.0:
+                    break
+                self._enter(feeder.take(), belt, length_m)
+                is_fed = True
+        return is_fed
+
+    def next_s(self, feeders: Sequence[Feeder]) -> float:
+        """Return the time until the next package can be fed at the current speeds, s."""
+        return min(
+            (
+                max(feeder.due_s, self._room_in_s(feeder.belt, feeder.supply.length_m))
+                for feeder in feeders
+                if not feeder.is_done
+            ),
+            default=math.inf,
+        )
+
+    def add(self, kind: str, belt: str, length_m: float, position: float | None = None) -> str:
+        """Put one package at the entry of `belt`, or at a share of its length, and return its id.
+
+        Raises:
+            UnknownLaneError: If there is no such belt.
+            NoRoomError: If another package is in the way, or it is too long.
+        """
+        self.check(belt)
+        longest_m = self._traffic.longest_m
+        if self._network.links and length_m > longest_m:
+            raise NoRoomError(
+                f"{length_m:g} m do not fit round the junctions, at most {longest_m:g} m do; set longest_m"
+            )
+        if position is not None:
+            at_m = position * self._network.lines[belt].length_m
+            place = self._network.at(belt, at_m)
+            if not self._traffic.is_clear(*place, length_m):
+                raise NoRoomError(
+                    f"lane {belt!r} has no room for {length_m:g} m at {at_m:.2f} m: ask again later"
+                )
+            package = self._package(kind, length_m)
+            self._put(package, *place)
+            return package.id
+        wait_m = self._wait_m(belt, length_m)
+        if wait_m > 0.0:
+            speed_mps = self._traffic.speeds[belt]
+            if not speed_mps:
+                what = f"{wait_m:.2f} m are missing; the conveyor stands still: set a speed first"
+            elif not math.isfinite(wait_m):
+                what = "it runs backwards and cannot be fed: set another speed first"
+            else:
+                what = f"{wait_m:.2f} m are missing; ask again in {wait_m / abs(speed_mps):.1f} s"
+            raise NoRoomError(f"lane {belt!r} has no room for {length_m:g} m now, {what}")
+        return self._enter(kind, belt, length_m).id
+
+    def fill(self, feeder: Feeder, initial: int) -> None:
+        """Put on up to `initial` packages, as far as there is room, the first of each belt furthest along."""
+        length_m = feeder.supply.length_m
+        room = [int(self._network.lines[belt].length_m / length_m) for belt in feeder.belts]
+        fills: list[list[Package]] = [[] for _ in feeder.belts]
+        for index in range(initial):
+            turn = index % len(feeder.belts)
+            if feeder.is_done or len(fills[turn]) >= room[turn]:
+                break
+            fills[turn].append(self._package(feeder.take(), length_m))
+        for belt, packages in zip(feeder.belts, fills, strict=True):
+            spacing_m = self._network.lines[belt].length_m / max(1, len(packages))
+            for index, package in enumerate(packages if self.is_reverse[belt] else packages[::-1]):
+                place = self._network.at(belt, (index + 0.5) * spacing_m)
+                if self._traffic.is_clear(*place, length_m):
+                    self._put(package, *place)
+                else:  # in a junction that is occupied
+                    self.fed -= 1
+
+    def check(self, belt: str) -> None:
+        """Check that `belt` exists.
+
+        Raises:
+            UnknownLaneError: If it does not; lists the existing ones.
+        """
+        if belt not in self._network.lines:
+            raise UnknownLaneError(
+                f"there is no belt or lane {belt!r}; there are {', '.join(self._network.lines)}"
+            )
+
+    def _enter(self, kind: str, belt: str, length_m: float) -> Package:
+        package = self._package(kind, length_m)
+        self._put(package, *self._entry(belt))
+        return package
+
+    def _package(self, kind: str, length_m: float) -> Package:
+        self.ids += 1
+        self.fed += 1
+        return Package(f"{self.prefix}-{self.ids}", kind, length_m)
+
+    def _put(self, package: Package, piece: Piece, offset_m: float) -> None:
+        package.piece = piece.index
+        self._send(package)
+        self._traffic.put(package, piece, offset_m)
+
+    def _entry(self, belt: str) -> tuple[Piece, float]:
+        sections = self._network.sections[belt]
+        return (sections[-1], sections[-1].to_m) if self.is_reverse[belt] else (sections[0], 0.0)
+
+    def _wait_m(self, belt: str, length_m: float) -> float:
+        """Return the distance that `belt` must move until a package fits at the entry; 0: now."""
+        if self.is_reverse[belt] and belt in self._network.linked:
+            return math.inf
+        return self._traffic.wait_m(*self._entry(belt), length_m)
+
+    def _room_in_s(self, belt: str, length_m: float) -> float:
+        wait_m = self._wait_m(belt, length_m)
+        if wait_m <= TOLERANCE_M:
+            return 0.0
+        speed_mps = abs(self._traffic.speeds[belt])
+        return wait_m / speed_mps if speed_mps else math.inf

@@ -1,1 +1,0 @@
-"""Packages entering the conveyor."""

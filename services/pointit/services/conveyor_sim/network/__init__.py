@@ -1,1 +1,0 @@
-"""The network of belts: geometry, junctions, routes and rings."""

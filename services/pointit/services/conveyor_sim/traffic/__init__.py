@@ -1,1 +1,0 @@
-"""Packages on belts: motion and right of way."""

@@ -1,1 +1,0 @@
-"""Treatment of the readings of any device: time, fusion, and the report in health."""

@@ -1,0 +1,231 @@
+"""Output to Art-Net nodes: DMX universes over UDP by Art-Net 4, and the search for nodes."""
+
+import asyncio
+import contextlib
+import ipaddress
+import socket
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from pydantic import Field
+
+from pointit.runtime.address_config import AddressConfig
+from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host import extras
+from pointit.runtime.service.plugin_guard import Surroundings
+from pointit.services.led_driver.output.network_output import (
+    RATE_HZ,
+    Datagram,
+    Destination,
+    NetworkOutput,
+    Universe,
+    pixels_wire,
+)
+from pointit.services.led_driver.outputs import LedOutput, OutputConfig
+
+PORT = 6454
+MAX_PORT_ADDRESS = 0x7FFF
+"""Highest universe: 7 bits of net, 4 of sub-net, 4 of universe."""
+_HEAD = b"Art-Net\0"
+_VERSION = 14
+_POLL, _POLL_REPLY, _DMX, _SYNC = 0x2000, 0x2100, 0x5000, 0x5200
+_COMMAND = struct.Struct("<8sH")
+"""Identifier and operation, of every packet."""
+_REPLY = struct.Struct("<8sH4sH2xBB6x18s64s64sxB4s4s4s4s4s")
+"""Reply of a node up to the universes of its outputs."""
+_IS_OUTPUT = 0x80
+"""Bit of a port's type: it sends what it receives by Art-Net to lights."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArtnetNode:
+    """A node that has answered a search."""
+
+    address: str
+    """IPv4 address."""
+    name: str
+    report: str
+    """State of the node as it reports it, or `""`."""
+    universes: tuple[int, ...]
+    """Port addresses of its outputs."""
+
+
+def dmx_packet(port_address: int, sequence: int, slots: bytes) -> bytes:
+    """Return the packet that sets a universe.
+
+    Args:
+        port_address: universe, 0 to 32767.
+        sequence: number of the packet in its universe; sent as 1 to 255, because 0 turns ordering off.
+        slots: values from the first slot on, at most 512. An odd number gets one more, 0.
+    """
+    slots += bytes(len(slots) % 2)
+    head = _COMMAND.pack(_HEAD, _DMX)
+    return (
+        head
+        + struct.pack(">HBB", _VERSION, sequence % 255 + 1, 0)
+        + struct.pack("<H", port_address)
+        + struct.pack(">H", len(slots))
+        + slots
+    )
+
+
+def sync_packet() -> bytes:
+    """Return the packet at which nodes show all universes that they have received."""
+    return _COMMAND.pack(_HEAD, _SYNC) + struct.pack(">HH", _VERSION, 0)
+
+
+def poll_packet() -> bytes:
+    """Return the packet that nodes answer with their name and universes."""
+    return _COMMAND.pack(_HEAD, _POLL) + struct.pack(">HBB", _VERSION, 0, 0)
+
+
+def read_reply(packet: bytes) -> ArtnetNode | None:
+    """Return the node that sent `packet`, or None if it is no answer to a search."""
+    if len(packet) < _REPLY.size:
+        return None
+    head, operation, address, _, net, subnet, short, long, report, count, kinds, _, _, _, outputs = (
+        _REPLY.unpack_from(packet)
+    )
+    if head != _HEAD or operation != _POLL_REPLY:
+        return None
+    base = (net & 0x7F) << 8 | (subnet & 0x0F) << 4
+    ports = range(min(count, len(kinds)))
+    return ArtnetNode(
+        address=".".join(str(byte) for byte in address),
+        name=_text(long) or _text(short),
+        report=_text(report),
+        universes=tuple(base | outputs[port] & 0x0F for port in ports if kinds[port] & _IS_OUTPUT),
+    )
+
+
+def _text(field: bytes) -> str:
+    """Return the printable characters before the first zero."""
+    text = field.partition(b"\0")[0].decode("ascii", errors="replace")
+    return "".join(each if each.isprintable() else "?" for each in text).strip()
+
+
+PACKET_BYTES = 1500
+MAX_NODES = 1000
+
+
+async def find_nodes(seconds: float) -> Sequence[FoundDevice]:
+    """Return the nodes that answer within `seconds`.
+
+    Raises:
+        ConfigError: If the question cannot be sent.
+    """
+    addresses = broadcast_addresses()
+    loop = asyncio.get_running_loop()
+    nodes: dict[str, ArtnetNode] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        try:
+            sock.bind(("", PORT))  # where nodes send their answers, whatever port asks
+        except OSError as error:
+            raise ConfigError(
+                f"Art-Net nodes cannot be searched ({error}); end other programs on UDP port {PORT}"
+            ) from error
+        for address in addresses:
+            with contextlib.suppress(OSError):  # an interface without a cable
+                await loop.sock_sendto(sock, poll_packet(), (address, PORT))
+        try:
+            async with asyncio.timeout(seconds):
+                while len(nodes) < MAX_NODES:
+                    await asyncio.sleep(0)  # a flood must not keep the time-out from ending this
+                    node = read_reply(await loop.sock_recv(sock, PACKET_BYTES))
+                    if node is not None:
+                        merge_reply(nodes, node)
+        except TimeoutError:
+            pass
+    return [_device(node) for _, node in sorted(nodes.items())]
+
+
+def merge_reply(nodes: dict[str, ArtnetNode], node: ArtnetNode) -> None:
+    """Add `node` to the nodes by address. A node with more than four ports replies once for each four."""
+    known = nodes.setdefault(node.address, node)
+    universes = tuple(sorted({*known.universes, *node.universes}))
+    nodes[node.address] = replace(known, universes=universes, name=known.name or node.name)
+
+
+def broadcast_addresses() -> list[str]:
+    """Return the broadcast address of each network that this machine is in, without its own loopback.
+
+    Raises:
+        ConfigError: If an extra is missing.
+    """
+    try:
+        import ifaddr  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise ConfigError(
+            f"Art-Net nodes cannot be searched without the extra `discovery`; {extras.remedy('discovery')} "
+            "installs it"
+        ) from error
+    own = [ip for adapter in ifaddr.get_adapters() for ip in adapter.ips if ip.is_IPv4]
+    interfaces = [ipaddress.IPv4Interface(f"{ip.ip}/{ip.network_prefix}") for ip in own]
+    return [str(each.network.broadcast_address) for each in interfaces if not each.is_loopback]
+
+
+def _device(node: ArtnetNode) -> FoundDevice:
+    universes = ", ".join(str(universe) for universe in sorted(set(node.universes)))
+    label = f"{node.name or 'Art-Net node'}, {f'universes {universes}' if universes else 'no outputs'}"
+    return FoundDevice(node.address, label, {"universes": universes, "report": node.report})
+
+
+class ArtnetConfig(AddressConfig, OutputConfig):
+    """A node of Art-Net."""
+
+    kind: str = Field(default="artnet", description="kind of controller")
+    host: str = Field(default="", description="name or address of the node, broadcast address, or HOST:PORT")
+    port: int = Field(default=PORT, gt=0, le=65535, description="UDP port of the node")
+    universe: int = Field(
+        default=0,
+        ge=0,
+        le=MAX_PORT_ADDRESS,
+        description="first port address (net · 256 + sub-net · 16 + universe): 170 RGB or 128 RGBW pixels",
+    )
+    sync: bool = Field(default=True, description="show several universes at once, by ArtSync")
+    max_rate_hz: float = Field(
+        default=RATE_HZ, gt=0, le=1000, description="maximum number of frames per second"
+    )
+
+
+class ArtnetStream:
+    """Packets to one node, or to all of a network."""
+
+    def __init__(self, host: str, port: int, *, sync: bool = True) -> None:
+        """Prepare. `sync`: let several universes be shown at once."""
+        self.destination = Destination(host=host, port=port, is_broadcast=True)
+        self._sync = sync
+
+    def frame(self, universes: Sequence[Universe], number: int) -> list[Datagram]:
+        """Return the packets that set `universes`."""
+        packets = [Datagram(dmx_packet(universe, number, slots)) for universe, slots in universes]
+        if self._sync and len(packets) > 1:
+            packets.append(Datagram(sync_packet()))
+        return packets
+
+    def end(self, universes: Sequence[Universe], number: int) -> list[Datagram]:
+        """Return the packets that set `universes` for the last time."""
+        return self.frame(universes, number)
+
+
+def make_artnet(config: ArtnetConfig, surroundings: Surroundings) -> NetworkOutput:
+    """Return the output; nothing is opened yet."""
+    stream = ArtnetStream(config.host, config.port, sync=config.sync)
+    wire = pixels_wire(stream, config.universe, config.max_rate_hz)
+    return NetworkOutput(config, stream.destination, wire, surroundings.health, config.host)
+
+
+ARTNET = LedOutput(
+    summary="Art-Net nodes: pixel controllers, DMX nodes",
+    config=ArtnetConfig,
+    make=make_artnet,
+    argument="host",
+    divided_by="universe",
+    example="ADDRESS",
+    discover=find_nodes,
+)

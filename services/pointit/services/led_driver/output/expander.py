@@ -1,0 +1,255 @@
+"""Output to a serial LED expander: channels with parts of strips, their wiring, and UPXL.
+
+A frame is `UPXL`, channel, type, body, CRC-32 (little-endian) of all before; hardware.md B.1.
+"""
+
+import logging
+import struct
+import time
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from pointit.runtime.service.plugin_guard import HealthSink
+from pointit.schemas import Strip, StripsFrame
+from pointit.services.led_driver.output.pixel_map import PixelMap, Power, map_pixels
+from pointit.services.led_driver.output.serial_output import (
+    BITS_PER_BYTE,
+    CHANNELS,
+    ExpanderConfig,
+    SerialFrame,
+    SerialOutput,
+    wire_time_s,
+)
+from pointit.services.led_driver.outputs import LedOutput, Segment
+
+MAGIC = b"UPXL"
+SET_CHANNEL_WS2812 = 1
+DRAW_ALL = 2
+ALL_CHANNELS = 0xFF
+PIXEL_LIMITS = {"v1": (240, 180), "v2": (800, 602), "v3": (1600, 1202)}
+"""Pixels that a channel of each board drives, with three and with four colours. Longer frames are ignored."""
+SET_CHANNEL_BYTES, DRAW_ALL_BYTES = 14, 10
+"""Sizes of the two frames without pixels, bytes."""
+PIXEL_TIME_S = 30e-6
+LATCH_TIME_S = 300e-6
+"""Duration of drawing. The board drops a draw command that comes earlier."""
+
+
+def set_channel(channel: int, order: str, rgb: bytes) -> bytes:
+    """Return the frame that sets the pixels of `channel`.
+
+    Args:
+        channel: channel number, 0 to 63.
+        order: colours in their order on the LEDs' wire, `GRB`, `GRBW`. A white LED stays dark.
+        rgb: 3 bytes per pixel: red, green, blue.
+    """
+    data = rgb
+    if "W" in order:
+        wide = np.zeros((len(rgb) // 3, 4), dtype=np.uint8)
+        wide[:, :3] = np.frombuffer(rgb, dtype=np.uint8).reshape(-1, 3)
+        data = wide.tobytes()
+    head = struct.pack("<BBBBH", channel, SET_CHANNEL_WS2812, len(order), _order_byte(order), len(rgb) // 3)
+    return _framed(head + data)
+
+
+def draw_all() -> bytes:
+    """Return the frame that makes every channel show its pixels."""
+    return _framed(bytes((ALL_CHANNELS, DRAW_ALL)))
+
+
+def draw_time_s(pixels: int) -> float:
+    """Return the time that the board takes to draw if its longest channel has `pixels`, s."""
+    return pixels * PIXEL_TIME_S + LATCH_TIME_S
+
+
+def _order_byte(order: str) -> int:
+    white = order.index("W") << 6 if "W" in order else 0
+    return order.index("R") | order.index("G") << 2 | order.index("B") << 4 | white
+
+
+def _framed(content: bytes) -> bytes:
+    frame = MAGIC + content
+    return frame + struct.pack("<I", zlib.crc32(frame))
+
+
+CHANNEL_PIXELS = 1 << 20
+"""Pixels of a channel as far as the pixel map knows: none of its segments reaches into the next channel."""
+
+
+@dataclass(frozen=True, slots=True)
+class PixelChannel:
+    """Pixels on a channel of the board."""
+
+    number: int
+    order: str
+    """Colours in their order on the LEDs' wire."""
+    pixels: int
+    """Number of pixels sent, limited to what the board drives."""
+    start: int = 0
+    """First byte in the pixel map."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wiring:
+    """Channels in use, and the source of their pixels."""
+
+    channels: tuple[PixelChannel, ...]
+    pixel_map: PixelMap
+
+    def split(self, pixels: bytes) -> list[bytes]:
+        """Return the red, green and blue of each channel's pixels, given those of the pixel map."""
+        return [pixels[each.start : each.start + 3 * each.pixels] for each in self.channels]
+
+
+def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[Wiring, list[str]]:
+    """Return the channels of strips, and messages about what does not fit the board."""
+    segments, problems = _segments(config, strips)
+    # the board sorts the colours, and is told their order
+    sorted_later = [segment.model_copy(update={"order": "RGB"}) for segment in segments]
+    pixel_map, unfit = map_pixels(sorted_later, strips if segments else (), block_pixels=CHANNEL_PIXELS)
+    channels: list[PixelChannel] = []
+    for block in pixel_map.blocks:
+        here = [segment for segment in segments if segment.universe == block.number]
+        orders, names = {segment.order for segment in here}, dict.fromkeys(each.strip for each in here)
+        if len(orders) > 1:
+            problems.append(f"channel {block.number} has segments of several orders: use one for a channel")
+        pixels, order = block.size // 3, here[0].order
+        limit = PIXEL_LIMITS[config.board]["W" in order]
+        if pixels > limit:
+            problems.append(
+                f"channel {block.number} with strip {', '.join(names)} has {pixels} pixels, board "
+                f"{config.board} drives {limit}: only the first {limit} light; use more channels, or set "
+                "`board` to what you have"
+            )
+        channels.append(PixelChannel(block.number, order, min(pixels, limit), block.start))
+    return Wiring(tuple(channels), pixel_map), problems + unfit
+
+
+def _segments(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[list[Segment], list[str]]:
+    if config.segments:
+        return list(config.segments), []
+    if not config.channels:
+        problem = f"the map has {len(strips)} strips, one expander bus drives {CHANNELS}"
+        segments = [
+            Segment(strip=strip.id, universe=number, order="GRB")
+            for number, strip in enumerate(strips[:CHANNELS])
+        ]
+        return segments, [problem] if len(strips) > CHANNELS else []
+    known = {strip.id for strip in strips}
+    segments = [
+        Segment(strip=name, universe=each.channel, order=each.order)
+        for name, each in config.channels.items()
+        if name in known
+    ]
+    missing = [name for name in config.channels if name not in known]
+    return segments, [f"the map has no strip {', '.join(missing)}: correct `channels`"] if missing else []
+
+
+def frame_bytes(channels: Sequence[PixelChannel]) -> int:
+    """Return the size of a frame of all `channels`."""
+    return _overhead_bytes(channels) + _pixel_bytes(channels)
+
+
+def too_slow(config: ExpanderConfig, channels: Sequence[PixelChannel]) -> str:
+    """Return a message if wire or board carry fewer frames than wanted for these pixels, else `""`.
+
+    The board draws a frame while the next one is sent, so the slower of the two limits.
+    """
+    pixels, wanted_hz = sum(each.pixels for each in channels), config.wanted_rate_hz
+    longest = max((each.pixels for each in channels), default=0)
+    wire_s = wire_time_s(frame_bytes(channels), config.baud)
+    draw_s = draw_time_s(longest)
+    if not pixels or max(wire_s, draw_s) * wanted_hz <= 1.0:
+        return ""
+    if wire_s >= draw_s:
+        room_bytes = config.baud / BITS_PER_BYTE / wanted_hz - _overhead_bytes(channels)
+        fitting = int(room_bytes / (_pixel_bytes(channels) / pixels))
+        what, unit = f"{pixels} pixels at {config.baud} baud", "pixels"
+        remedy = "spread the strips over more outputs"
+    else:
+        fitting = int((1.0 / wanted_hz - LATCH_TIME_S) / PIXEL_TIME_S)
+        what, unit = f"a channel of {longest} pixels", "pixels a channel"
+        remedy = "split the longest strips"
+    frame_s = max(wire_s, draw_s)
+    return (
+        f"{what}: {frame_s * 1e3:.0f} ms a frame, {1.0 / frame_s:.1f} frames a second; "
+        f"{max(0, fitting)} {unit} fit at {wanted_hz:g} frames a second: "
+        f"{remedy}, or lower `wanted_rate_hz`"
+    )
+
+
+def _overhead_bytes(channels: Sequence[PixelChannel]) -> int:
+    return len(channels) * SET_CHANNEL_BYTES + DRAW_ALL_BYTES
+
+
+def _pixel_bytes(channels: Sequence[PixelChannel]) -> int:
+    return sum(each.pixels * len(each.order) for each in channels)
+
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ExpanderFrame(SerialFrame):
+    """Content of the board: (channel, order, rgb) of each channel."""
+
+    channels: tuple[tuple[int, str, bytes], ...] = ()
+
+    draws_while_receiving: ClassVar[bool] = True
+
+    def dark(self) -> "ExpanderFrame":
+        """Return the same channels, all black."""
+        dark = tuple((channel, order, bytes(len(rgb))) for channel, order, rgb in self.channels)
+        return replace(self, channels=dark)
+
+    def data(self) -> bytes:
+        """Return the bytes of the protocol that show it."""
+        return b"".join(set_channel(*channel) for channel in self.channels) + draw_all()
+
+    def draw_time_s(self) -> float:
+        """Return the time that the board takes to draw it, s."""
+        return draw_time_s(max((len(rgb) // 3 for _, _, rgb in self.channels), default=0))
+
+
+class ExpanderOutput(SerialOutput):
+    """Sends frames to one expander."""
+
+    def __init__(self, config: ExpanderConfig, health: HealthSink) -> None:
+        super().__init__(config, health)
+        self._board = config
+        self._power = Power(config)
+        self._wiring, _ = map_channels(config, ())
+
+    def set_strips(self, strips: Sequence[Strip]) -> None:
+        """Set the map's strips. Reports in health what board and wire cannot show."""
+        self._wiring, problems = map_channels(self._board, strips)
+        if slow := too_slow(self._board, self._wiring.channels):
+            problems.append(slow)
+            log.warning("%s: %s", self._board.port, slow)
+        self.set_problems(problems)
+
+    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+        """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
+        pixels, load = self._power.send(self._wiring.pixel_map.output_bytes(frame))
+        self._health.show_load(load, self._board.max_current_a)
+        channels = zip(self._wiring.channels, self._wiring.split(pixels), strict=True)
+        self.send(
+            ExpanderFrame(
+                tuple((channel.number, channel.order, rgb) for channel, rgb in channels),
+                shown_s=time.monotonic(),
+                age_s=age_s,
+            )
+        )
+
+
+EXPANDER = LedOutput(
+    summary="a serial LED expander (UPXL: ElectroMage, Pixelblaze)",
+    config=ExpanderConfig,
+    make=lambda config, around: ExpanderOutput(config, around.health),
+    argument="port",
+    example="PORT",
+)

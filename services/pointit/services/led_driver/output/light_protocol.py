@@ -1,0 +1,231 @@
+"""Messages of smart lamps over MQTT, by Zigbee2MQTT and Home Assistant, and commands as they are due. Pure."""
+
+import json
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, NamedTuple, cast
+
+from pointit.runtime.mqtt.payload_words import parsed
+from pointit.schemas.base import Rgb
+
+DARK: Rgb = (0, 0, 0)
+
+
+class LampCommands:
+    """Colours that lamps show, and those that they should show."""
+
+    def __init__(self, lamp_rate_hz: float, max_rate_hz: float) -> None:
+        """Create without lamps.
+
+        Args:
+            lamp_rate_hz: maximum number of commands per second to a lamp.
+            max_rate_hz: maximum number of commands per second to all lamps.
+        """
+        self._lamp_period_s = 1.0 / lamp_rate_hz
+        self._period_s = 1.0 / max_rate_hz
+        self._lamps: frozenset[str] = frozenset()
+        self._offline: frozenset[str] = frozenset()
+        self._wanted: dict[str, Rgb] = {}
+        self._sent: dict[str, Rgb] = {}
+        """Last commands. Lamps that may show something else are missing."""
+        self._lit: set[str] = set()
+        """Lamps that the last command left lit."""
+        self._free_s: dict[str, float] = {}
+        """Time from which a lamp takes the next command."""
+        self._all_free_s = 0.0
+
+    @property
+    def lit(self) -> Collection[str]:
+        """Return the ids of the lamps that their last command left lit."""
+        return self._lit
+
+    def set_lamps(self, lamps: Collection[str]) -> None:
+        """Set the ids of the lamps. Others that are lit go off."""
+        self._lamps = frozenset(lamps)
+        gone = self._wanted.keys() - self._lamps
+        for lamp_id in gone & self._lit:
+            self._wanted[lamp_id] = DARK
+        for lamp_id in gone - self._lit:
+            for table in (self._wanted, self._sent, self._free_s):
+                table.pop(lamp_id, None)
+
+    def set_offline(self, lamps: Collection[str]) -> None:
+        """Set the ids of lamps that get no commands. Those that are no longer among them get their colour."""
+        for lamp_id in self._offline.difference(lamps):
+            self._sent.pop(lamp_id, None)
+        self._offline = frozenset(lamps)
+
+    def show(self, lamp_id: str, color: Rgb) -> None:
+        """Show `color` on a lamp. Without effect if there is no such lamp."""
+        if lamp_id in self._lamps:
+            self._wanted[lamp_id] = color
+
+    def resend(self) -> None:
+        """Send the colours of all lamps again, which may have missed them."""
+        self._sent.clear()
+
+    def wait_s(self, now_s: float) -> float | None:
+        """Return the time until a command is due, s, or None if none waits."""
+        times = [self._free_s.get(lamp_id, 0.0) for lamp_id in self._waiting()]
+        return max(0.0, min(times) - now_s, self._all_free_s - now_s) if times else None
+
+    def take(self, now_s: float) -> tuple[str, Rgb] | None:
+        """Return a lamp and its colour to send now, or None. Lamps that go off come first.
+
+        A lamp that is to be pointed at is thus lit alone. Of the others, the one that has been free for
+        longest comes first.
+        """
+        due = [
+            (self._wanted[lamp_id] != DARK, free_s, lamp_id)
+            for lamp_id in self._waiting()
+            if (free_s := self._free_s.get(lamp_id, 0.0)) <= now_s
+        ]
+        if not due or self._all_free_s > now_s:
+            return None
+        lamp_id = min(due)[2]
+        color = self._sent[lamp_id] = self._wanted[lamp_id]
+        self._free_s[lamp_id] = now_s + self._lamp_period_s
+        self._all_free_s = now_s + self._period_s
+        if color == DARK:
+            self._lit.discard(lamp_id)
+        else:
+            self._lit.add(lamp_id)
+        return lamp_id, color
+
+    def _waiting(self) -> list[str]:
+        return [
+            lamp_id
+            for lamp_id, color in self._wanted.items()
+            if lamp_id not in self._offline and self._sent.get(lamp_id) != color
+        ]
+
+
+FULL = 254
+"""Full brightness of Zigbee; Home Assistant's scale ends at 255, which Zigbee2MQTT does not take."""
+DEVICES = "/bridge/devices"
+"""End of the topic of Zigbee2MQTT's devices; before it is the base topic, which may have slashes."""
+TOPICS = (
+    *(f"{base}{DEVICES}" for base in ("+", "+/+", "+/+/+")),
+    *("homeassistant/light/#", "homeassistant/device/#"),
+)
+"""Topics of the announcements, which brokers retain."""
+ABBREVIATIONS = {
+    "availability": "avty",
+    "availability_topic": "avty_t",
+    "payload_available": "pl_avail",
+    "payload_not_available": "pl_not_avail",
+    "command_topic": "cmd_t",
+    "components": "cmps",
+    "device": "dev",
+    "platform": "p",
+    "supported_color_modes": "sup_clrm",
+    "topic": "t",
+}
+"""Short names of keys in Home Assistant's discovery."""
+WORDS = ("payload_available", "payload_not_available")
+"""Keys of the words by which a light tells that it is online and offline."""
+COLOR_MODES = {"hs", "rgb", "rgbw", "rgbww", "xy"}
+LONGEST_TEXT = 200
+"""Names and topics that are longer are left out."""
+
+
+def command(color: Rgb) -> bytes:
+    """Return the command that shows `color`: its hue at full value, and a brightness. Black is off."""
+    level = max(color)
+    if level == 0:
+        return b'{"state":"OFF"}'
+    red, green, blue = (round(value * 255 / level) for value in color)
+    message = {
+        "state": "ON",
+        "brightness": max(1, round(level * FULL / 255)),
+        "color": {"r": red, "g": green, "b": blue},
+    }
+    return json.dumps(message, separators=(",", ":")).encode()
+
+
+class AnnouncedLight(NamedTuple):
+    """A light that takes commands in JSON."""
+
+    name: str
+    topic: str
+    """Topic of its commands."""
+    availability: str
+    """Topic that tells if it is online, or `""`."""
+    has_color: bool
+    payload_available: str = ""
+    """Word there for online, or `""` for the usual ones."""
+    payload_not_available: str = ""
+
+
+def announced_lights(topic: str, payload: object) -> list[AnnouncedLight]:
+    """Return the lights that a message announces, whatever it holds."""
+    value = parsed(payload)
+    if topic.endswith(DEVICES):
+        return list(_zigbee_lights(topic.removesuffix(DEVICES), value))
+    if not topic.endswith("/config") or not isinstance(value, dict):
+        return []
+    config = cast("dict[str, Any]", value)
+    if topic.startswith("homeassistant/light/"):
+        return list(_light(config))
+    components = _mapping(_get(config, "components"))
+    return [
+        light
+        for component in components.values()
+        if _get(_mapping(component), "platform") == "light"
+        for light in _light({**config, **_mapping(component)})
+    ]
+
+
+def _zigbee_lights(base: str, devices: object) -> Iterator[AnnouncedLight]:
+    for device in _items(devices):
+        name = _text(_mapping(device).get("friendly_name"))
+        exposes = _items(_mapping(_mapping(device).get("definition")).get("exposes"))
+        lights = [_mapping(each) for each in exposes if _mapping(each).get("type") == "light"]
+        if not name or not lights:
+            continue
+        features = {
+            _text(_mapping(feature).get("name"))
+            for light in lights
+            for feature in _items(light.get("features"))
+        }
+        color = bool(features & {"color_xy", "color_hs"})
+        yield AnnouncedLight(name, f"{base}/{name}/set", f"{base}/{name}/availability", color)
+
+
+def _light(config: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
+    """Yield the light of `config`, if it takes JSON."""
+    topic = _topic(config, _get(config, "command_topic"))
+    if config.get("schema") != "json" or not topic:
+        return
+    device = _mapping(_get(config, "device"))
+    name = _text(config.get("name")) or _text(device.get("name")) or topic
+    several = _get(config, "availability")
+    listed = [_mapping(each) for each in (_items(several) or [several])]
+    own, source = _get(config, "availability_topic"), listed[-1]
+    availability = _topic(config, own or _get(source, "topic"))
+    words = (_text(_get(config if own else source, name)) for name in WORDS)
+    modes = {_text(mode) for mode in _items(_get(config, "supported_color_modes"))}
+    yield AnnouncedLight(name, topic, availability, bool(modes & COLOR_MODES), *words)
+
+
+def _get(config: Mapping[str, Any], key: str) -> object:
+    return config.get(key, config.get(ABBREVIATIONS[key]))
+
+
+def _topic(config: Mapping[str, Any], value: object) -> str:
+    """Return a topic, with `~` at its start or end as the base topic of `config`."""
+    topic, base = _text(value), _text(config.get("~"))
+    if base and topic.startswith("~"):
+        return base + topic[1:]
+    return topic[:-1] + base if base and topic.endswith("~") else topic
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) and len(value) <= LONGEST_TEXT else ""
+
+
+def _mapping(value: object) -> dict[str, Any]:
+    return cast("dict[str, Any]", value) if isinstance(value, dict) else {}
+
+
+def _items(value: object) -> list[object]:
+    return cast("list[object]", value) if isinstance(value, list) else []

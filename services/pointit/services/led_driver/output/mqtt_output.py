@@ -1,0 +1,419 @@
+"""Output to single lamps on an MQTT broker, and its parameters."""
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+from contextlib import AbstractAsyncContextManager
+from typing import TYPE_CHECKING, Annotated, Any, Self
+
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+
+from pointit.runtime.address_config import described_error
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.plugins import FoundDevice
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.mqtt.broker import (
+    client_options,
+    connected,
+    encrypts,
+    find_on_brokers,
+    keep_connected,
+    refuses_login,
+    require_client,
+    uncancelled,
+)
+from pointit.runtime.mqtt.broker_config import PORT, BrokerConfig
+from pointit.runtime.mqtt.payload_words import is_online
+from pointit.schemas import Lamp
+from pointit.schemas.base import Rgb
+from pointit.services.led_driver.output import light_protocol
+from pointit.services.led_driver.output.light_protocol import (
+    DARK,
+    TOPICS,
+    WORDS,
+    AnnouncedLight,
+    LampCommands,
+    announced_lights,
+)
+from pointit.services.led_driver.output.network_output import OutputHealth
+from pointit.services.led_driver.outputs import LedOutput, OutputConfig
+
+if TYPE_CHECKING:
+    import aiomqtt
+
+
+LAMP = "{lamp}"
+"""Placeholder of a lamp's id in `MqttConfig.topic`."""
+BRIDGE = "/bridge/state"
+"""End of the topic by which a Zigbee2MQTT tells if it is online."""
+SET = "/set"
+"""End of a command topic of Zigbee2MQTT."""
+ZIGBEE = ("zigbee", "z2m")
+"""Parts of the name of a base topic of Zigbee2MQTT."""
+Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$")]
+
+
+def _payload(value: object) -> object:
+    """Return a word of a device. YAML does not tell which word it read as true."""
+    if isinstance(value, bool):
+        raise described_error('write the word in quotes as the device sends it, such as "true" or "on"')
+    return str(value) if isinstance(value, int | float) else value
+
+
+Payload = Annotated[str, BeforeValidator(_payload), StringConstraints(max_length=200)]
+
+
+class AvailabilityConfig(Config):
+    """Topic and words by which lamps tell if they are online."""
+
+    availability: Topic = Field(
+        default="",
+        description="topic that tells online or offline; {lamp} stands for the id; /availability in place of "
+        "/set if empty",
+    )
+    payload_available: Payload = Field(
+        default="",
+        description="word there for online, if PointIt does not know it (`pointit doctor` says so)",
+    )
+    payload_not_available: Payload = Field(default="", description="word there for offline, likewise")
+
+
+class LampTopics(AvailabilityConfig):
+    """Topics of one lamp."""
+
+    topic: Topic = Field(default="", description="topic of its commands; by `topic` of the output if empty")
+
+
+class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
+    """Lamps of the map as smart lamps on an MQTT broker (Zigbee2MQTT, Home Assistant's JSON schema)."""
+
+    kind: str = Field(default="mqtt", description="kind of controller")
+    topic: Topic = Field(
+        default="zigbee2mqtt/{lamp}/set", description="topic of a lamp's commands; {lamp} stands for its id"
+    )
+    lamps: dict[str, LampTopics] = Field(
+        default={}, description="topics by id of the lamp; all lamps of the map, by `topic`, if empty"
+    )
+    lamp_rate_hz: float = Field(
+        default=5.0, gt=0, le=100, description="maximum number of commands per second to a lamp"
+    )
+    max_rate_hz: float = Field(
+        default=20.0, gt=0, le=1000, description="maximum number of commands per second to all lamps"
+    )
+    status_topic: Topic = Field(
+        default="pointit/status",
+        description="topic that tells if the lamps are controlled, online or offline; none if empty",
+    )
+    last_wills: bool = Field(
+        default=True,
+        description="switch lamps off if PointIt dies: by last wills, for which each has a connection",
+    )
+
+    @model_validator(mode="after")
+    def _one_topic_a_lamp(self) -> Self:
+        if LAMP not in self.topic and not (self.lamps and all(each.topic for each in self.lamps.values())):
+            raise ValueError(f"topic: write {LAMP}, for which a lamp's id is put in")
+        taken: dict[str, str] = {}
+        for lamp_id in self.lamps:
+            other = taken.setdefault(self.command_topic(lamp_id), lamp_id)
+            if other != lamp_id:
+                raise ValueError(f"lamps: {other} and {lamp_id} share a topic")
+        return self
+
+    def command_topic(self, lamp_id: str) -> str:
+        """Return the topic of a lamp's commands, or `""` if the lamp is not on this output."""
+        if self.lamps and lamp_id not in self.lamps:
+            return ""
+        own = self.lamps[lamp_id].topic if self.lamps else ""
+        return own or self.topic.replace(LAMP, lamp_id)
+
+    def availability_topics(self, lamp_id: str) -> tuple[str, ...]:
+        """Return the topics that tell if a lamp is online: all of them must say so, or nothing.
+
+        Of those of bridges, the first on which there is anything counts: the lamp is at that one.
+        """
+        if own := self._of_lamp(lamp_id, "availability"):
+            return (own.replace(LAMP, lamp_id),)
+        topic = self.command_topic(lamp_id)
+        if not topic.endswith(SET) or topic.count("/") < 2:
+            return ()
+        return (f"{topic.removesuffix(SET)}/availability", *(f"{base}{BRIDGE}" for base in _bases(topic)))
+
+    def is_online(self, lamp_id: str, topic: str, payload: bytes) -> bool | None:
+        """Return True if a message on an availability topic says that the lamp is online, None if neither."""
+        if topic.endswith(BRIDGE) and not self._of_lamp(lamp_id, "availability"):
+            return is_online(payload)
+        words = (self._of_lamp(lamp_id, name) for name in WORDS)
+        return is_online(payload, *words)
+
+    def _of_lamp(self, lamp_id: str, name: str) -> str:
+        """Return the value of the field `name` of a lamp, or that of the output if the lamp has none."""
+        own = getattr(self.lamps[lamp_id], name) if lamp_id in self.lamps else ""
+        return own or getattr(self, name)
+
+
+def _bases(topic: str) -> list[str]:
+    """Return the possible base topics of Zigbee2MQTT in a lamp's topic, the longest first.
+
+    Names of lamps have slashes, too.
+    """
+    levels = topic.removesuffix(SET).split("/")[:-1]
+    named = [any(word in level.casefold() for word in ZIGBEE) for level in levels]
+    first = named.index(True) if any(named) else 0
+    return ["/".join(levels[:end]) for end in range(len(levels), first, -1)]
+
+
+RETRY_S = 1.0
+"""Wait after an error, s."""
+ACK_S = 5.0
+"""Time for a broker to acknowledge a command, after which the connection counts as lost, s."""
+OFF_S = 0.4
+"""Maximum time for the commands that switch the lamps off at the end, s."""
+ONLINE, OFFLINE = b"online", b"offline"
+MAX_LAMPS = 500
+"""Limit of lamps on one broker."""
+TLS_SHARE = 0.2
+"""Share of the time of a search that is left to find out if a broker that does not answer encrypts."""
+MAX_PAYLOAD = 20_000
+"""Limit of an availability message, bytes."""
+MAX_SHOWN = 40
+"""Characters of a message that are shown."""
+
+
+class MqttLamps:
+    """Sends the newest colour of each lamp to its topic, at a rate that lamps take."""
+
+    def __init__(self, config: MqttConfig, health: OutputHealth) -> None:
+        """Prepare; nothing is opened yet.
+
+        Raises:
+            ConfigError: If the extra is missing, there is no broker, or a file cannot be read.
+        """
+        require_client("lamps by MQTT")
+        if not config.broker:
+            raise ConfigError("broker: is missing; `--output mqtt:HOST` sets it")
+        self._config = config
+        self._health = health
+        self._options = client_options(config)
+        self._commands = LampCommands(config.lamp_rate_hz, config.max_rate_hz)
+        self._changed = asyncio.Event()
+        self._lamps: tuple[str, ...] = ()
+        self._payloads: dict[str, bytes] = {}
+        """Last message of each availability topic."""
+        self._subscribed: set[str] = set()
+        self._guarded: set[str] = set()
+        """Lamps that the last will of a connection switches off."""
+
+    def set_lamps(self, lamps: Sequence[Lamp]) -> None:
+        """Set the map's lamps. Reports in health those that are configured and not in the map."""
+        ids = [lamp.id for lamp in lamps]
+        self._lamps = tuple(lamp_id for lamp_id in ids if self._config.command_topic(lamp_id))
+        self._commands.set_lamps(self._lamps)
+        unknown = ", ".join(sorted(self._config.lamps.keys() - set(ids)))
+        self._health.warn(
+            "map", f"no lamp of the map is called {unknown}: correct `lamps`, or the map" if unknown else ""
+        )
+        self._tell_availability()
+        self._changed.set()
+
+    def show_lamp(self, lamp_id: str, color: Rgb) -> None:
+        """Show `color` on the lamp `lamp_id`. Returns at once."""
+        self._commands.show(lamp_id, color)
+        self._changed.set()
+
+    async def run(self) -> None:
+        """Send until cancelled, then switch the lamps off."""
+        has_user = bool(self._config.username)
+        await keep_connected(
+            self._serve, lambda why: self._health.warn("broker", why), has_user=has_user, retry_s=RETRY_S
+        )
+
+    async def _serve(self) -> None:
+        status = self._config.status_topic
+        async with self._connected(0, status, OFFLINE, retain=True) as client:
+            self._health.clear("broker")
+            self._payloads.clear()
+            self._subscribed.clear()
+            self._guarded.clear()
+            self._tell_availability()
+            self._commands.resend()
+            self._changed.set()
+            try:
+                async with asyncio.TaskGroup() as tasks:
+                    tasks.create_task(self._read(client), name="lamps' availability")
+                    tasks.create_task(self._send(client, tasks), name="lamps' commands")
+            except asyncio.CancelledError:
+                await self._end(client)
+                raise
+
+    def _connected(
+        self, number: int, topic: str, will: bytes, *, retain: bool = False
+    ) -> AbstractAsyncContextManager["aiomqtt.Client"]:
+        """Connect as client `number`, with a last `will` on `topic`; without if that is `""`."""
+        from aiomqtt import Will  # noqa: PLC0415 - an extra
+
+        options = self._options | {"identifier": f"{self._options['identifier']}-{number}"}
+        return connected(options | ({"will": Will(topic, will, qos=1, retain=retain)} if topic else {}))
+
+    async def _guard(self, tasks: asyncio.TaskGroup) -> None:
+        """Connect once more for each new lamp: a connection has one last will, which switches one off."""
+        new = [lamp_id for lamp_id in self._lamps if lamp_id not in self._guarded]
+        if not self._config.last_wills or not new:
+            return
+        is_left = [asyncio.Event() for _ in new]
+        for lamp_id, event in zip(new, is_left, strict=True):
+            self._guarded.add(lamp_id)
+            tasks.create_task(self._leave_will(len(self._guarded), lamp_id, event), name="a lamp's last will")
+        for event in is_left:
+            await event.wait()
+
+    async def _leave_will(self, number: int, lamp_id: str, is_left: asyncio.Event) -> None:
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        topic = self._config.command_topic(lamp_id)
+        try:
+            async with self._connected(number, topic, light_protocol.command(DARK)) as client:
+                is_left.set()
+                async for _message in client.messages:  # none comes; a lost connection raises
+                    pass
+        except (MqttError, OSError) as error:
+            if is_left.is_set():
+                raise
+            why = str(error) or "no answer"
+            raise OSError(f"{why}, at the last will of {lamp_id}; `last_wills: false` needs none") from error
+
+    async def _send(self, client: "aiomqtt.Client", tasks: asyncio.TaskGroup) -> None:
+        loop = asyncio.get_running_loop()
+        await self._tell_status(client, ONLINE)
+        while True:
+            self._changed.clear()
+            await self._subscribe(client)
+            await self._guard(tasks)
+            while (taken := self._commands.take(loop.time())) is not None:
+                lamp_id, color = taken
+                await self._publish(client, lamp_id, color)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(self._commands.wait_s(loop.time())):
+                    await self._changed.wait()
+
+    async def _publish(self, client: "aiomqtt.Client", lamp_id: str, color: Rgb) -> None:
+        topic = self._config.command_topic(lamp_id)
+        # acknowledged, so that no command waits behind old ones and a broker that hangs is noticed
+        await uncancelled(client.publish(topic, light_protocol.command(color), qos=1, timeout=ACK_S))
+
+    async def _tell_status(self, client: "aiomqtt.Client", status: bytes) -> None:
+        if self._config.status_topic:
+            await uncancelled(
+                client.publish(self._config.status_topic, status, qos=1, retain=True, timeout=ACK_S)
+            )
+
+    async def _subscribe(self, client: "aiomqtt.Client") -> None:
+        wanted = {topic for lamp_id in self._lamps for topic in self._config.availability_topics(lamp_id)}
+        if new := sorted(wanted - self._subscribed):
+            await uncancelled(client.subscribe([(topic, 1) for topic in new]))
+            self._subscribed.update(new)
+
+    async def _read(self, client: "aiomqtt.Client") -> None:
+        async for message in client.messages:
+            self._payloads[str(message.topic)] = message.payload[:MAX_PAYLOAD]
+            self._tell_availability()
+            self._changed.set()
+
+    def _tell_availability(self) -> None:
+        offline: list[str] = []
+        unknown: dict[str, str] = {}
+        for lamp_id in self._lamps:
+            # payloads are empty where the broker has nothing retained any more
+            topics = [each for each in self._config.availability_topics(lamp_id) if self._payloads.get(each)]
+            bridges = [each for each in topics if each.endswith(BRIDGE)]
+            for topic in (each for each in topics if each not in bridges[1:]):
+                payload = self._payloads[topic]
+                online = self._config.is_online(lamp_id, topic, payload)
+                if online is None:
+                    unknown[topic] = repr(payload.decode(errors="replace")[:MAX_SHOWN])
+                elif not online and lamp_id not in offline:
+                    offline.append(lamp_id)
+        self._commands.set_offline(offline)
+        reported = ", ".join(f"{topic} tells {text}" for topic, text in unknown.items())
+        remedy = (
+            "set `availability` to the topic that tells if the lamp is online, and `payload_available` and "
+            "`payload_not_available` to its words for online and offline"
+        )
+        self._health.warn("availability", f"{reported}: {remedy}" if reported else "")
+        who = ", ".join(offline)
+        self._health.warn(
+            "lamps", f"offline: {who}; switch them on at the wall, or look into their bridge" if who else ""
+        )
+
+    async def _end(self, client: "aiomqtt.Client") -> None:
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        # without a connection, the broker publishes the last will
+        with contextlib.suppress(MqttError, OSError):  # TimeoutError is one
+            async with asyncio.timeout(OFF_S):
+                await asyncio.gather(
+                    *(self._publish(client, lamp_id, DARK) for lamp_id in self._commands.lit)
+                )
+                await self._tell_status(client, OFFLINE)
+
+
+async def find_lamps(seconds: float) -> Sequence[FoundDevice]:
+    """Return the lamps on the broker of this machine and on brokers that announce themselves (`_mqtt._tcp`).
+
+    Raises:
+        ConfigError: If the extra `mqtt` is not installed.
+    """
+    require_client("lamps by MQTT")
+    return await find_on_brokers(find_lamps_on, seconds)
+
+
+async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevice]:
+    """Return the lamps on one broker, and the broker itself if it shows none; nothing if there is none."""
+    from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+    lights: dict[str, AnnouncedLight] = {}
+    address = host if port == PORT else f"{host}:{port}"
+    server: dict[str, Any] = {"hostname": host, "port": port}
+    reached = False
+    try:
+        # TimeoutError, at the end of the search, is an OSError
+        async with asyncio.timeout(seconds - TLS_SHARE * seconds), connected(server) as client:
+            reached = True
+            await client.subscribe([(topic, 0) for topic in TOPICS])
+            async for message in client.messages:
+                for light in announced_lights(str(message.topic), message.payload):
+                    if len(lights) < MAX_LAMPS:
+                        lights.setdefault(light.topic, light)
+    except MqttError as error:
+        if not reached and refuses_login(error):
+            return [FoundDevice(address, "MQTT broker that asks for a user name", {"broker": address})]
+    except OSError:
+        pass
+    if not reached and await encrypts(host, port, TLS_SHARE * seconds):
+        url = f"mqtts://{address}"
+        return [FoundDevice(url, "MQTT broker that encrypts: write the name that its certificate has")]
+    if not lights:
+        return [FoundDevice(address, "MQTT broker on which no lamp announces itself")] if reached else []
+    return [_found(address, light) for light in lights.values()]
+
+
+def _found(address: str, light: AnnouncedLight) -> FoundDevice:
+    kind = "lamp with colour" if light.has_color else "lamp without colour"
+    details = {
+        "name": light.name,
+        "broker": address,
+        "topic": light.topic,
+        "availability": light.availability,
+    }
+    words = {name: word for name in WORDS if (word := getattr(light, name))}
+    return FoundDevice(address, f"{light.name}: {kind}, topic {light.topic}", details | words)
+
+
+MQTT = LedOutput(
+    summary="smart lamps by MQTT (Zigbee2MQTT, Home Assistant)",
+    config=MqttConfig,
+    make=lambda config, around: MqttLamps(config, OutputHealth(around.health, config.broker)),
+    argument="broker",
+    example="HOST",
+    discover=find_lamps,
+)

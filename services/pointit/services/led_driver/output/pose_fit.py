@@ -1,0 +1,142 @@
+"""Pose of a moving head from angles at which its beam met known places. Pure."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import leastsq
+from scipy.spatial.transform import Rotation
+
+from pointit.geometry.vector import Vec3
+from pointit.services.led_driver.output.spotlight import Angles, direction
+
+MIN_PLACES = 3
+"""Number of places that determine a pose; with three, up to four poses may fit."""
+SAME_M, SAME_RAD = 0.05, math.radians(2.0)
+"""Two fits closer than this are the same pose."""
+FITS_RAD = math.radians(0.5)
+"""A pose with a mean error up to this, or up to twice that of the best pose, fits as well."""
+MAX_CALLS = 1000
+"""Calls of the errors after which a fit is given up."""
+WRONG_RAD = math.radians(1.0)
+"""Mean error above which something is wrong: a place, a range, or the direction of pan."""
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class FittedPose:
+    """A pose of the fixture, and how well it fits."""
+
+    position_m: Vec3
+    """Place where both axes cross, {W}."""
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float
+    """Rotation of the fixture, as in `Mounting.from_degrees`."""
+    is_mirrored: bool
+    """True if pan turns the other way round than was assumed, which alone explains the angles."""
+    error_rad: float
+    """Root mean square of the angles between beam and place."""
+    is_unique: bool
+    """False if another pose fits as well."""
+
+
+def fit_pose(angles: Sequence[Angles], places_m: Sequence[Vec3]) -> FittedPose:
+    """Return the pose in which the beam at each of `angles` best meets its place.
+
+    Args:
+        angles: angles of the head, one for each place.
+        places_m: places in {W}, of which no three may lie on a line with each other.
+
+    Raises:
+        ValueError: If there are fewer than three places.
+    """
+    if len(places_m) < MIN_PLACES:
+        raise ValueError(f"{len(places_m)} places, {MIN_PLACES} needed: point the beam at more")
+    fits, is_mirrored = _fits(angles, places_m), False
+    if fits[0].error_rad > WRONG_RAD:
+        mirrored = _fits([each.mirrored() for each in angles], places_m)
+        if is_mirrored := mirrored[0].error_rad < fits[0].error_rad / 2.0:
+            fits = mirrored
+    best = fits[0]
+    limit_rad = max(2.0 * best.error_rad, FITS_RAD)
+    yaw, pitch, roll = best.rotation.as_euler("ZYX", degrees=True)
+    x, y, z = best.position_m.tolist()
+    return FittedPose(
+        position_m=(x, y, z),
+        yaw_deg=float(yaw),
+        pitch_deg=float(pitch),
+        roll_deg=float(roll),
+        is_mirrored=is_mirrored,
+        error_rad=best.error_rad,
+        is_unique=all(best.is_same(other) for other in fits if other.error_rad <= limit_rad),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Local minimum of the errors."""
+
+    error_rad: float
+    position_m: Array
+    rotation: Rotation
+
+    def is_same(self, other: "_Fit") -> bool:
+        return bool(
+            np.linalg.norm(self.position_m - other.position_m) < SAME_M
+            and (self.rotation.inv() * other.rotation).magnitude() < SAME_RAD
+        )
+
+
+def _fits(angles: Sequence[Angles], places_m: Sequence[Vec3]) -> list[_Fit]:
+    beams = np.array([direction(each) for each in angles])
+    places = np.array(places_m, dtype=np.float64)
+    return sorted((_refined(start, beams, places) for start in _starts()), key=lambda fit: fit.error_rad)
+
+
+def _starts() -> list[Rotation]:
+    standing = [Rotation.from_euler("z", yaw, degrees=True) for yaw in range(0, 360, 90)]
+    leaning = [
+        Rotation.from_euler("x", 180.0, degrees=True),
+        *(Rotation.from_euler("ZY", (yaw, 90.0), degrees=True) for yaw in range(0, 360, 90)),
+    ]
+    return [*standing, *(lean * turn for lean, turn in itertools.product(leaning, standing))]
+
+
+def _refined(start: Rotation, beams: Array, places: Array) -> _Fit:
+    """Return the pose that fits best near the rotation `start`."""
+    turned: Array = start.apply(beams)
+
+    def errors(pose: Array) -> Array:
+        offsets = places - pose[:3]
+        wanted = offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-9)
+        return np.asarray((turned @ _matrix(pose[3:]).T - wanted).ravel(), dtype=np.float64)
+
+    first = np.concatenate([_position(turned, places), np.zeros(3)])
+    pose = np.asarray(leastsq(errors, first, maxfev=MAX_CALLS, full_output=True)[0], dtype=np.float64)
+    chords: Array = np.asarray(np.linalg.norm(errors(pose).reshape(-1, 3), axis=1), dtype=np.float64)
+    each_rad = 2.0 * np.arcsin(np.minimum(chords / 2.0, 1.0))
+    error_rad = float(np.sqrt(np.mean(each_rad**2)))
+    return _Fit(error_rad, pose[:3], Rotation.from_rotvec(pose[3:]) * start)
+
+
+def _matrix(vector: Array) -> Array:
+    """Return the matrix of a rotation vector (Rodrigues), in a tenth of the time of `Rotation`."""
+    x, y, z = vector.tolist()
+    angle_rad = math.hypot(x, y, z)
+    cross: Array = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+    square: Array = cross @ cross
+    half = np.sinc(angle_rad / math.tau)
+    return np.asarray(np.eye(3) + np.sinc(angle_rad / math.pi) * cross + 0.5 * half**2 * square)
+
+
+def _position(beams: Array, places: Array) -> Array:
+    """Return the place from which beams of these directions, {W}, pass `places` most closely."""
+    across = np.eye(3) - beams[:, :, None] * beams[:, None, :]
+    return np.asarray(
+        np.linalg.lstsq(across.sum(axis=0), np.einsum("nij,nj->i", across, places), rcond=None)[0],
+        dtype=np.float64,
+    )

@@ -1,1 +1,0 @@
-"""Output to controllers on a serial port: expanders (UPXL), Adalight."""

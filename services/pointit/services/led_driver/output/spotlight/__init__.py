@@ -1,1 +1,0 @@
-"""A moving head whose beam follows a cursor."""

@@ -1,1 +1,0 @@
-"""Verification of poses before they are taken: rays follow the target, pointings agree."""

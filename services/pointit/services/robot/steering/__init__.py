@@ -1,1 +1,0 @@
-"""Steering of a robot by its person."""

@@ -1,0 +1,405 @@
+"""Owners and reservations of objects, the effect of staying on one, and undo."""
+
+import dataclasses
+from collections import deque
+from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TypedDict, Unpack
+
+from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
+from pointit.schemas import NS_PER_S, ReservedObject, SelectedObject, Selection
+from pointit.schemas.environment import ThingMode
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.objects.object_positions import ObjectPositions
+from pointit.services.selector.outputs import Action, Cause, Event, Owned, Record
+
+MAX_RELEASED = 100
+"""Limit of deselected objects whose last owner is remembered."""
+
+
+class Why(TypedDict, total=False):
+    """Fields of a record that tell why."""
+
+    cause: Cause
+    confidence: float | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Change:
+    object_id: str
+    before: Owned | None
+    after: Owned | None
+
+
+class Ledger:
+    """The selected objects. Each has one owner, and only its owner deselects it.
+
+    Anyone may deselect what belongs to a person who is gone, and a release deselects any object. Every action
+    of a person can be undone by them, step by step, the latest first.
+    """
+
+    def __init__(
+        self,
+        is_gone: Callable[[str, int], bool],
+        too_late: Callable[[str, int], str] = lambda _object_id, _now_ns: "",
+        *,
+        undo_steps: int = 20,
+    ) -> None:
+        """Create with nothing selected.
+
+        Args:
+            is_gone: returns True if a person has gone at a time, ns.
+            too_late: returns the reason for which an object cannot be (de)selected at a time, or `""`.
+            undo_steps: number of steps to remember per person.
+        """
+        self._is_gone = is_gone
+        self._too_late = too_late
+        self._undo_steps = undo_steps
+        self._entries: dict[str, Owned] = {}
+        self._steps: dict[str, deque[list[_Change]]] = {}
+        self._released: dict[str, tuple[Owned, int]] = {}
+        """Entries of the objects deselected last, with the time, ns."""
+
+    @property
+    def entries(self) -> Mapping[str, Owned]:
+        """Return the selected objects by id, the oldest first."""
+        return self._entries
+
+    def objects(self) -> tuple[SelectedObject, ...]:
+        """Return the selected objects, the oldest first."""
+        return tuple(
+            SelectedObject(
+                id=name, user=one.user, since_ns=one.since_ns, kind=one.kind, confidence=one.confidence
+            )
+            for name, one in self._entries.items()
+        )
+
+    def blocking_owner(self, object_id: str, user: str, now_ns: int) -> str:
+        """Return the owner that blocks `user` from changing `object_id`, or `""` if nobody does."""
+        entry = self._entries.get(object_id)
+        if entry is None or entry.user == user or self._is_gone(entry.user, now_ns):
+            return ""
+        return entry.user
+
+    def changed_ns(self, object_id: str) -> int:
+        """Return the time of the last change of `object_id`, ns. 0 if none is known."""
+        entry = self._entries.get(object_id)
+        return self._released.get(object_id, (None, 0))[1] if entry is None else entry.since_ns
+
+    def restore(self, entries: Mapping[str, Owned]) -> None:
+        """Replace what is selected by `entries`."""
+        self._entries = dict(entries)
+
+    def toggle(
+        self,
+        object_id: str,
+        kind: str,
+        user: str,
+        now_ns: int,
+        *,
+        cause: Cause = "dwell",
+        confidence: float | None = None,
+        mode: ThingMode = "claim",
+    ) -> Record:
+        """Select or deselect `object_id` for `user`; what a button started is not undone.
+
+        Refused if it belongs to another person who is present, unless its `mode` lets anybody change it.
+        """
+        entry = self._entries.get(object_id)
+        owner = self.blocking_owner(object_id, user, now_ns) if mode == "claim" else ""
+        if entry is not None and owner:
+            reason = f"{entry.kind or 'object'} is selected by {owner}; only {owner} can deselect it"
+        else:
+            reason = self._too_late(object_id, now_ns)
+        if reason:
+            return self.refuse(
+                object_id, kind, user, now_ns, cause=cause, reason=reason, confidence=confidence
+            )
+        if entry is None:
+            after = Owned(user, kind, now_ns, confidence)
+            record = self._select(object_id, after, user, now_ns, cause=cause)
+            if mode != "button":
+                self._remember(user, [_Change(object_id, None, after)])
+            return record
+        self._remember(user, [_Change(object_id, entry, None)])
+        return self._deselect(object_id, user, now_ns, cause=cause, confidence=confidence)
+
+    def end(self, object_id: str, now_ns: int) -> Record:
+        """Deselect a selected object by itself, as a button that was shown for long enough."""
+        return self._deselect(object_id, self._entries[object_id].user, now_ns, cause="")
+
+    def clear(self, user: str, now_ns: int) -> list[Record]:
+        """Deselect all objects of `user` as one step. Those for which it is too late are refused."""
+        own = {object_id: entry for object_id, entry in self._entries.items() if entry.user == user}
+        reasons = {object_id: self._too_late(object_id, now_ns) for object_id in own}
+        step = [_Change(object_id, entry, None) for object_id, entry in own.items() if not reasons[object_id]]
+        if step:
+            self._remember(user, step)
+        return [
+            self.refuse(object_id, entry.kind, user, now_ns, cause="clear", reason=reasons[object_id])
+            if reasons[object_id]
+            else self._deselect(object_id, user, now_ns, cause="clear")
+            for object_id, entry in own.items()
+        ]
+
+    def release(self, object_id: str, user: str, now_ns: int, *, take_over: bool = False) -> list[Record]:
+        """Deselect `object_id`, regardless of its owner, and with `take_over` select it for `user`.
+
+        Does nothing if it is not selected, or `user` would take it over from themselves. Refused if it is too
+        late, except for a take-over, which does not change its bay.
+        """
+        before = self._entries.get(object_id)
+        if before is None or (take_over and before.user == user):
+            return []
+        reason = "" if take_over else self._too_late(object_id, now_ns)
+        if reason:
+            return [self.refuse(object_id, before.kind, user, now_ns, cause="release", reason=reason)]
+        records = [self._deselect(object_id, user, now_ns, cause="release")]
+        changes = [_Change(object_id, before, None)]
+        if take_over:
+            after = Owned(user, before.kind, now_ns)
+            records.append(self._select(object_id, after, user, now_ns, cause="release"))
+            changes.append(_Change(object_id, None, after))
+        self._remember(user, changes)
+        return records
+
+    def undo(self, user: str, now_ns: int, present: Container[str]) -> list[Record]:
+        """Undo the last step of `user`. Return no record if there is none.
+
+        Objects that have left since, are decided, or belong to another person by now stay as they are. If
+        nothing of the step can be undone, it is refused with the reason, and the step before is next.
+        `present`: ids of the objects that are there.
+        """
+        steps = self._steps.get(user)
+        if not steps:
+            return []
+        step = steps.pop()
+        done = [
+            self._take_back(change, user, now_ns)
+            for change in reversed(step)
+            if self._still(change, present)
+            and (_keeps_way(change, step) or not self._too_late(change.object_id, now_ns))
+        ]
+        return done or [self._lost_step(step[0], user, now_ns, present)]
+
+    def drop(self, object_ids: Iterable[str], now_ns: int, reason: str = "") -> list[Record]:
+        """Close the entries of `object_ids`, which left at `now_ns`."""
+        left = [(object_id, self._entries.pop(object_id)) for object_id in object_ids]
+        return [
+            _record("left", object_id, entry, entry.user, now_ns, reason=reason) for object_id, entry in left
+        ]
+
+    def correct(self, object_id: str, now_ns: int, reason: str) -> Record | None:
+        """Undo the last change of `object_id`, which came too late at `now_ns`.
+
+        None if that is done, or if the refusal is older than the last change and so refuses an earlier one.
+        """
+        entry = self._entries.get(object_id)
+        if entry is not None:
+            if entry.since_ns >= now_ns:
+                return None
+            record = self._deselect(object_id, entry.user, now_ns, cause="", reason=reason)
+            del self._released[object_id]
+            return record
+        released, released_ns = self._released.get(object_id, (None, 0))
+        if released is None or released_ns > now_ns:
+            return None
+        owned = dataclasses.replace(released, since_ns=now_ns)
+        return self._select(object_id, owned, owned.user, now_ns, cause="", reason=reason)
+
+    def refuse(self, object_id: str, kind: str, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
+        """Return the record of an action that is refused for `reason`. Changes nothing."""
+        entry = self._entries.get(object_id) or Owned("", kind, 0)
+        return _record("refused", object_id, entry, user, now_ns, **why)
+
+    def _still(self, change: _Change, present: Container[str]) -> bool:
+        entry = self._entries.get(change.object_id)
+        if change.after is None:
+            return entry is None and change.object_id in present
+        return entry is not None and entry.user == change.after.user
+
+    def _take_back(self, change: _Change, user: str, now_ns: int) -> Record:
+        if change.before is None:
+            return self._deselect(change.object_id, user, now_ns, cause="undo")
+        return self._select(change.object_id, change.before, user, now_ns, cause="undo")
+
+    def _lost_step(self, change: _Change, user: str, now_ns: int, present: Container[str]) -> Record:
+        entry = self._entries.get(change.object_id)
+        owned = change.before or change.after
+        kind = (owned.kind if owned is not None else "") or "object"
+        if self._still(change, present):
+            reason = self._too_late(change.object_id, now_ns)
+        elif entry is not None:
+            reason = f"{kind} is {entry.user}'s by now; what was done with it cannot be taken back"
+        else:
+            status = "is not selected any more" if change.object_id in present else "has left"
+            reason = f"{kind} {status}; what was done with it cannot be taken back"
+        return self.refuse(change.object_id, kind, user, now_ns, cause="undo", reason=reason)
+
+    def _remember(self, user: str, step: list[_Change]) -> None:
+        self._steps.setdefault(user, deque(maxlen=self._undo_steps)).append(step)
+
+    def _select(self, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
+        self._entries[object_id] = entry
+        self._released.pop(object_id, None)
+        why["confidence"] = entry.confidence
+        return _record("selected", object_id, entry, user, now_ns, **why)
+
+    def _deselect(self, object_id: str, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
+        entry = self._entries.pop(object_id)
+        self._released[object_id] = entry, now_ns
+        if len(self._released) > MAX_RELEASED:
+            del self._released[next(iter(self._released))]
+        return _record("deselected", object_id, entry, user, now_ns, **why)
+
+
+def _record(event: Event, object_id: str, entry: Owned, user: str, now_ns: int, **why: Unpack[Why]) -> Record:
+    return Record(now_ns, event, object_id, entry.kind, user, entry.user, entry.since_ns, **why)
+
+
+def _keeps_way(change: _Change, step: list[_Change]) -> bool:
+    """Return True if `change` is part of a take-over, which changes the owner alone."""
+    return sum(other.object_id == change.object_id for other in step) > 1
+
+
+class Ownership:
+    """Owners and reservations: the right of each person to change an object."""
+
+    def __init__(self, config: SelectorConfig) -> None:
+        self._may_deselect = config.mode == "toggle"
+        self.positions = positions = ObjectPositions(
+            margin_m=config.margin_m,
+            stale_after_s=config.objects_stale_after_s,
+            display_lag_s=config.display_lag_s,
+            ended_after_s=config.unseen_after_s,
+            lead_s=config.lead_s,
+        )
+        self.presences = UserPresence(config.ownerless_after_s)
+        self.ledger = Ledger(self.presences.is_gone, positions.too_late, undo_steps=config.undo_steps)
+        self.reservations = Reservations(config.reserve_s)
+
+    def is_selected(self, object_id: str | None) -> bool:
+        """Return True if any person has selected the object."""
+        return object_id in self.ledger.entries
+
+    def owner(self, object_id: str) -> str:
+        """Return the person who has selected the object, or `""`."""
+        entry = self.ledger.entries.get(object_id)
+        return "" if entry is None else entry.user
+
+    def action(self, user: str, object_id: str, now_ns: int) -> tuple[Action, str]:
+        """Return the effect of staying on an object, and the other person who has it, or `""`."""
+        mode = self.positions.mode(object_id)
+        owner = "" if mode != "claim" else self.ledger.blocking_owner(object_id, user, now_ns)
+        if owner:
+            return "refuse", owner
+        holder = self.reservations.holder(object_id)
+        if holder and holder != user:
+            return "refuse", holder
+        is_selected = object_id in self.ledger.entries
+        if is_selected and (mode == "button" or (mode == "claim" and not self._may_deselect)):
+            return "", ""
+        if self.positions.too_late(object_id, now_ns):
+            return "refuse", ""
+        return ("deselect" if is_selected else "select"), ""
+
+    def follow(self, selection: Selection) -> None:
+        """Take over what the site's selector has decided."""
+        self.ledger.restore(
+            {one.id: Owned(one.user, one.kind, one.since_ns, one.confidence) for one in selection.objects}
+        )
+        self.reservations.restore(selection.reserved)
+
+
+class UserPresence:
+    """Detects when a person has gone: neither announced nor active for some time."""
+
+    def __init__(self, ownerless_after_s: float) -> None:
+        self._after_ns = int(ownerless_after_s * NS_PER_S)
+        self._present: set[str] = set()
+        self._active_ns: dict[str, int] = {}
+
+    def on_activity(self, user: str, stamp_ns: int) -> None:
+        """Record that `user` was active."""
+        self._active_ns[user] = stamp_ns
+
+    def set_present(self, user: str, now_ns: int, *, present: bool) -> None:
+        """Record that `user` is announced, or no longer."""
+        (self._present.add if present else self._present.discard)(user)
+        self._active_ns[user] = now_ns
+
+    def there(self, now_ns: int) -> list[str]:
+        """Return the people who are not gone, by name."""
+        return sorted(user for user in {*self._present, *self._active_ns} if not self.is_gone(user, now_ns))
+
+    def is_gone(self, user: str, now_ns: int) -> bool:
+        """Return True if `user` has been away long enough for others to change their objects."""
+        if user in self._present:
+            return False
+        active_ns = self._active_ns.setdefault(user, now_ns)
+        if active_ns > now_ns + MAX_AHEAD_NS:
+            self._active_ns[user] = active_ns = now_ns
+        return now_ns - active_ns >= self._after_ns
+
+
+class Reservations:
+    """The first person to point steadily at each object. Others see the object as taken."""
+
+    def __init__(self, reserve_s: float) -> None:
+        self._for_ns = int(reserve_s * NS_PER_S)
+        self._held: dict[str, tuple[str, int]] = {}
+        """By object: user, and end of the reservation, ns."""
+
+    def holder(self, object_id: str) -> str:
+        """Return the user who has reserved `object_id`, or `""`."""
+        held = self._held.get(object_id)
+        return "" if held is None else held[0]
+
+    def reserve(self, object_id: str, user: str, now_ns: int) -> bool:
+        """Reserve `object_id` for `user`, or extend it. Return True if it was free before.
+
+        A reservation of another user stays.
+        """
+        held = self._held.get(object_id)
+        if held is not None and held[0] != user:
+            return False
+        self._held[object_id] = (user, now_ns + self._for_ns)
+        return held is None
+
+    def keep_last(self, user: str, count: int) -> bool:
+        """Free `user`'s reservations but the last `count`. Return True if there were any."""
+        own = [object_id for object_id, (holder, _) in self._held.items() if holder == user]
+        for object_id in own[:-count]:
+            del self._held[object_id]
+        return len(own) > count
+
+    def extend(self, user: str, object_id: str, now_ns: int) -> bool:
+        """Extend `user`'s reservation of `object_id`. Return False if they have none."""
+        return self.holder(object_id) == user and not self.reserve(object_id, user, now_ns)
+
+    def restore(self, reserved: Iterable[ReservedObject]) -> None:
+        """Replace all reservations by `reserved`."""
+        self._held = {one.id: (one.user, one.until_ns) for one in reserved}
+
+    def free(self, object_id: str) -> bool:
+        """Free `object_id`. Return True if it was reserved."""
+        return self._held.pop(object_id, None) is not None
+
+    def expire(self, now_ns: int) -> bool:
+        """Free expired reservations. Return True if there were any.
+
+        A reservation that ends later than possible was made by another machine's clock.
+        """
+        last_ns = now_ns + self._for_ns + NS_PER_S
+        if not self._held or all(now_ns <= until_ns <= last_ns for _, until_ns in self._held.values()):
+            return False
+        self._held = {name: held for name, held in self._held.items() if now_ns <= held[1] <= last_ns}
+        return True
+
+    def objects(self) -> tuple[ReservedObject, ...]:
+        """Return all reservations."""
+        return tuple(
+            ReservedObject(id=object_id, user=user, until_ns=until_ns)
+            for object_id, (user, until_ns) in self._held.items()
+        )

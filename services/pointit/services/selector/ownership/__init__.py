@@ -1,1 +1,0 @@
-"""Owners and reservations of objects, and the right to change them."""

@@ -1,0 +1,237 @@
+"""The selector on the bus: of a whole site, or of a shard that lives beside people."""
+
+import logging
+from collections.abc import Callable, Sequence
+
+from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.bus.service_bus import ServiceBus
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.host.state_file import site_folder
+from pointit.schemas import (
+    Claim,
+    ClearSelection,
+    ConveyorState,
+    Done,
+    Feedback,
+    ReleaseObject,
+    Selection,
+    SelectionEvent,
+    SetMethod,
+    SetMethodReply,
+    SetThing,
+    UndoSelection,
+    topics,
+)
+from pointit.schemas.topics import CLAIM, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.methods.pointer import MakeMethod, is_by_angle, is_ours
+from pointit.services.selector.outputs import Output, event_of
+from pointit.services.selector.selection_engine import NO_ARBITER, SelectionEngine, ShardEngine
+from pointit.services.selector.selection_methods import METHODS
+from pointit.services.selector.store import History, Journal, JournalContents
+
+log = logging.getLogger(__name__)
+
+Put = Callable[[list[Output]], list[Output]]
+"""Publishes outputs and returns them."""
+
+Use = Callable[[str | None, float | None], SelectorConfig]
+"""Changes the method or its time, and returns the parameters in use. Raises ValueError or ConfigError."""
+
+
+class SiteRole:
+    """The one selector of a site: it decides, keeps the journal and answers requests."""
+
+    def __init__(
+        self, config: SelectorConfig, bus: ServiceBus, clock: Clock, *, make: MakeMethod, put: Put, use: Use
+    ) -> None:
+        """Declare the publishers. Nothing is restored before `begin`."""
+        kept = config.journal
+        self._journal = Journal(
+            site_folder(bus.site, "selector"),
+            keep_days=kept.keep_days,
+            restore_within_s=kept.restore_within_s,
+            max_mb=kept.max_mb,
+        )
+        self._journals = kept.enabled
+        self._bus, self._clock, self._put, self._use = bus, clock, put, use
+        self.engine = SelectionEngine(config, self._journal.add, make)
+        self._selections = bus.publisher(topics.SELECTION)
+        self._events = bus.publisher(topics.SELECTION_EVENTS)
+
+    def begin(self) -> None:
+        """Restore what was selected before a restart, republish possibly unpublished events, and serve."""
+        now_ns = self._clock.now_ns()
+        kept = self._journal.begin(now_ns) if self._journals else JournalContents()
+        if self._journal.problem:
+            log.error("%s", self._journal.problem)
+        self.engine.restore(kept.entries, kept.events, now_ns, kept.decided)
+        self._selections.put(self.engine.selection(now_ns))
+        for record in kept.unpublished:
+            event = event_of(record, record.seq or 0, again=True)
+            if event is not None:
+                self._put([Output("", event)])
+        self._maintain_journal(now_ns)
+        self._bus.serve(topics.CLEAR_SELECTION, self._clear)
+        self._bus.serve(topics.UNDO_SELECTION, self._undo)
+        self._bus.serve(topics.RELEASE_OBJECT, self._release)
+        self._bus.serve(topics.SET_THING, self._set_thing)
+        self._bus.serve(topics.SET_METHOD, self._set_method)
+        self._bus.serve(topics.READ_HISTORY, History(self._journal.path if self._journals else None).answer)
+
+    def subscribe(self) -> None:
+        """Subscribe to departures, refusals of the conveyor and claims of shards."""
+        self._bus.subscribe(topics.CONVEYOR_STATE, self._on_conveyor)
+        self._bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
+        self._bus.subscribe(topics.CLAIM, self._on_claim)
+
+    def commit(self) -> None:
+        """Write events to the journal, before they are published."""
+        self._journal.commit(self._clock.now_ns())
+
+    def publish(self, _user: str, message: Selection | SelectionEvent | Claim) -> None:
+        """Publish what `engine` returned."""
+        if isinstance(message, Selection):
+            self._selections.put(message)
+        elif isinstance(message, SelectionEvent):
+            self._events.put(message)
+            self._journal.mark_published(message.seq)
+
+    def check(self, now_ns: int) -> None:
+        """Maintain the journal, and show who claims too much. Called periodically."""
+        self._bus.warn("claims", self.engine.excess(now_ns))
+        self._maintain_journal(now_ns)
+
+    def close(self) -> None:
+        """Close the journal."""
+        self._maintain_journal(self._clock.now_ns())
+        self._journal.close()
+
+    def _maintain_journal(self, now_ns: int) -> None:
+        self._journal.maintain(now_ns, is_selected=self.engine.has_selected)
+        self._bus.warn("journal", self._journal.problem)
+
+    def _on_conveyor(self, state: ConveyorState, _name: str) -> None:
+        self._put(self.engine.on_conveyor(state))
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        self._put(self.engine.on_event(event))
+
+    def _on_claim(self, claim: Claim, user: str) -> None:
+        self._put(self.engine.on_claim(user, claim, self._clock.now_ns()))
+
+    async def _clear(self, _query: ClearSelection, user: str) -> Done:
+        events = _events(self._put(self.engine.clear(user, self._clock.now_ns())))
+        done = [event for event in events if event.event == "deselected"]
+        return Done(message=f"{len(done)} of {user}'s objects deselected")
+
+    async def _undo(self, _query: UndoSelection, user: str) -> Done:
+        return Done(message=_done_message(self._put(self.engine.undo(user, self._clock.now_ns()))))
+
+    async def _release(self, query: ReleaseObject, user: str) -> Done:
+        now_ns = self._clock.now_ns()
+        outputs = self._put(self.engine.release(user, query.object_id, query.take_over, now_ns))
+        return Done(message=_done_message(outputs))
+
+    async def _set_thing(self, query: SetThing, user: str) -> Done:
+        outputs = self._put(self.engine.set_thing(user, query, self._clock.now_ns()))
+        if not outputs:
+            return Done(message=f"{query.thing} is {'on' if query.on else 'off'} already")
+        return Done(message=_done_message(outputs))
+
+    async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
+        try:
+            wanted = self._use(query.name or query.method, query.dwell_s)
+        except (ValueError, ConfigError) as error:
+            raise RefusedError(str(error)) from error
+        method = wanted.method
+        return SetMethodReply(
+            message=f"staying on an object for {wanted.dwell_s:g} s selects it: {method}",
+            method=method if is_ours(method) else "gauge" if is_by_angle(wanted) else "hold",
+            dwell_s=wanted.dwell_s,
+            name=method,
+            installed=METHODS.names,
+        )
+
+
+def _events(outputs: Sequence[Output]) -> list[SelectionEvent]:
+    return [output.message for output in outputs if isinstance(output.message, SelectionEvent)]
+
+
+def _done_message(outputs: Sequence[Output]) -> str:
+    """Return a message of what was done.
+
+    Raises:
+        RefusedError: If nothing was done. The message gives the reason.
+    """
+    done = [event for event in _events(outputs) if event.event != "refused"]
+    if not done:
+        cues = [output.message.text for output in outputs if isinstance(output.message, Feedback)]
+        raise RefusedError(cues[0] if cues else "nothing can be done")
+    words = ((event.kind or "object", event.object_id, event.event) for event in done)
+    return ", ".join(" ".join(dict.fromkeys(each)) for each in words)  # a thing's kind may be its name
+
+
+class ShardRole:
+    """The selector of some people: it claims what they point at, and follows the decisions."""
+
+    def __init__(
+        self, config: SelectorConfig, bus: ServiceBus, clock: Clock, *, make: MakeMethod, put: Put, use: Use
+    ) -> None:
+        self._bus, self._clock, self._put, self._use = bus, clock, put, use
+        self.engine = ShardEngine(config, make)
+        self._claims: dict[str, Publisher[Claim]] = {
+            user: bus.publisher(CLAIM, user) for user in config.people
+        }
+        self._parameters: tuple[str | None, float | None] = (None, None)
+
+    def begin(self) -> None:
+        """Do nothing: there is nothing to restore."""
+
+    def subscribe(self) -> None:
+        """Subscribe to the selection and its events, and watch the site's selector."""
+        self._bus.subscribe(SELECTION, self._on_selection)
+        self._bus.subscribe(SELECTION_EVENTS, self._on_event)
+        self._bus.watch(SERVICE_ALIVE, self._on_service)
+
+    def commit(self) -> None:
+        """Do nothing: the site's selector keeps the journal."""
+
+    def publish(self, user: str, message: Selection | SelectionEvent | Claim) -> None:
+        """Publish what `engine` returned."""
+        if isinstance(message, Claim):
+            self._claims[user].put(message)
+
+    def check(self, _now_ns: int) -> None:
+        """Show in health if the site's selector cannot be reached. Called periodically."""
+        self._warn()
+
+    def close(self) -> None:
+        """Do nothing: there is no journal."""
+
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if instance == "selector":
+            self.engine.has_arbiter = present
+            self._warn()
+
+    def _warn(self) -> None:
+        problem = f"{NO_ARBITER}: start it, or mend the network" if not self.engine.has_arbiter else ""
+        self._bus.warn("arbiter", problem)
+
+    def _on_selection(self, selection: Selection, _name: str) -> None:
+        self.engine.on_selection(selection)
+        parameters = selection.method, selection.dwell_s
+        if selection.method is None or parameters == self._parameters:
+            return
+        self._parameters = parameters
+        try:
+            self._use(*parameters)
+            self._bus.clear("follow")
+        except (ValueError, ConfigError) as error:
+            problem = f"method {selection.method} of the site's selector cannot be used here: {error}"
+            log.error("%s", problem)  # noqa: TRY400 - the sentence says all
+            self._bus.warn("follow", problem)
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        self._put(self.engine.on_event(event))

@@ -1,0 +1,281 @@
+"""Journal of events on disk: what is selected for the next start, and past events for late subscribers.
+
+An event is committed before it is published. While the disk cannot be written, selecting continues in memory.
+"""
+
+import asyncio
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import ConfigDict, TypeAdapter
+
+from pointit.runtime.errors import RefusedError
+from pointit.runtime.host.store import Store, StoreLayout, read_rows
+from pointit.schemas import NS_PER_S, ReadHistory, ReadHistoryReply, SelectionEvent, encode
+from pointit.schemas.base import MAX_ID, Count, Ns
+from pointit.services.selector.outputs import Owned, Record, event_of
+
+FILE = "journal.sqlite"
+
+LAYOUT = StoreLayout(
+    tables=f"""
+        CREATE TABLE IF NOT EXISTS events (
+            id INTEGER PRIMARY KEY,
+            stamp_ns INTEGER NOT NULL, event TEXT NOT NULL, object_id TEXT NOT NULL, kind TEXT NOT NULL,
+            user TEXT NOT NULL, owner TEXT NOT NULL, since_ns INTEGER NOT NULL, cause TEXT NOT NULL,
+            method TEXT NOT NULL, confidence REAL, reason TEXT NOT NULL, seq INTEGER
+        );
+        CREATE INDEX IF NOT EXISTS events_of_object ON events (object_id, id);
+        CREATE INDEX IF NOT EXISTS events_told ON events (seq);
+        CREATE INDEX IF NOT EXISTS events_refused ON events (id) WHERE event = 'refused';
+        DELETE FROM events WHERE length(object_id) > {MAX_ID} OR length(kind) > {MAX_ID};
+        CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
+        INSERT INTO life SELECT 0, 0 WHERE NOT EXISTS (SELECT 1 FROM life);
+    """,  # noqa: S608 - a constant
+    writer="selector",
+    loss="selections are kept in memory only",
+)
+
+COLUMNS = ", ".join(Record._fields)
+# All parts of these statements are constants of this file; what varies are their parameters.
+INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * len(Record._fields))})"  # noqa: S608
+UNPUBLISHED = f"SELECT {COLUMNS} FROM events WHERE seq > ? ORDER BY id"  # noqa: S608 - see above
+DECIDED = """
+SELECT CAST(COALESCE(user, '') AS BLOB), CAST(stamp_ns AS INTEGER) FROM events
+WHERE cause IN ('dwell', 'button') ORDER BY id DESC LIMIT ?
+"""  # it can be read of any row: a damaged one is that of no claim
+OPEN_IDS = (
+    "SELECT id FROM events WHERE event = 'selected' AND id IN "
+    "(SELECT MAX(id) FROM events WHERE event <> 'refused' GROUP BY object_id)"
+)
+OPEN = f"SELECT {COLUMNS} FROM events WHERE id IN ({OPEN_IDS}) ORDER BY id"  # noqa: S608 - see above
+PRUNE_TO = "SELECT MAX(id) FROM (SELECT id FROM events WHERE id > ? ORDER BY id LIMIT ?)"
+CLOSED = """(event <> 'selected' OR EXISTS (
+    SELECT 1 FROM events AS later
+    WHERE later.object_id = events.object_id AND later.id > events.id AND later.event <> 'refused'
+))"""
+PRUNE = f"DELETE FROM events WHERE id > ? AND id <= ? AND stamp_ns < ? AND {CLOSED}"  # noqa: S608 - see above
+BYTES = """
+SELECT (page_count - freelist_count) * page_size
+FROM pragma_page_count, pragma_freelist_count, pragma_page_size
+"""
+SHRINK = [
+    f"DELETE FROM events WHERE id IN (SELECT id FROM events WHERE {rows} ORDER BY id LIMIT ?)"  # noqa: S608 - see above
+    for rows in ("event = 'refused'", CLOSED)
+]
+"""Delete the oldest refusals, which anybody can cause, or the oldest events of what is not selected now."""
+RECENT = (
+    f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND seq IS NOT NULL AND event <> 'left' "  # noqa: S608 - see above
+    "ORDER BY id DESC LIMIT ?"
+)
+
+record_of = TypeAdapter(Record, config=ConfigDict(strict=True)).validate_python
+"""Return a row of `COLUMNS` as a record. Raises ValueError for an invalid one, e.g. by a bit error, since
+SQLite has no checksums."""
+
+
+def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
+    """Return the last `last` records that were published, not before `since_ns`, the oldest first.
+
+    Raises:
+        sqlite3.Error: If the file cannot be read.
+    """
+    return list(read_rows(path, RECENT, (since_ns, last), record_of))[::-1]
+
+
+NS_PER_DAY = 86_400 * NS_PER_S
+MAX_PENDING = 4096
+"""Limit of records kept while the disk cannot be written. Beyond it the oldest are lost to the audit."""
+MAX_EVENTS = 2**62
+"""Limit of a plausible event number, which leaves room to continue."""
+MAX_DECIDED = 1000
+"""Number of claims that are recognized after a restart."""
+PRUNED_AT_ONCE = 300
+ALIVE_EVERY_NS = 20 * NS_PER_S
+
+_LIFE = TypeAdapter(tuple[Count, Ns], config=ConfigDict(strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JournalContents:
+    """Contents of a journal at the start."""
+
+    entries: dict[str, Owned] = field(default_factory=dict[str, Owned])
+    """Selected objects by id."""
+    events: int = 0
+    """Number of the last event that was published or was to be published."""
+    unpublished: Sequence[Record] = ()
+    """Events that may not have been published, the oldest first."""
+    decided: Sequence[tuple[str, int]] = ()
+    """Persons and stamps of the last claims, the oldest first. They may come again."""
+
+
+class Journal:
+    """The journal file of one site's selector, which writes it alone. It keeps nothing before `begin`."""
+
+    def __init__(
+        self, folder: Path, *, keep_days: float = 30.0, restore_within_s: float = 600.0, max_mb: float = 200.0
+    ) -> None:
+        """Create without opening any file.
+
+        Args:
+            folder: folder of the files. It is created if missing.
+            keep_days: events older than this are deleted.
+            restore_within_s: selections are dropped if the last sign of life is older.
+            max_mb: the oldest refusals, then other old events are deleted beyond this size of the file.
+        """
+        self._store = Store(folder / FILE, LAYOUT)
+        self._keep_ns = int(keep_days * NS_PER_DAY)
+        self._within_ns = int(restore_within_s * NS_PER_S)
+        self._max_bytes = int(max_mb * 1e6)
+        self._pending: list[Record] = []
+        self._published = self._published_on_disk = 0
+        self._alive_ns: int | None = None
+        self._pruned = 0
+        """Row up to which old events were pruned last."""
+
+    @property
+    def path(self) -> Path:
+        """Return the path of the file."""
+        return self._store.path
+
+    @property
+    def problem(self) -> str:
+        """Return the problem and its remedy in one sentence, or `""`."""
+        return self._store.problem
+
+    def begin(self, now_ns: int) -> JournalContents:
+        """Open the file and return its contents. If that fails they are empty and `problem` is set."""
+        return self._store.open(now_ns, lambda db: self._read(db, now_ns)) or JournalContents()
+
+    def add(self, record: Record) -> None:
+        """Add a record. It is stored by the next `commit`."""
+        if self._store.is_open:
+            self._pending.append(record)
+
+    def commit(self, now_ns: int) -> None:
+        """Write all added records or none. If the disk fails, try again later."""
+        if self._pending:
+            self._write(now_ns)
+
+    def mark_published(self, seq: int) -> None:
+        """Record that the event `seq` was published."""
+        self._published = max(self._published, seq)
+
+    def maintain(self, now_ns: int, *, is_selected: bool) -> None:
+        """Store what was published and a sign of life, and delete old events. Called periodically."""
+        lives = is_selected and self._is_sign_due(now_ns)
+        if self._pending or lives or self._published != self._published_on_disk:
+            self._write(now_ns)
+
+    def close(self) -> None:
+        """Close the file and release the lock."""
+        self._store.close()
+
+    def _is_sign_due(self, now_ns: int) -> bool:
+        return self._alive_ns is None or abs(now_ns - self._alive_ns) >= ALIVE_EVERY_NS
+
+    def _read(self, db: sqlite3.Connection, now_ns: int) -> JournalContents:
+        told, alive_ns = _LIFE.validate_python(db.execute("SELECT told, alive_ns FROM life").fetchone())
+        events = int(db.execute("SELECT COALESCE(MAX(seq), 0) FROM events").fetchone()[0])
+        if not 0 <= events <= MAX_EVENTS:
+            raise ValueError("the number of events is damaged")
+        opened = [record_of(row) for row in db.execute(OPEN)]
+        self._published = self._published_on_disk = told
+        if abs(now_ns - alive_ns) > self._within_ns:
+            self._published = events  # too old to be news
+            self._pending = [_closed(record, now_ns) for record in opened]
+            self._write(now_ns)
+            return JournalContents(events=events)
+        entries = {
+            record.object_id: Owned(record.owner, record.kind, record.since_ns, record.confidence)
+            for record in opened
+        }
+        unpublished = [record_of(row) for row in db.execute(UNPUBLISHED, (told,))]
+        last = db.execute(DECIDED, (MAX_DECIDED,)).fetchall()[::-1]
+        decided = [(user.decode(errors="replace"), stamp_ns) for user, stamp_ns in last]
+        return JournalContents(entries=entries, events=events, unpublished=unpublished, decided=decided)
+
+    def _write(self, now_ns: int) -> None:
+        def write(db: sqlite3.Connection) -> None:
+            db.executemany(INSERT, self._pending)
+            if self._pending and db.execute(BYTES).fetchone()[0] > self._max_bytes:
+                rows = PRUNED_AT_ONCE + 2 * len(self._pending)
+                for shrink in SHRINK:
+                    rows -= db.execute(shrink, (rows,)).rowcount
+            db.execute("UPDATE life SET told = ?, alive_ns = ?", (self._published, now_ns))
+            if self._is_sign_due(now_ns):
+                self._prune(db, now_ns)
+
+        if self._store.write(now_ns, write):
+            self._pending.clear()
+            self._published_on_disk, self._alive_ns = self._published, now_ns
+        else:
+            del self._pending[:-MAX_PENDING]
+
+    def _prune(self, db: sqlite3.Connection, now_ns: int) -> None:
+        """Delete old events among the next few rows: all at once would take too long."""
+        end = db.execute(PRUNE_TO, (self._pruned, PRUNED_AT_ONCE)).fetchone()[0]
+        if end is None:
+            self._pruned = 0  # restart at the first row
+            return
+        db.execute(PRUNE, (self._pruned, end, now_ns - self._keep_ns))
+        self._pruned = end
+
+
+def _closed(record: Record, now_ns: int) -> Record:
+    reason = "nobody saw it while no selector ran"
+    return record._replace(stamp_ns=now_ns, event="left", cause="", reason=reason, seq=None)
+
+
+PAUSE_S = 0.05
+"""Pause after each reading, so that repeated queries do not block selecting, s."""
+
+ENVELOPE_BYTES = 1024
+"""Upper limit of the size of a reply without its events."""
+
+
+class History:
+    """Answers queries for past events, one at a time, each in a thread."""
+
+    def __init__(self, path: Path | None) -> None:
+        """Create for the journal at `path`. None: there is no journal."""
+        self._path = path
+        self._turn = asyncio.Lock()
+
+    async def answer(self, query: ReadHistory, _name: str) -> ReadHistoryReply:
+        """Return the last events.
+
+        Raises:
+            RefusedError: If there is no journal, or it cannot be read.
+        """
+        if self._path is None:
+            raise RefusedError("this selector keeps no journal: start it with journal.enabled=true")
+        async with self._turn:
+            try:
+                events = await asyncio.to_thread(_read, self._path, query)
+            except sqlite3.Error as error:
+                raise RefusedError(f"the journal cannot be read ({error}): see `pointit doctor`") from error
+            finally:
+                await asyncio.sleep(PAUSE_S)
+        return ReadHistoryReply(message=f"the last {len(events)} events", events=events)
+
+
+def _read(path: Path, query: ReadHistory) -> tuple[SelectionEvent, ...]:
+    records = recent(path, query.last, since_ns=query.since_ns)
+    events = (event_of(record, record.seq or 0) for record in records)
+    return fitting([event for event in events if event is not None])
+
+
+def fitting(
+    events: list[SelectionEvent], max_bytes: int = ReadHistoryReply.max_bytes - ENVELOPE_BYTES
+) -> tuple[SelectionEvent, ...]:
+    """Return the newest of `events`, which are in order, that fit into `max_bytes` together."""
+    room = max_bytes
+    for index in reversed(range(len(events))):
+        room -= len(encode(events[index]))
+        if room < 0:
+            return tuple(events[index + 1 :])
+    return tuple(events)

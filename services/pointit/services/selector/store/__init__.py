@@ -1,1 +1,0 @@
-"""The selector's journal on disk."""

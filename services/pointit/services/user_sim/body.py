@@ -1,0 +1,351 @@
+"""The body of a simulated person: arm, feet, errors of pointing, and the IMU on the wrist.
+
+The +2.8 deg of pitch there count downwards, like the original toolkit's pitch. Recordings of pointing at the
+floor have the ray 2.5 deg below the target (between people 2.1, within a person 1.0), those at a wall 0.7 deg
+below it (3.1, 2 to 5), so people point too low on average, some too high.
+"""
+
+import math
+
+import numpy as np
+
+from pointit.geometry import rotation, vector
+from pointit.geometry.rotation import Quaternion
+from pointit.geometry.vector import Vec3
+from pointit.schemas import NS_PER_S, ImuSample
+from pointit.services.user_sim.config import AimConfig, ArmConfig, WristbandConfig
+from pointit.sim.aim import Aim, Tremor
+
+USUAL_REACH_RAD = math.radians(39.0)
+"""Amplitude of reaches at which the scatter was measured. It is proportional to amplitude (Schmidt's law)."""
+BENT_ARM_RAD = (math.radians(5.0), math.radians(10.0))
+
+
+class OpenLoopError:
+    """A person's own bias, and a new random error for every reach."""
+
+    def __init__(self, config: AimConfig, skill: float, rng: np.random.Generator) -> None:
+        """Create for a person with `skill`, 0 to 1."""
+        self._config = config
+        self._rng = rng
+        drawn_deg = config.elevation_error_mean_deg + config.elevation_error_person_sd_deg * float(
+            rng.standard_normal()
+        )
+        given_deg = config.elevation_bias_deg
+        self._clumsy = 1.0 - skill
+        self.bias_rad = math.radians(self._clumsy * drawn_deg if given_deg is None else given_deg)
+        """Mean elevation above the target, rad."""
+        self.now_rad: tuple[float, float] = (0.0, 0.0)
+        """Azimuth and elevation error of the current reach, rad."""
+        self.draw(0.0)
+
+    def draw(self, amplitude_rad: float) -> None:
+        """Draw a new error for a reach of `amplitude_rad`."""
+        config, rng = self._config, self._rng
+        share = min(amplitude_rad / USUAL_REACH_RAD, 1.0)
+        azimuth = math.radians(config.azimuth_error_reach_sd_deg) * share * float(rng.standard_normal())
+        elevation = math.radians(config.elevation_error_reach_sd_deg) * share * float(rng.standard_normal())
+        if rng.random() < config.bent_arm_share:
+            step = float(rng.uniform(*BENT_ARM_RAD)) * (1.0 if rng.random() < 0.5 else -1.0)
+            azimuth, elevation = (
+                (azimuth + step, elevation) if rng.random() < 0.5 else (azimuth, elevation + step)
+            )
+        self.now_rad = (self._clumsy * azimuth, self.bias_rad + self._clumsy * elevation)
+
+
+BOOT_SPAN_S = 3600.0
+"""Maximum time since the band was switched on, at the start, s."""
+
+MAX_RUNNING_S = 9e9
+"""Limit of the band's clock, s (285 years)."""
+
+
+class Wristband:
+    """Measures the arm's orientation in {H} with typical errors."""
+
+    def __init__(self, yaw_rad: float, config: WristbandConfig, rng: np.random.Generator) -> None:
+        """Switch on. `yaw_rad` is the azimuth in {W} at which this IMU reads yaw 0."""
+        self._config = config
+        self._rng = rng
+        self._yaw_rad = yaw_rad
+        drawn_radps = math.radians(config.yaw_rate_bias_sd_degps) * float(rng.standard_normal())
+        given = config.yaw_drift_degpmin
+        self._rate_radps = drawn_radps if given is None else math.radians(given) / 60.0
+        self._boot_s = float(rng.uniform(0.0, BOOT_SPAN_S))
+        self._at_ns: int | None = None
+        self._running_s = 0.0
+        self._pace = 1.0 + config.clock_skew_ppm * 1e-6
+        self._silent = False
+        self._seq = 0
+        self.drift_rad = 0.0
+        """Drift of the yaw since the start, rad."""
+
+    def sample(self, now_ns: int, world_from_arm: Quaternion) -> ImuSample | None:
+        """Return the sample at `now_ns`, or None if the radio loses it."""
+        passed_s = 0.0 if self._at_ns is None else (now_ns - self._at_ns) / NS_PER_S
+        self._at_ns = now_ns
+        # clamped before it exceeds the message's range
+        self._running_s = min(self._running_s + passed_s * self._pace, MAX_RUNNING_S)
+        self._drift(passed_s)
+        half_rad = 0.5 * math.radians(self._config.noise_sd_deg)
+        x, y, z = self._rng.standard_normal(3).tolist()
+        self._seq += 1  # lost samples count, so that subscribers see the gap
+        if self._is_silent(passed_s):
+            return None
+        measured = rotation.multiply(
+            rotation.from_yaw(self.drift_rad - self._yaw_rad),
+            rotation.multiply(world_from_arm, (half_rad * x, half_rad * y, half_rad * z, 1.0)),
+        )
+        return ImuSample(
+            stamp_ns=now_ns,
+            seq=self._seq,
+            orientation_xyzw=rotation.normalized(measured),
+            device_time_ns=round((self._boot_s + self._running_s) * NS_PER_S),
+        )
+
+    def _drift(self, passed_s: float) -> None:
+        walk_radps = math.radians(self._config.yaw_rate_walk_sd_degps)
+        self._rate_radps += walk_radps * math.sqrt(passed_s) * float(self._rng.standard_normal())
+        self.drift_rad += self._rate_radps * passed_s
+
+    def _is_silent(self, passed_s: float) -> bool:
+        """Return True if the radio is silent: two states with exponential durations (Gilbert)."""
+        share = self._config.dropout_share
+        if share <= 0.0:
+            return False
+        burst_s = self._config.dropout_burst_s
+        stay_s = burst_s if self._silent else burst_s * (1.0 - share) / share
+        if self._rng.random() < 1.0 - math.exp(-passed_s / stay_s):
+            self._silent = not self._silent
+        return self._silent
+
+
+State = tuple[float, float, float]
+"""Angle, rate and acceleration of one axis, rad, rad/s, rad/s²."""
+
+SECOND_SHARE = 1.0 / 3.0
+"""Second pole of the wandering, as a share of the correlation time, so that little of it is above 2 Hz."""
+
+STEADIER = 0.5
+"""Share by which skill 1 reduces the noise."""
+
+EASING_S = 0.5
+"""Time constant of changes of the noise level, s."""
+
+
+def minimum_jerk_to_rest(start: State, duration_s: float, elapsed_s: float) -> State:
+    """Return the state `elapsed_s` after `start` on the minimum-jerk path to rest at 0.
+
+    The quintic with given position, rate and acceleration at both ends (Hoff and Arbib 1993): a reach may
+    start from any movement without a jerk, and a reach from rest has the classic bell-shaped speed.
+    """
+    if elapsed_s >= duration_s:
+        return (0.0, 0.0, 0.0)
+    s = max(elapsed_s, 0.0) / duration_s
+    s2, s3, s4, s5 = s * s, s**3, s**4, s**5
+    x, v, a = start[0], start[1] * duration_s, start[2] * duration_s**2 / 2.0
+    position = (
+        x * (1 - 10 * s3 + 15 * s4 - 6 * s5)
+        + v * (s - 6 * s3 + 8 * s4 - 3 * s5)
+        + a * (s2 - 3 * s3 + 3 * s4 - s5)
+    )
+    rate = (
+        x * (-30 * s2 + 60 * s3 - 30 * s4)
+        + v * (1 - 18 * s2 + 32 * s3 - 15 * s4)
+        + a * (2 * s - 9 * s2 + 12 * s3 - 5 * s4)
+    )
+    acceleration = (
+        x * (-60 * s + 180 * s2 - 120 * s3)
+        + v * (-36 * s + 96 * s2 - 60 * s3)
+        + a * (2 - 18 * s + 36 * s2 - 20 * s3)
+    )
+    return (position, rate / duration_s, acceleration / duration_s**2)
+
+
+class Arm:
+    """An arm that follows an aim, with reaches from one aim to the next."""
+
+    def __init__(self, aim: Aim, config: ArmConfig, rng: np.random.Generator, skill: float = 0.0) -> None:
+        """Create at rest on `aim`. `skill` of the person, 0 to 1."""
+        self._config = config
+        self._rng = rng
+        self._aim = aim
+        self._start: tuple[State, State] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        self._began_ns = 0
+        self._at_ns: int | None = None
+        """Time of `_at`, ns."""
+        self._at = self._start
+        self._duration_s = config.reach_base_s
+        self._noise = PosturalNoise(config, rng, skill)
+
+    @property
+    def reached_ns(self) -> int:
+        """Return the time at which the last reach is complete, ns."""
+        return self._began_ns + round(self._duration_s * NS_PER_S)
+
+    def amplitude_rad(self, now_ns: int, aim: Aim) -> float:
+        """Return the angle from the arm's direction to `aim`."""
+        off = self.deviation(now_ns)
+        here = vector.direction(self._aim.azimuth_rad + off[0], self._aim.elevation_rad + off[1])
+        return vector.angle_between(here, vector.direction(aim.azimuth_rad, aim.elevation_rad))
+
+    def reach_s(self, amplitude_rad: float, *, with_cursor: bool = False) -> float:
+        """Return a random duration of a reach of `amplitude_rad`, s (Fitts: 39 deg in 0.74 s).
+
+        It is longer with a cursor, as people slow down to steer by it.
+        """
+        config = self._config
+        bits = math.log2(amplitude_rad / math.radians(config.reach_width_deg) + 1.0)
+        usual_s = config.reach_base_s + config.reach_per_bit_s * bits
+        usual_s *= config.reach_with_cursor if with_cursor else 1.0
+        return usual_s * math.exp(config.reach_spread * self._rng.standard_normal())
+
+    def start_hold(self) -> None:
+        """Draw a new level of postural noise, as it differs from hold to hold."""
+        self._noise.draw()
+
+    def reach(self, now_ns: int, aim: Aim, duration_s: float) -> None:
+        """Start a reach from the current orientation to `aim`, complete after `duration_s`."""
+        azimuth, elevation = self._states(now_ns)
+        old, self._aim = self._aim, aim
+        self._start = (
+            (
+                vector.wrap(old.azimuth_rad + azimuth[0] - aim.azimuth_rad),
+                old.azimuth_rate_radps + azimuth[1] - aim.azimuth_rate_radps,
+                azimuth[2],
+            ),
+            (
+                old.elevation_rad + elevation[0] - aim.elevation_rad,
+                old.elevation_rate_radps + elevation[1] - aim.elevation_rate_radps,
+                elevation[2],
+            ),
+        )
+        self._began_ns = now_ns
+        self._duration_s = duration_s
+        self._at_ns = None
+
+    def deviation(self, now_ns: int) -> tuple[float, float]:
+        """Return the offset of the arm from its aim, azimuth and elevation, rad, without postural noise."""
+        azimuth, elevation = self._states(now_ns)
+        return (azimuth[0], elevation[0])
+
+    def follow(self, now_ns: int, aim: Aim) -> Quaternion:
+        """Return the arm's orientation in {W} with the updated `aim`."""
+        self._aim = aim
+        off = self.deviation(now_ns)
+        noise = self._noise.at(now_ns)
+        return rotation.from_azimuth_elevation(
+            aim.azimuth_rad + off[0] + noise[0], aim.elevation_rad + off[1] + noise[1]
+        )
+
+    def _states(self, now_ns: int) -> tuple[State, State]:
+        if now_ns != self._at_ns:
+            elapsed_s = (now_ns - self._began_ns) / NS_PER_S
+            self._at_ns = now_ns
+            self._at = (
+                minimum_jerk_to_rest(self._start[0], self._duration_s, elapsed_s),
+                minimum_jerk_to_rest(self._start[1], self._duration_s, elapsed_s),
+            )
+        return self._at
+
+
+class PosturalNoise:
+    """Wandering of two axes (noise through two poles) with tremor (tones of 6 to 12 Hz).
+
+    With poles of 0.3 and 0.1 s, 62 % of the wandering's variance is below 0.5 Hz, 23 % up to 1 Hz, 11 % up to
+    2 Hz, 3 % up to 4 Hz and under 1 % above. Measured: 65, 17, 14, under 4, under 1 (pointing.md §7).
+    """
+
+    def __init__(self, config: ArmConfig, rng: np.random.Generator, skill: float = 0.0) -> None:
+        self._rng = rng
+        self._spread = config.hold_spread
+        steady = 1.0 - STEADIER * skill
+        self._sd_rad = [
+            steady * math.radians(sd_deg) for sd_deg in (config.hold_yaw_sd_deg, config.hold_pitch_sd_deg)
+        ]
+        self._poles_s = (config.hold_correlation_s, SECOND_SHARE * config.hold_correlation_s)
+        first_s, second_s = self._poles_s
+        self._source_variance = (first_s + second_s) / first_s
+        y, x, more = rng.standard_normal(2), rng.standard_normal(2), math.sqrt(self._source_variance - 1.0)
+        self._state = [(float(b + more * a), float(b)) for a, b in zip(y, x, strict=True)]
+        """Driving noise and wandering of each axis. The wandering has variance 1."""
+        self._passed_s = -1.0
+        self._step = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._factor = self._wanted = 1.0
+        self._tremor = Tremor(math.radians(config.tremor_rms_deg), rng)
+        self._at_ns: int | None = None
+
+    def draw(self) -> None:
+        """Start another hold with a random level of noise."""
+        self._wanted = math.exp(self._spread * float(self._rng.standard_normal()))
+
+    def at(self, now_ns: int) -> tuple[float, float]:
+        """Return the offsets of azimuth and elevation at `now_ns`, rad."""
+        passed_s = 0.0 if self._at_ns is None else max(0, now_ns - self._at_ns) / NS_PER_S
+        self._at_ns = now_ns
+        if passed_s != self._passed_s:
+            self._step = self._over(passed_s)
+            self._passed_s = passed_s
+        keep, follow, keep_second, a, b, c = self._step
+        n = self._rng.standard_normal(4).tolist()
+        self._state = [
+            (keep * y + a * n[2 * k], follow * y + keep_second * x + b * n[2 * k] + c * n[2 * k + 1])
+            for k, (y, x) in enumerate(self._state)
+        ]
+        self._factor += (self._wanted - self._factor) * (1.0 - math.exp(-passed_s / EASING_S))
+        yaw, pitch = (
+            self._factor * sd * x + tremor
+            for sd, (_, x), tremor in zip(self._sd_rad, self._state, self._tremor.step(passed_s), strict=True)
+        )
+        return (yaw, pitch)
+
+    def _over(self, passed_s: float) -> tuple[float, float, float, float, float, float]:
+        """Return the exact update of the state over a step: three factors, the noise's triangular matrix."""
+        first_s, second_s = self._poles_s
+        k1, k2 = math.exp(-passed_s / first_s), math.exp(-passed_s / second_s)
+        c = first_s * (k1 - k2) / (first_s - second_s)
+        s2 = self._source_variance
+        yy = s2 * (1.0 - k1 * k1)
+        yx = 1.0 - k1 * (c * s2 + k2)
+        xx = 1.0 - (c * c * s2 + 2.0 * c * k2 + k2 * k2)
+        low = math.sqrt(max(yy, 0.0))
+        cross = yx / low if low > 0.0 else 0.0
+        return (k1, c, k2, low, cross, math.sqrt(max(xx - cross * cross, 0.0)))
+
+
+STEP_S = 1.0
+"""Duration of a shift of the weight, or of a small step, s."""
+
+
+class StandingPosition:
+    """Random steps to spots around a position."""
+
+    def __init__(self, place_m: Vec3, sd_m: float, every_s: float, rng: np.random.Generator) -> None:
+        """Start at `place_m`; spots lie `sd_m` (1 sigma in x and y) around it, `every_s` apart on average."""
+        self._place_m = place_m
+        self._sd_m = sd_m
+        self._every_s = every_s
+        self._rng = rng
+        self._from: tuple[float, float] = (0.0, 0.0)
+        self._spot: tuple[float, float] = (0.0, 0.0)
+        self._began_ns = 0
+        self._next_ns: int | None = None
+
+    def at(self, now_ns: int) -> Vec3:
+        """Return the position at `now_ns`, {W}."""
+        if self._sd_m == 0.0:
+            return self._place_m
+        if self._next_ns is None:
+            self._next_ns = self._after(now_ns)
+        elif now_ns >= self._next_ns:
+            x, y = self._sd_m * self._rng.standard_normal(2)
+            self._from, self._spot = self._spot, (float(x), float(y))
+            self._began_ns = now_ns
+            self._next_ns = self._after(now_ns)
+        elapsed_s = max(0, now_ns - self._began_ns) / NS_PER_S
+        left = minimum_jerk_to_rest((1.0, 0.0, 0.0), STEP_S, elapsed_s)[0]
+        x, y = (spot + left * (old - spot) for old, spot in zip(self._from, self._spot, strict=True))
+        return vector.add(self._place_m, (x, y, 0.0))
+
+    def _after(self, now_ns: int) -> int:
+        return now_ns + round((STEP_S + float(self._rng.exponential(self._every_s))) * NS_PER_S)

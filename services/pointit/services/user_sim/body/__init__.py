@@ -1,1 +1,0 @@
-"""The simulated body: arm, stance, noise and wristband."""

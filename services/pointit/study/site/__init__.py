@@ -1,1 +1,0 @@
-"""Site of a session: its scenario, display, audio and streams."""

@@ -1,0 +1,348 @@
+"""The site of a session: its scenario, shown targets, and the messages of the attempt that goes on."""
+
+import asyncio
+import contextlib
+import functools
+import math
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any, Self
+
+import pointit
+from pointit.errors import ConfigError, NoMessageError, PointItError
+from pointit.forearm.true_pose import TruePose, find_true_poses
+from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
+from pointit.geometry.vector import Vec3
+from pointit.launch.plan.scenario_catalog import room_of
+from pointit.maps.edit import dump_yaml
+from pointit.runtime.config.yaml_file import read_yaml
+from pointit.runtime.host.state_file import write_atomically
+from pointit.schemas import NS_PER_S, Announced, Cursor, Environment, topics
+from pointit.study.measure import SILENT_S, Attempt, load_end_rule
+from pointit.study.model import SHIPPED, Picture, Study, Value, read_pictures
+from pointit.study.plan import StudyPlan, plan_of
+from pointit.study.tasks import StudyScene
+from pointit.study.view import Point, TopView, flat
+
+
+def scenario_file(study: Study, recording: Path | None = None) -> Path:
+    """Return the path of the scenario; with a `recording`, of a copy beside it with a recorder."""
+    if study.scenario in SHIPPED:
+        path = Path(str(resources.files("pointit.study") / "scenarios" / f"{study.scenario}.yaml"))
+    else:
+        path = study.folder / study.scenario
+    if recording is None:
+        return path
+    content: dict[str, Any] = read_yaml(path)
+    site = content.setdefault("site", {})
+    site["recorder"] = {"file": str(recording.absolute())}
+    room = site.get("pui", {}).get("map", "")
+    if Path(room).suffix:
+        site["pui"]["map"] = str((path.parent / room).absolute())
+    copy = recording.with_name("scenario.yaml")
+    write_atomically(copy, dump_yaml(content).encode(), mode=0o644)
+    return copy
+
+
+def scenes_of(study: Study, plan: StudyPlan, block: int, settings: Mapping[str, object]) -> list[StudyScene]:
+    """Return the scenes of all trials of a block, in their order, without starting anything.
+
+    Raises: ConfigError: If the scenario or a parameter of `settings` cannot be used, or the room lacks a
+    target.
+    """
+    run = pointit.run(scenario_file(study), users=[plan.participant], settings=settings)
+    if (room := room_of(run.check())) is None:
+        raise ConfigError(f"scenario {study.scenario} has no map, in which targets could be")
+    scenes: list[StudyScene] = []
+    for trial in plan.block(block):
+        scenes.append(study.task_in(trial.cell).scene(trial, room, scenes[-1] if scenes else None))
+    return scenes
+
+
+def check_ready(study: Study) -> dict[str, Picture]:
+    """Check all that could fail after the first trial; return the pictures of the study by `Step.image`.
+
+    Raises: ConfigError: If a picture, the function `end` or a service's parameter in any block cannot be
+    used.
+    """
+    pictures = read_pictures(study.steps, study.folder)
+    load_end_rule(study.end, study.folder)
+    check_services(study)
+    return pictures
+
+
+def check_services(study: Study) -> None:
+    """Check the services' parameters in each block of each group, and that the room has all targets.
+
+    Raises: ConfigError: If the scenario, a value or a target cannot be used; names the levels.
+    """
+    for group in range(len(study.cells("between"))):
+        plan = plan_of(study, study.people[group])
+        for block, name in enumerate(plan.order, 1):
+            try:
+                scenes_of(study, plan, block, study.services(plan.block(block)[0].cell))
+            except ConfigError as error:
+                levels = ", ".join([*plan.group.values(), *([name] if name else [])])
+                raise ConfigError(f"{levels}: {error}" if levels else str(error)) from error
+
+
+TRACKER = "study"
+SHOW_S = 0.1
+"""Time between two reports of the targets, s."""
+TIMEOUT_S = 5.0
+"""Time for a package to appear, s."""
+TARGET_COLOR = "#ff1e00"
+DWELL = {"gauge": "selector.gauge.full_s", "hold": "selector.window_s", "fraction": "selector.window_s"}
+"""Parameter that is the time of dwelling, by method."""
+LIVE = frozenset({"selector.method", *DWELL.values(), "conveyor-sim.speed_mps"})
+"""Parameters that change without a new start."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SiteOptions:
+    """Devices and options of the site of a session."""
+
+    imu: str = ""
+    output: str = ""
+    localize: bool = False
+    listen: str = ""
+    record: bool = False
+    lsl: bool = False
+    person: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    """Parameters of a simulated person."""
+
+
+class StudySite:
+    """One participant at a site."""
+
+    def __init__(
+        self, site: pointit.Site, user: str, settings: Mapping[str, Value], environment: Environment
+    ) -> None:
+        """Use `site`; `at` is the way in."""
+        self.site = site
+        self.map = environment
+        self.attempt: Attempt | None = None
+        self.on_message: Callable[[object, int], None] = lambda _message, _now_ns: None
+        """Called with each message of the person, and the time of its arrival, ns."""
+        self.truth_tracker = ""
+        """Tracker of the participant's true pose, which the study declares, or `""`."""
+        self.has_names = False
+        """True if names are spoken to the participant."""
+        self.configuration: dict[str, str] = {}
+        """Parameters of all services, JSON, by instance."""
+        self._user = user
+        self._settings = dict(settings)
+        self._tracker = site.tracker(TRACKER)
+        self._scene: StudyScene | None = None
+        self._received_ns = 0
+        self._true_pose: TruePose | None = None
+        self._cursor: Cursor | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+
+    @classmethod
+    @contextlib.asynccontextmanager
+    async def at(cls, run: Any, user: str, settings: Mapping[str, Value]) -> AsyncGenerator[Self]:
+        """Yield the site that `run`, from `pointit.run`, starts."""
+        async with run as site:
+            joined = cls(site, user, settings, await site.latest.map.wait())
+            joined._begin()
+            try:
+                yield joined
+            finally:
+                for task in joined._tasks:
+                    task.cancel()
+                await asyncio.gather(*joined._tasks, return_exceptions=True)
+
+    def is_live(self, settings: Mapping[str, Value]) -> bool:
+        """Return True if `settings` can be used without a new start."""
+        changed = {n for n in self._settings | dict(settings) if self._settings.get(n) != settings.get(n)}
+        dwell = DWELL.get(str(settings.get("selector.method")), "")  # that of another method is not sent
+        return changed <= LIVE & settings.keys() and changed & set(DWELL.values()) <= {dwell}
+
+    async def use(self, settings: Mapping[str, Value]) -> None:
+        """Change the live parameters to those of `settings`."""
+        method = settings.get("selector.method")
+        dwell_s = settings.get(DWELL.get(str(method), ""))
+        if method is not None or dwell_s is not None:
+            seconds = None if dwell_s is None else float(dwell_s)
+            await self.site.select.method(None if method is None else str(method), dwell_s=seconds)
+        if (speed := settings.get("conveyor-sim.speed_mps")) is not None:
+            await self.site.conveyor.set_speed(float(speed))
+        self._settings = dict(settings)
+
+    @property
+    def problem(self) -> str:
+        """Instruction to the participant if they do not point, else `""`."""
+        for task in self._tasks:
+            if task.done():
+                task.result()
+        with contextlib.suppress(NoMessageError):
+            interaction = self.site.latest.interaction[self._user]
+            if interaction.state != "pointing":
+                return interaction.next_step or "press the button to begin to point"
+        if self.site.now_ns() - self._received_ns > SILENT_S * NS_PER_S:
+            return "no ray comes: is the wrist on, and in reach?"
+        return self.truth_problem
+
+    @property
+    def truth_problem(self) -> str:
+        """Sentence if the true pose, which the study declares, does not come, else `""`."""
+        pose, oldest_ns = self._true_pose, self.site.now_ns() - SILENT_S * NS_PER_S
+        if not self.truth_tracker or (pose is not None and pose.stamp_ns > oldest_ns):
+            return ""
+        return (
+            f"the tracker {self.truth_tracker} sees no {self._user}: start it with `truth: true`, and check "
+            "that their bodies are seen"
+        )
+
+    @property
+    def quality(self) -> str:
+        """Standard deviations of the participant's localization, or `""` if it is unknown or given."""
+        pose = self.site.latest.pose.get(self._user)
+        if pose is None or not any(pose.covariance):
+            return ""
+        text = f"position ±{position_sigma_m(pose.covariance) * 100:.0f} cm, "
+        text += f"yaw ±{math.degrees(yaw_sigma_rad(pose.covariance)):.1f}°"
+        true_pose = None if self.truth_problem else self._true_pose
+        error = None if true_pose is None else true_pose.error_of(pose)
+        if error is not None:
+            text += f"; true error {error.position_m * 100:.0f} cm"
+            text += "" if error.yaw_rad is None else f", {math.degrees(error.yaw_rad):+.1f}°"
+        return text
+
+    @property
+    def live(self) -> TopView:
+        """The room from above, as it is now."""
+        pose, attempt = self.site.latest.pose.get(self._user), self.attempt
+        is_silent = self.site.now_ns() - self._received_ns > SILENT_S * NS_PER_S
+        ray = None if is_silent else self._cursor
+        return TopView(
+            lines=self._lines,
+            person=None if pose is None else flat(pose.position_m),
+            eyes=None if ray is None else flat(ray.origin_m),
+            direction=None if ray is None else flat(ray.direction),
+            cursor=None if ray is None else flat(ray.point_m),
+            target=None if attempt is None else flat(attempt.target_m),
+        )
+
+    @functools.cached_property
+    def _lines(self) -> tuple[tuple[Point, ...], ...]:
+        room = self.map
+        lines: list[Sequence[Sequence[float]]] = [strip.line_m for strip in room.strips]
+        lines += [belt.line_m for belt in room.belts]
+        lines += [(*fence.outline_m, fence.outline_m[0]) for fence in room.fences]
+        return tuple(tuple(filter(None, map(flat, line))) for line in lines)
+
+    async def show(self, scene: StudyScene) -> tuple[str, Vec3]:
+        """Show the target of `scene`; return its id and position as soon as it is there.
+
+        Raises: PointItError: If a package does not appear, or a request is refused.
+        """
+        if scene.say:
+            await self.site.feedback.say(self._user, scene.say)
+        if scene.target_m is not None:
+            self._scene = scene
+            self._tracker.update(scene.objects)
+            if scene.lamp:
+                await self.site.lamp(scene.lamp).set(TARGET_COLOR)
+            if scene.localize:
+                await self.site.localizer.start(self._user, scene.localize)
+            return scene.target, scene.target_m
+        await self.site.conveyor.reset()
+        await self.site.conveyor.set_feeding(False)
+        added = [
+            await self.site.conveyor.add_package(
+                p.kind, lane=p.lane, length_m=p.length_m, position=p.position
+            )
+            for p in scene.packages
+        ]
+        target = added[0].object_id
+        end_ns = self.site.now_ns() + TIMEOUT_S * NS_PER_S
+        while (place_m := self.position(target)) is None:
+            if self.site.now_ns() > end_ns:
+                raise PointItError(
+                    f"package {target} does not appear within {TIMEOUT_S:g} s; see `pointit doctor`"
+                )
+            await self.site.sleep(SHOW_S / 2)
+        self._scene = scene
+        return target, place_m
+
+    def position(self, object_id: str) -> Vec3 | None:
+        """Return the last reported position of an object, {W}, or None."""
+        listed = (each for message in self.site.latest.objects.values() for each in message.objects)
+        return next((each.position_m for each in listed if each.id == object_id), None)
+
+    async def hide(self) -> None:
+        """Hide the target."""
+        scene, self._scene, self.attempt = self._scene, None, None
+        self._tracker.update(())
+        if scene is None:
+            return
+        if scene.lamp:
+            await self.site.lamp(scene.lamp).set(None)
+        if scene.packages:
+            await self.site.conveyor.reset()
+        if scene.say:
+            await self.site.feedback.say(self._user, "Wait for the next one.")
+        if scene.localize and self.site.latest.interaction[self._user].state == "localizing":
+            await self.site.localizer.cancel(self._user)
+
+    def _begin(self) -> None:
+        site, user = self.site, self._user
+        site.latest.interaction.get(user)  # received from now on
+        site.latest.objects.get(TRACKER)
+        site.latest.pose.get(user)
+        feeds: tuple[tuple[AsyncIterator[Any], Callable[[Attempt, Any, int], None]], ...] = (
+            (site.cursors(user), Attempt.on_cursor),
+            (site.hovers(user), Attempt.on_hover),
+            (site.selections(), Attempt.on_selection),
+            (site.messages(topics.BUTTON, user), Attempt.on_press),
+            (site.messages(topics.ANNOUNCED, user), Attempt.on_announced),
+            (site.messages(topics.STEP, user), Attempt.on_step),
+        )
+        work = [self._pump(*feed) for feed in feeds]
+        work += [self._report(), self._configure(), self._follow_robots(), self._follow_localization()]
+        work += [self._follow_truth()]
+        self._tasks = [asyncio.create_task(each) for each in work]
+
+    async def _pump(self, feed: AsyncIterator[Any], handle: Callable[[Attempt, Any, int], None]) -> None:
+        """Pass messages to the attempt that goes on."""
+        async for message in feed:
+            now_ns = self.site.now_ns()
+            if isinstance(message, Cursor):
+                self._received_ns, self._cursor = now_ns, message
+            self.has_names |= isinstance(message, Announced)
+            self.on_message(message, now_ns)  # first, as LSL pairs its clock with this time
+            if self.attempt is not None:
+                handle(self.attempt, message, now_ns)
+
+    async def _follow_robots(self) -> None:
+        async for name, state in self.site.messages(topics.ROBOT_STATE).items():
+            if self.attempt is not None and self._scene is not None and self._scene.robot == name:
+                self.attempt.on_robot(state, self.site.now_ns())
+
+    async def _follow_localization(self) -> None:
+        async for state in self.site.messages(topics.LOCALIZATION, self._user):
+            if self.attempt is not None and self._scene is not None and self._scene.localize:
+                pose = self.site.latest.pose.get(self._user)
+                found_m = None if pose is None else pose.position_m
+                self.attempt.on_localization(state, found_m, self.site.now_ns())
+
+    async def _follow_truth(self) -> None:
+        async for tracker, message in self.site.messages(topics.OBJECTS).items():
+            if tracker == self.truth_tracker:
+                pose = find_true_poses({tracker: message}).get(self._user)
+                if pose is not None:
+                    self._true_pose = pose
+                    self.on_message(pose, self.site.now_ns())
+
+    async def _configure(self) -> None:
+        async for message in self.site.messages(topics.CONFIGURATION):
+            self.configuration[message.instance] = message.parameters
+
+    async def _report(self) -> None:
+        while True:
+            self._tracker.update(self._scene.objects if self._scene is not None else ())
+            await self.site.sleep(SHOW_S)

@@ -1,1 +1,0 @@
-"""Tasks: the target of each trial, and its place in the room."""

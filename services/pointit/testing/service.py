@@ -1,0 +1,284 @@
+"""Checks of services, and the harness that their author gives."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+from pydantic import ValidationError
+
+from pointit.plugins import ConfigError, Message, Query, RefusedError, Request, ServicePlugin, Topic
+from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
+from pointit.runtime.service.service import Launch, run_service
+from pointit.schemas import Health
+from pointit.schemas.topics import ACCOUNTS, CLOCK, HEALTH, SERVICE_ALIVE
+from pointit.testing import requirements
+from pointit.testing.trial import CheckFailedError, DeviceHarness, Suite, Trial, absent, connected
+
+__all__ = [
+    "LIVES_S",
+    "ServiceHarness",
+    "SERVICE_SUITE",
+    "NotedBus",
+    "ServiceTrial",
+    "MESSAGES",
+    "HEALTH_S",
+    "SYSTEM",
+    "parameters",
+    "starts",
+    "answers",
+    "hears",
+    "uses_declared_rows",
+    "works",
+]
+
+
+LIVES_S = 0.3
+"""Time for a service to process what it gets, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceHarness(DeviceHarness[ServicePlugin]):
+    """A service, checked on a bus within the process."""
+
+    messages: tuple[tuple[Topic[Any], Message], ...] = ()
+    """Messages that it reads, where those with default values do not exist or say too little."""
+    queries: tuple[tuple[Request[Any, Any], Query], ...] = ()
+    """Requests that it answers, where those with default values do not exist or say too little."""
+    works: "Callable[[ServiceTrial], Awaitable[None]] | None" = None
+    """Its author's own test of the running service: puts messages on `trial.bus`, and waits `until`."""
+
+    def trial(self) -> "ServiceTrial":
+        """Return a trial of the service, which has not begun."""
+        return ServiceTrial(self)
+
+
+SERVICE_SUITE: Suite[ServiceHarness] = Suite()
+
+
+class NotedBus(MemoryBus):
+    """A bus that notes the rows that are used by its service."""
+
+    def __init__(self, broker: LocalBroker) -> None:
+        super().__init__(broker)
+        self.used: dict[str, set[str]] = {"reads": set(), "writes": set(), "serves": set(), "asks": set()}
+        """Keys of rows by the field of `ServicePlugin` that must declare them."""
+
+    def publisher(self, topic: Any, name: str = "") -> Any:
+        """Declare a writer."""
+        self.used["writes"].add(topic.key)
+        return super().publisher(topic, name)
+
+    def subscribe(self, topic: Any, *arguments: Any, **options: Any) -> Any:
+        """Subscribe."""
+        self.used["reads"].add(topic.key)
+        return super().subscribe(topic, *arguments, **options)
+
+    def handler(self, request: Any, server: Any, name: str) -> Any:
+        """Answer a request."""
+        self.used["serves"].add(request.key)
+        return super().handler(request, server, name)
+
+    async def call(self, request: Any, *arguments: Any, **options: Any) -> Any:
+        """Send a request."""
+        self.used["asks"].add(request.key)
+        return await super().call(request, *arguments, **options)
+
+
+class ServiceTrial(Trial):
+    """One run of a service."""
+
+    def __init__(self, harness: ServiceHarness) -> None:
+        super().__init__(harness)
+        self.harness = harness
+        broker = LocalBroker()
+        self.own_bus = NotedBus(broker)
+        self.bus = MemoryBus(broker)
+        """Bus of the check, to which the service's messages come."""
+        plugin = harness.plugin
+        self.user = "anna" if plugin.make.SCOPE == "user" else ""
+        """Person of the service, or `""` for one of the site."""
+        self._launch = Launch(service=plugin.make, config=self.config, user=self.user)
+        self.present = False
+        """True while the service is present, which means that it is ready."""
+        self.errors = 0
+        """Number of its handlers and timers that raised."""
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the service, and close both buses."""
+        try:
+            await super().__aexit__(kind, error, trace)
+        finally:
+            await self.own_bus.close()
+            await self.bus.close()
+
+    def make(self, config: Any) -> None:
+        """Validate the parameters, which is all that may refuse them."""
+        self.harness.plugin.make.validate_config(config)
+
+    async def start(self) -> None:
+        """Run the service in the background, and wait until it is ready."""
+        self.bus.watch(SERVICE_ALIVE, self._on_service)
+        self.bus.subscribe(HEALTH, self._on_health, self._launch.instance)
+        self.task = asyncio.create_task(run_service(self._launch, self.own_bus, self.clock))
+        await self.until(lambda: self.present, "it did not get ready")
+
+    async def exchange(self, situation: str = "") -> None:
+        """Do nothing: no service promises anything about its device."""
+
+    async def live(self) -> None:
+        """Put messages, send requests, and give the service some time."""
+        self.put_messages()
+        for request in self.harness.plugin.serves:
+            await self.ask(request)
+        await asyncio.sleep(LIVES_S)
+
+    def put_messages(self) -> None:
+        """Put a message of each topic that it reads, those of the harness instead where there are some."""
+        given = {topic.key for topic, _ in self.harness.messages}
+        now_ns = self.clock.now_ns()
+        others = [
+            (topic, _default(topic.message, stamp_ns=now_ns, seq=1))
+            for topic in self.harness.plugin.reads
+            if topic.key not in given
+        ]
+        for topic, message in (*self.harness.messages, *others):
+            if message is not None:
+                self.bus.publisher(topic, self._name(topic)).put(message)
+
+    async def ask(self, request: Request[Any, Any]) -> None:
+        """Send `request` if there is a query for it. A reply and a refusal are both answers.
+
+        Raises:
+            CheckFailedError: If there is none, or the service fails on it.
+        """
+        given = [query for each, query in self.harness.queries if each.key == request.key]
+        query = given[0] if given else _default(request.query)
+        if query is None:
+            return
+        try:
+            await self.bus.call(request, query, self._name(request), timeout_s=self.timeout_s)
+        except RefusedError as refusal:
+            fault = refusal.__cause__
+            if fault is not None:
+                raise CheckFailedError(f"{request.key} raised {type(fault).__name__}: {fault}") from fault
+        except Exception as error:
+            raise CheckFailedError(f"{request.key}: {error}") from error
+
+    def _name(self, row: Any) -> str:
+        return (self.user or "anna") if row.placeholder else ""
+
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if instance == self._launch.instance:
+            self.present = present
+
+    def _on_health(self, health: Health, _instance: str) -> None:
+        self.errors = health.errors
+
+
+def _default(kind: Any, **fields: object) -> Any:
+    """Return a message or query with default values, or None if it has none."""
+    try:
+        return kind(**fields)
+    except ValidationError:
+        return None
+
+
+MESSAGES = 50
+HEALTH_S = 1.1
+"""Time in which a service reports its health once, s."""
+SYSTEM = {CLOCK.key, *(topic.key for topic in ACCOUNTS)}
+"""Topics that every service uses."""
+
+
+@SERVICE_SUITE.check(
+    "NAME, and `writers` or `server` of its own rows, are the entry point's name; no key is another row's"
+)
+async def parameters(harness: ServiceHarness) -> None:
+    """Has a summary of one line, a description for each parameter, and rows that it may use."""
+    requirements.require_parameters(harness.plugin)
+    try:
+        harness.plugin.check(harness.plugin.make.NAME)
+    except ConfigError as error:
+        raise CheckFailedError(str(error)) from error
+
+
+SERVICE_SUITE.add(
+    requirements.config_errors,
+    "Raise pointit.plugins.ConfigError from `validate_config`, with one sentence: what, where, what to do",
+)
+
+
+@SERVICE_SUITE.check(
+    "Declare everything in the constructor, and wait in `run`: do not return, and catch what a device raises"
+)
+async def starts(harness: ServiceHarness) -> None:
+    """Starts, also while its device is away, and runs until it is cancelled."""
+    async with absent(harness.trial()):
+        pass
+
+
+@SERVICE_SUITE.check(
+    "Call `self.bus.serve` for each in the constructor; raise RefusedError with a sentence if it must refuse",
+    lambda harness: bool(harness.plugin.serves),
+)
+async def answers(harness: ServiceHarness) -> None:
+    """Answers the requests that it serves."""
+    async with connected(harness.trial()) as trial:
+        for request in harness.plugin.serves:
+            await trial.ask(request)
+
+
+@SERVICE_SUITE.check(
+    "Handle every message that its type allows; what a handler raises is counted in health, and logged",
+    lambda harness: bool(harness.plugin.reads),
+)
+async def hears(harness: ServiceHarness) -> None:
+    """Takes the messages that it reads, also many of them."""
+    async with connected(harness.trial()) as trial:
+        for _ in range(MESSAGES):
+            trial.put_messages()
+            await asyncio.sleep(0)
+        await asyncio.sleep(HEALTH_S)
+        trial.require_running()
+        if trial.errors:
+            raise CheckFailedError(f"{trial.errors} of its handlers or timers raised")
+
+
+@SERVICE_SUITE.check(
+    "Name each in `reads`, `writes`, `serves` or `asks` of the plug-in: a secured site allows only these"
+)
+async def uses_declared_rows(harness: ServiceHarness) -> None:
+    """Uses only topics and requests that it declares."""
+    async with connected(harness.trial()) as trial:
+        await trial.live()
+        if harness.works is not None:
+            await harness.works(trial)
+        for what, keys in trial.own_bus.used.items():
+            declared = {row.key for row in getattr(harness.plugin, what)}
+            extra = sorted(keys - declared - SYSTEM)
+            if extra:
+                raise CheckFailedError(f"`{what}` does not name {', '.join(extra)}, which it uses")
+
+
+@SERVICE_SUITE.check("See the test `works` in the harness", lambda harness: harness.works is not None)
+async def works(harness: ServiceHarness) -> None:
+    """Passes its author's own test."""
+    async with connected(harness.trial()) as trial:
+        if harness.works is not None:
+            await harness.works(trial)
+
+
+SERVICE_SUITE.add(
+    requirements.cancels,
+    "Await only what can be cancelled, do not catch CancelledError, and join no thread for longer",
+)
+SERVICE_SUITE.add(
+    requirements.does_not_block,
+    "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio, or `asyncio.to_thread`",
+    alone=True,
+)
+SERVICE_SUITE.add(requirements.leaves_nothing, requirements.CLOSE, alone=True)

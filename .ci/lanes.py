@@ -33,8 +33,8 @@ class Room:
     """Tests of several rooms that use it."""
 
 
-PRODUCT = "services/pointit/"
-BRIDGES = "bridges/pointit/bridges/"
+PRODUCT = "pointit/"
+BRIDGES = "bridges/"
 ROOMS = {
     "devices": Room(
         ("lab/pointit_lab/devices",),
@@ -99,7 +99,7 @@ ROOMS = {
         ),
     ),
     "words": Room(
-        (f"{PRODUCT}speech", f"{PRODUCT}services/listener"),
+        (f"{PRODUCT}speech", f"services/listener"),
         ("tests/unit/speech", "tests/unit/listener", "tests/integration/scenario/test_put_that_there.py"),
         (
             *("tests/examples/test_recogniser.py", "tests/lab/evaluation/test_referents.py"),
@@ -113,7 +113,7 @@ ROOMS = {
     ),
     "robots": Room(
         (
-            *(f"{PRODUCT}services/{name}" for name in ("goal", "robot", "robot_replay")),
+            *(f"services/{name}" for name in ("goal", "robot", "robot_replay")),
             *(f"{PRODUCT}launch/robots", f"{PRODUCT}cli/robots", f"{PRODUCT}vda5050"),
             f"{BRIDGES}agv_tracker",
         ),

@@ -11,8 +11,8 @@ FILE = Path(__file__).parents[1] / "explanation" / "life_cycle.md"
 HEAD = """# Life cycle of an interaction
 
 `python docs/pictures/life_cycle.py` makes this page from the table in
-[`supervisor/transitions.py`](../../services/pointit/services/supervisor/transitions.py).
-[`supervisor/life_cycle.py`](../../services/pointit/services/supervisor/life_cycle.py)
+[`supervisor/transitions.py`](../../services/supervisor/transitions.py).
+[`supervisor/life_cycle.py`](../../services/supervisor/life_cycle.py)
 runs it for each person. An arrow shows its events, with conditions in brackets.
 `before` is the stage that preceded the attempt.
 """

@@ -19,22 +19,22 @@ ELSEWHERE = {
     "bridges/README.md": "explanation/bridges.md",
     "deploy/README.md": "how-to/deploy.md",
     "examples/README.md": "how-to/examples.md",
-    "schemas/catalogue/README.md": "reference/topics.md",
+    "schemas/catalogue/shipped/README.md": "reference/topics.md",
 }
 """Pages whose files are in other folders of the repository, and their paths below `docs`."""
 SOURCES = {
-    "schemas/catalogue/messages": "reference/messages.md",
-    "services/pointit": "reference/modules.md",
-    "services/pointit/__init__.pyi": "reference/api-names.md",
-    "services/pointit/cli/commands.py": "reference/commands.md",
-    "services/pointit/launch/scenarios": "reference/scenarios.md",
-    "services/pointit/plugins": "reference/plug-ins.md",
-    "services/pointit/services": "reference/parameters.md",
+    "schemas/catalogue/shipped/messages": "reference/messages.md",
+    "pointit": "reference/modules.md",
+    "pointit/__init__.pyi": "reference/api-names.md",
+    "pointit/cli/commands.py": "reference/commands.md",
+    "pointit/launch/scenarios": "reference/scenarios.md",
+    "pointit/plugins": "reference/plug-ins.md",
+    "services": "reference/parameters.md",
 }
 """Sources of generated pages, and these pages. Links to a source work without the site, too."""
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
-MESSAGE = re.compile(r"schemas/catalogue/messages/(\w+)\.v(\d+)\.json")
-PARAMETERS = re.compile(r"services/pointit/services/(\w+)/config\.py")
+MESSAGE = re.compile(r"schemas/catalogue/shipped/messages/(\w+)\.v(\d+)\.json")
+PARAMETERS = re.compile(r"services/(\w+)/config\.py")
 SECTION = re.compile(
     r' aria-labelledby="__nav_[^"]*"'
     r'([^>]*>\s*<label class="md-nav__title"[^>]*>\s*<span[^>]*></span>([^<]*)<)'

@@ -230,7 +230,7 @@ def modules() -> Iterator[str]:
         "Every module with the first sentence of its docstring. "
         "[Architecture](../explanation/architecture.md) has the folders in order, and the way of the data."
     )
-    for source in (ROOT / "schemas", ROOT / "services", ROOT / "bridges"):
+    for source in (ROOT / name for name in ("pointit", "schemas", "services", "bridges")):
         folders: dict[Path, list[Path]] = {}
         for path in sorted(source.rglob("*.py")):
             folders.setdefault(path.parent, []).append(path)
@@ -238,7 +238,7 @@ def modules() -> Iterator[str]:
             found = [(path, ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))) for path in paths]
             rows = [(f"`{path.name}`", docstring.split("\n\n")[0]) for path, docstring in found if docstring]
             if rows:
-                yield f"## {folder.relative_to(source).as_posix()}"
+                yield f"## {folder.relative_to(ROOT).as_posix()}"
                 yield table(("module", "content"), rows)
 
 

@@ -1,5 +1,5 @@
 // A dashboard of one's own: open index.html beside `pointit service run foxglove`. Its channels carry every topic as JSON,
-// described by the JSON Schema of its message in schemas/catalogue. For a bridge elsewhere: index.html?at=ws://HOST:PORT
+// described by the JSON Schema of its message in schemas/catalogue/shipped. For a bridge elsewhere: index.html?at=ws://HOST:PORT
 const address = new URLSearchParams(location.search).get("at") ?? "ws://127.0.0.1:8765";
 const $ = (id) => document.getElementById(id);
 const line = (parent, id, tag) => $(id) ?? $(parent).appendChild(Object.assign(document.createElement(tag), { id }));

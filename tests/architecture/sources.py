@@ -6,19 +6,23 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-NAMESPACES = tuple(
-    folder
-    for folder in (ROOT / "schemas/pointit", ROOT / "services/pointit", ROOT / "bridges/pointit")
-    if folder.is_dir()
-)
-"""The installed portions of the namespace `pointit`."""
+LINKS = ("services", "schemas", "bridges")
+"""Rooms that stand beside the package, which links to them."""
+PRODUCT = tuple(ROOT / name for name in ("pointit", *LINKS))
+"""Folders of the product."""
 
 ROOMS = tuple(
     room
-    for namespace in NAMESPACES
-    for room in sorted(namespace.iterdir())
-    if room.is_dir() and room.name != "__pycache__"
+    for room in (*sorted((ROOT / "pointit").iterdir()), *PRODUCT[1:])
+    if room.is_dir() and not room.is_symlink() and room.name != "__pycache__"
 )
+
+
+def module_name(path: Path) -> str:
+    """Return the name of the module of the product or the laboratory at `path`."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = parts[1:] if parts[0] == "lab" else parts if parts[0] == "pointit" else ("pointit", *parts)
+    return ".".join(parts).removesuffix(".__init__")
 
 
 LAB = ROOT / "lab/pointit_lab"
@@ -28,7 +32,7 @@ BENCHMARKS = LAB / "benchmarks"
 @cache
 def shipped() -> tuple[Path, ...]:
     """Every module that is installed, but for the benchmarks, which measure bare Zenoh beside ours."""
-    every = (path for folder in (*NAMESPACES, LAB) for path in sorted(folder.rglob("*.py")))
+    every = (path for folder in (*PRODUCT, LAB) for path in sorted(folder.rglob("*.py")))
     return tuple(path for path in every if BENCHMARKS not in path.parents)
 
 
@@ -49,7 +53,7 @@ def tree(path: Path) -> ast.Module:
 
 
 def shown(path: Path, node: ast.expr | ast.stmt | None = None) -> str:
-    """A place as an editor takes it, `services/pointit/cli/main.py:12`."""
+    """A place as an editor takes it, `pointit/cli/main.py:12`."""
     line = f":{node.lineno}" if node is not None else ""
     return f"{path.relative_to(ROOT)}{line}"
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.architecture.sources import NAMESPACES, ROOT
+from tests.architecture.sources import ROOT
 from tests.support.invoked import python
 
 pytestmark = pytest.mark.slow
@@ -79,8 +79,7 @@ def optional_rooms() -> list[str]:
 
 def build_without(rooms: Sequence[str], folder: Path) -> Build:
     unused = shutil.ignore_patterns("__pycache__", "client", "static")
-    for namespace in NAMESPACES:
-        shutil.copytree(namespace, folder / "pointit", ignore=unused, dirs_exist_ok=True)
+    shutil.copytree(ROOT / "pointit", folder / "pointit", ignore=unused)
     for room in rooms:
         path = folder.joinpath(*room.split("."))
         if path.is_dir():

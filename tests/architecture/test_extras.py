@@ -13,7 +13,7 @@ from packaging.utils import canonicalize_name
 
 from pointit.runtime.host import extras
 from pointit.services.registry import PROCESSES
-from tests.architecture.sources import ROOT, imports_in, shipped, tree
+from tests.architecture.sources import ROOT, imports_in, module_name, shipped, tree
 from tests.support.invoked import python
 
 PAGE = ROOT / "docs" / "reference" / "extras.md"
@@ -59,7 +59,7 @@ def test_remedy_is_a_script_in_a_checkout_else_pip(monkeypatch: pytest.MonkeyPat
 def test_extras_are_installed_in_one_way_where_people_read() -> None:
     """An environment made by uv has no pip, and a pip found elsewhere installs into another Python."""
     files = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
-    files += [path for room in ("services", "bridges") for path in (ROOT / room).rglob("*.py")]
+    files += [path for room in ("pointit", "services", "bridges") for path in (ROOT / room).rglob("*.py")]
     named = set[str]()
     for path in set(files) - {PAGE, Path(extras.__file__)}:
         text = path.read_text(encoding="utf-8")
@@ -78,9 +78,8 @@ def modules() -> list[str]:
     rooms += [row.package for row in PROCESSES if row.room == "services"]
     names: list[str] = []
     for path in shipped():
-        parts = path.relative_to(ROOT).with_suffix("").parts[1:]
-        name = ".".join(parts).removesuffix(".__init__")
-        if parts[-1] != "__main__" and any(name == room or name.startswith(f"{room}.") for room in rooms):
+        name = module_name(path)
+        if path.name != "__main__.py" and any(name == room or name.startswith(f"{room}.") for room in rooms):
             names.append(name)
     return names
 

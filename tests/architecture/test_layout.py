@@ -15,8 +15,9 @@ from pointit.schemas.topics import PRESENCES, REQUESTS, TOPICS, Topic
 from pointit.services.registry import PROCESSES, Process
 from tests.architecture import sources
 from tests.architecture.sources import ROOT, shown
+from tests.support.invoked import python
 
-HOMES = {"services": ROOT / "services/pointit/services", "bridges": ROOT / "bridges/pointit/bridges"}
+HOMES = {"services": ROOT / "services", "bridges": ROOT / "bridges"}
 """Folders of processes, by room."""
 FOUR_FILES = {"__init__.py", "__main__.py", "config.py", "service.py"}
 OUTSIDERS = {"cli", "external", "every service"}
@@ -65,21 +66,21 @@ rows = pytest.mark.parametrize("row", [pytest.param(row, id=row.name) for row in
 topics = pytest.mark.parametrize("topic", [pytest.param(topic, id=topic.key) for topic in TOPICS])
 
 
-def test_one_root_has_the_public_names_and_finds_the_others() -> None:
-    with_init = [root for root in sources.NAMESPACES if (root / "__init__.py").exists()]
-    assert [shown(root) for root in with_init] == ["services/pointit"], "a second one would hide names"
-    assert {Path(path) for path in pointit.__path__} == set(sources.NAMESPACES)
+def test_the_package_links_to_the_rooms_beside_it() -> None:
+    assert [Path(path) for path in pointit.__path__] == [ROOT / "pointit"]
+    for name in sources.LINKS:
+        assert (ROOT / "pointit" / name).readlink() == Path("..", name)
+        done = python("-c", f"import {name}")
+        assert f"this is `pointit.{name}`" in done.stderr, "one module under two names"
 
 
-def test_every_root_is_typed_and_every_room_a_package() -> None:
+def test_the_package_is_typed_and_every_room_a_package() -> None:
     assert len(sources.ROOMS) >= 6
     wanted = [
         *(room / "__init__.py" for room in sources.ROOMS),
-        *(root / name for root in sources.NAMESPACES for name in ("__init__.pyi", "py.typed")),
+        *(ROOT / "pointit" / name for name in ("__init__.pyi", "py.typed")),
     ]
     assert not [shown(path) for path in wanted if not path.is_file()]
-    stubs = {(root / "__init__.pyi").read_text(encoding="utf-8") for root in sources.NAMESPACES}
-    assert len(stubs) == 1, "the first on the path is read alone: copy the one of `services`"
 
 
 def folder_of(row: Process) -> Path:
@@ -174,7 +175,7 @@ def test_the_tables_agree_on_who_answers(request_row: Any) -> None:
 
 
 def test_only_the_runtime_imports_zenoh() -> None:
-    runtime = ROOT / "services/pointit/runtime"
+    runtime = ROOT / "pointit/runtime"
     others = tuple(path for path in sources.shipped() if runtime not in path.parents)
     assert list(sources.importers("zenoh", others)) == []
     assert list(sources.importers("zenoh", sources.shipped())), "this test looks past zenoh"
@@ -182,7 +183,7 @@ def test_only_the_runtime_imports_zenoh() -> None:
 
 def test_only_the_codec_imports_msgpack() -> None:
     assert {place.partition(":")[0] for place in sources.importers("msgpack", sources.shipped())} == {
-        "schemas/pointit/schemas/codec.py"
+        "schemas/codec.py"
     }
 
 
@@ -190,9 +191,9 @@ def test_messages_are_not_validated_only_where_a_core_calculates_one_for_each_sa
     """Values of devices, plug-ins, files and other programs come in elsewhere, and are validated there."""
     users = sources.importers("pointit.schemas.base.unchecked", sources.shipped())
     assert {place.partition(":")[0] for place in users} == {
-        "services/pointit/services/pointing/pointer.py",
-        "services/pointit/services/pui/cursor.py",
-        "services/pointit/services/selector/hover_engine.py",
+        "services/pointing/pointer.py",
+        "services/pui/cursor.py",
+        "services/selector/hover_engine.py",
     }
 
 
@@ -207,7 +208,7 @@ def test_services_do_not_import_the_registry_or_each_other() -> None:
 
 def test_keys_stand_in_the_topic_table_only() -> None:
     find = finder(patterns())
-    tables = {ROOT / "schemas/pointit/schemas" / name for name in ("topics.py", "robots.py")}
+    tables = {ROOT / "schemas" / name for name in ("topics.py", "robots.py")}
     found = [
         f"{shown(path, literal)} {literal.value!r}"
         for path in sources.shipped()

@@ -5,7 +5,7 @@ See `docs/decisions/core-border.md`: these parts stay in the one package, but fe
 
 import pytest
 
-from tests.architecture.sources import ROOT, imports_in, shipped, tree
+from tests.architecture.sources import imports_in, module_name, shipped, tree
 
 LEAVES = {
     "assistants": (("pointit.assistants", "pointit.cli.assistants"), 24),
@@ -28,10 +28,6 @@ PROMISED = (
 """Modules whose names are promised to other packages, beside `pointit` itself."""
 
 
-def _module_name(path: str) -> str:
-    return path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-
-
 def _is_in(name: str, modules: tuple[str, ...]) -> bool:
     return any(f"{name}.".startswith(f"{module}.") for module in modules)
 
@@ -42,7 +38,7 @@ def test_a_leaf_imports_no_more_hidden_names(leaf: str) -> None:
     hidden: set[str] = set()
     count = 0
     for path in shipped():
-        if not _is_in(_module_name(path.relative_to(ROOT).as_posix().partition("/")[2]), own):
+        if not _is_in(module_name(path), own):
             continue
         count += 1
         hidden.update(

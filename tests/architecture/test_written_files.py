@@ -7,26 +7,26 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("services/pointit", "bridges/pointit", "schemas/pointit", "lab/pointit_lab")
+ROOMS = ("pointit", "services", "bridges", "schemas", "lab/pointit_lab")
 WRITERS = {"write_text", "write_bytes", "savefig", "write_table"}
 OWN_WAY = {
-    "bridges/pointit/bridges/web/wrists/pairing.py": "a picture in memory",
+    "bridges/web/wrists/pairing.py": "a picture in memory",
     "lab/pointit_lab/benchmarks/against.py": "temporary",
     "lab/pointit_lab/benchmarks/ros2.py": "temporary",
     "lab/pointit_lab/devices/harnesses/imu.py": "temporary",
     "lab/pointit_lab/loadtest/network/routers.py": "temporary",
-    "services/pointit/assistants/audit_file.py": "lines that are appended",
-    "services/pointit/cli/maps/scan.py": "temporary",
-    "services/pointit/cli/shell.py": "a line appended to the start file of a shell",
-    "services/pointit/conversion/bag_file.py": "temporary",
-    "services/pointit/conversion/export_csv.py": "files of a folder, all replaced at the end",
-    "services/pointit/conversion/export_bids.py": "files of a folder, all replaced at the end",
-    "services/pointit/launch/run/running_scenario.py": "temporary",
-    "services/pointit/maps/edit.py": "complete before it has its name",
-    "services/pointit/replay/replayed_services.py": "temporary",
-    "services/pointit/services/recorder/sink.py": "a recording, written for hours",
-    "services/pointit/study/append_only_csv.py": "rows that are appended",
-    "services/pointit/study_report/figures.py": "text in memory",
+    "pointit/assistants/audit_file.py": "lines that are appended",
+    "pointit/cli/maps/scan.py": "temporary",
+    "pointit/cli/shell.py": "a line appended to the start file of a shell",
+    "pointit/conversion/bag_file.py": "temporary",
+    "pointit/conversion/export_csv.py": "files of a folder, all replaced at the end",
+    "pointit/conversion/export_bids.py": "files of a folder, all replaced at the end",
+    "pointit/launch/run/running_scenario.py": "temporary",
+    "pointit/maps/edit.py": "complete before it has its name",
+    "pointit/replay/replayed_services.py": "temporary",
+    "services/recorder/sink.py": "a recording, written for hours",
+    "pointit/study/append_only_csv.py": "rows that are appended",
+    "pointit/study_report/figures.py": "text in memory",
 }
 """Modules that write without `replaced_file`, with the reason."""
 

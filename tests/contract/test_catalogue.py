@@ -12,7 +12,7 @@ from pointit.schemas import Message, Query, decode, encode
 from pointit.schemas.catalogue import catalogue
 from pointit.schemas.topics import REQUESTS, TOPICS
 
-FOLDER = Path(__file__).parents[2] / "schemas" / "catalogue"
+FOLDER = Path(__file__).parents[2] / "schemas" / "catalogue" / "shipped"
 SAMPLES = [pytest.param(path, id=path.stem) for path in sorted((FOLDER / "samples").glob("*.msgpack"))]
 KINDS: dict[str, type[Message | Query]] = {kind.__name__: kind for kind in catalogue.all_kinds()}
 

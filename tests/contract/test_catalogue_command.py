@@ -86,7 +86,7 @@ def test_elsewhere_it_says_where_to_go(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     for option in ("--write", "--check"):
         with pytest.raises(
-            ConfigError, match=r"schemas/catalogue: there is no such folder; run this in the root"
+            ConfigError, match=r"schemas/catalogue/shipped: there is no such folder; run this in the root"
         ):
             code(run(option))
     assert code(run("ImuSample")) == 0

@@ -36,7 +36,7 @@ def test_nothing_public_changes_without_a_changelog_entry() -> None:
 
 
 def test_stubs_and_module_have_the_same_names() -> None:
-    stub = (ROOT / "services/pointit/__init__.pyi").read_text(encoding="utf-8")
+    stub = (ROOT / "pointit/__init__.pyi").read_text(encoding="utf-8")
     written = {line.rpartition(" as ")[2].split()[0] for line in stub.splitlines() if " as " in line}
     assert written | {"__version__"} == {*pointit.__dict__["_HOMES"], "errors", "__version__"}
     assert all(getattr(pointit, name) for name in written)

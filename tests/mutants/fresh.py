@@ -16,7 +16,7 @@ from tests.architecture.test_layout import DEVICES, FOUR_FILES, HOMES
 ROOT = Path(__file__).parents[2]
 NETS = ("tests/golden/test_golden.py", "tests/replay/test_replay.py")
 """Tests for mutants that the unit tests of their room let pass."""
-GEOMETRY = "services/pointit/geometry"
+GEOMETRY = "pointit/geometry"
 
 OPPOSITES: tuple[tuple[type[ast.AST], type[ast.AST]], ...] = (
     (ast.Lt, ast.LtE),
@@ -47,9 +47,9 @@ def core_files() -> list[str]:
 
 def unit_tests(file: str) -> list[str]:
     """Return the test files of the room of `file`, those that name its module first, and the laboratory's."""
-    room = Path(file).relative_to("services/pointit").parts
+    room = Path(file.removeprefix("pointit/")).parts
     folder = ROOT / "tests/unit" / (room[1] if room[0] == "services" else room[0])
-    module = ".".join(Path(file).relative_to("services").with_suffix("").parts)
+    module = ".".join(("pointit", *Path(file.removeprefix("pointit/")).with_suffix("").parts))
     tests = sorted(folder.rglob("test_*.py"), key=lambda path: module not in path.read_text("utf-8"))
     lab = [
         path for path in sorted((ROOT / "tests/lab").rglob("test_*.py")) if module in path.read_text("utf-8")

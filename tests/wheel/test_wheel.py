@@ -18,18 +18,13 @@ from tests.support.links import link_in
 pytestmark = pytest.mark.slow
 
 ROOTS = {
-    "schemas/catalogue/": "pointit/schemas/catalogue/shipped/",
-    "schemas/pointit/": "pointit/",
-    "services/pointit/": "pointit/",
-    "bridges/pointit/": "pointit/",
+    "pointit/": "pointit/",
+    **{f"{name}/": f"pointit/{name}/" for name in ("schemas", "services", "bridges")},
 }
 """Folders of the repository, and where they are in the wheel."""
 LEFT_OUT = (
-    "bridges/pointit/bridges/web/client/",  # what the page is built from
-    "bridges/pointit/__init__.pyi",  # with these, type checkers see one package in a source tree
-    "bridges/pointit/py.typed",
-    "schemas/pointit/__init__.pyi",
-    "schemas/pointit/py.typed",
+    "bridges/web/client/",  # what the page is built from
+    *(f"pointit/{name}" for name in ("schemas", "services", "bridges")),  # links
 )
 TYPED = """\
 # pyright: strict
@@ -51,7 +46,7 @@ async def main() -> None:
     assert_type(Cursor(stamp_ns=1).range_m, float)
     print(pointit.PointItError("no"), pointit.__version__, ImuSource, certificate.__name__)
 """
-"""Program that uses names of all three roots."""
+"""Program that uses names of all rooms."""
 UV = uv.find_uv_bin()
 INSTALL_S = 200.0
 """Limit of an installation from the index, where the cache of uv lacks something."""

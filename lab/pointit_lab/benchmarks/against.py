@@ -118,7 +118,7 @@ def _checked_out(commit: str) -> Generator[Path]:
         git = ("git", "-C", str(ROOT), "worktree")
         subprocess.run([*git, "add", "--quiet", "--detach", str(tree), commit], check=True)
         packages = sorted(tree.glob("*/pointit"))
-        if not any((package / "__init__.py").exists() for package in packages):
+        if packages and not any((package / "__init__.py").exists() for package in packages):
             # a namespace, as in older commits, would lose to the package that is installed
             (packages[0] / "__init__.py").write_text(f"__path__ = {[str(each) for each in packages]!r}\n")
         try:

@@ -16,12 +16,11 @@ DOMAIN = 10 + os.getpid() % 90
 
 def environment(folder: Path) -> dict[str, str]:
     """Return variables of a process that finds our sources and a ROS graph on this machine alone."""
-    rooms = [f"{ROOT / room}" for room in ("schemas", "services", "bridges")]
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_", "RMW_"))}
     return kept | {
         "HOME": f"{folder}",
         "POINTIT_STATE": f"{folder / 'state'}",
-        "PYTHONPATH": os.pathsep.join(rooms),
+        "PYTHONPATH": f"{ROOT}",
         "PYTHONWARNINGS": "ignore",
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",

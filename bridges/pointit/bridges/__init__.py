@@ -1,1 +1,0 @@
-"""Foreign worlds: pages in browsers, viewers; each folder is a process of its own, like a service."""

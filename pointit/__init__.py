@@ -1,0 +1,33 @@
+"""Point at things and the things react.
+
+`connect` joins a running site, `open` does so for scripts and notebooks, `run` starts a site in this process,
+`run_virtually` does so in virtual time. What is imported is loaded at its first use.
+"""
+
+import importlib
+from typing import Any
+
+_HOMES = {
+    "PointItError": "pointit.errors",
+    "Site": "pointit.api.site",
+    "SyncSite": "pointit.api.sync_site",
+    "connect": "pointit.api.connection",
+    "open": "pointit.api.connection",
+    "run": "pointit.api.run",
+    "run_virtually": "pointit.runtime.clock",
+}
+"""Modules of the public names; types of all of them are in `__init__.pyi`."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    if name == "errors":
+        return importlib.import_module("pointit.errors")
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("pointit")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES, "errors", "__version__"})

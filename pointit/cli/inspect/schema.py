@@ -1,0 +1,222 @@
+"""`pointit topic schema`: topics and messages for people and programs, and the files of the catalogue."""
+
+import difflib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.state_file import replaced_file
+from pointit.schemas import SchemaError
+from pointit.schemas.catalogue import asyncapi, catalogue
+from pointit.schemas.catalogue.asyncapi import Kind
+
+DEFAULT_DIR = Path("schemas/catalogue/shipped")
+"""Folder of the catalogue relative to the root of a checkout."""
+
+EXIT_OUTDATED = 1
+
+WIDE = 110
+"""Terminal width from which all columns of the tables are shown."""
+
+
+@click.command("schema")
+@click.argument("message", required=False)
+@click.option("--write", is_flag=True, help="write changed files to the catalogue's folder")
+@click.option(
+    "--check", is_flag=True, help="compare the catalogue's folder with the code; exit 1 if they differ"
+)
+@click.option(
+    "--dir",
+    "folder",
+    type=click.Path(path_type=Path),
+    help=f"the catalogue's folder; by default {DEFAULT_DIR} of a checkout, elsewhere what the package has",
+)
+@click.option("--json", "as_json", is_flag=True, help="print JSON: AsyncAPI, a JSON Schema, or the result")
+def command(message: str | None, folder: Path | None, *, write: bool, check: bool, as_json: bool) -> int:
+    """Show every topic and request, or one MESSAGE with its fields.
+
+    MESSAGE is a name (ImuSample) or a name and version (ImuSample.v1).
+
+    Example: pointit topic schema Cursor
+    """
+    if write + check + (message is not None) > 1:
+        raise click.UsageError("MESSAGE, --write and --check exclude each other")
+    if write:
+        return _write(folder or DEFAULT_DIR, as_json=as_json)
+    if folder is None:
+        folder = DEFAULT_DIR if DEFAULT_DIR.is_dir() or not catalogue.SHIPPED.is_dir() else catalogue.SHIPPED
+    if check:
+        return _check(folder, as_json=as_json)
+    if message is not None:
+        _show_message(message, folder, as_json=as_json)
+    elif as_json:
+        _print_json(asyncapi.document())
+    else:
+        _show_tables()
+    return 0
+
+
+def read_folder(folder: Path) -> dict[str, bytes]:
+    """Return the committed files of a catalogue by their path in it.
+
+    Raises:
+        ConfigError: If there is no such folder, or a file cannot be read.
+    """
+    if not folder.is_dir():
+        raise ConfigError(
+            f"{folder}: there is no such folder; run this in the root of PointIt's checkout, or name the "
+            "catalogue's folder with --dir"
+        )
+    try:
+        return {
+            path.relative_to(folder).as_posix(): path.read_bytes()
+            for path in sorted(folder.rglob("*"))
+            if path.is_file()
+        }
+    except OSError as error:
+        raise ConfigError(f"{error.filename}: cannot be read ({error.strerror})") from error
+
+
+def write_folder(folder: Path, files: dict[str, bytes]) -> None:
+    """Write `files` below `folder`.
+
+    Raises:
+        ConfigError: If one cannot be written.
+    """
+    try:
+        for path, content in files.items():
+            target = folder / path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with replaced_file(target) as part:
+                part.write_bytes(content)
+    except OSError as error:
+        raise ConfigError(f"{error.filename}: cannot be written ({error.strerror})") from error
+
+
+def _write(folder: Path, *, as_json: bool) -> int:
+    files = catalogue.updated_files(read_folder(folder))
+    write_folder(folder, files)
+    if as_json:
+        _print_json({"written": sorted(files)})
+        return 0
+    for path in sorted(files):
+        click.echo(f"wrote {folder / path}")
+    if not files:
+        click.echo(f"{folder} is up to date")
+    return 0
+
+
+def _check(folder: Path, *, as_json: bool) -> int:
+    problems = catalogue.check_committed(read_folder(folder))
+    if as_json:
+        _print_json({"ok": not problems, "problems": problems})
+    for problem in problems:
+        click.echo(f"{folder}: {problem}", err=True)
+    if not problems and not as_json:
+        click.echo(f"{folder} is up to date")
+    return EXIT_OUTDATED if problems else 0
+
+
+def _show_tables() -> None:
+    console = _console()
+    dropped = ("rate", "about") if console.width < WIDE else ()
+    for title, headings, rows in asyncapi.tables():
+        shown = [place for place, heading in enumerate(headings) if heading not in dropped]
+        table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+        for place in shown:
+            table.add_column(
+                headings[place], no_wrap=headings[place] in ("key", "message", "delivery", "rate")
+            )
+        for row in rows:
+            table.add_row(*(row[place] for place in shown))
+        console.print(table, markup=False)
+        console.print()
+
+
+def _console() -> Console:
+    return Console() if sys.stdout.isatty() else Console(width=WIDE * 2)
+
+
+def _show_message(name: str, folder: Path, *, as_json: bool) -> None:
+    schema = _schema_of(name, folder)
+    if as_json:
+        _print_json(schema)
+        return
+    console = _console()
+    console.print(schema["$id"].removesuffix(".json"), style="bold")
+    console.print(schema.get("description", ""), markup=False)
+    console.print()
+    table = Table(box=None, pad_edge=False)
+    for heading in ("field", "type", "default", "about"):
+        table.add_column(heading)
+    for row in _field_rows(schema, schema.get("$defs", {}), ""):
+        table.add_row(*row)
+    console.print(table, markup=False)
+
+
+def _schema_of(name: str, folder: Path) -> dict[str, Any]:
+    kinds = {kind.__name__: kind for kind in catalogue.all_kinds()}
+    plain, _, version = name.partition(".v")
+    kind: Kind | None = kinds.get(plain)
+    if kind is None:
+        near = difflib.get_close_matches(plain, kinds, n=1, cutoff=0.4)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(kinds)}"
+        raise SchemaError(f"no message {name!r}; {hint}")
+    if not version or version == str(kind.version):
+        return catalogue.message_schema(kind)
+    files = read_folder(folder)
+    path = f"messages/{name}.json"
+    if path not in files:
+        raise SchemaError(f"no message {name!r} in {folder}; today's is {kind.schema_name()}")
+    schema: dict[str, Any] = json.loads(files[path])
+    return schema
+
+
+def _field_rows(
+    schema: dict[str, Any], definitions: dict[str, Any], prefix: str
+) -> list[tuple[str, str, str, str]]:
+    rows: list[tuple[str, str, str, str]] = []
+    required = schema.get("required", ())
+    for name, field in schema.get("properties", {}).items():
+        default = "required" if name in required else json.dumps(field.get("default"), ensure_ascii=False)
+        text, part = _type_of(field, definitions)
+        if part is not None and name not in required:
+            default = "" if field.get("default") is not None else default
+        rows.append((prefix + name, text, default, field.get("description", "")))
+        if part is not None:
+            rows += _field_rows(part, definitions, f"{prefix}{name}.")
+    return rows
+
+
+def _type_of(field: dict[str, Any], definitions: dict[str, Any]) -> tuple[str, dict[str, Any] | None]:
+    """Return a readable type of a field, and the model it contains, if any."""
+    if "$ref" in field:
+        name = field["$ref"].rpartition("/")[2]
+        return name, definitions[name]
+    if "anyOf" in field:
+        found = [_type_of(each, definitions) for each in field["anyOf"]]
+        return " or ".join(text for text, _ in found), next((part for _, part in found if part), None)
+    if "enum" in field:
+        return " | ".join(str(value) for value in field["enum"]), None
+    if field.get("type") == "array":
+        places: list[dict[str, Any]] = field.get("prefixItems", [])
+        text, part = _type_of(places[0] if places else field["items"], definitions)
+        unit = " (norm 1)" if "x-norm" in field else ""
+        return (f"{len(places)} x {text}{unit}" if places else f"list of {text}"), part
+    return _plain_type(field), None
+
+
+def _plain_type(field: dict[str, Any]) -> str:
+    name = "bytes" if field.get("format") == "binary" else str(field.get("const", field.get("type", "any")))
+    bounds = ((">=", "minimum"), (">", "exclusiveMinimum"), ("<=", "maximum"), ("<", "exclusiveMaximum"))
+    return " ".join([name, *(f"{sign} {field[keyword]:g}" for sign, keyword in bounds if keyword in field)])
+
+
+def _print_json(document: dict[str, Any]) -> None:
+    click.echo(json.dumps(document, indent=2, ensure_ascii=False))

@@ -1,1 +1,0 @@
-"""Services that make the decisions. Each has its own folder and process."""

@@ -60,7 +60,7 @@ ROOMS = {
         ("tests/unit/cli", "tests/unit/cli_run", "tests/unit/conversion", "tests/unit/testing_kit"),
     ),
     "page": Room(
-        (f"{BRIDGES}web", f"{PRODUCT}launch/page", f"{PRODUCT}cli/page"),
+        (f"{BRIDGES}web", f"{PRODUCT}launch/page.py", f"{PRODUCT}cli/page.py"),
         ("tests/unit/web", "tests/integration/web", "tests/e2e/web", "tests/e2e/web_devices"),
         (
             *("tests/unit/cli_run", "tests/unit/deploy", "tests/unit/recorder", "tests/wheel"),
@@ -80,12 +80,12 @@ ROOMS = {
         ),
     ),
     "assistants": Room(
-        (f"{PRODUCT}assistants", f"{PRODUCT}cli/assistants"),
+        (f"{PRODUCT}assistants", f"{PRODUCT}cli/assistants.py"),
         ("tests/unit/assistants", "tests/integration/assistants", "tests/e2e/run/test_assistants.py"),
         ("tests/unit/cli",),
     ),
     "studies": Room(
-        tuple(f"{PRODUCT}{name}" for name in ("study", "study_report", "cli/study")),
+        tuple(f"{PRODUCT}{name}" for name in ("study", "study_report", "cli/study.py")),
         ("tests/unit/study", "tests/unit/study_report", "tests/examples/test_selection_study.py"),
         ("tests/unit/cli", "tests/wheel", "tests/e2e/web/test_study.py"),
     ),
@@ -99,7 +99,7 @@ ROOMS = {
         ),
     ),
     "words": Room(
-        (f"{PRODUCT}speech", f"services/listener"),
+        (f"{PRODUCT}speech", "services/listener"),
         ("tests/unit/speech", "tests/unit/listener", "tests/integration/scenario/test_put_that_there.py"),
         (
             *("tests/examples/test_recogniser.py", "tests/lab/evaluation/test_referents.py"),
@@ -114,7 +114,7 @@ ROOMS = {
     "robots": Room(
         (
             *(f"services/{name}" for name in ("goal", "robot", "robot_replay")),
-            *(f"{PRODUCT}launch/robots", f"{PRODUCT}cli/robots", f"{PRODUCT}vda5050"),
+            *(f"{PRODUCT}launch/robots.py", f"{PRODUCT}cli/robots.py", f"{PRODUCT}vda5050"),
             f"{BRIDGES}agv_tracker",
         ),
         (

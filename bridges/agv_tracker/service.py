@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.bridges.agv_tracker.fleet import Fleet
-from pointit.maps.environment import aligned, frame_of
+from pointit.maps.frames import aligned, frame_of
 from pointit.plugins import ConfigError, Context, Scope, Service, ticks
 from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
 from pointit.schemas import Environment, TrackedObjects

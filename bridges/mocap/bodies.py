@@ -1,4 +1,4 @@
-"""Rigid bodies of a stream, in timed frames by their names: checked, in {W}, as tracked objects. Pure; time is an argument."""
+"""Rigid bodies of a stream by their names, in timed frames: checked, in {W}, as tracked objects. Pure."""
 
 import math
 from collections import Counter, deque
@@ -10,7 +10,7 @@ from pointit.bridges.mocap.config import MAX_BODIES, MocapConfig
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
-from pointit.maps.environment import point_in_world
+from pointit.maps.frames import point_in_world
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.schemas.environment import Frame

@@ -1,4 +1,4 @@
-"""Packets of NatNet 2.0 to 4.1, and of later versions as far as their layout is the same, and names in lists of models. Pure.
+"""Packets of NatNet 2.0 to 4.1, and of later versions while their layout is the same. Pure.
 
 Integers and floats are little-endian, lengths metres. Since 4.1 each section states its size, so that all
 but the rigid bodies are skipped unread. Coordinates are those of the stream: Motive's settings say which axis

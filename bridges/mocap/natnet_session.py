@@ -1,4 +1,4 @@
-"""Session with one NatNet server: requests, its clock by echoes, the names of its bodies. Pure; time is an argument."""
+"""Session with one NatNet server: requests, its clock by echoes, the names of its bodies. Pure."""
 
 from collections import deque
 from collections.abc import Callable

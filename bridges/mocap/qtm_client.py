@@ -1,4 +1,4 @@
-"""Connection to a QTM server by `qtm-rt`, the search for servers, and the session: names of bodies, times of frames.
+"""Connection to a QTM server by `qtm-rt`: search, session, names of bodies, times of frames.
 
 `qtm-rt` decodes packets and sends commands. Its own `connect` is not used: it returns None for each error and
 has no timeout, its receiver never returns from a packet whose size is 0 and collects any size, its frames

@@ -7,7 +7,7 @@ from pointit.bridges.mocap.bodies import Bodies, TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
 from pointit.bridges.mocap.mocap_systems import check_system, open_system
 from pointit.bridges.mocap.people import WornBodies
-from pointit.maps.environment import frame_of
+from pointit.maps.frames import frame_of
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Context, Scope, Service

@@ -1,4 +1,4 @@
-"""Parameters of another node, read through the services that every ROS node has, and the map in them in any supported form.
+"""Parameters of another node, by the services that every ROS node has, and the map in them.
 
 A map as the parameters of a ROS node: `strips.1.line: [x, y, z, x, y, z]`, and back.
 

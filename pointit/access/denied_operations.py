@@ -1,4 +1,4 @@
-"""Denied operations and rejected connections, read from a router's own log, the only place where Zenoh reports them.
+"""Denied operations and rejected connections, read from a router's log, which alone has them.
 
 On a site with certificates, TLS reports them. On a site with passwords, TLS accepts all clients, and Zenoh's
 own handshake reports: first address and claimed name, then, in the same thread, the reason. A claimed name is
@@ -37,7 +37,8 @@ REJECTION_THREAD = r"(?:\S+ )?ThreadId\(\d+\) "
 BEGINS = rf"^\S+ +\w+ +{REJECTION_THREAD}"
 """Start of a line: time, level, thread. Zenoh's text follows its target, with words of an unknown peer."""
 HANDSHAKE = re.compile(
-    rf"^\S+ +WARN +{REJECTION_THREAD}zenoh_link_(?:tls|quic)\S*: (.+?)(?:: verification time .*)?(?:\. Hint: .*)?\.?$"
+    rf"^\S+ +WARN +{REJECTION_THREAD}zenoh_link_(?:tls|quic)\S*: "
+    r"(.+?)(?:: verification time .*)?(?:\. Hint: .*)?\.?$"
 )
 PLAIN_TCP = "received corrupt message of type InvalidContentType"
 """TLS's message if a first message was not TLS."""

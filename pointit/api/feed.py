@@ -1,4 +1,4 @@
-"""Messages as asynchronous iterators, the newest of each topic by name, and functions called when somebody points at a thing."""
+"""Messages as asynchronous iterators, the newest by topic and name, and functions called by pointing."""
 
 import asyncio
 import collections

@@ -1,4 +1,4 @@
-"""Inputs from a program: a person's button, pressed by somebody else, and objects of a camera, a robot or a script."""
+"""Inputs from a program: presses of a person's button, and objects that it tracks."""
 
 import asyncio
 import contextlib
@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from pointit.maps.environment import aligned, frame_of
+from pointit.maps.frames import aligned, frame_of
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock

@@ -1,4 +1,4 @@
-"""The server of the Model Context Protocol: tools, resources, and HTTP on this machine for callers with a token."""
+"""The server of the Model Context Protocol: tools, resources, and HTTP for callers with a token."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""Yaw of a person's frame {H} from a marker body on the forearm, by least squares with errors that last. Pure.
+"""Yaw of a person's frame {H} from a marker body on the forearm, by least squares. Pure.
 
 The orientation of an IMU has errors that stay similar for seconds. They average out slowly, and a slow
 movement cannot be told from them. Each residual is therefore the sum of white noise, whose variance is that

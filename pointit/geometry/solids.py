@@ -1,4 +1,4 @@
-"""Planes, rectangles, upright cylinders, boxes and spheres: intersection with a ray, and the closest point to one.
+"""Planes, rectangles, upright cylinders, boxes and spheres: intersections with rays, closest points.
 
 The closest point by angle is on the outline: two upright lines that rays from the origin touch, and the two
 rims. The lines are segments, solved in closed form. A rim is an equation of fourth degree, solved by golden
@@ -21,6 +21,13 @@ from pointit.geometry.closest import TINY, Measure, nearest_in_angle, nearest_in
 from pointit.geometry.vector import Vec3
 
 Vec2 = tuple[float, float]
+
+
+def _first_ahead(first: float, last: float) -> float | None:
+    """Return where a ray meets a solid, crossed from `first` to `last`, or None if that is behind it."""
+    if last < max(first, 0.0):
+        return None
+    return first if first >= 0.0 else last
 
 
 class Polygon:
@@ -113,9 +120,7 @@ class CylinderSolid:
             first, last = max(first, min(foot, top)), min(last, max(foot, top))
         elif not 0.0 <= z <= self._height:
             return None
-        if last < max(first, 0.0):
-            return None
-        return first if first >= 0.0 else last
+        return _first_ahead(first, last)
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
         """Return the closest point to a ray that does not intersect it."""
@@ -279,9 +284,7 @@ class BoxSolid:
                 continue
             near, far = (-half - x) / d, (half - x) / d
             first, last = max(first, min(near, far)), min(last, max(near, far))
-        if last < max(first, 0.0):
-            return None
-        return first if first >= 0.0 else last
+        return _first_ahead(first, last)
 
     def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
         """Return the closest point to a ray that does not intersect it."""

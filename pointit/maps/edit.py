@@ -1,4 +1,4 @@
-"""Edits of the text of a map: only the characters of changed values, names and entries change; a new map replaces none.
+"""Edits of the text of a map: only the characters of changed values, names and entries change.
 
 PyYAML's parser tells where each value is in the text. A round trip through a tree of values would lay out
 the whole file again: it moves comments within flow collections and wraps long lines again. The result is read

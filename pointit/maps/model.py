@@ -1,4 +1,4 @@
-"""Content of a map file: the sections of the ROS toolkit with additions, where things are and what lights them. {W}, metres, z up."""
+"""Content of a map file: the sections of the ROS toolkit with additions. {W}, metres, z up."""
 
 import json
 import math

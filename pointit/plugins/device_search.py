@@ -1,4 +1,4 @@
-"""Search of all installed plug-ins for devices, side by side, and for Home Assistants in the local network."""
+"""Search of all installed plug-ins for devices, and for Home Assistants in the local network."""
 
 import asyncio
 import contextlib

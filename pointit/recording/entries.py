@@ -1,4 +1,4 @@
-"""An entry of a recording: a message, an answered request or a change of presence; and the recording's head."""
+"""An entry of a recording: a message, a request with its answer or a change of presence."""
 
 import functools
 import platform

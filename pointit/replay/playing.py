@@ -1,4 +1,4 @@
-"""Plays a recording: replayed services on a bus, what is not theirs at its recorded time, or all of it on a site."""
+"""Plays a recording: replayed services on a bus beside other messages at their recorded times."""
 
 import asyncio
 import contextlib

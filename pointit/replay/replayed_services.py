@@ -1,4 +1,4 @@
-"""Services of a recording that run again: from which level, with which configuration, map, state and clock."""
+"""Services of a recording that run again, with their configuration, map, state and clock."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""Time as services see it: the wall's, a simulated one that runs faster or slower, or an event loop in virtual time.
+"""Time as services see it: the wall's, a simulated one at any speed, or an event loop in virtual time.
 
 Real services run in it unchanged, as fast as the machine computes, and every run is the same.
 """

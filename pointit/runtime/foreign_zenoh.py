@@ -1,4 +1,4 @@
-"""A session on a foreign Zenoh network, with keys unchanged, raw bytes and attachments: samples, queries, answers.
+"""A session on a foreign Zenoh network: raw bytes and attachments, samples, queries, answers.
 
 Samples arrive on Zenoh's threads, all else in the loop that opened the session. No call in the loop waits for
 a reader elsewhere.

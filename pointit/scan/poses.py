@@ -1,4 +1,4 @@
-"""First poses of views, which the adjustment refines: sightings as arrays, candidates by shared strips, a pair, then one after another.
+"""First poses of views: sightings as arrays, candidates by shared strips, a pair, then the others.
 
 The length of a straight piece in pixels and its pitch give its place in the frame of a camera that sees it.
 Shared pieces give the motion from view to view.

@@ -1,4 +1,4 @@
-"""Direction of the arm in which the line from the eyes over the finger meets a point, and the tremor of the hand."""
+"""Direction of the arm whose line from the eyes over the finger meets a point, and the hand's tremor."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Verbs: what they take, and what they do, with the checks that pointing has, and objects that nobody has yet."""
+"""Verbs of spoken commands: their objects, their effects, and the checks that pointing has."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence

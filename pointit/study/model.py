@@ -1,4 +1,4 @@
-"""The YAML file of a study, with orders of conditions, questionnaires, and the texts that a participant reads."""
+"""The YAML file of a study: orders of conditions, questionnaires, and texts for participants."""
 
 import itertools
 import math

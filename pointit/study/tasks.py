@@ -1,4 +1,4 @@
-"""Ready tasks: the target of each trial and its place in the room, also with a robot that follows the participant."""
+"""Ready tasks: the target of each trial and its position, also with a robot that follows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

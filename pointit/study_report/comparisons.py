@@ -1,4 +1,4 @@
-"""Comparisons of conditions: medians, differences, outcomes and learning, with intervals, and a linear mixed model."""
+"""Comparisons of conditions with intervals: medians, outcomes, learning, a linear mixed model."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence

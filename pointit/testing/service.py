@@ -17,18 +17,18 @@ from pointit.testing import requirements
 from pointit.testing.trial import CheckFailedError, DeviceHarness, Suite, Trial, absent, connected
 
 __all__ = [
-    "LIVES_S",
-    "ServiceHarness",
-    "SERVICE_SUITE",
-    "NotedBus",
-    "ServiceTrial",
-    "MESSAGES",
     "HEALTH_S",
+    "LIVES_S",
+    "MESSAGES",
+    "SERVICE_SUITE",
     "SYSTEM",
-    "parameters",
-    "starts",
+    "NotedBus",
+    "ServiceHarness",
+    "ServiceTrial",
     "answers",
     "hears",
+    "parameters",
+    "starts",
     "uses_declared_rows",
     "works",
 ]

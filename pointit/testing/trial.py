@@ -1,4 +1,4 @@
-"""Checks and trials: what must hold, and one run of a plug-in in surroundings of the check, with a watchdog for code that blocks the loop."""
+"""Checks of a plug-in and one run of it, with a watchdog for code that blocks the loop."""
 
 import asyncio
 import contextlib

@@ -108,7 +108,7 @@ WRITE = "`pointit topic schema --write`"
 """The command that brings the catalogue up to date."""
 
 SHIPPED = Path(__file__).with_name("shipped")
-"""Copy of the committed catalogue in an installed package; a checkout has it in `schemas/catalogue/shipped`."""
+"""The committed catalogue, in a checkout and in an installed package."""
 
 Files = Mapping[str, bytes]
 

@@ -1,4 +1,4 @@
-"""Feeding of a conveyor: which packages enter when, by configuration or timed steps, as soon as there is room."""
+"""Feeding of a conveyor: which packages enter when, by configuration or timed steps."""
 
 import math
 import random

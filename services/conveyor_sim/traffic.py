@@ -1,4 +1,4 @@
-"""Packages on a network of belts: they move with their belts, in order, give way at junctions, and never overlap."""
+"""Packages on a network of belts: they move in order, give way at junctions, and never overlap."""
 
 import math
 from bisect import bisect_left

@@ -1,4 +1,4 @@
-"""State of all lights: messages in, frames of the strips and colours of the lamps out, when the next one is due."""
+"""State of all lights: messages in, frames of strips and colours of lamps out when they are due."""
 
 from collections.abc import Sequence
 

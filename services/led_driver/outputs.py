@@ -1,4 +1,4 @@
-"""Controllers of LED strips by name: the roles of an output, the guard of each, and those of installed packages."""
+"""Controllers of LED strips by name, also of installed packages: roles and the guard of each."""
 
 import functools
 from collections import Counter

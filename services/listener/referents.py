@@ -1,4 +1,4 @@
-"""Probability of each thing, robot, person or place that a word may refer to, whether to act on it or to ask, and the times of words.
+"""Probability of each referent of a word, the choice to act or ask, and the times of words.
 
 A gesture's arm arrives near its word, mostly a little before it (Levelt, Richardson and La Heij 1985), and
 the recogniser dates the word with an error of its own. So each stay of the arm belongs to the word with a

@@ -1,4 +1,4 @@
-"""Memory of one person's pointing: cursors of the last seconds, and stays of the arm that may belong to a word."""
+"""Memory of one person's pointing: cursors of the last seconds, and stays of the arm."""
 
 import math
 from bisect import bisect_left

@@ -1,4 +1,4 @@
-"""Pose between localizations: tracked while the IMU drifts, corrected by anchors, headings and landings of the arm.
+"""Pose between localizations: tracked while the IMU drifts, corrected by anchors and landings.
 
 Owns the drift filter and the rest detector. Pure: poses, rays, orientations and the time go in; poses to
 publish, anchors and metrics come out.

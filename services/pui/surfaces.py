@@ -1,4 +1,4 @@
-"""Pointable surfaces of a map from the geometry of its things, hit tests of rays, and occlusion by opaque things."""
+"""Pointable surfaces of a map: hit tests of rays, and occlusion by opaque things."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Tracked objects, and the things of a map as such: positions at a given time, those that two trackers report. Pure.
+"""Tracked objects and things of a map: positions at a given time, duplicates of two trackers. Pure.
 
 Two report one object by one id, or by two ids that stay at one place.
 """

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pointit.geometry import vector
 from pointit.geometry.rotation import inverse, rotate
 from pointit.geometry.vector import Vec3
-from pointit.maps.environment import point_in_world, yaw_in_world
+from pointit.maps.frames import point_in_world, yaw_in_world
 from pointit.schemas import FARTHEST
 from pointit.schemas.environment import Frame
 from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, RobotReport

@@ -4,7 +4,7 @@ import asyncio
 import math
 from typing import ClassVar
 
-from pointit.maps.environment import frame_of
+from pointit.maps.frames import frame_of
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.plugin_guard import NullHealth, PluginGuard, guard_of

@@ -1,4 +1,4 @@
-"""Commands to a robot for the person who owns it, and its actions and reasons to stand still as two tables. Pure."""
+"""Commands to a robot for the person who owns it, and its actions as a table. Pure."""
 
 from collections.abc import Mapping
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Runs the table of transitions for one person: events and readiness of the wrist in, messages and requests out.
+"""Runs the table of transitions for one person: events in, messages and requests out.
 
 One localization or anchor in progress, as the person sees it: queue, target and next step.
 

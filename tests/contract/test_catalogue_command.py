@@ -84,9 +84,9 @@ def test_a_change_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
 
 def test_elsewhere_it_says_where_to_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for option in ("--write", "--check"):
-        with pytest.raises(
-            ConfigError, match=r"schemas/catalogue/shipped: there is no such folder; run this in the root"
-        ):
-            code(run(option))
+    with pytest.raises(
+        ConfigError, match=r"schemas/catalogue/shipped: there is no such folder; run this in the root"
+    ):
+        code(run("--write"))
+    assert code(run("--check")) == 0  # what the package ships
     assert code(run("ImuSample")) == 0

@@ -1,4 +1,4 @@
-"""Interface of a backend that joins a ROS 2 graph, independent of the middleware: CDR in, CDR out; and the addresses of the routers.
+"""Interface of a backend that joins a ROS 2 graph by any middleware, and the addresses of routers.
 
 All handlers run in the event loop that opened the backend, one at a time.
 """

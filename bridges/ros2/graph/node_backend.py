@@ -1,4 +1,4 @@
-"""A node in the ROS graph: parts that are the same for every middleware, and its warnings, shown while they last."""
+"""A node in the ROS graph: parts that are the same for every middleware, and its warnings."""
 
 import abc
 import asyncio

@@ -1,4 +1,4 @@
-"""Input of a person: orientation of their arm, button, pose; a ray of ROS nodes and their cursor subscription.
+"""Input of a person from ROS: arm, button, pose, rays; and the cursor subscription.
 
 Arms (`WristSample`, device `arm`): the rotation turns vectors of the arm's frame, x along the arm to the
 finger, z up with the palm down, into {H}, the frame at the person's feet with z up and x forward. The

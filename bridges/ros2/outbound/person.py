@@ -1,4 +1,4 @@
-"""Output of a person and of what they point at: arm, ray, pose, cursor, button; objects and selections in the ROS toolkit's messages."""
+"""Output of a person and of the objects they point at, in the ROS toolkit's messages."""
 
 import math
 from typing import Any

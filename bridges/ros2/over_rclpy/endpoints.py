@@ -1,4 +1,4 @@
-"""The ROS graph as rclpy sees it, and endpoints in it: their shared context, servers and clients of ROS services."""
+"""Endpoints over rclpy: the graph, their shared context, servers and clients of ROS services."""
 
 import asyncio
 import collections

@@ -1,4 +1,4 @@
-"""rclpy and the types built with it, imported on demand, and protocols for the parts in use, which have no stubs."""
+"""rclpy and the types built with it, imported on demand, with protocols in place of stubs."""
 
 import importlib
 import os

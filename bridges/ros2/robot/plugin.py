@@ -1,4 +1,4 @@
-"""The plug-in `ros2` of robots and its parameters: imports what the bridge needs only when a driver is made."""
+"""The plug-in `ros2` of robots and its parameters. A driver imports the bridge when it is made."""
 
 import importlib
 from typing import Any, Literal

@@ -1,4 +1,4 @@
-"""The devices that pages have connected: each started in a process of its own, remembered, forgotten on request.
+"""Devices that pages have connected: each runs in its own process, and is remembered or forgotten.
 
 A wrist is a `pointit person add`, a light a `pointit output add`, so each is a person or an output like those
 of a terminal, with the rights of this process.

@@ -1,4 +1,4 @@
-"""The map of the site in the plan editor of pages: read, checked, saved; and what pointing alone tells apart on it.
+"""The map in the plan editor of pages: read, checked, saved, and its separability by pointing.
 
 The page's process reads and writes the file at the path that `pui` has, so both run on one machine.
 """

@@ -1,4 +1,4 @@
-"""State of the site: newest message of every key, services, deployments; and the status that pages show. Pure.
+"""State of the site: newest message of every key, services, deployments, and its status. Pure.
 
 Times in seconds are of any monotonic clock.
 

@@ -1,4 +1,4 @@
-"""The last minutes of the running site in memory, the lanes of their timeline, and the source of a playback: entries by time."""
+"""The last minutes of the running site in memory, with the lanes of their timeline."""
 
 import bisect
 import functools

@@ -1,4 +1,4 @@
-"""The ASGI application of the listeners: paths, checks of hosts, origins and sizes, and the last minute as a file."""
+"""The ASGI application of the listeners: paths, checks of requests, and the last minute as a file."""
 
 import asyncio
 import io

@@ -1,4 +1,4 @@
-"""Control of each person's wrist by a page's mouse, a headset or a phone, from their pose or an assumed one."""
+"""Control of each person's wrist by a page's mouse, a headset or a phone."""
 
 import itertools
 import math

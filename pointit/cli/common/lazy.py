@@ -1,4 +1,4 @@
-"""Groups of commands that import one when it is called, ours and those of installed packages, and suggest names for a typo.
+"""Groups of commands, ours and of installed packages, that import one when it is called.
 
 They are listed from the packages' files, since `importlib.metadata` takes as long as the rest of the help,
 and `pathlib` a twentieth of it. They are imported when they are called.

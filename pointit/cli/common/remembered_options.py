@@ -1,4 +1,4 @@
-"""Completions of a shell: options, remembered so that the Tab key loads no command, and names of scenarios, maps and services."""
+"""Completions of a shell: remembered options, and names of scenarios, maps and services."""
 
 import contextlib
 import importlib.metadata

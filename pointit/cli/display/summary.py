@@ -1,4 +1,4 @@
-"""The summary of a run, printed and written to a file, its live view, and the parts of both that optional rooms bring."""
+"""The summary of a run, printed or written to a file, and the parts that optional rooms add."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The live view of a run in the terminal: strips in their real colours, cursors, people, rates, and the keyboard as a button."""
+"""The live view of a run in the terminal: strips, cursors, people, rates, and the keyboard as a button."""
 
 import contextlib
 import functools

@@ -43,10 +43,7 @@ def _service_row(row: Process) -> dict[str, Any]:
 
 def scenarios() -> OutputSection:
     """Return the shipped scenarios."""
-    from pointit.launch.plan.plan import (
-        read_scenario,
-        scenario_names,  # noqa: PLC0415 - only when asked for
-    )
+    from pointit.launch.plan.plan import read_scenario, scenario_names  # noqa: PLC0415
 
     rows: list[dict[str, Any]] = []
     for name in scenario_names():
@@ -62,10 +59,7 @@ def scenarios() -> OutputSection:
 
 def maps() -> OutputSection:
     """Return the shipped maps."""
-    from pointit.maps.checks.check import (
-        about_map,
-        contents,  # noqa: PLC0415 - only when asked for
-    )
+    from pointit.maps.checks.check import about_map, contents  # noqa: PLC0415
     from pointit.maps.file import map_path, read_clouds, read_map_file, shipped_maps  # noqa: PLC0415 - as above
 
     rows: list[dict[str, Any]] = []

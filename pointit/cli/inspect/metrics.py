@@ -65,10 +65,7 @@ def _attach(bus: Bus, metrics: "SiteMetrics") -> None:
 
 
 async def _print(metrics: "SiteMetrics", site: str, connect: tuple[str, ...]) -> int:
-    from pointit.bridges.web.server.metrics_server import (
-        TEXT,
-        exposition,  # noqa: PLC0415
-    )
+    from pointit.bridges.web.server.metrics_server import TEXT, exposition  # noqa: PLC0415
 
     async with join_site(site, connect) as bus:
         _attach(bus, metrics)
@@ -80,10 +77,7 @@ async def _print(metrics: "SiteMetrics", site: str, connect: tuple[str, ...]) ->
 
 async def _serve(metrics: "SiteMetrics", host: str, port: int, site: str, connect: tuple[str, ...]) -> int:
     from pointit.bridges.web.server.listener import url  # noqa: PLC0415
-    from pointit.bridges.web.server.metrics_server import (
-        PATH,
-        MetricsServer,  # noqa: PLC0415
-    )
+    from pointit.bridges.web.server.metrics_server import PATH, MetricsServer  # noqa: PLC0415
 
     server = MetricsServer(metrics, host, port)  # a wrong address is refused before the site is looked for
     async with join_site(site, connect) as bus:

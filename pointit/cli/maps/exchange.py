@@ -1,4 +1,4 @@
-"""`pointit map import`, `export` and `fetch`: maps from and for other programs, a ROS node, a Home Assistant."""
+"""`pointit map import`, `export` and `fetch`: maps from and for other programs."""
 
 import asyncio
 import codecs
@@ -136,10 +136,7 @@ def command(
     config = _config(backend)
     if not has_extra("ros2"):
         raise ConfigError(f"map fetch needs {remedy('ros2')}")
-    from pointit.bridges.ros2.parameters import (
-        FetchRequest,
-        fetched,  # noqa: PLC0415 - takes half a second and an extra
-    )
+    from pointit.bridges.ros2.parameters import FetchRequest, fetched  # noqa: PLC0415
 
     quiet()
     request = FetchRequest(

@@ -1,4 +1,4 @@
-"""`pointit map point`: positions of lamps, boxes, screens and tables by pointing at them, and the option of where a person stands."""
+"""`pointit map point`: positions of lamps, boxes, screens and tables by pointing at them."""
 
 import asyncio
 import math

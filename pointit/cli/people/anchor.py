@@ -1,4 +1,4 @@
-"""`pointit person anchor USER [LAMP]`: a person points at one lamp without a cursor; poses in readable units."""
+"""`pointit person anchor USER [LAMP]`: a person points at one lamp without a cursor."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""`pointit person calibrate user USER`: pointing offset from lamps pointed at without a cursor, its report, and what is stored."""
+"""`pointit person calibrate user USER`: pointing offset from lamps pointed at without a cursor."""
 
 import asyncio
 import itertools

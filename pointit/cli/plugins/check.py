@@ -1,4 +1,4 @@
-"""`pointit plugin new` and `check`: a package with a plug-in that works, and whether installed ones keep their promises."""
+"""`pointit plugin new` and `pointit plugin check`: templates of plug-ins, and checks of installed ones."""
 
 import importlib.resources
 import keyword

@@ -1,4 +1,4 @@
-"""`pointit person add` and `pointit service run`: one person's services on a running site, or a single one."""
+"""`pointit person add` and `pointit service run`: one person's services, or a single service."""
 
 import dataclasses
 from collections.abc import Callable, Sequence

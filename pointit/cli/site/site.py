@@ -1,4 +1,4 @@
-"""`pointit site`: identities and rights of a site, their table, and the check that a command has the right ones."""
+"""`pointit site`: identities and rights of a site, and the check that a command has them."""
 
 import asyncio
 import datetime as dt

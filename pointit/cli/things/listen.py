@@ -141,7 +141,7 @@ async def _listen(
     speak: bool,
     **at: Unpack[AtSite],
 ) -> int:
-    # noqa: PLC0415 - only if the room is there
+
     from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
     from pointit.speech.speech_synthesizer import SpeechSynthesizer  # noqa: PLC0415 - as above
 
@@ -233,12 +233,7 @@ async def _recognise(
 async def _typed(text: str, clock: Clock) -> AsyncIterator[Speech]:
     """Yield utterances when they would have been said: each ends with its line, an empty one or a pause."""
     from pointit.speech.audio import lines_of  # noqa: PLC0415 - as above
-    from pointit.speech.recogniser import (
-        PAUSE_S,
-        TimedWord,
-        speech,
-        words_in,  # noqa: PLC0415 - as above
-    )
+    from pointit.speech.recogniser import PAUSE_S, TimedWord, speech, words_in  # noqa: PLC0415
 
     try:
         file = sys.stdin if text == "-" else Path(text).open("rb")  # noqa: SIM115, ASYNC230 - closed below

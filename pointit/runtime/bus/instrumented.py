@@ -1,4 +1,4 @@
-"""Publishers, subscriptions and servers of a service that measure each message, and what is counted between two reports."""
+"""Publishers, subscriptions and servers of a service that measure each message."""
 
 import asyncio
 import bisect

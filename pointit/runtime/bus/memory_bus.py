@@ -1,4 +1,4 @@
-"""Bus within one process, for tests, for `sim` and inside the Zenoh bus: its broker, participants and declarations.
+"""Bus within one process, for tests and inside the Zenoh bus: broker, participants, declarations.
 
 Several buses may share one `LocalBroker`; each stands for one participant.
 """

@@ -1,4 +1,4 @@
-"""Parts that installed packages add: objects and parts of services, declared as entry points, found without importing any.
+"""Parts that installed packages add, declared as entry points, found without importing any.
 
 A plug-in is imported when it is used. All of a kind are imported where the parameters of all are listed, such
 as in the help of a service.
@@ -21,7 +21,7 @@ from pointit.runtime.errors import ConfigError
 
 OURS = ("pointit", "pointit-lab")
 """This project's packages. Other packages cannot use their names."""
-Plug = TypeVar("P")
+P = TypeVar("P")
 
 
 def installed_entry_points(group: str) -> EntryPoints:
@@ -46,10 +46,10 @@ def _changed_ns(folder: str) -> int:
         return 0
 
 
-class InstalledGroup(Generic[Plug]):
+class InstalledGroup(Generic[P]):
     """The installed objects of one kind, by name."""
 
-    def __init__(self, group: str, kind: type[Plug], noun: str, *, has_ours: bool = True) -> None:
+    def __init__(self, group: str, kind: type[P], noun: str, *, has_ours: bool = True) -> None:
         """Look for entry points of `group`, each a `kind`. Errors call one a `noun`.
 
         `has_ours`: this project has some, so that none at all is a fault of the installation.
@@ -92,7 +92,7 @@ class InstalledGroup(Generic[Plug]):
         """Return the names of all installed ones, without importing any."""
         return tuple(self._entries)
 
-    def get(self, name: str) -> Plug:
+    def get(self, name: str) -> P:
         """Import and return the object `name`.
 
         Raises:
@@ -217,10 +217,10 @@ class DevicePlugin(Plugin):
     """Finds devices of this kind that are within reach. None if there is no way to find them."""
 
 
-P = TypeVar("P", bound=Plugin)
+PluginT = TypeVar("PluginT", bound=Plugin)
 
 
-class PluginGroup(InstalledGroup[P]):
+class PluginGroup(InstalledGroup[PluginT]):
     """The installed plug-ins of one kind."""
 
     def choose(self, text: str) -> tuple[str, dict[str, Any]]:

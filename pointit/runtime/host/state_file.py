@@ -1,4 +1,4 @@
-"""Persistent state: small JSON files under the state directory, one per person and purpose; files are replaced as a whole."""
+"""Persistent state: small JSON files, one per person and purpose, each replaced as a whole."""
 
 import contextlib
 import errno

@@ -1,4 +1,4 @@
-"""Connection of a process to the network: site, addresses, credentials, lease, and one that is out of reach. Loads no Zenoh.
+"""Connection of a process to the network: site, addresses, credentials, lease. Loads no Zenoh.
 
 It holds `link.json` (site, addresses, name, role), the authority's certificate `ca.pem`, and `cert.pem` with
 `key.pem`, or `password` on a site with passwords.

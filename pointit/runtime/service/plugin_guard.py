@@ -23,7 +23,7 @@ from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import StateFile, state_directory
 
-ValueT = TypeVar("T", bound=BaseModel)
+T = TypeVar("T", bound=BaseModel)
 
 
 class WarningSink(Protocol):
@@ -114,9 +114,9 @@ class Surroundings:
     sensor_from_arm: Quaternion = rotation.IDENTITY
     """IMU sources: the configured mounting of the sensor."""
 
-    def state_file(self, model: type[ValueT]) -> StateFile[ValueT]:
+    def state_file(self, model: type[T]) -> StateFile[T]:
         """Return the plug-in's stored value: a `model` in the file `state.json` of its folder."""
-        return StateFile[ValueT].at(self.folder / "state.json", model)
+        return StateFile[T].at(self.folder / "state.json", model)
 
     @classmethod
     def detached(cls, user: str = "") -> Self:
@@ -125,7 +125,7 @@ class Surroundings:
         return cls(clock=WallClock(), health=NullHealth(), folder=folder, user=user)
 
 
-T = TypeVar("T")
+ResultT = TypeVar("ResultT")
 log = logging.getLogger(__name__)
 FIRST_WAIT_S = 1.0
 """Delay before the restart after the first failure, s. It doubles after each further one."""
@@ -196,7 +196,7 @@ class PluginGuard:
         elif not task.cancelled() and (error := task.exception()) is not None:
             log.error("%s failed at its end: %s", self.label, describe(error))
 
-    def made(self, make: Callable[[], T]) -> T:
+    def made(self, make: Callable[[], ResultT]) -> ResultT:
         """Return the result of `make`, which creates the plug-in.
 
         Raises:
@@ -211,7 +211,7 @@ class PluginGuard:
                 f"{self.label} cannot be started ({describe(error)}); update or uninstall it"
             ) from error
 
-    def call(self, call_name: str, function: Callable[[], T]) -> T | None:
+    def call(self, call_name: str, function: Callable[[], ResultT]) -> ResultT | None:
         """Return the result of `function`, or None if it raises. The report names the call `call_name`."""
         topic = f"{self.label}: {call_name}"
         try:

@@ -1,4 +1,4 @@
-"""Bus of a process on a secured site: the rights of its identity, and a self-test, since a router drops denied messages silently.
+"""Bus of a process on a secured site: the rights of its identity, and a self-test of them.
 
 Rules that grant a key grant `KEY/@may/NAME/VERB` too. The process writes test messages there. A second
 session of the same identity, which lives as long as the test, reports those that arrive: delivery within one

@@ -1,4 +1,4 @@
-"""The link to one wrist: found by a scan, connected again for ever, watched for silence; and the search for all."""
+"""The link to one wrist by Bluetooth: found by a scan, connected again, watched for silence."""
 
 import asyncio
 import contextlib

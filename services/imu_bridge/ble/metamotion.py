@@ -1,4 +1,4 @@
-"""MetaMotion R, RL and S of MbientLab: quaternions of the board's own fusion, button, motor; commands and notifications as bytes.
+"""MetaMotion R, RL and S of MbientLab: quaternions of the board's fusion, button, motor.
 
     frame = module register data*        read: register | 0x80, which the reply repeats
 

@@ -1,4 +1,4 @@
-"""Watches with Wear OS and the maker's Touch SDK app: orientation, pinch, crown, swipe and vibration, by the watch's clock.
+"""Watches with Wear OS and the Touch SDK app: orientation, pinch, crown, swipe and vibration.
 
 Bytes are those of the maker's public specification. They were tested against the maker's own client and a
 simulated watch over a complete Bluetooth stack of others, never against a real watch.

@@ -1,4 +1,4 @@
-"""Messages of the Touch SDK: `Update`s of a watch and `InputUpdate`s to it, in the wire format of Protocol Buffers.
+"""Messages of the Touch SDK to and from a watch, in the wire format of Protocol Buffers.
 
 Written by hand: the file of common types does not compile, and few fields are used. Groups, which
 version 3 does not have, are refused.

@@ -1,4 +1,4 @@
-"""WitMotion's wrists by Bluetooth (WT901BLE, BWT901BLE5.0, WT9011DCL): frames of accelerations and rates, and commands.
+"""WitMotion's wrists by Bluetooth: WT901BLE, BWT901BLE5.0, WT9011DCL.
 
     frame = 55 61 (i16 little-endian){9}         acceleration, angular velocity, angles; no checksum
     reply = 55 71 register 00 (i16){8}           registers that were asked for

@@ -1,4 +1,4 @@
-"""Interface of one kind of wrist: its advertisements, commands, notifications, gestures of its button, vibration."""
+"""Interface of one kind of Bluetooth wrist: advertisements, commands, button, vibration."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence

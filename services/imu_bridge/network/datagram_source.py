@@ -1,4 +1,4 @@
-"""A wrist whose app sends datagrams to a port, without any handshake: one of its senders, checked, watched for silence."""
+"""A wrist whose app sends datagrams to a port: one of its senders, checked, watched for silence."""
 
 import asyncio
 import ipaddress

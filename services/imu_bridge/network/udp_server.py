@@ -1,4 +1,4 @@
-"""A UDP port that is opened again after errors, and a wrist at it: of all that waits, events and the newest orientations."""
+"""A UDP port that is opened again after errors, and a wrist that sends to it."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""Framers: the bytes of one device to readings; UART-RVC of BNO08x, WitMotion's protocol, messages of the x-IMU3 (hardware.md A).
+"""Framers: bytes of BNO08x (UART-RVC), WitMotion and x-IMU3 boards to readings (hardware.md A).
 
 They are pure. Whatever bytes they are fed, they do not raise, buffer at most one packet, and do not spin.
 

@@ -1,4 +1,4 @@
-"""Lines of text that boards send: their content, and the number beside the four of a quaternion (hardware.md A.2).
+"""Lines of text that boards send, as quaternions and buttons (hardware.md A.2).
 
     line       = {label} number{4,6} {label} | {label} component{4} {label} | [name ":"] button | JSON
     number     = decimal, separated by commas, semicolons, bars or white space; one may trail

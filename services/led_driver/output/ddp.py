@@ -1,4 +1,4 @@
-"""Output to WLED and other pixel controllers by DDP, the Distributed Display Protocol, and the search for WLED.
+"""Output to WLED and other pixel controllers by DDP, the Distributed Display Protocol.
 
 A packet is flags, sequence, data type, id, offset (4 bytes) and size (2 bytes) of its data, the data.
 """

@@ -1,4 +1,4 @@
-"""Messages of smart lamps over MQTT, by Zigbee2MQTT and Home Assistant, and commands as they are due. Pure."""
+"""Messages of smart lamps over MQTT, by Zigbee2MQTT and Home Assistant. Pure."""
 
 import json
 from collections.abc import Collection, Iterator, Mapping

@@ -1,4 +1,4 @@
-"""Strips on a controller in the network: the newest frame by UDP, or DMX universes, resent, ended dark; warnings and metrics."""
+"""Strips on a controller in the network: the newest frame by UDP, resent, ended dark."""
 
 import asyncio
 import contextlib

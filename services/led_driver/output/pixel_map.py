@@ -1,4 +1,4 @@
-"""Pixels of strips on the pixels of an output: parts, order of colours, gaps; and their values: gamma and current limit."""
+"""Pixels of strips on the pixels of an output: parts, order of colours, gamma, current limit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

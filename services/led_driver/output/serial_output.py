@@ -1,4 +1,4 @@
-"""Output to a controller on a serial port: parameters, and the newest frame at a rate that wire and board can carry."""
+"""Output to a controller on a serial port, at a rate that wire and board can carry."""
 
 import threading
 import time

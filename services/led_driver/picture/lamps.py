@@ -1,4 +1,4 @@
-"""Single lamps: lit in turn for people who localize, coloured by the angle to the ray, or the state of their thing.
+"""Single lamps: lit for localization, coloured by the angle to the ray, or as their thing's state.
 
 led-driver alone decides. Localizers state which lamps they use and which one is to be lit
 (`Localization.lamps`, `target_id`), again every second, so that a restarted led-driver restores the queue.

@@ -1,4 +1,4 @@
-"""Current content of the strips: the newest of every message while it is fresh, and the appearance of objects."""
+"""Current content of the strips: fresh messages, and the appearance of objects."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence

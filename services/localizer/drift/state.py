@@ -1,4 +1,4 @@
-"""State of the drift filter: a Gaussian mixture of x, y, yaw, yaw rate and creep, with its settings and inputs.
+"""State of the drift filter: a Gaussian mixture of x, y, yaw, yaw rate and creep.
 
 Each measurement splits every component into cases (nothing unusual; the yaw leaped or the person moved; the
 person pointed elsewhere), weighs them by their likelihood and keeps the most probable (a Gaussian sum filter:

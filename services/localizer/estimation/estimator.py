@@ -1,4 +1,4 @@
-"""Pose of the person from rays in {H} that were pointed at known places in {W} (pointing.md §4), and the unfiltered rays for it.
+"""Pose of the person from rays in {H} that were pointed at known places in {W} (pointing.md §4).
 
 Maximum a posteriori estimate from angles, of x, y, yaw, the person's elevation bias and, within the
 uncertainty of body measures, the eye height, with the feet on the floor. It starts from many poses because
@@ -45,18 +45,18 @@ from pointit.services.localizer.estimation.solution import (
 __all__ = [
     "AMBIGUOUS_COST",
     "GAP_S",
+    "MIN_BIAS_SIGMA_RAD",
+    "Mean",
     "Pointings",
     "Refusal",
     "Solution",
     "SolverSettings",
-    "solve",
-    "MIN_BIAS_SIGMA_RAD",
-    "unfiltered",
-    "directions",
-    "origins",
     "believed",
-    "Mean",
+    "directions",
     "mean",
+    "origins",
+    "solve",
+    "unfiltered",
 ]
 
 

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt with Huber loss over several starts, on the angles between rays and targets and their derivatives.
+"""Levenberg-Marquardt with Huber loss over several starts, on angles between rays and targets.
 
 Everything is batched over poses (k) and samples (n), since the solver evaluates several poses at once. The
 horizontal plane is complex, so that rotations are products.

@@ -1,4 +1,4 @@
-"""Settings of the solver and its results: samples averaged in blocks, a pose refined by what else is uncertain, or the reason why there is none.
+"""Settings of the solver and its results: samples in blocks, a refined pose, or the reason for none.
 
 The descent knows x, y, yaw, bias and eye height, and takes samples as independent. Here a few Gauss-Newton
 steps follow over these, the IMU's drift and the tracker's latency, each with a prior; the inverse of their

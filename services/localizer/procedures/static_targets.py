@@ -1,4 +1,4 @@
-"""Localization by pointing at lamps that are lit one after the other (paper, §III-B), and the choice of the next.
+"""Localization by pointing at lamps that are lit one after the other (paper, §III-B).
 
 The information of one pointing is its Fisher information about x, y, yaw and the person's elevation bias;
 holds add up. The position is that of the pose so far, or any in the room before there is one. The pose's yaw

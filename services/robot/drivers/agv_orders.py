@@ -1,4 +1,4 @@
-"""Orders of one AGV by VDA 5050: the messages for a command, as JSON, and their execution. Pure, with time as an argument."""
+"""Orders of one AGV by VDA 5050: the messages for a command, and their execution. Pure."""
 
 import datetime as dt
 import json

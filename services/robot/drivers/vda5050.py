@@ -1,4 +1,4 @@
-"""Driver of AGVs by VDA 5050: each AGV, the connection to a broker, and the search for AGVs that report on it."""
+"""Driver of AGVs by VDA 5050: each AGV, the connection to a broker, and the search for AGVs."""
 
 import asyncio
 import contextlib

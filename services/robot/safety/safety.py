@@ -1,4 +1,4 @@
-"""Permission of targets, set-points and speeds, checks of a robot's reports, and the reasons to stop. No safety function."""
+"""Permitted targets, set-points and speeds of a robot, and the reasons to stop. No safety function."""
 
 import math
 from collections.abc import Iterator, Sequence

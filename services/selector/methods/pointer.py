@@ -1,4 +1,4 @@
-"""Pointing of one person: hovered object, steadiness and firing, by the method in use, whose faults stay with it."""
+"""Pointing of one person: hovered object, steadiness and firing, by the method in use."""
 
 import math
 from collections import deque

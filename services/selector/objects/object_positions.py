@@ -1,4 +1,4 @@
-"""Object under a cursor, with objects where they were when the cursor was captured, and those that have left."""
+"""Object under a cursor, with positions at the time when the cursor was captured."""
 
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""A goal of pointing: the state of the interaction as the person perceives it, presses of the button, the motion."""
+"""A goal of pointing: the state that the person perceives, presses of the button, the motion."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Selecting every object of some kinds, deselecting wrong ones, and the times that finding and choosing take."""
+"""Selecting every object of some kinds, deselecting wrong ones, and the times that it takes."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""All signals that the simulated person has seen and heard, delayed by perception, and the state of each thing."""
+"""All signals that the simulated person has seen and heard, delayed by perception."""
 
 from collections import deque
 from collections.abc import Mapping

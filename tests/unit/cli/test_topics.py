@@ -15,8 +15,7 @@ from rich.console import Console
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import print_table
 from pointit.cli.inspect.call import build_query, requests
-from pointit.cli.inspect.topics import RateMeter, TopicCounter, Wanted, resolve, resolve_all
-from pointit.cli.inspect.topics import show_rates as show_rates
+from pointit.cli.inspect.topics import RateMeter, TopicCounter, Wanted, resolve, resolve_all, show_rates
 from pointit.cli.inspect.track import TrackerMeters, Tracking, show
 from pointit.cli.main import command
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, TrackedObjects, UserPose, topics

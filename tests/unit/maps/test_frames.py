@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.maps.environment import aligned, frame_of, point_in_world
 from pointit.maps.file import load_map, read_map_file
+from pointit.maps.frames import aligned, frame_of, point_in_world
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Environment, TrackedObject
 

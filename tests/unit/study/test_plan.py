@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pointit
-from pointit.cli.study import check as check
+from pointit.cli.study import check
 from pointit.runtime.errors import ConfigError
 from pointit.study.check import check_folder
 from pointit.study.model import Study, imbalance, read_study, square

@@ -8,9 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from pointit import study_report
-from pointit.cli.study import check as check
+from pointit.cli.study import check, report
 from pointit.cli.study import command as run
-from pointit.cli.study import report as report
 from pointit.runtime.errors import ConfigError
 from pointit.study.model import Picture, read_study
 from pointit.study.simulated import simulate

@@ -10,15 +10,15 @@ from hypothesis import strategies as st
 
 from pointit.geometry import rotation
 from pointit.services.imu_bridge.serial.detection import Detection, Format, SerialConfig
-from pointit.services.imu_bridge.serial.framers import BNO085_LENGTH as BNO085_LENGTH
-from pointit.services.imu_bridge.serial.framers import LENGTH as WITMOTION_LENGTH
 from pointit.services.imu_bridge.serial.framers import (
+    BNO085_LENGTH,
     LONGEST,
     Bno085Framer,
     SerialFramer,
     WitMotionFramer,
     Ximu3Framer,
 )
+from pointit.services.imu_bridge.serial.framers import LENGTH as WITMOTION_LENGTH
 from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.sources import Item, Reading, Reconnected

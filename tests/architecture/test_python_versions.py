@@ -58,33 +58,6 @@ def test_compiler_is_looked_for_by_the_python_of_the_environment(machine: Machin
     assert done.stdout.strip() == "" == done.stderr
 
 
-OTHER_PYTHON = """#!/bin/sh
-case "$*" in
-    *last-failed*) exit "$ALONE" ;;
-    *pytest*) for each in "$@"; do case "$each" in cache_dir=*) cache="${each#*=}/v/cache" ;; esac; done
-        mkdir -p "$cache" && echo '{"tests/a.py::test_a": true}' > "$cache/lastfailed" && exit 1 ;;
-esac
-"""
-
-
-@pytest.mark.parametrize("alone", [0, 1])
-def test_what_fails_with_other_versions_runs_once_more(machine: Machine, alone: int) -> None:
-    shutil.copytree(ROOT / ".ci", machine.root / ".ci")
-    bin_ = machine.root / ".venv" / "bin"
-    bin_.mkdir(parents=True)
-    (bin_ / "python").symlink_to(sys.executable)
-    for path in (bin_ / "uv", machine.root / ".venv-lowest" / "bin" / "python"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(OTHER_PYTHON if path.name == "python" else "#!/bin/sh\n", encoding="utf-8")
-        path.chmod(0o755)
-    machine.add("python3.11", '#!/bin/sh\n[ "$1" = -c ]\n')
-    folders = {"PYTEST_CACHE": str(machine.root), "PYTHONS": str(machine.root)}
-    done = machine.run("../.ci/versions", ALONE=str(alone), **folders)
-    assert done.returncode == alone
-    assert ("UNSTABLE with lowest" in done.stdout) == (alone == 0)
-    assert (machine.root / "unstable").exists() == (alone == 0)
-
-
 def test_python_that_is_missing_is_installed_by_the_tool_beside_the_checkout_or_absent(
     machine: Machine,
 ) -> None:

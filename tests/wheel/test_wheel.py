@@ -15,7 +15,7 @@ from tests.e2e.run.visitor import entered
 from tests.support.commands import Commands
 from tests.support.links import link_in
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.index]
 
 ROOTS = {
     "pointit/": "pointit/",

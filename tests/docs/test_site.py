@@ -24,6 +24,7 @@ def _built() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_built")
 def test_pages_load_nothing_from_other_hosts() -> None:
     pages = [*SITE.rglob("*.html")]
@@ -36,6 +37,7 @@ def test_pages_load_nothing_from_other_hosts() -> None:
         assert not loads, (page, loads)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_built")
 def test_reference_is_generated_from_the_code() -> None:
     def page(name: str) -> str:
@@ -48,6 +50,7 @@ def test_reference_is_generated_from_the_code() -> None:
     assert "one_euro.py" in page("modules")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_built")
 def test_links_to_sources_of_generated_pages_lead_to_the_pages() -> None:
     listed = (SITE / "reference" / "index.html").read_text(encoding="utf-8").partition("<article")[2]
@@ -55,6 +58,7 @@ def test_links_to_sources_of_generated_pages_lead_to_the_pages() -> None:
     assert 'href="../reference/parameters.html#imu-bridge"' in (SITE / "how-to/wrist.html").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_built")
 def test_first_page_plays_a_recording() -> None:
     first = (SITE / "index.html").read_text(encoding="utf-8")
@@ -66,6 +70,7 @@ def test_first_page_plays_a_recording() -> None:
     assert 1.0 < float(found[1]) < 20.0  # just before the first selection
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.usefixtures("_built")
 @pytest.mark.parametrize("theme", ["light", "dark"])

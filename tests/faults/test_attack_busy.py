@@ -23,7 +23,7 @@ from tests.integration.access.secured import link_of, make_site
 from tests.support.bench import until
 from tests.support.commands import Command, Commands
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 PEOPLE = ("anna", "ben")
 INSIDERS = ("insider1", "insider2", "insider3", "insider4", "insider5", "insider6")

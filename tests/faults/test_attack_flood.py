@@ -13,7 +13,7 @@ from tests.faults.site import FLOODERS, Site
 from tests.support.bench import until
 from tests.support.pace import within
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 RATE_HZ = 10_000.0
 FLOOD_S = 3.0
 STUCK_S = 6.0

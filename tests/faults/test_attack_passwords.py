@@ -39,7 +39,7 @@ from tests.integration.access.secured import Member, credentials_of, link_of, ma
 from tests.support.bench import until
 from tests.support.pace import within
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 BY = "doctor: router; the router's log"
 USER, PASSWORD = "transport/auth/usrpwd/user", "transport/auth/usrpwd/password"
 EVIL, VICTIM = "anna", "user1"

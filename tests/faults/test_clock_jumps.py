@@ -22,7 +22,7 @@ JUMPS_S = (-5.0, 5.0)
 """Jumps in this order: for 20 s the keeper still reports a clock that was ahead."""
 MINES = ("selector", "conveyor-sim")
 """Services that run on a machine of their own."""
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 FAKED = '''\

@@ -195,6 +195,7 @@ async def test_a_link_that_drops_all(both: Both, account: Account, name: str, wa
     outcome.row(account, name, "the host's cursors meanwhile")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 async def test_a_link_that_loses_much(both: Both, account: Account) -> None:
     async with both.plant.view() as view:

@@ -26,7 +26,7 @@ MOST_TAKEN = 0.02
 """Share of the replay, without what came when nothing new had come for `SILENT_S / 2`: a silence makes
 readers take what is old, and on a busy machine nothing new may come for a second."""
 READERS = ("pointing.user1", "pui", "selector", "led-driver")
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ START_S = 150.0
 PEOPLE = ("anna", "ben", "cleo")
 OF_BUSY_MACHINES = ("slow", "starved")
 """Codes of findings of this machine, on which tests run beside each other."""
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 @dataclass

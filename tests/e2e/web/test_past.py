@@ -20,7 +20,7 @@ from tests.support.commands import Commands
 from tests.support.links import link_in
 from tests.support.recorded import session, write_recording
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 USER = "anna"
 LENGTH_S = 10.0

@@ -12,7 +12,7 @@ from tests.e2e.web.window import NO_WEBGL, Window
 from tests.integration.web.pages import OPERATOR, VIEWER, serving
 from tests.support.bench import until
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 SEEN = "window.pointit.site.robots.size === 2"
 WIDER = "document.documentElement.scrollWidth - innerWidth"

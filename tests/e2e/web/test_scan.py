@@ -21,7 +21,7 @@ from tests.support.commands import Commands
 from tests.support.links import link_in
 from tests.unit.pui.room import pose_at, room
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 ORIGIN = "shelf_low"
 MOST_VIEWS = 6

@@ -14,6 +14,7 @@ from tests.support.commands import Commands
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.long,
     pytest.mark.parametrize("site", [("shelf", "--with", "listener")], indirect=True),
 ]
 

@@ -11,7 +11,7 @@ from playwright.async_api import Browser, expect
 from tests.e2e.web.axe import check_look
 from tests.support.commands import Commands
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 STUDY = """
 name: small

@@ -12,7 +12,7 @@ from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import Theme, Window
 from tests.support.bench import until
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 THEMES: tuple[Theme, ...] = ("light", "dark")
 SIZES = ((390, 844), (320, 640), (844, 390), (640, 400), (512, 384))

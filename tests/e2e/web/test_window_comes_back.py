@@ -16,7 +16,7 @@ from tests.support.buses import free_port, is_listening, router_process
 from tests.support.commands import Commands
 from tests.support.links import link_in
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 FOLLOWS = re.compile(r"should run|has left|has not reported|router at \S+ lost")
 """Findings that say the same of each service."""

@@ -13,7 +13,7 @@ from tests.e2e.web.test_window_shown import SEEN, meet
 from tests.e2e.web.window import NO_WEBGL, Window
 from tests.support.commands import Commands, onlooker
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 PHONE: dict[str, Any] = {"size": (390, 844), "is_mobile": True, "has_touch": True, "reduced_motion": "reduce"}
 NO_SOCKET = """

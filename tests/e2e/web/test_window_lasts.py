@@ -10,7 +10,7 @@ from tests.e2e.web.window import NO_WEBGL, Window
 from tests.support.commands import Commands
 from tests.support.pace import Patience
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 LENGTH_S = 300.0
 """Simulated time; a run without a page ends after 60 s."""

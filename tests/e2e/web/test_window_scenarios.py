@@ -20,7 +20,7 @@ from tests.e2e.web.site import SitePage
 from tests.e2e.web.window import TOLD, Window
 from tests.support.pace import Patience
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 SCENARIOS = {
     "scenario_4": "Conveyor: select the red packages",

@@ -14,7 +14,7 @@ from tests.e2e.web.window import Theme, Window
 from tests.support.commands import Commands
 from tests.support.pace import Patience
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 SIZES = ((1280, 800), (1920, 1080), (720, 450), (390, 844))
 THEMES: tuple[Theme, ...] = ("light", "dark")

@@ -16,7 +16,7 @@ from tests.support.commands import Commands
 from tests.support.tracker import MAC, tracker
 from tests.support.wled import Wled, wled
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 ROOM = """\
 strips:

@@ -18,7 +18,11 @@ from tests.e2e.web.window import LENS, PATIENCE_S, TOLD, Window
 from tests.support.environments import fetched
 from tests.support.pace import Patience
 
-pytestmark = [pytest.mark.slow, pytest.mark.parametrize("shared_site", ["shelf"], indirect=True)]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.long,
+    pytest.mark.parametrize("shared_site", ["shelf"], indirect=True),
+]
 
 PEER = Path(__file__).parent / "headset"
 SHELF = load_map("shelf", 0)

@@ -52,7 +52,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
     Collections while it is imported took a seventh of that time.
     """
-    _use_hypothesis()  # it looks through all objects for its generator: there are few yet, none of them frozen
+    _use_hypothesis()  # it looks through all objects for its generator: now they are few, and none is frozen
     gc.disable()
     try:
         return (yield)

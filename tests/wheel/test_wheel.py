@@ -154,7 +154,6 @@ async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, com
         run(UV, "pip", "uninstall", "--quiet", "--python", python, "pointit-lab", cwd=plain.parent)
 
 
-@pytest.mark.long
 async def test_uvx_without_arguments_does_what_scripts_demo_does(wheel: Path, commands: Commands) -> None:
     uvx = functools.partial(commands.run, environment={"UV_PYTHON": sys.executable})
     where = ("tool", "run", "--quiet", *LOCK, "--from", f"{wheel}[web]", "pointit")

@@ -36,6 +36,7 @@ class Delivery(Enum):
     """Reliable. Late joiners get the last value at once."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class _Keyed:
     """A key pattern with at most one placeholder."""
 
@@ -95,7 +96,6 @@ def valid_name(text: str) -> str:
 class Topic(_Keyed, Generic[M]):
     """A row of the table."""
 
-    key: str
     message: type[M]
     delivery: Delivery
     rate_hz: float | None
@@ -114,7 +114,6 @@ class Topic(_Keyed, Generic[M]):
 class Request(_Keyed, Generic[Q, R]):
     """A request: its key, its server, and the types of query and reply."""
 
-    key: str
     query: type[Q]
     reply: type[R]
     server: str
@@ -125,5 +124,4 @@ class Request(_Keyed, Generic[Q, R]):
 class Presence(_Keyed):
     """A token that exists exactly as long as its owner."""
 
-    key: str
     about: str

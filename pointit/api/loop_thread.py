@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 from pointit.runtime.clock import VirtualTimeLoop
 from pointit.runtime.errors import BusClosedError, PointItError
-from pointit.schemas import SchemaError
 
 T = TypeVar("T")
 
@@ -51,7 +50,7 @@ class LoopThread:
             return call.result()
         except concurrent.futures.CancelledError as error:
             raise closed_error() from error
-        except (PointItError, SchemaError) as error:
+        except PointItError as error:
             raise error.with_traceback(None) from error.__cause__  # this thread's frames hide the caller's
         except BaseException:
             call.cancel()

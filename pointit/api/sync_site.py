@@ -1,6 +1,4 @@
 """A site as scripts and notebooks see it: plain iterators, and calls that wait."""
-# pyright: reportPrivateUsage=false
-# (functions below are the methods of `SyncSite`)
 
 import asyncio
 import atexit
@@ -20,27 +18,32 @@ from pointit.api.inputs import Tracker
 from pointit.api.loop_thread import LoopThread
 from pointit.api.requests import Lamp
 from pointit.api.site import Site
+from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.schemas import (
     AddPackageReply,
     Done,
     LampColor,
     Message,
+    Query,
     ReadHistoryReply,
     Referents,
+    Reply,
     SetMethodReply,
     SetMountingReply,
     SetToleranceReply,
     TrackedObject,
     UseMapReply,
 )
-from pointit.schemas.topics import LAMP_COLOR, check_name
+from pointit.schemas.topics import LAMP_COLOR, Request, Topic, check_name
 
 P = ParamSpec("P")
 
 T = TypeVar("T")
 
 M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Query)
+R = TypeVar("R", bound=Reply)
 
 
 class SyncFeed(Iterator[T], Generic[T]):
@@ -204,12 +207,20 @@ class SyncSite:
     pointed = _iterating(Site.pointed)
     people = _iterating(Site.people)
     services = _iterating(Site.services)
-    messages = _iterating(Site.messages)
     sleep = _waiting(Site.sleep)
-    call = _waiting(Site.call)
     press = _waiting(Site.press)
     hear = _waiting(Site.hear)
     referents = _waiting(Site.referents)
+
+    def messages(self, topic: Topic[M], name: str | None = None) -> SyncFeed[M]:
+        """Return an iterator over the messages of a row of the topic table; see `Site.messages`."""
+        return _iterating(Site.messages)(self, topic, name)
+
+    def call(
+        self, request: Request[Q, R], query: Q, name: str = "", *, timeout_s: float = REQUEST_TIMEOUT_S
+    ) -> R:
+        """Return the reply to a row of the request table; see `Site.call`."""
+        return _waiting(Site.call)(self, request, query, name, timeout_s=timeout_s)
 
     def wait(self) -> None:
         """Wait until Ctrl-C, while functions of `on_pointed` are called; then return. See `Site.wait`."""

@@ -22,7 +22,7 @@ from pointit.assistants.tools import SCOPE_KEY, Role, Tools
 from pointit.bridges.web.server.access import Access
 from pointit.bridges.web.server.app import REFUSAL_S, request_info
 from pointit.bridges.web.server.listener import Listener, bind, url
-from pointit.errors import ConfigError, PointItError, SchemaError
+from pointit.errors import ConfigError, PointItError
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.config.validation_message import describe_validation_error
 from pointit.runtime.host.extras import pointit_version
@@ -114,7 +114,7 @@ async def _read(tools: Tools, uri: str, look: Any) -> str:
         with tools.recorded("", "viewer", uri, {}):
             found: BaseModel = await look()
             return found.model_dump_json()
-    except (PointItError, SchemaError) as error:
+    except PointItError as error:
         raise ResourceError(refusal(str(error))) from error
 
 

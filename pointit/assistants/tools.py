@@ -174,7 +174,7 @@ class Tools:
                     if role not in (needs, "operator"):
                         raise AccessDeniedError(f"{name} needs the operator's token, this is a viewer's")
                     return await tool(self.site, **asked)
-            except (PointItError, SchemaError) as error:
+            except PointItError as error:
                 raise ToolError(refusal(str(error))) from error
 
         shown = inspect.signature(tool)
@@ -202,7 +202,7 @@ class Tools:
         try:
             yield
             outcome = "done"
-        except (PointItError, SchemaError) as error:
+        except PointItError as error:
             outcome, text = "refused", hide_secrets(str(error))
             raise
         except asyncio.CancelledError:

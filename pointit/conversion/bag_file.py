@@ -77,7 +77,7 @@ def open_bag(path: Path) -> Generator[OpenBag]:
         reader = None
         try:
             if not any(map(journals_of, _storages(path))):  # rosbags does not read them
-                reader = stack.enter_context(Reader(path))
+                reader = stack.enter_context(Reader(str(path)))
                 deque(reader.messages(), maxlen=0)  # the damage may be in the last message
         except Exception:  # noqa: BLE001 - those of rosbags, SQLite and the packings
             reader = None
@@ -108,10 +108,10 @@ class _Part:
             if not path.stat().st_size:
                 raise DamagedError("is empty")  # noqa: TRY301
             self._path = _copy(path, spare)
-            for connection, time_ns, _ in self._read():
-                self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
+            for count, (connection, time_ns, _) in enumerate(self._read(), 1):
+                self.first_ns = time_ns if count == 1 else min(self.first_ns, time_ns)
                 self.last_ns = max(self.last_ns, time_ns)
-                self.count += 1
+                self.count = count
                 self.topics.add((connection.topic, connection.msgtype))
         except (DamagedError, OSError) as error:
             self.problem = str(error)
@@ -222,5 +222,5 @@ def unpack_message(data: bytes) -> bytes:
         return data
     with suppress(ZstdError, MemoryError):
         reader = ZstdDecompressor(max_window_size=MAX_RECORD_BYTES).stream_reader(data)
-        return bytes(reader.read(MAX_RECORD_BYTES))
+        return reader.read(MAX_RECORD_BYTES)
     return data

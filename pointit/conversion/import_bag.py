@@ -325,7 +325,7 @@ class Bag:
         for connection, time_ns, data in bag.messages(wanted) if wanted else ():
             route, user = routes[connection.id]
             try:
-                value = types.decode(route.type, unpack_message(bytes(data)), max_bytes=MAX_BYTES)
+                value = types.decode(route.type, unpack_message(data), max_bytes=MAX_BYTES)
                 yield from route.take(messages, value, user, max(0, time_ns))
             except ValidationError as error:
                 self.left_out.setdefault(connection.topic, summarize_validation_error(error))

@@ -195,7 +195,7 @@ def _plain(value: Any) -> Any:
     """Return a copy that shares nothing."""
     if isinstance(value, dict):
         return {key: _plain(each) for key, each in cast("Data", value).items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, (list, tuple)):
         return [_plain(each) for each in cast("Sequence[Any]", value)]
     return value
 
@@ -208,7 +208,7 @@ def _rounded(value: Any) -> Any:
     """
     if isinstance(value, dict):
         return {key: _rounded(each) for key, each in cast("Data", value).items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, (list, tuple)):
         return [_rounded(each) for each in cast("Sequence[Any]", value)]
     if isinstance(value, float) and not math.isfinite(value):
         raise RefusedError(f"{value} is no number; write metres or degrees")
@@ -352,7 +352,7 @@ class _Document:
         elif isinstance(node, yaml.SequenceNode) and _is_as_long(value, node):
             for below, each in zip(node.value, value, strict=True):
                 yield from self._node(None, below, each, {})
-        elif isinstance(node, yaml.ScalarNode) and not isinstance(value, list | dict):
+        elif isinstance(node, yaml.ScalarNode) and not isinstance(value, (list, dict)):
             if _value(node) != value:
                 yield _Splice(self._at(node.start_mark), self._end(node), _flow(value))
         elif key is None:

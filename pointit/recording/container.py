@@ -148,7 +148,7 @@ def parse(content: bytes, kind: type[Record]) -> Record:
         DamagedError: There is none.
     """
     try:
-        found: Record = kind.read(ReadDataStream(io.BytesIO(content)))
+        found: Record = kind.read(ReadDataStream(io.BytesIO(content)))  # pyrefly: ignore[bad-assignment]
     except (McapError, struct.error, ValueError, OverflowError, MemoryError) as error:
         raise DamagedError(f"a record of it is damaged ({type(error).__name__})") from error
     return found

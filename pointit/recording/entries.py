@@ -135,7 +135,7 @@ def body_kind(row: AnyRow) -> type[SchemaModel]:
         kind: type[SchemaModel] = row.message
         return kind
     if isinstance(row, Request):
-        return Exchange[row.query, row.reply]  # type: ignore[name-defined]  # the row's own types
+        return Exchange[row.query, row.reply]
     return PresenceChange
 
 

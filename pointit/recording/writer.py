@@ -94,11 +94,11 @@ class RecordingWriter:
         if self._chunk_ns is not None:
             self._chunks += 1
         self._chunk_ns = None
-        self._writer.flush()  # type: ignore[no-untyped-call]  # as below
+        self._writer.flush()
 
     def close(self) -> None:
         """Write the index, without which a reader has to search the file. The stream stays open."""
-        self._writer.finish()  # type: ignore[no-untyped-call]  # its annotation leaves `-> None` out
+        self._writer.finish()
         self._output.flush()
 
     def _open(self, row: AnyRow, key: str) -> tuple[JsonChannel, int]:

@@ -30,7 +30,7 @@ class Sample(NamedTuple):
 def sample_of(entry: Entry) -> Sample | None:
     """Return the message or the answered request of `entry`, or None if it is neither."""
     body = entry.body
-    if not isinstance(body, Message | Exchange):
+    if not isinstance(body, (Message, Exchange)):
         return None
     content = {name: value for name, value in body.model_dump().items() if name not in IGNORED}
     return Sample(entry.key, entry.time_ns, body.stamp_ns, content)
@@ -63,7 +63,7 @@ def differences(one: object, other: object, field: str = "") -> list[Leaf]:
         is_comparable = len(one) == len(other)
         worst = max((abs(x - y) for x, y in zip(one, other, strict=False)), default=0)
         return [Leaf(field, float(worst) if is_comparable else None, is_exact=True)]
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+    if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
         c, d = cast("list[Any]", one), cast("list[Any]", other)
         if len(c) != len(d):
             return [Leaf(field, None)]

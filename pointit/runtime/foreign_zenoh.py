@@ -3,7 +3,6 @@
 Samples arrive on Zenoh's threads, all else in the loop that opened the session. No call in the loop waits for
 a reader elsewhere.
 """
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 
 import asyncio
 import contextlib

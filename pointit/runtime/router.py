@@ -12,7 +12,6 @@ others for seconds. Without lingering, the system completes the closing in the b
 A closed QUIC listener of Zenoh keeps its UDP port until its last connection ends. Connections of clients that
 returned during the closing were never accepted, and end after 30 s.
 """
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 
 import asyncio
 import contextlib
@@ -354,7 +353,7 @@ class Router:
         if self._session is None:
             return []
         links = self._session.info.links()
-        return [(str(link.zid), link.auth_identifier or "", str(link.dst)) for link in links]
+        return [(str(link.zid), link.auth_identifier or "", link.dst) for link in links]
 
     def cut(self, addresses: Iterable[str]) -> None:
         """End the connections from `addresses`, as `links` returns them; those by QUIC stay."""

@@ -455,7 +455,7 @@ class Trial(ABC):
         return self
 
     async def __aexit__(
-        self, kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+        self, kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None, /
     ) -> None:
         """End the plug-in, put the device away, and check that `run` ended when it was cancelled."""
         try:

@@ -228,7 +228,7 @@ def _remove(
     paths: set[tuple[str | int, ...]] = set()
     for each in error.errors(include_url=False):
         path, value = each["loc"], each["input"]
-        name = next((str(step) for step in reversed(path) if isinstance(step, str)), "")
+        name = next((step for step in reversed(path) if isinstance(step, str)), "")
         if each["type"] == "missing":
             path, value = path[:-1], "missing"
             problems.setdefault(name, "is missing")
@@ -242,7 +242,7 @@ def _remove(
         for step in path[:-1]:
             part = part[step]
         if path[-1] in if_unreadable:
-            part[path[-1]] = if_unreadable[str(path[-1])]
+            part[path[-1]] = if_unreadable[path[-1]]
         else:
             del part[path[-1]]
     return True

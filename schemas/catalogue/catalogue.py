@@ -252,7 +252,7 @@ def _parsed(path: str, committed: Files) -> dict[str, Any]:
         raise SchemaError(f"{path}: is not JSON ({error}); restore it from git") from error
     if not isinstance(data, dict):
         raise SchemaError(f"{path}: is not a JSON Schema; restore it from git")
-    return data  # pyright: ignore[reportUnknownVariableType] - whatever JSON holds
+    return data
 
 
 def _json(document: Mapping[str, Any]) -> bytes:

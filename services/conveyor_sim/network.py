@@ -299,7 +299,7 @@ class Network:
         for piece in self.sections[belt]:
             if position_m < piece.start_m + piece.to_m:
                 break
-        return piece, position_m - piece.start_m  # pyright: ignore[reportPossiblyUnboundVariable] - never empty
+        return piece, position_m - piece.start_m  # never empty
 
     def _source_m(self, link: BeltLink) -> float:
         length_m = self.lines[link.source].length_m

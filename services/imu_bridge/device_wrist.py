@@ -179,7 +179,9 @@ class WristMonitor:
         yield "wrist battery", f"the battery of {label} is at {self.battery:.0%}: charge it" if is_low else ""
 
 
-CLOCK = OptionalPart["type[CaptureClock]"]("pointit.services.imu_bridge.device_clock:DeviceClock")
+CLOCK: "OptionalPart[type[CaptureClock]]" = OptionalPart(
+    "pointit.services.imu_bridge.device_clock:DeviceClock"
+)
 """Class that follows a device's own clock, which only devices have. Without it, times of arrival are used."""
 SHOWN_S = 10.0
 """Time for which a jump of a clock is reported, s."""

@@ -50,7 +50,7 @@ MAX_CHANGE = 0.2
 
 
 class Vqf(Protocol):
-    """The part of `vqf.VQF` that is used; the package has no types for mypy."""
+    """The part of `vqf.VQF` that is used; the package has no types."""
 
     def update(self, gyr: Array, acc: Array) -> None:
         """Process one sample, rad/s and m/s²."""

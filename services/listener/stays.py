@@ -110,7 +110,7 @@ def stays_of(times_s: Floats, directions: Floats, model: TimingModel) -> list[St
     speeds = _speeds(times_s, directions)
     is_slow = speeds <= model.slow_radps
     cuts = np.flatnonzero((np.diff(is_slow.astype(int)) != 0) | (np.diff(times_s) > GAP_S)) + 1
-    runs = [(int(a), int(b) - 1) for a, b in pairwise([0, *cuts.tolist(), len(times_s)]) if is_slow[a]]
+    runs = [(a, b - 1) for a, b in pairwise([0, *cuts.tolist(), len(times_s)]) if is_slow[a]]
     runs = [run for run in _merged(runs, times_s, directions) if _lasts(run, times_s, model.shortest_s)]
     if not runs:
         slowest = int(np.argmin(speeds))

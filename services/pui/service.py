@@ -72,6 +72,7 @@ class Pui(Service[PuiConfig]):
         self._persons: dict[str, PersonCursor] = {}
         self._cursors = functools.cache(functools.partial(self.bus.publisher, topics.CURSOR))
         self._cues = functools.cache(functools.partial(self.bus.publisher, topics.FEEDBACK))
+        self._maps = functools.cache(functools.partial(self.bus.publisher, topics.MAP))
         empty_environment = Environment(stamp_ns=0, name="")
         self._room = _Room(Surfaces(empty_environment, may_be_empty=True), None, Tracked(empty_environment))
         self._has_map = bool(config.map_to_read)
@@ -86,8 +87,7 @@ class Pui(Service[PuiConfig]):
             except ValueError as error:
                 raise ConfigError(f"pui: {error}") from error
             if not config.people:
-                self._maps = self.bus.publisher(topics.MAP)
-                self._maps.put(environment)
+                self._maps().put(environment)
                 self._environment = environment
         else:
             self.bus.subscribe(topics.MAP, self._on_map)
@@ -228,7 +228,7 @@ class Pui(Service[PuiConfig]):
                 room.surfaces.set_tolerance(tolerance_rad)
             self._enter(room)
             self._map, self._environment = _full_name(query.path), environment
-            self._maps.put(environment)
+            self._maps().put(environment)
             self._map_came.set()
         return UseMapReply(message=f"people point at the map {self._map}", path=self._map)
 

@@ -68,7 +68,7 @@ class Pseudonyms:
     def _learn_in(self, value: object) -> None:
         if isinstance(value, BaseModel):
             self._learn_in({name: getattr(value, name) for name in _text_fields(type(value))})
-        elif isinstance(value, tuple | list):
+        elif isinstance(value, (tuple, list)):
             for each in cast("list[object]", value):
                 self._learn_in(each)
         elif isinstance(value, dict):

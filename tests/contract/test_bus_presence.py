@@ -125,7 +125,7 @@ class TestClose:
         ]
         declared[0].close()
         with pytest.raises(BusClosedError):
-            declared[0].put(imu(1))  # type: ignore[attr-defined]
+            declared[0].put(imu(1))  # pyrefly: ignore[missing-attribute]
         await asyncio.gather(site.b.close(), site.b.close())
         await site.b.close()
         for one in declared:

@@ -72,7 +72,7 @@ class TestRequests:
 
     async def test_a_wrong_reply_is_an_error_that_names_both(self, site: Site) -> None:
         async def wrong(_query: AddPackage, _name: str) -> AddPackageReply:
-            return Done()  # type: ignore[return-value]  # the defect under test
+            return Done()  # pyrefly: ignore[bad-return]  # the defect under test
 
         site.a.serve(ADD_PACKAGE, wrong)
         for bus in site.buses:

@@ -175,7 +175,7 @@ class TestState:
         for bus in site.buses:
             sink = Sink()
             bus.subscribe(PROFILE, sink)
-            await until(lambda sink=sink: bool(sink.seen))  # type: ignore[misc]
+            await until(lambda sink=sink: bool(sink.seen))
             await site.settle()
             assert sink.seen == [("ben", 2)]
 
@@ -219,7 +219,7 @@ class TestReaders:
         await site.settle()
         for seq in range(3):
             writer.put(make(seq))
-            await until(lambda seq=seq: sink.of("anna")[-1:] == other.of("anna")[-1:] == [seq])  # type: ignore[misc]
+            await until(lambda seq=seq: sink.of("anna")[-1:] == other.of("anna")[-1:] == [seq])
         assert failing.traffic.errors == 3
         said = [record for record in caplog.records if record.exc_info and topic.key in record.message]
         assert len(said) == 1, "at most once a second"

@@ -41,7 +41,7 @@ def test_stubs_and_module_have_the_same_names() -> None:
     assert written | {"__version__"} == {*pointit.__dict__["_HOMES"], "errors", "__version__"}
     assert all(getattr(pointit, name) for name in written)
     with pytest.raises(AttributeError, match="has no attribute 'conect'"):
-        _ = pointit.conect  # type: ignore[attr-defined]  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType, reportUnknownVariableType]
+        _ = pointit.conect  # pyrefly: ignore[missing-attribute]
 
 
 def test_importing_loads_neither_the_command_line_nor_the_services() -> None:

@@ -64,14 +64,7 @@ class BumbleScanner(Scanner):
         uuids = [uuid_text(each) for each in services]
         manufacturer: Any = heard.data.get(core.AdvertisingData.MANUFACTURER_SPECIFIC_DATA)
         data = {} if manufacturer is None else dict([manufacturer])
-        self.tell(
-            heard.address,
-            address,
-            str(name) if name else None,
-            uuids,
-            rssi=heard.rssi,
-            manufacturer_data=data,
-        )
+        self.tell(heard.address, address, name or None, uuids, rssi=heard.rssi, manufacturer_data=data)
 
 
 class BumbleClient(Client):
@@ -86,7 +79,7 @@ class BumbleClient(Client):
 
     @property
     def mtu_size(self) -> int:
-        return 23 if self._connection is None else int(self._connection.att_mtu)
+        return 23 if self._connection is None else self._connection.att_mtu
 
     @property
     def is_connected(self) -> bool:
@@ -190,7 +183,7 @@ class Air:
 @asynccontextmanager
 async def air() -> AsyncGenerator[Air]:
     """Provide a virtual adapter, by whose name sources of orientations reach its wrists."""
-    link = LocalLink()  # type: ignore[no-untyped-call]
+    link = LocalLink()
     central = await virtual_device(link, "central")
     adapter = f"bumble{next(numbers)}"
     VIRTUAL_RADIOS[adapter] = Radio(

@@ -250,7 +250,7 @@ async def test_controller_in_the_network_is_found_beside_others_that_answer_nons
             for name, server in (("garbage", garbage), ("slow", slow))
         }
         for name, port in ports.items():
-            await (await announcer.async_register_service(announcement(name, port)))  # pyright: ignore[reportUnknownMemberType]
+            await (await announcer.async_register_service(announcement(name, port)))
         names = {"Kitchen, 120 pixels, WLED 0.15.1", "wled-garbage", "wled-slow"}
         patience, found = Patience(60.0), dict[str, FoundDevice]()
         while not names <= found.keys():

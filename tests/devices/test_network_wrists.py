@@ -135,7 +135,7 @@ async def test_person_with_a_tracker_selects_a_red_segment_of_scenario_3(node: t
 
 async def test_person_with_an_osc_app_selects_a_red_segment_of_scenario_3() -> None:
     port = free_udp_port()
-    with UDPClient("127.0.0.1", port) as client:
+    with UDPClient("127.0.0.1", port) as client:  # pyrefly: ignore[bad-context-manager]
 
         def turn(orientation_xyzw: Quaternion) -> None:
             x, y, z, w = orientation_xyzw

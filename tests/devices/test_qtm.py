@@ -42,7 +42,7 @@ def bodies(now_ns: int) -> Sequence[QtmBody]:
 
 
 def server(**parameters: object) -> QtmServer:
-    return QtmServer(NAMES, time.time_ns, bodies, **parameters)  # type: ignore[arg-type]
+    return QtmServer(NAMES, time.time_ns, bodies, **parameters)  # pyrefly: ignore[bad-argument-type]
 
 
 async def test_bodies_become_objects_and_a_person_with_a_moving_arm_gets_a_pose() -> None:
@@ -203,7 +203,7 @@ class Discovered(asyncio.DatagramProtocol):
     """Answers the search as QTM does."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self.transport: asyncio.DatagramTransport = transport  # type: ignore[assignment]
+        self.transport: asyncio.DatagramTransport = transport  # pyrefly: ignore[bad-assignment]
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         size, kind, port = *struct.unpack_from("<II", data), struct.unpack_from(">H", data, 8)[0]

@@ -152,7 +152,7 @@ async def listening(port: int) -> AsyncGenerator[tuple[aiomqtt.Client, dict[str,
 
     async def listen() -> None:
         async for message in client.messages:
-            received.setdefault(str(message.topic), []).append(json.loads(bytes(message.payload)))
+            received.setdefault(str(message.topic), []).append(json.loads(message.payload))
 
     async with aiomqtt.Client("127.0.0.1", port) as client:
         await client.subscribe([("pointit/selection", 1), ("pointit/events", 1)])

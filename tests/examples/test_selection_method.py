@@ -20,7 +20,7 @@ PATIENCE_S = 120.0
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
+def _installed(tmp_path: Path) -> Iterator[None]:
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     entries = project["entry-points"]["pointit.selection_methods"]
     lines = "\n".join(f"{name} = {value}" for name, value in entries.items())

@@ -1,4 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """Attackers of a secured site, and the warnings to its operator.
 
 As a program, `python -m tests.faults.attackers SITE-FOLDER NAME RATE KEYS…` floods keys under an identity.

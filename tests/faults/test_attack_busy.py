@@ -137,7 +137,8 @@ async def point(bus: ZenohBus, name: str) -> None:
 async def central_site(path: Path) -> AsyncGenerator[Central]:
     """Yield a site on which all is well."""
     names: dict[str, Role] = {"supervisor": "supervisor", "dashboard1": "dashboard"}
-    names |= dict.fromkeys((*PEOPLE, *INSIDERS), "user")
+    for name in (*PEOPLE, *INSIDERS):
+        names[name] = "user"
     folder = make_site(path / "site", names=names)
     commands = Commands(path)
     try:

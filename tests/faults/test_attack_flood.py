@@ -62,7 +62,7 @@ async def test_a_stopped_reader_holds_nobody_up(site: Site, account: Account, na
     async with besieged(site) as attacked:
         readers = [site.start("topic", "hz", "--all", name=name) for name in names]
         for reader in readers:
-            await until(lambda reader=reader: "Hz" in reader.out or "hz" in reader.out, 20, reader.out)  # type: ignore[misc]
+            await until(lambda reader=reader: "Hz" in reader.out or "hz" in reader.out, 20, reader.out)
         attacked.begin()
         for reader in readers:
             reader.process.send_signal(signal.SIGSTOP)

@@ -1,4 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """An identity that writes, answers, is present and reads as another; what a router tells of itself."""
 
 import asyncio

@@ -1,4 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """A site with passwords: without one, with a wrong or an old one, and places where none must be seen."""
 
 import asyncio

@@ -1,4 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """Old messages are put again, by who may write them and by others: no reader takes them for new."""
 
 import asyncio

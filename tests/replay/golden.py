@@ -94,7 +94,7 @@ def _with_hashes(sample: Sample) -> Sample:
 def _listed(value: object) -> object:
     if isinstance(value, Mapping):
         return {name: _listed(item) for name, item in cast("Mapping[str, object]", value).items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, (list, tuple)):
         return [_listed(item) for item in cast("Sequence[object]", value)]
     return value
 

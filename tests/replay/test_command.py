@@ -157,7 +157,7 @@ def test_a_recording_that_begins_in_mid_session_goes_on_as_it_did(tmp_path: Path
         replayed = [entry.body for entry in recording.entries() if entry.row is SELECTION]
     recorded = [entry.body for entry in entries if entry.row is SELECTION]
     assert len(recorded) > 3
-    assert [each.objects for each in replayed[-2:]] == [each.objects for each in recorded[-2:]]  # type: ignore[union-attr]
+    assert [each.objects for each in replayed[-2:]] == [each.objects for each in recorded[-2:]]  # pyrefly: ignore[missing-attribute]
 
 
 def test_two_processes_write_the_same_bytes_whatever_the_order_of_their_sets(tmp_path: Path) -> None:

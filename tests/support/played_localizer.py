@@ -89,7 +89,7 @@ class PlayedLocalizer:
             accepted=not reason, reason=reason,
         )  # fmt: skip
 
-    async def _cancel(self, query: models.CancelLocalization, _user: str) -> models.Done:
+    async def _cancel(self, query: models.CancelLocalization, _user: str, /) -> models.Done:
         if query.forget_bias:
             self.asked.append("forget")
             self.remembered_bias = None

@@ -56,7 +56,7 @@ def announcement(name: str, port: int) -> AsyncServiceInfo:
 class Wled(asyncio.DatagramProtocol):
     """Pixels of the controller, and those that it has shown."""
 
-    pixels: bytearray = field(default_factory=lambda: bytearray(3 * INFO["leds"]["count"]))  # type: ignore[index]
+    pixels: bytearray = field(default_factory=lambda: bytearray(3 * INFO["leds"]["count"]))
     shown: list[bytes] = field(default_factory=list[bytes])
 
     def datagram_received(self, data: bytes, addr: object) -> None:  # noqa: ARG002 - asyncio's
@@ -74,7 +74,7 @@ async def wled(name: str = "wled-test") -> AsyncGenerator[Wled]:
     """Run one on this machine, at the port of DDP, of which there is one."""
     with served_info() as port:
         async with AsyncZeroconf() as announcer:
-            await (await announcer.async_register_service(announcement(name, port)))  # pyright: ignore[reportUnknownMemberType]
+            await (await announcer.async_register_service(announcement(name, port)))
             loop = asyncio.get_running_loop()
             transport, light = await loop.create_datagram_endpoint(Wled, local_addr=("127.0.0.1", PORT))
             try:

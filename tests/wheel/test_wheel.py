@@ -73,7 +73,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Run commands outside the checkout."""
     monkeypatch.chdir(tmp_path)
 
@@ -167,15 +167,34 @@ async def test_uvx_without_arguments_does_what_scripts_demo_does(wheel: Path, co
     assert "scenario_4 ran" in ended.out
 
 
-@pytest.mark.parametrize("where", [pytest.param("editable install", marks=pytest.mark.long), "wheel"])
-def test_type_checkers_see_all_names_of(where: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    """Run both without any configuration, on a program outside the checkout, as an editor does."""
-    python = sys.executable
-    if where == "wheel":
-        python = str(request.getfixturevalue("plain").with_name("python"))
+@pytest.fixture(scope="module")
+def checkers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install the type checkers of users into an environment of their own; return its commands."""
+    folder = tmp_path_factory.mktemp("checkers") / "venv"
+    run(UV, "venv", "--quiet", "--python", sys.executable, folder, cwd=folder.parent)
+    python = folder / "bin" / "python"
+    run(UV, "pip", "install", "--quiet", "--python", python, "mypy", "pyright[nodejs]", cwd=folder.parent)
+    return folder / "bin"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("where", ["editable install", "wheel"])
+def test_type_checkers_of_users_see_all_names_of(
+    where: str, checkers: Path, plain: Path, tmp_path: Path
+) -> None:
+    """Run them without any configuration, on a program outside the checkout, as an editor does."""
+    python = plain.with_name("python") if where == "wheel" else sys.executable
     (tmp_path / "reactions.py").write_text(TYPED, encoding="utf-8")
-    said = run(sys.executable, "-m", "pyright", "--pythonpath", python, "reactions.py", cwd=tmp_path)
+    said = run(checkers / "pyright", "--pythonpath", python, "reactions.py", cwd=tmp_path)
     assert "0 errors, 0 warnings" in said
-    mypy = (sys.executable, "-m", "mypy", "--strict", "--cache-dir", tmp_path / "cache", "--config-file", "")
+    mypy = (checkers / "mypy", "--strict", "--cache-dir", tmp_path / "cache", "--config-file", "")
     said = run(*mypy, "--python-executable", python, "reactions.py", cwd=tmp_path)
     assert "no issues found in 1 source file" in said
+
+
+def test_pyrefly_sees_all_names_of_the_wheel(plain: Path, tmp_path: Path) -> None:
+    (tmp_path / "reactions.py").write_text(TYPED, encoding="utf-8")
+    (tmp_path / "pyrefly.toml").write_text('preset = "strict"\nmin-severity = "warn"\n', encoding="utf-8")
+    pyrefly = Path(sys.executable).with_name("pyrefly")
+    python = plain.with_name("python")
+    run(pyrefly, "check", "--python-interpreter-path", python, "reactions.py", cwd=tmp_path)

@@ -107,7 +107,7 @@ async def _mode_at(endpoint: str) -> Literal["peer", "router"]:
     try:
         async with asyncio.timeout(ANSWER_S):
             _, writer = await asyncio.open_connection(host, port)
-    except (OSError, TimeoutError):
+    except OSError:
         return "router"
     writer.close()
     return "peer"

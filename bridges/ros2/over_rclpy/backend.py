@@ -182,7 +182,7 @@ async def opened_rclpy(config: BackendConfig, warnings: WarningSink) -> "RclpyBa
     Raises:
         ConfigError: If rclpy is not there, or cannot join.
     """
-    joined = await in_daemon_thread(lambda: join(config), "rclpy-open", discard=lambda joined: joined.leave())
+    joined = await in_daemon_thread(lambda: join(config), "rclpy-open", discard=RclpyNode.leave)
     return RclpyBackend(joined, config, warnings)
 
 

@@ -121,8 +121,8 @@ class PoseInput:
             backend.subscribe("/tf_static", tf, Qos(depth=100, latched=True), self._take_static),
             backend.subscribe("/tf", tf, Qos(depth=100), self._take_moving),
         ]
+        self._name = source.type.replace("/", "/msg/")
         if source.type != TF:
-            self._name = source.type.replace("/", "/msg/")
             types.prepare(self._name)
             self._ends.append(
                 backend.subscribe(source.topic, types.kind(self._name), SENSOR, self._take_message)

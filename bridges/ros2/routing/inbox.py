@@ -289,7 +289,7 @@ class Inbox:
     async def _ask(self, output: BusOutput, subject: str) -> Reply | str:
         """Return the reply, or the reason of a refusal, which is a warning too."""
         try:
-            reply: Reply = await self._site.bus.call(output.at, output.what, output.name)  # type: ignore[arg-type]  # a row of both kinds
+            reply: Reply = await self._site.bus.call(output.at, output.what, output.name)  # pyrefly: ignore[bad-argument-type, bad-specialization]  # a row of both kinds
         except (BusError, RequestError) as error:
             sentence = f"what came {subject} was not done: {error}"
             self._site.bus.warn(subject, sentence)

@@ -199,7 +199,7 @@ def of_text(value: object, *, bound: int) -> str:
 
 def of_texts(values: Sequence[Any] | None, *, bound: int, text_bound: int) -> str:
     """Check a list of text."""
-    if not isinstance(values, list | tuple):  # a text would be iterated letter by letter
+    if not isinstance(values, (list, tuple)):  # a text would be iterated letter by letter
         return f"a list of text was expected, got {type(values).__name__}"
     faults = (of_text(value, bound=text_bound) for value in values)
     return of_length(values, bound) or next(filter(None, faults), "")

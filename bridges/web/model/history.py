@@ -8,7 +8,7 @@ from pointit.bridges.web.pages.latest_values import HISTORY, MAX_EVENTS, LatestV
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import NoAnswerError, PointItError
-from pointit.schemas import NS_PER_S, ReadHistory, SchemaError, SelectionEvent, encode
+from pointit.schemas import NS_PER_S, ReadHistory, SelectionEvent, encode
 from pointit.schemas.topics import READ_HISTORY, SELECTION_EVENTS
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ class EventHistory:
             reply = await self._bus.call(READ_HISTORY, query, timeout_s=QUERY_TIMEOUT_S)
         except NoAnswerError:
             return  # it is queried when it starts
-        except (PointItError, SchemaError) as error:
+        except PointItError as error:
             if not self._has_warned:
                 log.info("pages do not show what happened before they came: %s", error)
             self._has_warned = True

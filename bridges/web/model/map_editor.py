@@ -28,7 +28,7 @@ from pointit.runtime.config.yaml_file import MAX_YAML_BYTES
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.runtime.host.state_file import read_limited, write_atomically
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.schemas import Environment, SchemaError, UseMap
+from pointit.schemas import Environment, UseMap
 from pointit.schemas.topics import USE_MAP, check_name
 
 MAX_PAIRS = 3
@@ -158,7 +158,7 @@ class MapEditor:
             message += f"; from the next start on with {option}"
         try:
             await self._bus.call(USE_MAP, UseMap(path=str(path)))
-        except (PointItError, SchemaError) as error:
+        except PointItError as error:
             reason = with_shown_path(str(error), path)
             message = f"saved as {shown}, but the site still uses the map as it was: {reason}"
         return {**await self._beside(_read, str(path)), "message": message}

@@ -33,7 +33,7 @@ from pointit.bridges.web.wire import (
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import PointItError
-from pointit.schemas import SchemaError, summarize_validation_error
+from pointit.schemas import summarize_validation_error
 
 log = logging.getLogger(__name__)
 
@@ -281,7 +281,7 @@ class PageSession:
                 answer = await self._host.answer(ask, self)
             else:
                 answer = Answer(id=ask.id, error="too many requests at a time: wait a moment")
-        except (PointItError, SchemaError) as error:
+        except PointItError as error:
             answer = Answer(id=ask.id, error=str(error))
         except Exception:  # the page waits for an answer
             log.exception("%s asked %s and was not answered", self.page, ask.deed or ask.key)

@@ -23,7 +23,7 @@ from pointit.bridges.web.server.app import info_of
 from pointit.bridges.web.server.bundle import Bundle, file_response, redirect_with_cookie, refusal
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.runtime.errors import PointItError
-from pointit.schemas import SchemaError, summarize_validation_error
+from pointit.schemas import summarize_validation_error
 
 COOKIE_S = 2 * 3600
 CAMERA = "camera"
@@ -125,7 +125,7 @@ class ScanServer:
                     session.take(message)
         except ValidationError as error:
             return PlainTextResponse(f"malformed: {summarize_validation_error(error)}", 400)
-        except (PointItError, SchemaError) as error:
+        except PointItError as error:
             return PlainTextResponse(str(error), 409)
         return _json(session.state(is_simulated=self._room is not None))
 

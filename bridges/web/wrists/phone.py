@@ -47,7 +47,6 @@ from pointit.schemas import (
     Feedback,
     Interaction,
     Localization,
-    SchemaError,
     Understood,
     WristSample,
     summarize_validation_error,
@@ -191,7 +190,7 @@ class PhoneConnection:
         own = ask.model_copy(update={"name": self.phone.user})
         try:
             answer = await self._host.answer(self.phone.page, own)
-        except (PointItError, SchemaError) as error:
+        except PointItError as error:
             answer = Answer(id=ask.id, error=str(error))
         except Exception:  # the phone waits for an answer
             log.exception("a phone asked %s and was not answered", ask.deed or ask.key)

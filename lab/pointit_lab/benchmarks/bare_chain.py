@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """The baseline: a chain of Zenoh hops and nothing else, driven at the same rate as ours.
 
 Each hop forwards 200 bytes; the payload carries the time of the first put. `direct` runs the callback on

@@ -207,6 +207,6 @@ def _services(peripheral: Peripheral) -> BleakGATTServiceCollection:
     collection.add_service(service)
     for handle, (uuid, properties) in enumerate(peripheral.wrist.characteristics.items(), 2):
         collection.add_characteristic(
-            BleakGATTCharacteristic(None, handle, uuid, [*properties], lambda: MTU - 3, service)
+            BleakGATTCharacteristic(None, handle, uuid, [*properties], lambda: MTU - 3, service)  # pyrefly: ignore[bad-argument-type]
         )
     return collection

@@ -33,6 +33,6 @@ class LatestMessage(Generic[M]):
                     await self._changed.wait()
         return self.value if self.value is not None and fits(self.value) else None
 
-    def _on_message(self, message: M, _name: str) -> None:
+    def _on_message(self, message: M, _name: str, /) -> None:
         self.value = message
         self._changed.set()

@@ -106,7 +106,7 @@ def cell(value: Any) -> Text:
         return Text("-", style="dim")
     if isinstance(value, float):
         return Text(f"{value:.4g}")
-    if isinstance(value, list | tuple):
+    if isinstance(value, (list, tuple)):
         items = cast("Sequence[Any]", value)
         return Text(", ".join(str(item) for item in items))
     return Text(str(value))
@@ -148,7 +148,7 @@ def to_line(value: Any) -> str:
         pairs = cast("Mapping[str, Any]", value).items()
         shown = (f"{_key(key)}: {to_line(inner)}" for key, inner in pairs if inner is not None)
         return "{" + ", ".join(shown) + "}"
-    if isinstance(value, list | tuple):
+    if isinstance(value, (list, tuple)):
         items = cast("Sequence[Any]", value)
         return "[" + ", ".join(to_line(item) for item in items) + "]"
     if isinstance(value, bytes):
@@ -195,7 +195,7 @@ def _number(value: float) -> str:
 def _without_nan(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _without_nan(each) for key, each in cast("Mapping[str, Any]", value).items()}
-    if isinstance(value, list | tuple):
+    if isinstance(value, (list, tuple)):
         return [_without_nan(each) for each in cast("Sequence[Any]", value)]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 

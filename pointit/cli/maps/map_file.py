@@ -254,7 +254,7 @@ def command(*, name_or_path: str, picture: Path, person_m: Point | None, shades:
     with map_path(name_or_path) as path:
         file, room, clouds = read_whole_map(path, 0)
     shares = separability(room.fixed_things) if shades else None
-    from pointit.maps import picture as draw_map  # noqa: PLC0415 - takes half a second and an extra
+    from pointit.maps.picture import draw_map  # noqa: PLC0415 - takes half a second and an extra
 
     try:
         title = f"{room.name}: {contents(file, clouds)}"

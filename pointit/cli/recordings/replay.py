@@ -301,7 +301,7 @@ def _differing(one: object, other: object) -> object:
             for name, value in mine.items()
             if name == "id" or value != other_fields.get(name)
         }
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+    if isinstance(one, (list, tuple)) and isinstance(other, (list, tuple)):
         items, others = cast("Sequence[object]", one), cast("Sequence[object]", other)
         if len(items) == len(others) and any(isinstance(each, dict) for each in items):
             pairs = zip(items, others, strict=True)

@@ -48,7 +48,7 @@ async def post(pool: httpcore.AsyncConnectionPool, request: httpx.Request) -> tu
     async with pool.stream(
         request.method, _address(request.url), headers=request.headers.raw, content=request.content
     ) as response:
-        extensions: dict[str, Any] = {**response.extensions}  # pyright: ignore[reportUnknownMemberType]
+        extensions: dict[str, Any] = {**response.extensions}
         reason: bytes = extensions.get("reason_phrase", b"")
         return response.status, reason.decode("ascii", errors="replace")
 

@@ -18,7 +18,7 @@ from pointit.runtime.link.link import SILENT_S as VIEWER_SILENT_S
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.instance_takeover import SILENT_S, claim_names
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Deployment, Done, Health, RunScenario, SchemaError, UserProfile
+from pointit.schemas import Deployment, Done, Health, RunScenario, UserProfile
 from pointit.schemas.base import Rgb
 from pointit.schemas.system import SHARDED, instance_of
 from pointit.schemas.topics import DEPLOYMENT, PROFILE, SERVICE_ALIVE, SHARD_ALIVE, USER_ALIVE
@@ -166,7 +166,7 @@ class ScenarioRequests:
         query, answer = self._waiting.popleft()
         try:
             await scenario.switch_to(await _plan(query, scenario.plan))
-        except (PointItError, SchemaError) as error:
+        except PointItError as error:
             if not answer.done():
                 answer.set_exception(RefusedError(str(error)))
         else:

@@ -66,7 +66,7 @@ class Layers:
         is_plain = isinstance(value, str) and not text.lstrip().startswith(("'", '"'))
         nested: Any = text.strip() if is_plain else value  # with what follows ` #`
         for name in reversed(path[1:]):
-            nested = {name: nested}
+            nested = dict[str, Any]({name: nested})
         add = self._lay if len(path) > 1 else self.add  # one entry of a mapping is changed
         add({path[0]: nested}, source)
 
@@ -94,7 +94,7 @@ class Layers:
         self._merge(self.values, values, (), source)
 
     def _merge(
-        self, into: dict[str, Any], values: Mapping[str, Any], path: tuple[str, ...], source: str
+        self, into: dict[str, Any], values: Mapping[Any, Any], path: tuple[str, ...], source: str
     ) -> None:
         for raw, value in values.items():
             key = str(raw)

@@ -184,7 +184,7 @@ def parse_yaml(content: bytes, path: Path | str) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         line = len(content[: error.start + 1].splitlines())
         raise ConfigError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
-    if not isinstance(data, dict | None):
+    if not isinstance(data, (dict, type(None))):
         raise ConfigError(f"{path}: a mapping of names to values was expected, got {type(data).__name__}")
     return cast("dict[str, Any]", data or {})
 

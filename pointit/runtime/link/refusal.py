@@ -35,7 +35,7 @@ def connection_refusal(credentials: Credentials, endpoint: str) -> str:
     name = credentials.link.name
     try:
         context = _context(credentials)
-    except (OSError, ssl.SSLError) as error:
+    except OSError as error:
         return f"{credentials.folder}: its certificates cannot be used ({_reason(error)})"
     try:
         plain = socket.create_connection((host, port), timeout=HANDSHAKE_S)

@@ -269,7 +269,7 @@ async def connected(options: dict[str, Any]) -> "AsyncGenerator[aiomqtt.Client]"
         max_queued_incoming_messages=QUEUED_MESSAGES,
         logger=_paho_log,
     )
-    paho: Any = client._client  # noqa: SLF001  # pyright: ignore[reportPrivateUsage] - aiomqtt has no other way
+    paho: Any = client._client  # noqa: SLF001  # aiomqtt has no other way
     _skip_invalid_topics(paho)
     opening = asyncio.ensure_future(client.__aenter__())
     try:

@@ -60,7 +60,7 @@ class PluginHealth:
 
     def warn(self, topic: str, sentence: str) -> None:
         """Show a warning until it is cleared, by `clear` or `""`."""
-        self._health.warn(self._topic(topic), str(sentence))
+        self._health.warn(self._topic(topic), str(sentence))  # pyrefly: ignore[unnecessary-type-conversion]  # of a plug-in
 
     def clear(self, topic: str) -> None:
         """Clear a warning."""
@@ -191,7 +191,7 @@ class PluginGuard:
         if (await asyncio.wait({task}, timeout=END_TIMEOUT_S))[1]:
             abandoned.add(task)
             task.add_done_callback(abandoned.discard)
-            asyncio._unregister_task(task)  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] - the loop's end would wait
+            asyncio._unregister_task(task)  # noqa: SLF001  # the loop's end would wait
             log.error("%s does not end when it is cancelled, and is abandoned", self.label)
         elif not task.cancelled() and (error := task.exception()) is not None:
             log.error("%s failed at its end: %s", self.label, describe(error))
@@ -307,7 +307,7 @@ class StallWatch:
             time.sleep(PERIOD_S)
 
     def _on_stall(self, sign: threading.Event, asked_s: float) -> None:
-        frames = sys._current_frames()  # noqa: SLF001 # pyright: ignore[reportPrivateUsage] - documented, for this
+        frames = sys._current_frames()  # noqa: SLF001  # documented, for this
         found = find_blocking_package(frames.get(self._loop_thread), self._packages)
         if found is None:
             return

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """Connections of a session to other sessions, and detection of a lost or refusing router."""
 
 import asyncio

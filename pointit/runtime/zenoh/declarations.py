@@ -1,5 +1,4 @@
 """Encoding of messages and keys on Zenoh, and the publishers and subscribers that a session declares."""
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 
 from collections.abc import Callable
 from typing import Any, Protocol

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """Presence on Zenoh: liveliness tokens, and the names that this process or others announce."""
 
 import contextlib

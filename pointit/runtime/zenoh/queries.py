@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Queries to other sessions, and bounded queues for queries from them.
 
 Nothing waits on Zenoh's threads or in the loop, which handles each queue for a slice of time per turn.

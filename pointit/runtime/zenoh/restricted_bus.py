@@ -4,7 +4,6 @@ Rules that grant a key grant `KEY/@may/NAME/VERB` too. The process writes test m
 session of the same identity, which lives as long as the test, reports those that arrive: delivery within one
 session is never filtered. Keys of services are not touched.
 """
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 
 import asyncio
 import contextlib

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave types out)
 """Sessions of Zenoh with any configuration, or for a process of a site. Opening does not block the loop."""
 
 import asyncio
@@ -117,9 +115,7 @@ async def open_cancellable(config: zenoh.Config, *, runtime: str = RUNTIME) -> z
     """
     if runtime:
         os.environ.setdefault("ZENOH_RUNTIME", runtime)
-    return await in_daemon_thread(
-        lambda: zenoh.open(config), "zenoh-open", discard=lambda session: session.close()
-    )
+    return await in_daemon_thread(lambda: zenoh.open(config), "zenoh-open", discard=zenoh.Session.close)
 
 
 async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_TIMEOUT_S) -> None:
@@ -188,7 +184,8 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
         ConnectError: If no router answered within `patience_s`, or if it refuses the credentials.
     """
     where = ", ".join(link.connect or link.listen)
-    refusal, has_waited = "", False
+    refusal: str = ""
+    has_waited = False
     loop = asyncio.get_running_loop()
     welcome_s = loop.time()
     """Time of the last attempt that was not refused."""

@@ -9,7 +9,6 @@ before the first one that arrived from a writer are queried three times, since t
 Living writers answer from their caches, under keys that such a query does not match. Access rules for a
 state's key also apply to its retained value.
 """
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 
 import asyncio
 import collections

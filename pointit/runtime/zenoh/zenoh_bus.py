@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Bus on Zenoh: the local broker delivers to readers of this process, Zenoh to all others.
 
 Messages are encoded once per put (*latest*: only while another process reads them) and decoded once per

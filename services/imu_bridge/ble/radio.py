@@ -49,7 +49,7 @@ class Advertisement:
     @property
     def address(self) -> str:
         """Return the address; on macOS an identifier that stands for it."""
-        return str(self.device.address)
+        return self.device.address
 
     @property
     def label(self) -> str:

@@ -161,7 +161,7 @@ class Connection:
     @property
     def is_connected(self) -> bool:
         """Return True unless the connection is known to be lost."""
-        return bool(self._client.is_connected)
+        return self._client.is_connected
 
     async def write(self, characteristic: str, data: bytes) -> None:
         """Write without a response if the characteristic can do so: nothing waits for one."""

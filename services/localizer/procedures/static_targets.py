@@ -226,7 +226,7 @@ def next_target(
         np.fill_diagonal(pairs, -np.inf)
         best = np.unravel_index(int(np.argmax(pairs)), pairs.shape) if len(lamps) > 1 else (0, 0)
         alone = log_det_information(after).mean(axis=0)
-        return int(max(sorted(int(index) for index in best), key=lambda index: float(alone[index])))
+        return max(sorted(int(index) for index in best), key=lambda index: float(alone[index]))
     gains = log_det_information(after).mean(axis=0)
     fewest = counts == counts.min()
     return int(np.argmax(np.where(fewest, gains, -np.inf)))

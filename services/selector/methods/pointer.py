@@ -128,8 +128,8 @@ class PersonPointer:
         self._make = make
         self._gap_ns = round(config.longest_gap_s * NS_PER_S)
         self._set_method(config)
-        make_announcer = METHODS.get(config.method).announcer
-        self.announcer = make_announcer and make_announcer(config.section(config.method), user)
+        announcer = METHODS.get(config.method).announcer
+        self.announcer = None if announcer is None else announcer(config.section(config.method), user)
         """Names that are spoken to the person. None: they see lights."""
         self.hovered: str | None = None
         """Object hovered with the last cursor, or None."""

@@ -154,7 +154,7 @@ async def test_a_disk_that_becomes_full(commands: Commands, endpoint: str, tmp_p
 async def secured_plant(commands: Commands, path: Path) -> AsyncGenerator[Plant]:
     """Yield a secured site with three people, each in a process of their own."""
     names = {"supervisor": "supervisor", "operator": "operator", **dict.fromkeys(PEOPLE, "user")}
-    folder = make_site(path / "site", "hall", names=names)  # type: ignore[arg-type]
+    folder = make_site(path / "site", "hall", names=names)  # pyrefly: ignore[bad-argument-type]
 
     def of(name: str) -> dict[str, str]:
         return {"POINTIT_CREDENTIALS": str(folder.identity_folder(name))}

@@ -30,7 +30,7 @@ async def check_look(page: Page, *what: object) -> None:
     for width, height in SIZES:
         await page.set_viewport_size({"width": width, "height": height})
         for theme, paper in PAPER.items():
-            await page.emulate_media(color_scheme=theme, reduced_motion="reduce")  # type: ignore[arg-type]
+            await page.emulate_media(color_scheme=theme, reduced_motion="reduce")  # pyrefly: ignore[bad-argument-type]
             where = (*what, width, height, theme)
             assert await page.evaluate(WIDER) <= 0, where
             assert await page.evaluate(BACKGROUND) == paper, where

@@ -49,7 +49,7 @@ class SitePage:
             assert answer.is_redirect or answer.is_success, answer.text
         cookie = answer.headers["set-cookie"].partition(";")[0]
         socket = f"{self.origin.replace('http', 'ws', 1)}/ws"
-        async with connect(socket, origin=self.origin, additional_headers={"Cookie": cookie}) as connection:  # type: ignore[arg-type]  # a NewType of str
+        async with connect(socket, origin=self.origin, additional_headers={"Cookie": cookie}) as connection:  # pyrefly: ignore[bad-argument-type]  # a NewType of str
             yield Operator(connection)
 
 

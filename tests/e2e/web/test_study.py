@@ -45,10 +45,7 @@ async def test_study_runs_in_two_browsers(browser: Browser, commands: Commands, 
     command = commands.start(*arguments, "--page")
     await command.says("page of the experimenter")
     links = re.findall(r"http://\S+", command.out)
-    participant, experimenter = [
-        await (await browser.new_context(viewport=PHONE)).new_page()  # type: ignore[arg-type]  # a TypedDict
-        for _ in links
-    ]
+    participant, experimenter = [await (await browser.new_context(viewport=PHONE)).new_page() for _ in links]
     faults: list[str] = []
     for page, link in ((participant, links[0]), (experimenter, links[1])):
         page.on("pageerror", lambda error: faults.append(str(error)))

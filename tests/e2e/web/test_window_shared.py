@@ -84,7 +84,7 @@ async def test_feeders_stop_and_start_from_any_page_and_all_say_so(
             for window in (first, second):
                 await expect(window.page.get_by_role("button", name=undoes)).to_be_visible()
                 await expect(window.page.get_by_role("button", name=does)).to_be_hidden()
-            await until(lambda wanted=is_feeding: states[-1:] != [] and states[-1].feeding is wanted)  # type: ignore[misc]
+            await until(lambda wanted=is_feeding: states[-1:] != [] and states[-1].feeding is wanted)
     assert first.faults == second.faults == []
 
 

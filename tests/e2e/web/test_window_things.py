@@ -55,7 +55,7 @@ SELECTED = "(window.pointit.site.selection?.objects ?? []).map(({ id }) => id)"
 async def light(window: Window, x: float, y: float) -> float:
     """Return the mean brightness, 0 to 1, beside a place, where the mouse's own mark does not cover it."""
     clip = {"x": x + 14, "y": y - 6, "width": 12, "height": 12}
-    return float(imread(BytesIO(await window.page.screenshot(clip=clip)))[:, :, :3].mean())  # type: ignore[arg-type]
+    return float(imread(BytesIO(await window.page.screenshot(clip=clip)))[:, :, :3].mean())
 
 
 async def purple(window: Window) -> float:

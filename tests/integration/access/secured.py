@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownVariableType=false
-# (the stubs of zenoh leave return types out)
 """A secured site on this machine: its folder, a router that goes by its rules, sessions of its identities."""
 
 import contextlib

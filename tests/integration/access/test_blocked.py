@@ -1,4 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
 """An identity that floods is shut out at a router for a while, however it returns; nobody else is."""
 
 import contextlib

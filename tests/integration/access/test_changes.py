@@ -221,7 +221,7 @@ async def test_the_operator_sees_who_was_refused_what_and_by_the_router_alone(tm
         for name in ("anna", "services", "web", "operator", "dashboard1"):
             with Member(folder, name) as liar:
                 liar.put(HEALTH.at("router"))
-                await until(lambda name=name: told(f"lab/{name} may not write health/router"), 10)  # type: ignore[misc]
+                await until(lambda name=name: told(f"lab/{name} may not write health/router"), 10)
         assert seen["router"].seq > before
         with Member(folder, "guest1") as revoked:
             folder.revoke("guest1")

@@ -108,8 +108,8 @@ async def test_a_late_joiner_gets_a_living_writers_state(
     for name in ("dashboard1", "services", "guest1", "supervisor"):
         late = await ZenohBus.open(link_of(site, name), patience_s=30)
         got: list[int] = []
-        late.subscribe(topics.INTERACTION, lambda message, _name, got=got: got.append(message.stamp_ns))  # type: ignore[misc]
-        await until(lambda got=got: got == [7], what=f"the state at {name}")  # type: ignore[misc]
+        late.subscribe(topics.INTERACTION, lambda message, _name, got=got: got.append(message.stamp_ns))
+        await until(lambda got=got: got == [7], what=f"the state at {name}")
         await late.close()
 
 
@@ -300,7 +300,7 @@ async def test_a_dashboards_questions_do_not_overtake_the_keys_they_are_about(tm
             bus.subscribe(topics.CLOCK, lambda _message, _name: None)
             bus.subscribe(topics.DEPLOYMENT, lambda _message, _name: None)
             bus.subscribe(topics.HEALTH, lambda _message, _name: None)
-            await until(lambda rounds=rounds: len(asked) >= rounds, what=f"question {rounds}")  # type: ignore[misc]
+            await until(lambda rounds=rounds: len(asked) >= rounds, what=f"question {rounds}")
             await bus.close()
 
 
@@ -314,6 +314,6 @@ async def test_kept_states_are_for_whoever_may_read_them(
     for name in ("dashboard1", "anna", "operator"):
         late = await ZenohBus.open(link_of(site, name), patience_s=30)
         got: list[int] = []
-        late.subscribe(topics.PROFILE, lambda message, _name, got=got: got.append(message.stamp_ns))  # type: ignore[misc]
-        await until(lambda got=got: got == [5], what=f"the kept state at {name}")  # type: ignore[misc]
+        late.subscribe(topics.PROFILE, lambda message, _name, got=got: got.append(message.stamp_ns))
+        await until(lambda got=got: got == [5], what=f"the kept state at {name}")
         await late.close()

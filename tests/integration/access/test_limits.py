@@ -1,4 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """Limits of one identity at a router: number of connections, and delays that it causes for others."""
 
 import asyncio

@@ -127,7 +127,7 @@ def test_writes_below_another_name_arrive_nowhere_at_all(members: dict[str, Memb
         for each in others:  # what was on its way to them has come
             with each.listening(f"@may/{each.name}/**") as own:
                 key = f"@may/{each.name}/end"
-                own.hears(key, lambda key=key: members["supervisor"].put(key))  # type: ignore[misc]
+                own.hears(key, lambda key=key: members["supervisor"].put(key))
         assert [ear.keys for ear in ears] == [[]] * len(others)
 
 

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Sites that are joined over Zenoh, on this machine's loopback."""
 
 import asyncio

@@ -52,7 +52,7 @@ class Site:
         self.endpoint = endpoint
         self._processes = processes
         self._launches = {launch.instance: launch for launch in launches}
-        self._again: list[subprocess.Popen[bytes]] = []
+        self._again: list[subprocess.Popen[Any]] = []
         self.present: set[str] = set()
         self.people: set[str] = set()
         self.keepers: set[str] = set()

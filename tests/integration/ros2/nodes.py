@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Nodes of ours in one ROS graph, strangers beside them, and processes that can be killed.
 
 As a program: `python -m tests.integration.ros2.nodes router|talker ENDPOINT`.

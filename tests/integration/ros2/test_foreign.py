@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Bytes that no node of ROS sends, from a bare session: dropped, counted, named, and never the end of us."""
 
 import asyncio

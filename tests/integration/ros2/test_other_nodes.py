@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Two bridges of PointIt at one ROS router; ROS nodes without a token in the graph."""
 
 import itertools
@@ -44,17 +42,13 @@ async def test_bridges_in_one_domain_are_named_and_do_not_hear_each_other(at: Gr
     writers = [each.backend.advertise("/user1/rotation", POSE, RELIABLE) for each in (a, b, robot)]
     await met(a, b, robot)
     for count, writer in enumerate(writers[:2]):
-        await arrives(
-            lambda count=count, writer=writer: writer.put(cdr_of(count)),  # type: ignore[misc]
-            to_robot,
-            number=count,
-        )
+        await arrives(lambda count=count, writer=writer: writer.put(cdr_of(count)), to_robot, number=count)
     for seen in (to_a, to_b):
         await arrives(lambda: writers[2].put(cdr_of(2)), seen)
     assert set(to_a) == set(to_b) == {2}
     for node, other in ((a, name), (b, "/pointit")):
         told = f"another PointIt bridge is node {other} in this domain ({DOMAIN}): "
-        await until(lambda node=node, told=told: node.shown.now.get("bridge", "").startswith(told))  # type: ignore[misc]
+        await until(lambda node=node, told=told: node.shown.now.get("bridge", "").startswith(told))
     assert not robot.shown.ever
     await b.backend.close()
     await until(lambda: not a.shown.now)

@@ -73,7 +73,7 @@ async def test_a_peer_opens_without_a_router_says_so_joins_and_survives_restarts
     a.backend.serve("/echo", ADD, echo)
     state.put(cdr_of(1))
     for node in (a, b):
-        await until(lambda node=node: "router" in node.shown.now)  # type: ignore[misc]
+        await until(lambda node=node: "router" in node.shown.now)
         assert (
             node.shown.now["router"]
             == node.backend.problem
@@ -87,10 +87,10 @@ async def test_a_peer_opens_without_a_router_says_so_joins_and_survives_restarts
         for turn in (1, 2):
             await until(lambda: not a.shown.now and not b.shown.now, BACK_S, "the router to be there")
             await met(a, b)
-            await arrives(lambda turn=turn: writer.put(cdr_of(8 + turn)), seen, number=8 + turn)  # type: ignore[misc]
-            await until(lambda turn=turn: kept == list(range(1, turn + 1)))  # type: ignore[misc]
+            await arrives(lambda turn=turn: writer.put(cdr_of(8 + turn)), seen, number=8 + turn)
+            await until(lambda turn=turn: kept == list(range(1, turn + 1)))
             late = b.hears("/state", BOOL, LATCHED)
-            await until(lambda turn=turn, late=late: late == [turn])  # type: ignore[misc]
+            await until(lambda turn=turn, late=late: late == [turn])
             assert number_of(await b.backend.call("/echo", ADD, cdr_of(5), timeout_s=60)) == 5
             if turn == 1:
                 router.kill()

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-# (the stubs of zenoh leave return types out)
 """Topics between two nodes of ours: through every kind of session, kept messages, ends that close."""
 
 import gc
@@ -45,7 +43,7 @@ async def test_messages_arrive_once_in_order_both_ways(at: Graphs, modes: tuple[
     back = b.backend.advertise("/tf", BOOL, RELIABLE)
     await met(a, b)
     for writer, seen in (*zip(writers, to_b, strict=True), (back, to_a)):
-        await arrives(lambda writer=writer: writer.put(cdr_of(0)), seen)  # type: ignore[misc]
+        await arrives(lambda writer=writer: writer.put(cdr_of(0)), seen)
     for number in range(1, 101):
         for writer in (*writers, back):
             writer.put(cdr_of(number))

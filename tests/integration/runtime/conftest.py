@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """A bus that others can join, and a stranger who speaks Zenoh, but is none of ours."""
 
 import asyncio

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """Malformed bytes are dropped, counted, logged once a second, and never end a reader."""
 
 import asyncio
@@ -76,7 +74,7 @@ async def test_garbage_is_dropped_and_counted(
     key = SITE + topic.at(name_for(topic))
     for count, (what, payload) in enumerate(GARBAGE.items(), start=1):
         stranger.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)  # a megabyte needs time
-        await until(lambda count=count: subscription.traffic.invalid >= count, what=what)  # type: ignore[misc]
+        await until(lambda count=count: subscription.traffic.invalid >= count, what=what)
     assert subscription.traffic.invalid == len(GARBAGE)
     assert not seen
     assert subscription.traffic.errors == 0
@@ -94,7 +92,7 @@ async def test_a_key_with_an_invalid_name_is_dropped(bus: ZenohBus, stranger: ze
     good = encode(ImuSample(stamp_ns=1, orientation_xyzw=(0, 0, 0, 1)))
     for count, name in enumerate(("ä", "a b", "x" * 65, "-"), start=1):
         stranger.put(f"{SITE}users/{name}/imu", good)
-        await until(lambda count=count: subscription.traffic.invalid == count)  # type: ignore[misc]
+        await until(lambda count=count: subscription.traffic.invalid == count)
     strange = stranger.liveliness().declare_token(f"{SITE}alive/users/a b")
     known = stranger.liveliness().declare_token(f"{SITE}alive/users/anna")
     await until(lambda: bool(told))
@@ -122,7 +120,7 @@ async def test_a_question_that_does_not_decode_is_refused(bus: ZenohBus, strange
 
     def ask(key: str, payload: bytes | None) -> list[str]:
         return [
-            reply.err.payload.to_string() if reply.err else reply.ok.payload.to_bytes().hex()  # type: ignore[union-attr]
+            reply.err.payload.to_string() if reply.err else reply.ok.payload.to_bytes().hex()  # pyrefly: ignore[missing-attribute]
             for reply in stranger.get(SITE + key, payload=payload, timeout=30.0)
         ]
 

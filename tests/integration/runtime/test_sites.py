@@ -35,8 +35,8 @@ async def test_nothing_of_one_site_reaches_the_other(endpoint: str) -> None:
     early_state.put(UserProfile(stamp_ns=1))
     for bus, found in seen.items():
         for topic in (IMU, BUTTON, PROFILE):
-            bus.subscribe(topic, lambda _message, name, found=found, key=topic.key: found.append((key, name)))  # type: ignore[misc]
-        bus.watch(USER_ALIVE, lambda name, present, found=found: found.append((name, present)))  # type: ignore[misc]
+            bus.subscribe(topic, lambda _message, name, found=found, key=topic.key: found.append((key, name)))  # pyrefly: ignore[bad-argument-type]
+        bus.watch(USER_ALIVE, lambda name, present, found=found: found.append((name, present)))
     mine.serve(SET_BRIGHTNESS, done)
     await settled(mine, same)
     mine.announce(USER_ALIVE, "anna")

@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# (the stubs of zenoh leave return types out)
 """Strangers on the network who flood a site: with names, with long payloads, with large messages."""
 
 import asyncio

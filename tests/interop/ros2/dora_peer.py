@@ -1,5 +1,3 @@
-# pyright: reportMissingImports=false, reportUnknownMemberType=false, reportUnknownVariableType=false
-# pyright: reportUnknownArgumentType=false, reportMissingModuleSource=false
 # (dora and pyarrow are in .venv-peers only)
 """An independent ROS 2 node, written in Rust by others (dora-rs), told by lines of JSON what to do.
 
@@ -15,8 +13,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import dora  # type: ignore[import-not-found]  # see above
-import pyarrow as pa  # type: ignore[import-untyped]  # see above
+import dora  # pyrefly: ignore[missing-import]  # see above
+import pyarrow as pa
 
 END_S = 20.0
 LOOK_S = 0.005

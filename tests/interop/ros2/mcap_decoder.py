@@ -1,5 +1,3 @@
-# pyright: reportMissingImports=false, reportUnknownMemberType=false, reportUnknownVariableType=false
-# pyright: reportUnknownArgumentType=false
 # (mcap is in .venv-peers without its types)
 """Answers lines of JSON {type, definition, cdr} with what mcap-ros2-support reads; in .venv-peers."""
 
@@ -9,14 +7,14 @@ import sys
 from typing import Any
 
 from mcap.records import Schema
-from mcap_ros2.decoder import DecoderFactory  # type: ignore[import-not-found]  # see above
+from mcap_ros2.decoder import DecoderFactory  # pyrefly: ignore[missing-import]  # see above
 
 
 def plain(value: Any) -> Any:
     """Return `value` in types that JSON can represent."""
     if isinstance(value, bytes | bytearray | memoryview):
         return list(value)
-    if isinstance(value, list | tuple):
+    if isinstance(value, (list, tuple)):
         return [plain(each) for each in value]
     if hasattr(value, "__slots__"):
         return {name: plain(getattr(value, name)) for name in value.__slots__ if not name.startswith("_")}

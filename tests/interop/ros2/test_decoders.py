@@ -1,4 +1,3 @@
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
 # (of JSON nothing is known)
 """Every type that we emit, any value of it, read by two decoders of others: both read what we meant."""
 

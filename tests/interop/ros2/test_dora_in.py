@@ -177,7 +177,7 @@ async def test_a_persons_cursor_follows_the_arm_that_the_peer_turns(place: Site,
         for wanted in ("idle", "pointing"):
             await dora.says(BUTTON, {"data": True})
             await dora.says(BUTTON, {"data": False})
-            await until(lambda wanted=wanted: states[-1].state == wanted, NOTICED_S, f"{wanted} by button")  # type: ignore[misc]
+            await until(lambda wanted=wanted: states[-1].state == wanted, NOTICED_S, f"{wanted} by button")
 
 
 async def test_services_are_left_to_a_peer_that_serves_them(place: Site, look: Onlooker) -> None:

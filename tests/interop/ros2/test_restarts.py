@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
-# (the stubs of zenoh leave return types out)
 """Router, bridge and peer are killed and come back in any order; strangers send bytes; all others live."""
 
 import itertools

@@ -1,7 +1,4 @@
-# pyright: basic, reportMissingImports=false, reportAttributeAccessIssue=false, reportIncompatibleMethodOverride=false
-# pyright: reportAssignmentType=false, reportCallIssue=false, reportOptionalMemberAccess=false
-# pyright: reportPrivateImportUsage=false
-# mypy: ignore-errors
+# pyrefly: ignore-errors
 # ruff: noqa: ANN001, ANN002, ANN003, ANN201, ANN202, ANN204
 # (touch_sdk and its bleak 0.22 are in .venv-touch-sdk only)
 """The maker's client with a Bluetooth controller behind a TCP port; in .venv-touch-sdk.

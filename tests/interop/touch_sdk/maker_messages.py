@@ -1,5 +1,3 @@
-# pyright: reportMissingImports=false, reportUnknownMemberType=false, reportUnknownVariableType=false
-# pyright: reportUnknownArgumentType=false, reportUnknownParameterType=false
 # (touch_sdk is in .venv-touch-sdk only)
 """Prints random messages of the maker's generated classes as lines of JSON; in .venv-touch-sdk.
 
@@ -15,9 +13,9 @@ import struct
 import sys
 from typing import Any
 
-from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
-from touch_sdk.protobuf.watch_input_pb2 import HapticEvent, InputUpdate  # type: ignore[import-not-found]
-from touch_sdk.protobuf.watch_output_pb2 import Update  # type: ignore[import-not-found]
+from google.protobuf.message import DecodeError  # pyrefly: ignore[missing-import]
+from touch_sdk.protobuf.watch_input_pb2 import HapticEvent, InputUpdate  # pyrefly: ignore[missing-import]
+from touch_sdk.protobuf.watch_output_pb2 import Update  # pyrefly: ignore[missing-import]
 
 FLOATS = (0.0, -0.0, 1.0, -1.0, 9.80665, float("inf"), float("-inf"), float("nan"), 1e-45, 3.4e38)
 INTEGERS = (0, 1, -1, 127, 128, 20, 10_000, 2**31 - 1, -(2**31))

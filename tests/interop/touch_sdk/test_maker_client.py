@@ -13,7 +13,7 @@ from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import pytest
 from bumble.controller import Controller
@@ -41,7 +41,7 @@ Line = list[Any]
 
 def orientations() -> list[Quaternion]:
     source = random.Random(3)
-    return [normalized(tuple(source.gauss(0.0, 1.0) for _ in range(4))) for _ in range(SAMPLES)]  # type: ignore[arg-type]
+    return [normalized(tuple(source.gauss(0.0, 1.0) for _ in range(4))) for _ in range(SAMPLES)]  # pyrefly: ignore[bad-argument-type]
 
 
 def messages(watch: SimulatedTouchSdkWatch) -> list[bytes]:
@@ -67,7 +67,7 @@ async def maker_client(
     python: Path, watch: SimulatedTouchSdkWatch
 ) -> AsyncGenerator[tuple[BumbleWrist, MakerClient]]:
     """Run the maker's client beside a watch, which does not advertise yet."""
-    link = LocalLink()  # type: ignore[no-untyped-call]
+    link = LocalLink()
     wrist = BumbleWrist(await virtual_device(link, watch.name), watch)
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
@@ -152,7 +152,7 @@ async def test_the_makers_client_accepts_the_watch_and_our_source_agrees_sample_
         assert math.hypot(*acceleration) == pytest.approx(9.80665, abs=1e-4)
 
 
-def is_raw(item: object) -> bool:
+def is_raw(item: object) -> TypeGuard[RawReading]:
     return isinstance(item, RawReading)
 
 

@@ -113,7 +113,7 @@ async def test_who_is_no_longer_iterated_over_is_unsubscribed(bus: MemoryBus, si
 
 
 @pytest.fixture
-def _quick_to_doubt(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
+def _quick_to_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(feed, "UNREADABLE_TIMEOUT_S", 0.01)
 
 

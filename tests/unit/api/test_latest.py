@@ -89,7 +89,7 @@ def heard(bus: MemoryBus) -> list[TrackedObjects]:
 
 @contextlib.contextmanager
 def tracked(site: Site, **how: float | str | None) -> Generator[Tracker]:
-    with contextlib.closing(site.tracker("camera", **how)) as tracker:  # type: ignore[arg-type]
+    with contextlib.closing(site.tracker("camera", **how)) as tracker:  # pyrefly: ignore[bad-argument-type]
         yield tracker
 
 

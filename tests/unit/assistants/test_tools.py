@@ -317,7 +317,7 @@ async def test_texts_of_others_stay_quoted_bounded_data(assistant: Assistant, pl
 
 
 async def test_resources_have_the_room_and_the_state(assistant: Assistant) -> None:
-    listed = {str(each.uri) for each in (await assistant.client.list_resources()).resources}
+    listed = {each.uri for each in (await assistant.client.list_resources()).resources}
     assert listed == {"pointit://room", "pointit://state"}
     texts: dict[str, Any] = {}
     for uri in listed:

@@ -85,7 +85,7 @@ async def test_a_router_that_cannot_tell_refusals_ends_and_says_so(monkeypatch: 
     monkeypatch.setattr(router, "TELL_S", 0.0)
     routing = Routing()
     with pytest.raises(ExceptionGroup) as ended:
-        await router._guard(routing)  # type: ignore[arg-type]  # all that it needs of one
+        await router._guard(routing)  # pyrefly: ignore[bad-argument-type]  # all that it needs of one
     assert ended.group_contains(UnexpectedError)
     assert not routing.is_open
 

@@ -41,7 +41,7 @@ def plain_mcap(path: Path, *, chunks: bool, compression: CompressionType = Compr
         for time_s, _, kind, value in SAID:
             time_ns = at(time_s)
             writer.add_message(channel, time_ns, TYPES.encode(kind, value), publish_time=time_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
     return path
 
 
@@ -89,7 +89,7 @@ def test_a_bag_that_is_cut_off_is_read_up_to_the_cut(
     ],
 )
 def test_files_of_other_writers_are_read_up_to_the_cut(tmp_path: Path, options: dict[str, object]) -> None:
-    source = plain_mcap(tmp_path / "other.mcap", **options)  # type: ignore[arg-type]
+    source = plain_mcap(tmp_path / "other.mcap", **options)  # pyrefly: ignore[bad-argument-type]
     assert len(imported(source)[IMU_KEY]) == COUNT
     cut(source, 0.6)
     result = run(source, "--overwrite")

@@ -207,7 +207,7 @@ async def test_nothing_is_left_to_restore_after_an_orderly_end_during_a_hover(tm
 def test_lamps_are_as_before_whichever_effect_is_the_last_of_a_killed_process(
     acts: Acts, next_acts: Acts, *, is_killed_again: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    changed = 0
+    changed: int = 0
 
     async def run(lifetime: int) -> Process:
         nonlocal changed

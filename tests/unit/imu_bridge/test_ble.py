@@ -225,7 +225,7 @@ async def test_machine_without_an_adapter_is_a_warning_and_a_failed_search(
             said.append(sentence)
 
     around = Surroundings.detached()
-    source = METAMOTION.make(METAMOTION.config(adapter="broken"), around)  # type: ignore[call-arg]
+    source = METAMOTION.make(METAMOTION.config(adapter="broken"), around)  # pyrefly: ignore[unexpected-keyword]
     monkeypatch.setattr(source, "_warnings", Health())
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(60.0):

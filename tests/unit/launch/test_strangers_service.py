@@ -121,7 +121,7 @@ selector = strangers_services:COUNTER
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
+def _installed(tmp_path: Path) -> Iterator[None]:
     with strangers.installed(tmp_path, "strangers_services", MODULE, services=ENTRIES):
         yield
 

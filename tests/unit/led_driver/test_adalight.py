@@ -57,7 +57,7 @@ def test_no_more_baud_is_advised_than_can_be_set() -> None:
     sentence = warning(2000, baud=4_000_000)
     assert sentence.endswith(": use more outputs, or lower `wanted_rate_hz`")
     with pytest.raises(ValidationError):
-        AdalightConfig(port="x", baud=4_000_001)
+        AdalightConfig(port="x", baud=4_000_001)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_more_pixels_than_the_protocol_counts_in_two_bytes_are_refused() -> None:

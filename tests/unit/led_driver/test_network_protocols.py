@@ -245,7 +245,7 @@ def test_name_and_version_of_a_controller_are_short_text_without_controls() -> N
     assert len(str(found.details["version"])) <= 64
     nested: object = "x"
     for _ in range(20_000):
-        nested = [nested]
+        nested = list[object]([nested])
     assert described("10.0.0.9", "wled-1", {"name": nested, "ver": nested}).label == "wled-1"
 
 

@@ -92,7 +92,7 @@ def test_keys_never_turn_the_head_beyond_its_range(pressed: list[bytes]) -> None
 def fitted(**values: object) -> FittedPose:
     known = {"position_m": (1.0, 2.0, 3.0), "yaw_deg": 1.0, "pitch_deg": 2.0, "roll_deg": 3.0}
     fit = {"is_mirrored": False, "error_rad": 0.001, "is_unique": True}
-    return FittedPose(**(known | fit | values))  # type: ignore[arg-type]
+    return FittedPose(**(known | fit | values))  # pyrefly: ignore[bad-argument-type]
 
 
 def test_wrong_and_ambiguous_poses_are_refused() -> None:

@@ -73,7 +73,7 @@ def simple(segments: list[Segment]) -> dict[int, list[int]]:
         numbers = list(range(len(source) // 3))[segment.first :][: segment.pixels]
         start = end if segment.offset is None else segment.offset
         for place, number in enumerate(reversed(numbers) if segment.reversed else numbers):
-            color = dict(zip("RGB", source[3 * number :], strict=False)) | {"W": 0}
+            color = dict[str, int](zip("RGB", source[3 * number :], strict=False)) | {"W": 0}
             pixels[start + place] = [color[each] for each in segment.order]
         end = start + len(numbers)
     return pixels

@@ -81,7 +81,7 @@ NUMBERED = LedOutput(summary="", config=NumberedConfig, make=Numbered)
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
+def _installed(tmp_path: Path) -> Iterator[None]:
     entries = "\n".join(
         f"{name.lower()} = strangers_outputs:{name}" for name in ("BROKEN", "COUNTING", "NUMBERED")
     )

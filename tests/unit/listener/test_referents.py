@@ -113,7 +113,7 @@ def test_probabilities_are_probabilities_whatever_is_said_and_pointed_at(
         timed.append((azimuth, begin_s, begin_s + long_s))
         begin_s += long_s + 0.4
     others_ns = tuple(max(at_ns(each), 0) for each in others_s)
-    said = Spoken(at_ns=at_ns(said_s), word=word, others_ns=others_ns, own_m=(0.0, 0.0, 0.0), user="anna")  # type: ignore[arg-type]
+    said = Spoken(at_ns=at_ns(said_s), word=word, others_ns=others_ns, own_m=(0.0, 0.0, 0.0), user="anna")  # pyrefly: ignore[bad-argument-type]
     found = referents(gesture(timed, 20.0), THREE, said)
     assert 0.0 <= found.none <= 1.0
     probabilities = [one.probability for one in found.candidates]

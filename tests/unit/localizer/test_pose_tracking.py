@@ -212,7 +212,7 @@ def test_an_anchor_is_asked_for_lit_held_and_told() -> None:
     kinds = [type(output).__name__ for output in outputs]
     assert kinds[-2:] == ["Anchor", "Localization"]
     last = outputs[-1]
-    assert last.phase == "solved"  # type: ignore[union-attr]  # checked above
+    assert last.phase == "solved"  # pyrefly: ignore[missing-attribute]  # checked above
 
 
 @pytest.mark.parametrize(
@@ -223,10 +223,10 @@ def test_a_bad_anchor_is_told_too_and_refused(off_deg: float, wander_deg: float,
     outputs = anchoring(localized(), off_deg, wander_deg)
     anchor, progress = outputs[-2:]
     assert type(anchor).__name__ == "Anchor"
-    assert reason in anchor.reason  # type: ignore[union-attr]  # checked above
-    assert not anchor.accepted  # type: ignore[union-attr]  # checked above
-    assert progress.phase == "refused"  # type: ignore[union-attr]  # the last is always progress
-    assert progress.reason == anchor.reason  # type: ignore[union-attr]  # as above
+    assert reason in anchor.reason  # pyrefly: ignore[missing-attribute]  # checked above
+    assert not anchor.accepted  # pyrefly: ignore[missing-attribute]  # checked above
+    assert progress.phase == "refused"  # pyrefly: ignore[missing-attribute]  # the last is always progress
+    assert progress.reason == anchor.reason  # pyrefly: ignore[missing-attribute]  # as above
 
 
 def test_a_rest_counts_until_a_cursor_appears() -> None:

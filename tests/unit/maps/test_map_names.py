@@ -135,7 +135,7 @@ def test_an_edit_keeps_other_names_and_renames_references() -> None:
     assert list(file.lamps) == ["010", "1_2", "2.50"]
     assert list(file.strips) == ["1e5", "2"]
     assert file.things["on"].light == "010"
-    assert file.things["0x2F"].light[0] == "1e5"  # type: ignore[index]
+    assert file.things["0x2F"].light[0] == "1e5"  # pyrefly: ignore[unsupported-operation]
     assert file.things["off"].label == "0x1"
 
 

@@ -53,7 +53,7 @@ def records(*parts: Any) -> bytes:
     builder = RecordBuilder()
     for part in parts:
         part.write(builder)
-    content: bytes = builder.end()  # type: ignore[no-untyped-call]
+    content: bytes = builder.end()
     return content
 
 
@@ -132,7 +132,7 @@ def message_of(hostile: Hostile, schema: str, content: bytes, key: str = "users/
     number = hostile.register_schema(schema, "jsonschema", b"{}")
     channel = hostile.register_channel("/x", "json", number, {"key": key, "row": "topic"})
     hostile.add_message(channel, START, content, START)
-    hostile.flush()  # type: ignore[no-untyped-call]
+    hostile.flush()
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_message_that_is_none_is_counted_with_the_first_complaint(
     schema: str, content: bytes, complaint: str, hostile: Hostile, path: Path
 ) -> None:
     message_of(hostile, schema, content)
-    hostile.finish()  # type: ignore[no-untyped-call]
+    hostile.finish()
     hostile.file.flush()
     with Recording.open(path) as recording:
         assert list(recording.entries()) == []
@@ -161,7 +161,7 @@ def test_newer_message_is_read_without_its_unknown_fields(hostile: Hostile, path
     message = example(ImuSample)
     newer = message.model_dump_json().encode()[:-1] + b', "temperature_c": 20.5}'
     message_of(hostile, "ImuSample.v9", newer)
-    hostile.finish()  # type: ignore[no-untyped-call]
+    hostile.finish()
     hostile.file.flush()
     with Recording.open(path) as recording:
         assert [each.body for each in recording.entries()] == [message]
@@ -169,7 +169,7 @@ def test_newer_message_is_read_without_its_unknown_fields(hostile: Hostile, path
 
 def test_channel_of_an_unknown_topic_is_counted_and_not_read(hostile: Hostile, path: Path) -> None:
     message_of(hostile, "Smell.v1", b"{}", key="users/anna/smell")
-    hostile.finish()  # type: ignore[no-untyped-call]
+    hostile.finish()
     hostile.file.flush()
     with Recording.open(path) as recording:
         assert (recording.counts, recording.unknown) == ({}, {"/x": 1})
@@ -180,8 +180,8 @@ def foreign(path: Path) -> None:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        message_of(writer, "ImuSample.v1", b"{}")  # type: ignore[arg-type]
-        writer.finish()  # type: ignore[no-untyped-call]
+        message_of(writer, "ImuSample.v1", b"{}")  # pyrefly: ignore[bad-argument-type]
+        writer.finish()
 
 
 def newer_format(path: Path) -> None:

@@ -166,7 +166,7 @@ def flown(
 
         signature = inspect.signature(test)
         fixtures = [*signature.parameters.values()][1:]
-        run.__signature__ = signature.replace(parameters=fixtures)  # type: ignore[attr-defined]
+        run.__signature__ = signature.replace(parameters=fixtures)  # pyrefly: ignore[missing-attribute]
         return run
 
     return decorated

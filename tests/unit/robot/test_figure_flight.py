@@ -160,7 +160,7 @@ def test_a_less_informative_figure_is_flown_where_people_and_fences_leave_room_f
         tried.append(points_m)
         return "fence" if len(tried) < 14 else ""
 
-    safety.way_problem = barred  # type: ignore[method-assign]
+    safety.way_problem = barred  # pyrefly: ignore[method-assign]
     assert flight.command(STANDS, CurrentOrder(), safety, 0) is not None
 
 

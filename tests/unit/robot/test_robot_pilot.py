@@ -213,7 +213,7 @@ def test_a_quadrotor_follows_above_the_floor_and_hovers_when_its_person_points_e
     assert order.position_m == pytest.approx((1.0, 0.5, 0.2))
     assert desk.pilot.phase == "moving"
     wall = desk.pilot
-    cursor = wall._cursors["anna"]  # pyright: ignore[reportPrivateUsage]
+    cursor = wall._cursors["anna"]
     wall.on_cursor("anna", cursor.model_copy(update={"surface_id": "wall"}))
     assert isinstance(desk.step(), Stop)
     assert desk.step() is None

@@ -35,7 +35,7 @@ def end(
     kind: EndpointKind = "subscriber", node: str = "/pointit", of: RosType = POSE, **more: object
 ) -> Endpoint:
     values: dict[str, object] = {"name": "/x", "qos": Qos(), "domain": 7, "is_ours": node == "/pointit"}
-    return Endpoint(kind=kind, node=node, type=of, **(values | more))  # type: ignore[arg-type]
+    return Endpoint(kind=kind, node=node, type=of, **(values | more))  # pyrefly: ignore[bad-argument-type]
 
 
 def found(

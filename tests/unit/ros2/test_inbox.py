@@ -279,6 +279,6 @@ async def test_who_left_with_the_button_down_presses_when_they_are_back(bridge: 
         bridge.inbox.join("anna")
         bridge.say(button, down, data=True)
         bridge.say(button, down, data=True)
-        await until(lambda count=presses: len(seen) == count)  # type: ignore[misc]  # bound in this round
+        await until(lambda count=presses: len(seen) == count)
         bridge.inbox.leave("anna")
     assert seen == [1, 2]

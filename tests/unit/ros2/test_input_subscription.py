@@ -119,7 +119,7 @@ def test_people_are_found_in_either_order_of_bytes() -> None:
         scene.person(user)
     frame = b"joanna/human_footprint"
     for first, order in ((b"\0\1\0\0", "little"), (b"\0\0\0\0", "big")):
-        cdr = first + (len(frame) + 1).to_bytes(4, order) + frame + b"\0"  # type: ignore[arg-type]  # one of both
+        cdr = first + (len(frame) + 1).to_bytes(4, order) + frame + b"\0"
         assert people_in(cdr, scene) == ("joanna",)
 
 

@@ -200,4 +200,4 @@ def test_what_has_no_value_has_none_and_the_kinds_are_those_of_ros() -> None:
 def test_what_ros_cannot_hold_is_refused() -> None:
     for value in ([1, "a"], [[1.0]], {"a": 1}, [1, 2.0]):
         with pytest.raises(ValueError, match="is no value that a ROS parameter can have"):
-            message_of(TYPES, value)  # type: ignore[arg-type]  # that is the point
+            message_of(TYPES, value)  # pyrefly: ignore[bad-argument-type]  # that is the point

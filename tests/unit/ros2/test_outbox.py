@@ -27,8 +27,8 @@ def ray(count: int) -> PointingRay:
 
 
 def take(bridge: Bench, topic: object, message: object, name: str = "anna") -> None:
-    bridge.scene.take(name, message, bridge.clock.now_ns())  # type: ignore[arg-type]  # a test's shorthand
-    bridge.outbox.take(topic, message, name)  # type: ignore[arg-type]  # likewise
+    bridge.scene.take(name, message, bridge.clock.now_ns())  # pyrefly: ignore[bad-argument-type]  # a test's shorthand
+    bridge.outbox.take(topic, message, name)  # pyrefly: ignore[bad-argument-type]  # likewise
 
 
 async def test_what_nobody_reads_is_not_even_made(bridge: Bench) -> None:
@@ -157,7 +157,7 @@ async def test_what_stays_the_same_is_said_once_and_anew_when_they_return(bridge
         return [(each.user_name, each.subscribe) for each in wishes]
 
     def say(user: str, state: str) -> None:
-        take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state), user)  # type: ignore[arg-type]  # one of them
+        take(bridge, INTERACTION, Interaction(stamp_ns=START_NS, seq=1, state=state), user)  # pyrefly: ignore[bad-argument-type]  # one of them
 
     for count in range(3):
         say("anna", "pointing")

@@ -61,7 +61,7 @@ def any_base(base: str) -> st.SearchStrategy[Any]:
         return st.floats(allow_nan=False, allow_infinity=False, width=width)
     base = {"byte": "int8", "char": "uint8"}.get(base, base)
     limits = np.iinfo(base)
-    return st.integers(int(limits.min), int(limits.max))
+    return st.integers(limits.min, limits.max)
 
 
 FOLDER = Path(__file__).parent / "golden"

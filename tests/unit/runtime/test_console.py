@@ -89,7 +89,7 @@ def test_log_on_a_terminal_is_plain_and_coloured_by_us_alone(console: PlainConso
     text = written(console)
     assert f"anna says {TAME}" in text
     assert "WARNING  [not markup] 3" in text
-    assert console.file.getvalue() != text  # type: ignore[attr-defined]
+    assert console.file.getvalue() != text  # pyrefly: ignore[missing-attribute]
     assert "not wanted" not in text
     with pytest.raises(json.JSONDecodeError):
         json.loads(text)

@@ -80,7 +80,7 @@ class Reader:
 
     def hear(self, *numbers: int, of: Id = Id()) -> None:
         for number in numbers:
-            self.arrears.on_sample(Heard(Source(number, of)))  # type: ignore[arg-type]  # as far as it is looked at
+            self.arrears.on_sample(Heard(Source(number, of)))  # pyrefly: ignore[bad-argument-type]  # as far as it is looked at
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
     def hand_on(sample: Any) -> None:
         got.append(-1 if sample.source_info is None else sample.source_info.source_sn)
 
-    reader = Reader(EventRecovery(bus, writer, hand_on, lost.append), writer, got, lost)  # type: ignore[arg-type]  # Writer
+    reader = Reader(EventRecovery(bus, writer, hand_on, lost.append), writer, got, lost)  # pyrefly: ignore[bad-argument-type]  # Writer
     reader.hear(0)
     got.clear()
     yield reader
@@ -101,7 +101,7 @@ async def reader(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Reader]:
 async def test_samples_without_gaps_are_passed_on_at_once(reader: Reader) -> None:
     reader.hear(1, 2, 3)
     reader.hear(0, 1, of=Id(eid=8))
-    reader.arrears.on_sample(Heard(None))  # type: ignore[arg-type]  # as far as it is looked at
+    reader.arrears.on_sample(Heard(None))  # pyrefly: ignore[bad-argument-type]  # as far as it is looked at
     assert reader.got == [1, 2, 3, 0, 1, -1]
     assert not reader.writer.asked
 

@@ -126,7 +126,7 @@ class TestSuccession:
             stamp_ns = NOW_NS - int(late_s * NS_PER_S)
             news = report(1, ages_s[other] - late_s, host=other, stamp_ns=stamp_ns)
             bus.publisher(HEALTH, f"pointing.{me}").put(news)
-            await until(lambda at=at: bool(at.duplicate))  # type: ignore[misc]
+            await until(lambda at=at: bool(at.duplicate))
             if at.superseded.is_set():
                 lost.append(me)
         assert lost == [older]

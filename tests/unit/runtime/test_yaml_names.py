@@ -153,7 +153,7 @@ def test_a_field_of_text_gets_the_literal_text(word: str) -> None:
         f"name: {word}\nusers: [a, {word}]\ngroups: {{{word}: [{word}]}}\n"
         f"light: {{id: {word}, other: {word}}}\npeople: [{word}]\n"
     )
-    assert made.name == made.users[1] == made.people[0] == word  # type: ignore[index]
+    assert made.name == made.users[1] == made.people[0] == word  # pyrefly: ignore[bad-index]
     assert made.groups == {word: (word,)}
     assert made.light == Part(id=word, other=word)
     assert lamps(f"light: {word}").light == word

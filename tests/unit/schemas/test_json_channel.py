@@ -49,7 +49,7 @@ def test_viewers_read_every_schema_and_find_its_fields(topic: Topic[Message]) ->
 
 def assert_described(told: Any, fields: Any) -> None:
     for name, kind in fields.items():
-        inner: Any = kind[0] if isinstance(kind, list) else kind  # pyright: ignore[reportUnknownVariableType] - JSON
+        inner: Any = kind[0] if isinstance(kind, list) else kind
         if not isinstance(inner, dict) or told[name] is None:
             assert name in told
             continue

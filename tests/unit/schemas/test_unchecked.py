@@ -57,7 +57,7 @@ def test_defaults_are_those_of_the_message() -> None:
 def test_nobody_can_change_it() -> None:
     ray = unchecked(PointingRay)(stamp_ns=5, origin_m=EYES, direction=AHEAD)
     with pytest.raises(ValidationError, match="frozen"):
-        ray.direction = EYES  # type: ignore[misc] # pyright: ignore[reportAttributeAccessIssue]
+        ray.direction = EYES  # pyrefly: ignore[read-only]
     copied = ray.model_copy(update={"seq": 3})
     assert (ray.seq, ray.model_fields_set) == (0, copied.model_fields_set)
 

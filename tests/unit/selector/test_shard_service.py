@@ -76,7 +76,7 @@ async def test_configured_dwell_time_of_the_method_in_use_is_a_figure() -> None:
         for query, wanted_s in (({"dwell_s": 2.0}, 0.6), ({"method": "hold", "dwell_s": 1.5}, 0.9)):
             await site.bus.call(topics.SET_METHOD, SetMethod.model_validate(query))
             await site.stay("anna", 1.0)
-            await until(lambda wanted_s=wanted_s: default_s() == [wanted_s])  # type: ignore[misc]
+            await until(lambda wanted_s=wanted_s: default_s() == [wanted_s])
 
 
 async def test_a_method_that_is_not_installed_here_is_a_warning() -> None:

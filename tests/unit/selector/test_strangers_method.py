@@ -49,7 +49,7 @@ PATIENT = SelectionMethod(summary="stay without a break", config=MethodConfig, m
 
 
 @pytest.fixture(autouse=True)
-def _installed(tmp_path: Path) -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
+def _installed(tmp_path: Path) -> Iterator[None]:
     entries = "patient = strangers_methods:PATIENT\nlost = strangers_methods:LOST"
     with strangers.installed(tmp_path, "strangers_methods", MODULE, selection_methods=entries):
         yield

@@ -157,7 +157,8 @@ def test_times_of_day_and_numbers_may_have_different_decimal_marks(
 
 def test_a_file_with_two_decimal_marks_is_refused_with_both(tmp_path: Path) -> None:
     rows = motion()
-    rows[9:] = [[f'"{cell:.6f}"'.replace(".", ",") for cell in row] for row in rows[9:]]
+    later: list[Row] = [[f'"{cell:.6f}"'.replace(".", ",") for cell in row] for row in rows[9:]]
+    rows[9:] = later
     with pytest.raises(ConfigError, match=r"line 11.* got '0,180000'; numbers before it have .* mark '\.'"):
         read(tmp_path, text_of((*ARM, *BODIES), rows))
 

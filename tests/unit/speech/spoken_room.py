@@ -102,9 +102,9 @@ async def room() -> AsyncGenerator[Room]:
         interpreter = Interpreter(bench.bus, bench.clock, USER, own_verbs(["heat kettle"])[0])
         box = {"center_m": (2.0, 0.0, 1.0), "size_m": (0.2, 0.2, 0.2)}
         things = (
-            Thing(id="radio", label="Radio", lamp="led_1", mode="switch", **box),  # type: ignore[arg-type]
-            Thing(id=HOSTILE, lamp="led_2", **box),  # type: ignore[arg-type]
-            Thing(id="kettle", press=True, **box),  # type: ignore[arg-type]
+            Thing(id="radio", label="Radio", lamp="led_1", mode="switch", **box),
+            Thing(id=HOSTILE, lamp="led_2", **box),
+            Thing(id="kettle", press=True, **box),
         )
         lamps = tuple(Lamp(id=name, position_m=(2.0, 0.0, 1.0)) for name in ("led_1", "led_2"))
         belts = tuple(

@@ -25,7 +25,7 @@ S = 1_000_000_000
 
 def attempt(end: str = "selection", **fields: object) -> Attempt:
     usual = {"began_ns": 0, "target": "t", "target_m": (4.0, 0.0, 1.0), "width_m": 0.4, "timeout_s": 5.0}
-    return Attempt(**{**usual, "end": end, **fields})  # type: ignore[arg-type]
+    return Attempt(**{**usual, "end": end, **fields})  # pyrefly: ignore[bad-argument-type]
 
 
 def cursor(azimuth_deg: float, now_s: float) -> Cursor:
@@ -215,7 +215,7 @@ def test_end_rule_in_python_ends_an_attempt() -> None:
 
 
 def divides(_now: Attempt) -> float:
-    return 1 / 0
+    return 1 / 0  # pyrefly: ignore[division-by-zero]
 
 
 @pytest.mark.parametrize(("ends", "sentence"), [(repr, "returns"), (divides, "ZeroDivisionError")])

@@ -135,7 +135,7 @@ async def links() -> AsyncIterator[tuple[PageView, dict[Page, str]]]:
 
 def joined(url: str, origin: str = "") -> Any:
     origin = origin or url.rsplit("/", 2)[0]
-    return connect(f"{url.replace('http', 'ws', 1)}ws", origin=origin)  # type: ignore[arg-type]  # a NewType of str
+    return connect(f"{url.replace('http', 'ws', 1)}ws", origin=origin)  # pyrefly: ignore[bad-argument-type]  # a NewType of str
 
 
 async def received(socket: ClientConnection) -> dict[str, Any]:

@@ -31,7 +31,7 @@ def test_dwell_time_is_live_for_the_method_that_is_set_only(
     is_live: bool,  # noqa: FBT001 - a parameter of the test
 ) -> None:
     site: Any = SimpleNamespace(tracker=MagicMock(return_value=None))
-    assert StudySite(site, "P01", before, None).is_live(after) is is_live  # type: ignore[arg-type]
+    assert StudySite(site, "P01", before, None).is_live(after) is is_live  # pyrefly: ignore[bad-argument-type]
 
 
 class SiteWithTrackers:
@@ -66,7 +66,7 @@ async def test_a_declared_truth_is_followed_and_its_absence_is_a_problem() -> No
         covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01),
     )  # fmt: skip
     site: Any = SiteWithTrackers(messages, pose)
-    study_site = StudySite(site, "P01", {}, None)  # type: ignore[arg-type]
+    study_site = StudySite(site, "P01", {}, None)  # pyrefly: ignore[bad-argument-type]
     assert study_site.truth_problem == ""
     study_site.truth_tracker = "mocap"
     assert study_site.truth_problem.startswith("the tracker mocap sees no P01: start it")
@@ -86,7 +86,7 @@ async def test_names_are_spoken_to_a_participant_whose_first_message_has_no_name
         yield Announced(stamp_ns=1)
 
     site: Any = SiteWithTrackers({}, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
-    study_site = StudySite(site, "P01", {}, None)  # type: ignore[arg-type]
+    study_site = StudySite(site, "P01", {}, None)  # pyrefly: ignore[bad-argument-type]
     assert not study_site.has_names
     await study_site._pump(messages(), Attempt.on_announced)
     assert study_site.has_names

@@ -99,7 +99,7 @@ def test_the_cursor_takes_the_person_to_the_target_although_everything_errs() ->
         life.state("pointing")
         target = thing("a", "green", 2.0)
         life.light(off_rad=math.radians(10.0))
-        life.before_step = lambda life=life, target=target: life.objects(target)  # type: ignore[misc]
+        life.before_step = lambda life=life, target=target: life.objects(target)
         life.person._behaviour = Staring()
         life.run(4.0)
         shown = [c.position_m for c in life.cursors[-25:] if c.surface == "strip"]
@@ -140,7 +140,7 @@ async def test_the_service_sends_samples_and_presses_its_persons_button() -> Non
             for _ in range(steps):
                 clock.advance(step_s)
                 seen = len(samples)
-                await until(lambda seen=seen: len(samples) > seen + 1)  # type: ignore[misc]  # bound at once
+                await until(lambda seen=seen: len(samples) > seen + 1)
                 await bench.settle()
 
         bench.put(FEEDBACK, Feedback(stamp_ns=0, cue="started"), "anna")

@@ -177,7 +177,7 @@ def test_who_lapses_takes_something_else_and_the_most_skilled_never_do() -> None
     for skill in (0.0, 1.0):
         life = Life(clumsy(1.0, skill))
         life.state("pointing")
-        life.before_step = lambda life=life: life.objects(thing("a", "red", 2.0), thing("b", "blue", 2.5))  # type: ignore[misc]
+        life.before_step = lambda life=life: life.objects(thing("a", "red", 2.0), thing("b", "blue", 2.5))
         keys[skill] = choice(life, 1.3)
     assert keys == {0.0: "object b", 1.0: "object a"}
 

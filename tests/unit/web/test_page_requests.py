@@ -154,7 +154,7 @@ def test_whatever_is_asked_is_understood_or_refused(
 ) -> None:
     try:
         meant = parse_request(Ask(id=1, key=key, deed=deed, name=name, query=query), role)
-    except (PointItError, SchemaError):
+    except PointItError:
         return
     if isinstance(meant, Call):
         assert meant.request in REQUESTS[role]

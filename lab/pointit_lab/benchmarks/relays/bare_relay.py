@@ -1,5 +1,3 @@
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
-# (the stubs of zenoh leave return types out)
 """Lower bound of any bridge in Python: forwards bytes from one Zenoh session to another.
 
 As a program: `python -m pointit_lab.benchmarks.relays.bare_relay FROM TO` relays both ways until it is ended.

@@ -72,7 +72,7 @@ def read(folder: Path, reading: TrialReading) -> None:
             LocalizationTrial(
                 set=NAME,
                 subject=SUBJECT,
-                condition=str(names[int(data["scenario"][i])]),
+                condition=names[int(data["scenario"][i])],
                 pointings=Pointings(stamps_s, origins_m, directions[i], data["led_xyz"][lamps]),
                 eye_height_m=eyes_m,
                 x_m=float(data["truth_user_xy"][i, 0]),

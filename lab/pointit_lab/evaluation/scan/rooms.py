@@ -103,7 +103,7 @@ class SimulatedPhone:
         return cls(
             SIZE_PX[0] / 2.0 / math.tan(wide / 2.0),
             float(rng.uniform(-0.06, 0.06)),
-            bool(rng.random() < 0.85),
+            rng.random() < 0.85,
             rng.normal(0.0, math.radians(0.5), 3),
         )
 

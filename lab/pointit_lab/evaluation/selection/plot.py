@@ -72,7 +72,7 @@ def plot(rows: Sequence[SelectionTrialRow], path: Path) -> None:
             axis.set_ylim(bottom=0.0)
     all_axes[0][0].legend(fontsize=7)
     with replaced_file(path) as part:
-        figure.savefig(part)  # pyright: ignore[reportUnknownMemberType] - matplotlib's own stub
+        figure.savefig(part)
 
 
 def _shown(value: float | None) -> float:

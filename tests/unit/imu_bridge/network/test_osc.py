@@ -24,7 +24,7 @@ NOW = 1_800_000_000 * NS_PER_S
 
 
 def datagram(address: str, *arguments: float | str | bytes | None) -> bytes:
-    return bytes(build_msg(address, list(arguments)).dgram)
+    return build_msg(address, list(arguments)).dgram
 
 
 def items(decoder: OscDecoder, address: str, *arguments: float | str) -> list[Item]:
@@ -80,7 +80,7 @@ def test_address_and_order_are_configurable() -> None:
 def test_time_of_a_bundle_is_the_time_of_the_device() -> None:
     bundle = OscBundleBuilder(1_700_000_000)
     bundle.add_content(build_msg("/quaternion", WXYZ))
-    data = bytes(bundle.build().dgram)
+    data = bundle.build().dgram
     assert OscDecoder(OscConfig()).items(data, NOW) == [Reading(NOW, XYZW, 1_700_000_000 * NS_PER_S)]
 
 

@@ -14,7 +14,7 @@ NOW = 1_800_000_000 * NS_PER_S
 
 
 def items(decoder: OscDecoder, address: str, *arguments: float | str) -> list[Item]:
-    return list(decoder.items(bytes(build_msg(address, list(arguments)).dgram), NOW))
+    return list(decoder.items(build_msg(address, list(arguments)).dgram, NOW))
 
 
 def packed(address: str, types: str, *parts: bytes, encoding: str = "utf-8") -> bytes:
@@ -110,7 +110,7 @@ def test_second_sensor_is_reported_and_not_read(
             item
             for _ in range(6)
             for address, *arguments in (mine, others)
-            for item in decoder.items(bytes(build_msg(str(address), arguments).dgram), NOW)
+            for item in decoder.items(build_msg(str(address), arguments).dgram, NOW)
         ]
         assert found[1:] == [Reading(NOW, XYZW)] * (len(found) - 1)
         assert len(found) >= 5
@@ -131,7 +131,7 @@ def test_each_quaternion_of_a_message_is_a_sensor_of_its_own(numbers: tuple[floa
     for sensor, orientation in (("", XYZW), (second, (0.0, 0.0, 0.6, 0.8))):
         decoder = OscDecoder(OscConfig(sensor=sensor))
         found = [item for _ in range(4) for item in items(decoder, "/quaternion", *numbers)]
-        assert found == [Reading(NOW, pytest.approx(orientation))] * 4  # type: ignore[arg-type]
+        assert found == [Reading(NOW, pytest.approx(orientation))] * 4  # pyrefly: ignore[bad-argument-type]
         assert ("set osc.sensor" in decoder.sensors.warning) is not bool(sensor)
 
 

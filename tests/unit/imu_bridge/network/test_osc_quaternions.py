@@ -29,7 +29,7 @@ def message(address: str, types: str, numbers: Sequence[float | str]) -> bytes:
     builder = OscMessageBuilder(address)
     for kind, each in zip(types, numbers, strict=True):
         builder.add_arg(each, kind)
-    return bytes(builder.build().dgram)
+    return builder.build().dgram
 
 
 def bundled(*messages: bytes) -> bytes:

@@ -328,7 +328,7 @@ def test_whatever_happens_little_is_released_and_a_stop_stops(chosen: list[tuple
             bench.tell(Stop)
         elif what == "lose":
             is_lossy = bool(a)
-            bench.is_lossy = lambda _topic, is_lossy=is_lossy: is_lossy  # type: ignore[misc]
+            bench.is_lossy = lambda _topic, is_lossy=is_lossy: is_lossy
         elif a:
             bench.connect()
         else:

@@ -36,7 +36,7 @@ from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelecti
 log = logging.getLogger(__name__)
 REPORT_S = 1.0
 """Time between two reports on the device, s."""
-EXPLANATIONS = ("link", "port", "silent", "sensor", "number")
+EXPLANATIONS = ("link", "port", "silent", "sensor", "sensors", "number")
 """Topics of sources' warnings with the reason that nothing comes."""
 
 

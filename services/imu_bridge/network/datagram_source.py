@@ -160,8 +160,8 @@ class DatagramConfig(AddressConfig):
 
     sensor: str = Field(
         default="",
-        description="the sensor that is used if several send: its IP address, or its name or number in their "
-        "messages; the first if empty",
+        description="the sensor that is used if several send: its IP address, the first if empty; or its "
+        "name or number in messages, which are refused if empty",
     )
 
     @field_validator("sender")
@@ -189,8 +189,6 @@ class DatagramConfig(AddressConfig):
 class Decoder(ABC):
     """Reads the datagrams of one device, from its connection on."""
 
-    uncertainty: str = ""
-    """Sentence about guesses of its format and the parameters that replace them, or `""`."""
     problem: str = ""
     """Clause about the unreadable part of a partly readable datagram, or `""`. The owner resets it."""
     unused: str = ""
@@ -282,17 +280,22 @@ class DatagramSource(PortSource):
     def _step(self, now_s: float) -> None:
         used = self._senders.used
         host = "" if used is None else used[0]
+        if self._bad_s is not None and now_s - self._bad_s > BAD_S:
+            self._bad_s, self._bad_count = None, 0
+        choices = [self._sensors[host]] if host in self._sensors else self._sensors.values()
+        several = next((each.warning for each in choices if each.warning), "")
+        is_explained = several != "" or self._bad_s is not None
         if self._read_s is not None and now_s - self._read_s > LOST_S:
             self._read_s = None
             self._decoders.clear()
-            self._deliver(Disconnected(f"{host} sends nothing any more: check its app and its network"))
+            reason = f"{host} sends nothing any more: check its app and its network"
+            self._deliver(Disconnected("" if is_explained else reason))
         place = self._server.place
         missing = f"no reading arrives at UDP port {place}: start the app and let it send to this machine"
         unused = next((each.unused for each in self._decoders.values() if each.unused), "")
         missing = f"UDP port {place} {unused}" if unused else f"{missing}{self._only_here}"
-        self._health.warn("silent", "" if host else missing)  # later, `Disconnected`
-        choices = [self._sensors[host]] if host in self._sensors else self._sensors.values()
-        self._health.warn("sensors", next((each.warning for each in choices if each.warning), ""))
+        self._health.warn("silent", "" if host or is_explained else missing)  # later, `Disconnected`
+        self._health.warn("sensors", several)
         others = "" if self._is_chosen else ", ".join(self._senders.others(now_s))
         self._health.warn(
             "others",
@@ -302,10 +305,6 @@ class DatagramSource(PortSource):
             if others
             else "",
         )
-        decoder = None if used is None else self._decoders.get(used)
-        self._health.warn("order", "" if decoder is None else decoder.uncertainty)
-        if self._bad_s is not None and now_s - self._bad_s > BAD_S:
-            self._bad_s, self._bad_count = None, 0
         self._health.warn(
             "unreadable",
             f"{self._bad_count} datagrams at port {place} could not be read; {self._bad}"

@@ -1,9 +1,7 @@
 """Wrists that speak Open Sound Control: NGIMU, and apps of phones such as GyrOSC, ZIG SIM and Sensors2OSC."""
 
 import math
-import re
 import struct
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
@@ -19,7 +17,6 @@ from pointit.services.imu_bridge.network.datagram_source import (
     orientation,
     vector,
 )
-from pointit.services.imu_bridge.network.osc_quaternions import QuaternionPosition
 from pointit.services.imu_bridge.sources import Battery, ImuSource, Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.streams import Order, SensorChoice, component
 
@@ -212,18 +209,12 @@ ORDERS: Final[dict[str, Order]] = {
 """Orders of the numbers at addresses of known devices."""
 ACCURATE = frozenset({"/rotationvector", "/gamerotationvector"})
 """Addresses of messages that begin with the quaternion, and may have its accuracy behind it."""
-NAMES = frozenset({"quaternion", "quaternions", "quat", "quats", "rotationvector", "gamerotationvector"})
-"""Parts of addresses of orientations, in small letters and without numbers."""
-OTHER_NAMES = frozenset({"q", "orientation", "rotation", "attitude"})
-"""Parts of addresses that may also be those of angles."""
 ZIG_SIM = "/ZIGSIM/"
 """Beginning of addresses of ZIG SIM on iPhones; before, and on Android, they begin with the device's name."""
 SENSORS = "/sensors"
 """NGIMU's rates, °/s, then its accelerations, g."""
 MAX_SHOWN = 4
 """Number of addresses without an orientation that a warning names."""
-MAX_POSITIONS = 64
-"""Number of addresses and formats of which the position of the quaternion is known."""
 
 
 class OscConfig(DatagramConfig):
@@ -237,22 +228,18 @@ class OscConfig(DatagramConfig):
     )
     address: str = Field(
         default="",
-        description="address of the messages with the orientation, such as /gyrosc/quat; if empty each with "
-        "a part such as quaternion, quat, q, orientation or rotationvector, also with a "
-        "number, as quat1",
+        description="address of the messages with the orientation, such as /imu/quat, or of four messages "
+        "below it, w, x, y and z; if empty those of NGIMU, GyrOSC, ZIG SIM, Sensors2OSC and SceneRotator",
     )
     first: int = Field(
         default=0,
         ge=0,
         le=64,
-        description="position of the quaternion's first number among the numbers of a message, from 1; 0: "
-        "found by the norm, which is 1",
+        description="position of the quaternion's first number in messages of more than four numbers, from 1",
     )
     order: Literal["auto", "wxyz", "xyzw"] = Field(
         default="auto",
-        description="order of the quaternion's numbers in a message; auto: xyzw behind the addresses of ZIG "
-        "SIM (/ZIGSIM/NAME/quaternion, /NAME/quaternion) and Sensors2OSC (/rotationvector, "
-        "/gamerotationvector), else wxyz, with a warning behind an address that is not known",
+        description="order of the quaternion's numbers in a message; auto: that of the documented address",
     )
 
     @field_validator("address")
@@ -279,10 +266,8 @@ class OscDecoder(Decoder):
         self._has_orientation = False
         self._zig_sim = ""
         """Address of the orientations of a ZIG SIM that has introduced itself, or `""`."""
-        self._positions: dict[tuple[str, int], QuaternionPosition] = {}
-        """Positions of quaternions by address and count of numbers."""
-        self._components: dict[str, dict[str, float]] = {}
-        """Components of quaternions that are not complete, by the address without w, x, y or z."""
+        self._components: dict[str, float] = {}
+        """Components of a quaternion of four messages that is not complete."""
         self._battery: Battery | None = None
         self._addresses: dict[str, None] = {}
         """Addresses of messages that were not used."""
@@ -294,150 +279,103 @@ class OscDecoder(Decoder):
             DatagramError: If it is not OSC, or its orientation is none.
         """
         messages, problem = parse_each(data)
-        items: list[Item | NamedReading] = []
+        items: list[Item] = []
         for message in messages:
             try:
-                items += self._items(message, stamp_ns)
+                item = self._item(message, stamp_ns)
             except DatagramError as error:
                 problem = problem or f"{message.address} {error}"
+                continue
+            if isinstance(item, NamedReading):
+                self._has_orientation, self.unused = True, ""
+                item = item.reading if self.sensors.accepts(*item.names) else None
+            if item is not None:
+                items.append(item)
         if problem and not items:
             raise DatagramError(problem)
         self.problem = problem or self.problem
-        return self._used_items(items)
+        return items
 
-    def _used_items(self, items: Sequence[Item | NamedReading]) -> list[Item]:
-        """Return `items` without orientations of sensors that are not used.
-
-        Orientations of one time that have the same names are of several sensors: their positions name them.
-        """
-        senders = [
-            (each.names, each.reading.device_time_ns) if isinstance(each, NamedReading) else None
-            for each in items
-        ]
-        counts, earlier = Counter(senders), Counter[object]()
-        used: list[Item] = []
-        for each, sender in zip(items, senders, strict=True):
-            if not isinstance(each, NamedReading):
-                used.append(each)
-                continue
-            earlier[sender] += 1
-            names = (*each.names, f"{earlier[sender]}") if counts[sender] > 1 else each.names
-            if self.sensors.accepts(*names):
-                used.append(each.reading)
-        return used
-
-    def _items(self, message: OscMessage, stamp_ns: int) -> Sequence[Item | NamedReading]:
-        """Return the orientations of `message`, or its other item, if it has any.
+    def _item(self, message: OscMessage, stamp_ns: int) -> Item | NamedReading | None:
+        """Return the orientation of `message`, or its other item, or None if it has none.
 
         Raises:
             DatagramError: If it cannot be read.
         """
-        if self._is_orientation(message):
-            return self._readings(message, stamp_ns)
-        if len(message.numbers) == 1 and (axis := self._axis(message.address)):
-            return self._add_component(message, axis, stamp_ns)
-        item = self._item(message, stamp_ns)
-        return [] if item is None else [item]
-
-    def _item(self, message: OscMessage, stamp_ns: int) -> Item | None:
         address, numbers = message.address, message.numbers
+        if address == self._config.address or (not self._config.address and self._is_documented(address)):
+            return self._reading(message, stamp_ns)
+        parent, _, last = address.rpartition("/")
+        axis = component(last)[1]
+        if axis and len(numbers) == 1 and parent == self._config.address:
+            return self._add_component(message, axis, stamp_ns)
         if address == SENSORS and len(numbers) >= 6 and not self._has_orientation:
             rates = vector(numbers[0:3], math.radians(1.0))
             return RawReading(stamp_ns, rates, vector(numbers[3:6], GRAVITY_MPS2), message.time_ns)
         if address == "/battery" and len(numbers) >= 3:
             return self._changed_battery(numbers)
         if address.endswith("/deviceinfo"):
-            self._zig_sim, self.uncertainty = f"{address.removesuffix('deviceinfo')}quaternion", ""
+            self._zig_sim = f"{address.removesuffix('deviceinfo')}quaternion"
         if address.rpartition("/")[2] == "button":
             is_pressed = not numbers or numbers[-1] > 0
             return Press(stamp_ns) if is_pressed and not self._is_of_other(address) else None
         if not self._has_orientation and len(self._addresses) < MAX_SHOWN:
             self._addresses[address] = None
+            known = ", ".join(self._addresses)
             self.unused = (
-                f"gets messages ({', '.join(self._addresses)}), but none with a quaternion: switch it on in "
-                "the app, or set osc.address"
+                f"gets messages ({known}), but none with a documented orientation: switch it on in the app, "
+                "or set osc.address to the address of the quaternion and osc.order to wxyz or xyzw"
             )
         return None
 
-    def _readings(self, message: OscMessage, stamp_ns: int) -> list[NamedReading]:
-        numbers = message.numbers
-        if len(numbers) < 4:
-            reason = message.problem or f"has {len(numbers)} numbers, 4 were expected"
-            self.problem = f"{message.address} {reason}"
-            return []
-        key = (message.address, len(numbers))
-        position = self._positions.get(key)
-        if position is None:
-            if len(self._positions) >= MAX_POSITIONS:
-                del self._positions[next(iter(self._positions))]
-            first = self._config.first or int(message.address in ACCURATE)
-            position = self._positions[key] = QuaternionPosition(len(numbers), first)
-        order = self._order(message.address)
-        readings = [
-            NamedReading(
-                Reading(stamp_ns, orientation(four, order), message.time_ns),
-                (message.address, *message.strings, sensor),
+    def _reading(self, message: OscMessage, stamp_ns: int) -> NamedReading:
+        numbers, address = message.numbers, message.address
+        first = self._config.first or int(address in ACCURATE or len(numbers) == 4)
+        four = numbers[first - 1 : first + 3] if first else ()
+        if len(four) < 4:
+            hint = (
+                ""
+                if len(numbers) < 4
+                else ": set osc.first to the position of the quaternion's first, from 1"
             )
-            for four, sensor in position.quaternions(numbers, message.types)
-        ]
-        if readings:
-            self._has_orientation, self.unused = True, ""
-        return readings
+            raise DatagramError(message.problem or f"has {len(numbers)} numbers, 4 were expected{hint}")
+        reading = Reading(stamp_ns, orientation(four, self._order(address)), message.time_ns)
+        in_front = map("{:.9g}".format, numbers[: first - 1]) if self._config.sensor_name else ()
+        return NamedReading(reading, (address, *message.strings, *in_front))
 
-    def _axis(self, address: str) -> str:
-        """Return the component w, x, y or z that has an address of its own, as /quaternion/x, else `""`."""
-        parent, _, last = address.rpartition("/")
-        axis, is_quaternion = component(last)
-        is_quaternion = is_quaternion or "quat" in parent.casefold()
-        return axis if parent == self._config.address or (is_quaternion and not self._config.address) else ""
-
-    def _add_component(self, message: OscMessage, axis: str, stamp_ns: int) -> list[NamedReading]:
-        parent = message.address.rpartition("/")[0] or "/"
-        if len(self._components) >= MAX_POSITIONS:
-            self._components.clear()
-        components = self._components.setdefault(parent, {})
+    def _add_component(self, message: OscMessage, axis: str, stamp_ns: int) -> NamedReading | None:
+        components = self._components
         if axis in components:  # another was lost
             components.clear()
         components[axis] = message.numbers[0]
         if len(components) < 4:
-            return []
+            return None
         four = [components[each] for each in "xyzw"]
         components.clear()
-        turned = orientation(four, "xyzw")
-        self._has_orientation, self.unused = True, ""
-        return [NamedReading(Reading(stamp_ns, turned, message.time_ns), (parent, *message.strings))]
+        names = (self._config.address, *message.strings)
+        return NamedReading(Reading(stamp_ns, orientation(four, "xyzw"), message.time_ns), names)
 
     def _is_of_other(self, address: str) -> bool:
         """Return True if an event at `address` stands beside the orientation of another sensor only."""
-        place = address.rpartition("/")[0]
+        parent = address.rpartition("/")[0]
         others = {each.rpartition("/")[0] for each in self.sensors.others}
-        return place in others and place != (self.sensors.used or "").rpartition("/")[0]
+        return parent in others and parent != (self.sensors.used or "").rpartition("/")[0]
 
-    def _is_orientation(self, message: OscMessage) -> bool:
-        if self._config.address:
-            return message.address == self._config.address
-        *before, last = (re.sub(r"[\W\d_]", "", part) for part in message.address.casefold().split("/"))
-        if last == "button" or len(message.numbers) < 4:
-            return last in NAMES
-        return any(part in NAMES | OTHER_NAMES or "quat" in part for part in (*before, last))
+    def _is_documented(self, address: str) -> bool:
+        is_zig_sim = address.startswith(ZIG_SIM) and address.endswith("/quaternion")
+        return address in ORDERS or is_zig_sim or address == self._zig_sim
 
     def _order(self, address: str) -> Order:
+        """Return the order of the numbers at `address`.
+
+        Raises:
+            DatagramError: If it is not documented.
+        """
         if self._config.order != "auto":
             return self._config.order
-        order = ORDERS.get(address)
-        stated = re.search(r"xyzw|wxyz", address, re.IGNORECASE)
-        if order is None and stated:
-            return "xyzw" if stated[0].casefold() == "xyzw" else "wxyz"
-        if order is None:
-            is_zig_sim = address == self._zig_sim or address.startswith(ZIG_SIM)
-            has_name = address.count("/") == 2 and address.endswith("/quaternion")
-            order = "xyzw" if is_zig_sim or has_name else "wxyz"
-            if not is_zig_sim:
-                self.uncertainty = (
-                    f"the order of the numbers at {address} is not known; they are read as {order}: set "
-                    "osc.order to wxyz or xyzw"
-                )
-        return order
+        if not self._is_documented(address):
+            raise DatagramError("has numbers in an unknown order: set osc.order to wxyz or xyzw")
+        return ORDERS.get(address, "xyzw")
 
     def _changed_battery(self, numbers: Sequence[float]) -> Battery | None:
         """Return NGIMU's battery if it differs from before: percent, minutes left, volts."""

@@ -3,9 +3,9 @@
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeGuard
+from typing import Any
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
@@ -17,24 +17,14 @@ from pointit.services.imu_bridge.network.datagram_source import (
     orientation,
     vector,
 )
-from pointit.services.imu_bridge.serial.line_parser import ButtonLine, Fifth, LineError, LineParser
+from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser, compile_line
 from pointit.services.imu_bridge.sources import ImuSource, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.streams import (
-    ContentError,
-    Order,
-    SensorChoice,
-    is_object,
-    names_in,
-    quaternions,
-    quoted,
-)
+from pointit.services.imu_bridge.streams import Order, SensorChoice, is_object, names_in, quoted
 
 LONGEST_DATAGRAM = 4096
 MAX_LINES = 64
 TOGETHER_NS = NS_PER_S // 10
 """Largest age of the acceleration that belongs to a rate, ns."""
-MIN_UNIX_MS, MAX_UNIX_MS = 1e12, 1e13
-"""Range of Unix times, ms: the years 2001 to 2286."""
 DAY_NS = 24 * 3600 * NS_PER_S
 _WEARMOCAP = struct.Struct(">28f")
 _ANDROID = "android.sensor."
@@ -53,9 +43,16 @@ class UdpConfig(DatagramConfig):
     order: Order = Field(
         default="wxyz", description="order of the quaternion's numbers in lines of text and in lists of JSON"
     )
-    fifth: Fifth = Field(
-        default="auto", description="meaning of a fifth number in a line of text, as of `serial.fifth`"
+    line: str = Field(
+        default="", description="form of a line of text, or of JSON as a line of text, as of `serial.line`"
     )
+
+    @field_validator("line")
+    @classmethod
+    def _form(cls, line: str) -> str:
+        if line:
+            compile_line(line)
+        return line
 
 
 class UdpDecoder(Decoder):
@@ -63,8 +60,7 @@ class UdpDecoder(Decoder):
 
     def __init__(self, config: UdpConfig) -> None:
         super().__init__(SensorChoice("udp.sensor", config.sensor_name))
-        self._order: Order = config.order
-        self._lines = LineParser(config.order, config.fifth)
+        self._lines = LineParser(config.order, config.line, "imu-bridge.udp.line")
         self._kind = ""
         """Android's sensor whose orientations are used, the first that came, or `""`."""
         self._acceleration: Vec3 | None = None
@@ -81,15 +77,21 @@ class UdpDecoder(Decoder):
         if len(data) > LONGEST_DATAGRAM:
             raise DatagramError(f"has {len(data)} bytes, more than {LONGEST_DATAGRAM}")
         text = data.strip()
-        if text.startswith((b"{", b"[{")):
-            return self._json(text, stamp_ns)
         if len(data) == _WEARMOCAP.size and not text.isascii():
             return [self._wearmocap(data, stamp_ns)]
+        if text.startswith(b"{") and (reading := _sensagram(text)) is not None:
+            if not self.sensors.accepts(*names_in(reading)):
+                return []
+            try:
+                item = self._android(reading, _numbers(reading["values"]), stamp_ns)
+            except (ValueError, TypeError, OverflowError) as error:
+                raise DatagramError(f"{quoted(text)} has a wrong value: {error}") from error
+            return [] if item is None else [item]
         return self._text(text, stamp_ns)
 
     def _text(self, text: bytes, stamp_ns: int) -> Sequence[Item]:
         items: list[Item] = []
-        for line in text.splitlines()[:MAX_LINES]:
+        for line in [text] if text.startswith(b"{") else text.splitlines()[:MAX_LINES]:
             try:
                 parsed = self._lines.parse(line)
             except LineError as error:
@@ -104,39 +106,9 @@ class UdpDecoder(Decoder):
             raise DatagramError(self.problem)
         return items
 
-    def _json(self, text: bytes, stamp_ns: int) -> Sequence[Item]:
-        try:
-            content = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            try:
-                return self._text(text, stamp_ns)  # {w:1,x:0,y:0,z:0}, which is not JSON
-            except DatagramError:
-                raise DatagramError(f"{quoted(text)} cannot be read as JSON: {error}") from error
-        try:
-            return self._content(content, stamp_ns)
-        except DatagramError:
-            raise
-        except ContentError as error:
-            raise DatagramError(f"{quoted(text)} {error}") from error
-        except (ValueError, TypeError, OverflowError) as error:
-            raise DatagramError(f"{quoted(text)} has a wrong value: {error}") from error
-
-    def _content(self, content: Any, stamp_ns: int) -> Sequence[Item]:
-        if is_object(content) and _is_list(values := content.get("values")):
-            if not self.sensors.accepts(*names_in(content)):
-                return []
-            item = self._android(content, _numbers(values), stamp_ns)
-            return [] if item is None else [item]
-        time_ns = _unix_ns(content) if is_object(content) else None
-        return [
-            Reading(stamp_ns, each.orientation_xyzw, time_ns)
-            for each in quaternions(content, self._order)
-            if self.sensors.accepts(*each.names)
-        ]
-
     def _android(self, content: Mapping[str, Any], values: list[float], stamp_ns: int) -> Item | None:
         time_ns = _time_ns(content)
-        kind = str(content.get("type", "rotation_vector")).removeprefix(_ANDROID)
+        kind = str(content["type"]).removeprefix(_ANDROID)
         if kind in _ORIENTATIONS:
             self._kind = self._kind or kind
             if kind != self._kind:
@@ -171,8 +143,14 @@ class UdpDecoder(Decoder):
         return Reading(stamp_ns, world_from_sensor, time_ns)
 
 
-def _is_list(value: Any) -> TypeGuard[list[Any]]:
-    return isinstance(value, list)
+def _sensagram(text: bytes) -> dict[str, Any] | None:
+    """Return the fields of a message of SensaGram, which has a type and a list of values, else None."""
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    is_message = is_object(content) and "type" in content and isinstance(content.get("values"), list)
+    return content if is_message else None
 
 
 def _numbers(values: Sequence[Any]) -> list[float]:
@@ -194,14 +172,3 @@ UDP = ImuSource(
     argument_optional=True,
     example="46000",
 )
-
-
-def _unix_ns(content: Mapping[str, Any]) -> int | None:
-    """Return the Unix time of a message in ns. Since its unit is not stated, it follows from the amount."""
-    time = content.get("timestamp")
-    if not isinstance(time, int | float) or isinstance(time, bool) or not MIN_UNIX_MS <= time < 2**62:
-        return None
-    for scale in (1_000_000, 1000):  # of ms and µs
-        if time * scale < MAX_UNIX_MS * 1_000_000:
-            return round(time * scale)
-    return round(time)

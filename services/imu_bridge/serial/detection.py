@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from pointit.geometry import vector
 from pointit.geometry.rotation import rotate
@@ -17,7 +17,7 @@ from pointit.services.imu_bridge.serial.framers import (
     WitMotionFramer,
     Ximu3Framer,
 )
-from pointit.services.imu_bridge.serial.line_parser import Fifth
+from pointit.services.imu_bridge.serial.line_parser import compile_line
 from pointit.services.imu_bridge.serial.text_line import TextFramer
 from pointit.services.imu_bridge.sources import Item, RawReading, Reading, Reconnected
 from pointit.services.imu_bridge.streams import Order, SensorChoice
@@ -45,15 +45,14 @@ class SerialConfig(Config):
         description="bits per second; 0: found by trying, from 115200 and 9600 on",
     )
     order: Order = Field(default="wxyz", description="order of the quaternion's numbers in a line of text")
-    fifth: Fifth = Field(
-        default="auto",
-        description="meaning of a fifth number in a line of text: a number of a sensor, a leading time in µs "
-        "or a trailing accuracy; auto: before the quaternion a sensor if it returns, else a time; behind it "
-        "an accuracy, unless it comes round and round",
+    line: str = Field(
+        default="",
+        description="form of a line of text with more than a quaternion, such as "
+        "{sensor},{t_us},{w},{x},{y},{z}; {_} is passed over",
     )
     sensor: str = Field(
         default="",
-        description="name, number or address of the sensor whose lines of text are used; the first if empty",
+        description="name or number of the sensor whose lines of text are used, if there are several",
     )
     configure: bool = Field(
         default=True,
@@ -66,6 +65,13 @@ class SerialConfig(Config):
         le=60,
         description="time without readable data after which a connected device is a warning, s",
     )
+
+    @field_validator("line")
+    @classmethod
+    def _form(cls, line: str) -> str:
+        if line:
+            compile_line(line)
+        return line
 
 
 TRY_S = 1.0
@@ -102,7 +108,7 @@ class FormatRow:
 FORMATS: Final[dict[Format, FormatRow]] = {
     "text": FormatRow(
         label="lines of text",
-        make=lambda config, _baud, sensors: TextFramer(config.order, config.fifth, sensors),
+        make=lambda config, _baud, sensors: TextFramer(config.order, config.line, sensors),
         bauds=framers.BAUDS,
         enough=1,
     ),
@@ -147,7 +153,7 @@ class DetectedSensor:
 
 def sensor_choice(config: SerialConfig) -> SensorChoice:
     """Return the choice of a sensor in lines of text."""
-    return SensorChoice("serial.sensor", config.sensor, is_noisy=True)
+    return SensorChoice("serial.sensor", config.sensor)
 
 
 class Detection:
@@ -189,15 +195,15 @@ class Detection:
         """Return the formats and speeds in question, for a warning."""
         return (
             f"tried {', '.join(FORMATS[name].label for name in self._formats)} at "
-            f"{', '.join(map(str, self._bauds))} baud{self._text_problem}"
+            f"{', '.join(map(str, self._bauds))} baud"
         )
 
     @property
-    def _text_problem(self) -> str:
-        """Return a clause about the last line if it is text, or `""`."""
+    def text_problem(self) -> str:
+        """Return the refused last line and the reason if it is text, or `""`."""
         framer = self._candidates.get("text", self.framer)
-        is_readable = isinstance(framer, TextFramer) and framer.reason.startswith("'")
-        return f"; the last line, {framer.reason}" if framer is not None and is_readable else ""
+        is_text = isinstance(framer, TextFramer) and framer.reason.startswith("'")
+        return framer.reason if framer is not None and is_text else ""
 
     def feed(self, data: bytes, stamp_ns: int, now_s: float) -> list[Item]:
         """Return the items in `data`, which arrived at `stamp_ns`, or now, `now_s`, of any clock in s."""

@@ -122,7 +122,7 @@ def _ask(port: SerialPort, config: SerialConfig, duration_s: float, stopping: th
                     return PortAnswer(port.path, port.description, detection.found, "")
     except OSError as error:
         return PortAnswer(port.path, port.description, None, describe_error(error, port.path))
-    problem = f"{count} bytes, none readable" if count else "silent"
+    problem = detection.text_problem or (f"{count} bytes, none readable" if count else "silent")
     return PortAnswer(port.path, port.description, None, problem)
 
 
@@ -143,15 +143,15 @@ class SilenceWatch:
         self.received_bytes = 0
         """Number of bytes since the last readable ones."""
 
-    def step(self, data: bytes, good: int, now_s: float, tried: str) -> str | None:
+    def step(self, data: bytes, now_s: float, detection: Detection) -> str | None:
         """Return the warning when silence begins, `""` when it ends, else None.
 
         Args:
             data: that has arrived.
-            good: number of readable packets or lines so far.
             now_s: time of the clock of the first `now_s`, s.
-            tried: formats and speeds that were tried.
+            detection: that `data` was fed to.
         """
+        good = detection.good
         self.received_bytes += len(data)
         if len(self._first) < SHOWN_BYTES:
             self._first = (self._first + data)[:SHOWN_BYTES]
@@ -163,16 +163,18 @@ class SilenceWatch:
                 return ""
         elif not self._silent and now_s - self._received_s > self._timeout_s:
             self._silent = True
-            return self._message(tried)
+            return self._message(detection)
         return None
 
-    def _message(self, tried: str) -> str:
+    def _message(self, detection: Detection) -> str:
         where = f"{self._port} is connected but sent nothing readable for {self._timeout_s:g} s"
         if not self.received_bytes:
             return f"{where}, not one byte: check the cable and that the device sends"
+        if detection.text_problem:
+            return f"the lines from {self._port} are not read, the last: {detection.text_problem}"
         return (
-            f"{where}: {self.received_bytes} bytes, the first {quoted(self._first)}; {tried}; check baud and "
-            "format, or what the device sends"
+            f"{where}: {self.received_bytes} bytes, the first {quoted(self._first)}; {detection.tried}; check "
+            "baud and format, or what the device sends"
         )
 
 
@@ -315,7 +317,7 @@ class SerialSource:
                         command_s = now_s + COMMAND_PAUSE_S
                         self._command(port, framer)
                     self._watch_bad(framer, now_s)
-                change = watch.step(data, detection.good, now_s, detection.tried)
+                change = watch.step(data, now_s, detection)
                 if change is not None:
                     self._thread.post(self._on_silence, change)
                     if change and watch.received_bytes:

@@ -1,14 +1,7 @@
 """Lines of text of a board: bytes to lines, lines to readings of one of its sensors."""
 
 from pointit.services.imu_bridge.serial.framers import SerialFramer
-from pointit.services.imu_bridge.serial.line_parser import (
-    LONGEST_LINE,
-    AnglesError,
-    Fifth,
-    LineError,
-    LineParser,
-    QuaternionLine,
-)
+from pointit.services.imu_bridge.serial.line_parser import LONGEST_LINE, LineError, LineParser, QuaternionLine
 from pointit.services.imu_bridge.sources import Item, Press, Reading
 from pointit.services.imu_bridge.streams import Order, SensorChoice, quoted
 
@@ -56,14 +49,12 @@ class TextFramer(SerialFramer):
     """Reads quaternions and gestures."""
 
     UNIT = "lines"
-    HINT = "a quaternion looks like `1.0,0.0,0.0,0.0`; check baud and order"
+    HINT = "check baud, order and line"
 
-    def __init__(
-        self, order: Order = "wxyz", fifth: Fifth = "auto", sensors: SensorChoice | None = None
-    ) -> None:
-        """Read lines as a `LineParser` of `order` and `fifth`, and those of one of the `sensors`."""
+    def __init__(self, order: Order = "wxyz", form: str = "", sensors: SensorChoice | None = None) -> None:
+        """Read lines as a `LineParser` of `order` and `form`, and those of one of the `sensors`."""
         super().__init__()
-        self._parser = LineParser(order, fifth)
+        self._parser = LineParser(order, form)
         self._splitter = LineSplitter()
         self._sensors = SensorChoice("serial.sensor") if sensors is None else sensors
 
@@ -74,9 +65,6 @@ class TextFramer(SerialFramer):
         for line in self._splitter.feed(data):
             try:
                 items += self._items(line, stamp_ns)
-            except AnglesError as error:
-                if not self.good:  # else it sends them beside quaternions
-                    self._count(1, f"{quoted(line)} {error}")
             except LineError as error:
                 self._count(1, f"{quoted(line)} {error}")
         if self._splitter.overlong > overlong:
@@ -84,15 +72,14 @@ class TextFramer(SerialFramer):
         return items
 
     def _items(self, line: bytes, stamp_ns: int) -> list[Item]:
-        items: list[Item] = []
-        for parsed in self._parser.parse_all(line):
-            self.good += 1  # also of another sensor
-            if isinstance(parsed, QuaternionLine):
-                if self._sensors.accepts(*parsed.names):
-                    items.append(Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns))
-            elif not self._sensors.is_other(*parsed.names):
-                items.append(Press(stamp_ns, parsed.gesture))
-        return items
+        parsed = self._parser.parse(line)
+        if parsed is None:
+            return []
+        self.good += 1  # also of another sensor
+        if isinstance(parsed, QuaternionLine):
+            is_used = self._sensors.accepts(*parsed.names)
+            return [Reading(stamp_ns, parsed.orientation_xyzw, parsed.device_time_ns)] if is_used else []
+        return [] if self._sensors.is_other(*parsed.names) else [Press(stamp_ns, parsed.gesture)]
 
     def _count(self, count: int, reason: str) -> None:
         self.bad += count

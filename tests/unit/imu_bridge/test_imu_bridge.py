@@ -193,7 +193,9 @@ async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
     async with memory_bench(WallClock()) as bench:
         samples, presses = bench.collect(IMU, "anna"), bench.collect(BUTTON, "anna")
         with pty_device(tmp_path / "imu") as device:
-            bench.start(ImuBridge, serial_config(device.path), user="anna")
+            serial = SerialConfig(port=str(device.path), line="{t_us},{w},{x},{y},{z}")
+            config = ImuBridgeConfig.model_validate({"source": "serial", "serial": serial})
+            bench.start(ImuBridge, config, user="anna")
             reports = bench.collect(HEALTH)
             line = b"0,0,1\n2000,0.6,0,0,0.8\n"
             await send_until(device, line, lambda: bool(samples), what="a sample")

@@ -116,7 +116,7 @@ async def test_a_page_is_waited_for_without_a_warning_and_its_sample_passed_on_w
 
 async def test_presses_of_the_device_are_held_back_and_its_restart_is_noticed(tmp_path: Path) -> None:
     with pty_device(tmp_path / "imu") as device:
-        serial = SerialConfig(port=str(device.path))
+        serial = SerialConfig(port=str(device.path), line="{t_us},{w},{x},{y},{z}")
         async with site(source="serial", serial=serial) as here:
             async with repeated(0.01, lambda: device.send(b"90000000,1,0,0,0\n")):
                 await until(lambda: bool(here.samples))

@@ -1,11 +1,14 @@
 """Lines of text from boards: each documented form, what is refused, and what no bytes may do."""
 
 import math
+import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.services.imu_bridge.network.udp import UdpConfig
+from pointit.services.imu_bridge.serial.detection import SerialConfig
 from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser, QuaternionLine
 from pointit.services.imu_bridge.serial.text_line import LineSplitter
 
@@ -24,30 +27,76 @@ def quaternion(line: bytes, parser: LineParser | None = None) -> QuaternionLine:
         b"  0.5 -0.5\t0.5 .5 ",
         b"0.5;-0.5;0.5;0.5;",
         b"Quaternion: 0.5, -0.5, 0.5, 0.5",
-        b"my-imu 2: 5e-1 -5e-1 0.5 +0.5",
+        b"quat\t0.5\t-0.5\t0.5\t0.5\t",
+        b"q 5e-1 -5e-1 0.5 +0.5",
+        b"qW: 0.5 qX: -0.5 qY: 0.5 qZ: 0.5\t\t",
+        b"w,0.5,x,-0.5,y,0.5,z,0.5",
+        b"\xef\xbb\xbf0.5,-0.5,0.5,0.5\0",
+        b'{"w": 0.5, "x": -0.5, "y": 0.5, "z": 0.5}',
+        b'{"quat_w":0.5,"quat_x":-0.5,"quat_y":0.5,"quat_z":0.5,"x":0.1,"y":0,"z":9.8}',
+        b'{"t": 7, "q": [0.5, -0.5, 0.5, 0.5]}',
+        b'{"Quaternion": [-0.5, 0.5, 0.5, 0.5], "order": "xyzw"}',
+        b'{"quat": {"x": -0.5, "y": 0.5, "z": 0.5, "w": 0.5}}',
     ],
 )
 def test_all_forms_of_one_quaternion(line: bytes) -> None:
     assert quaternion(line).orientation_xyzw == (-0.5, 0.5, 0.5, 0.5)
 
 
+def test_order_of_four_numbers_is_configurable() -> None:
+    assert quaternion(b"0,0,0,1", LineParser("xyzw")).orientation_xyzw == (0, 0, 0, 1)
+    assert quaternion(b"0,0,0,1", LineParser("wxyz")).orientation_xyzw == (0, 0, 1, 0)
+    assert quaternion(b"w:0 x:0 y:1 z:0", LineParser("xyzw")).orientation_xyzw == (0, 1, 0, 0)
+
+
 @pytest.mark.parametrize(
-    ("line", "parser", "orientation_xyzw", "time_ns"),
+    ("form", "line", "time_ns", "names"),
     [
-        (b"0,0,0,1", LineParser("xyzw"), (0, 0, 0, 1), None),
-        (b"0,0,0,1", LineParser("wxyz"), (0, 0, 1, 0), None),
-        (b"1500000,1,0,0,0", LineParser(), (0, 0, 0, 1), 1_500_000_000),
-        (b"0.00,0.00,0.71,0.71,3.14,", LineParser("xyzw"), (0, 0, math.sqrt(0.5), math.sqrt(0.5)), None),
-        (b"1,0,0,0,1", LineParser("xyzw", "time"), (0, 0, 0, 1), 1000),
-        (b"1,0,0,0,1", LineParser("xyzw", "accuracy"), (1, 0, 0, 0), None),
+        ("{sensor},{t_us},{w},{x},{y},{z}", "wrist,1500000,1,0,0,0", 1_500_000_000, ("wrist",)),
+        ("{t_ms};{w};{x};{y};{z}", "20,5; 1,0 ;0;0;0;", 20_500_000, ()),  # decimal commas
+        ("{t_s} {w} {x} {y} {z}", "0.25\t1.00  0.00 | 0 0", 250_000_000, ()),
+        ("{x},{y},{z},{w},{_},{_}", "0,0,0,1,nan,ovf", None, ()),
+        ("IMU{_} {w} {x} {y} {z}", "IMU3 1 0 0 0", None, ()),
+        (
+            "[{_}] <inf> {sensor}: {w} {x} {y} {z}",
+            "[ 00:00:01.250,000] <inf> left-1: 1 0 0 0",
+            None,
+            ("left-1",),
+        ),
+        ("$QUAT,{x},{y},{z},{w}*{_}", "$QUAT,0,0,0,+1.0*3E", None, ()),
+        ('{"id": {sensor},"rot": [{x},{y},{z},{w}]}', '{"id": 7, "rot": [0.0, 0.0, 0.0, 1.0]}', None, ("7",)),
     ],
 )
-def test_order_and_meaning_of_a_fifth_number_are_as_configured(
-    line: bytes, parser: LineParser, orientation_xyzw: tuple[float, ...], time_ns: int | None
+def test_described_line_is_read_as_it_is_described(
+    form: str, line: str, time_ns: int | None, names: tuple[str, ...]
 ) -> None:
-    parsed = quaternion(line, parser)
-    assert parsed.orientation_xyzw == pytest.approx(orientation_xyzw)
-    assert parsed.device_time_ns == time_ns
+    parser = LineParser("wxyz", form)
+    assert quaternion(line.encode(), parser) == QuaternionLine((0.0, 0.0, 0.0, 1.0), time_ns, names)
+    assert parser.parse(b"wrist: button hold") == ButtonLine("hold", ("wrist",))
+    with pytest.raises(LineError, match=r"has another form than imu-bridge\.serial\.line; describe it by"):
+        parser.parse(b"1,0,0,0,7,7,7")
+
+
+@pytest.mark.parametrize(
+    ("form", "reason"),
+    [
+        ("{w},{x},{y}", "must have each of"),
+        ("{w},{x},{y},{z},{z}", "must have each of"),
+        ("{w},{x},{y},{z},{q}", "has the unknown part {q}"),
+        ("{w}{x},{y},{z}", "has {w}{x} without a separator"),
+    ],
+)
+def test_form_without_a_clear_quaternion_is_refused(form: str, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        SerialConfig(line=form)
+    with pytest.raises(ValueError, match=reason):
+        UdpConfig(line=form)
+
+
+def test_line_that_nearly_fits_a_form_of_many_parts_is_refused_at_once() -> None:
+    parser = LineParser("wxyz", ":".join(["{_}"] * 40) + ",{w},{x},{y},{z}")
+    with pytest.raises(LineError):
+        parser.parse(b":" * 200 + b"1:" * 28)
 
 
 @pytest.mark.parametrize("line", [b"button", b"B", b"Button press", b"b:press"])
@@ -66,23 +115,29 @@ def test_lines_of_other_readings_are_ignored(line: bytes) -> None:
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
-        (b"nan,0,0,1", "'nan'"),
-        (b"inf,0,0,1", "'inf'"),
-        (b"1e999,0,0,1", "not finite"),
-        (b"1_0,0,0,1", "'1_0'"),
-        (b"1,0,0", "3 numbers"),
-        (b"1,0,0,0,0,0", "6 numbers"),
+        (b"nan,0,0,1", "let the device send four numbers"),
+        (b"1e999,0,0,1", "norm inf"),
+        (b"1_0,0,0,1", "describe it by"),
+        (b"1,0,0", "let the device send four numbers, w, x, y and z"),
+        (b"ypr\t-12.3\t5.6\t0.7", "let the device send four numbers, w, x, y and z"),
         (b"0,0,0,0", "norm 0"),
         (b"1,1,0,0", "norm 1.41"),
         (b"0.89,0,0,0", "norm 0.89"),
-        (b"-5,1,0,0,0", "time -5"),
-        (b"1e300,1,0,0,0", "time 1e+300"),
+        (
+            b"1,0,0,0,1",
+            'none of the documented forms; describe it by imu-bridge.serial.line="{_},{_},{_},{_},{_}"',
+        ),
+        (b'{"quat": [1, 0, 0, 0], "q": [0, 1, 0, 0]}', "has several quaternions; describe it by"),
+        (b'{"q": [1, 0, 0, 0], "w": 1, "x": 0, "y": 0, "z": 0}', "has several quaternions; describe it by"),
+        (b'{"q": [1, 0, 0, 0], "order": "yxzw"}', "has the order 'yxzw'"),
+        (b'[{"q": [1, 0, 0, 0]}]', "describe it by"),
+        (b'{"qw": 1, "qx": 0, "y": 0, "z": 0}', "has no quaternion; describe it by"),
         (b"\xff\x00\x80", "not text"),
-        (b"hello world", "'hello'"),
+        (b"hello world", "let the device send four numbers"),
     ],
 )
 def test_unreadable_line_is_refused_with_a_reason(line: bytes, reason: str) -> None:
-    with pytest.raises(LineError, match=reason.replace("+", r"\+")):
+    with pytest.raises(LineError, match=re.escape(reason)):
         LineParser().parse(line)
 
 

@@ -85,8 +85,8 @@ async def test_program_that_sends_each_datagram_from_another_port_is_one_sender(
 
 async def test_all_that_waits_is_read_at_once_and_the_newest_orientation_and_each_event_delivered() -> None:
     """Before a press comes the orientation at which the button was pressed."""
-    async with running(UDP) as wrist, phone_at(wrist.port) as phone:
-        await sends(wrist, phone, b"1,0,0,0")
+    async with running(UDP, line="{t_us},{w},{x},{y},{z}") as wrist, phone_at(wrist.port) as phone:
+        await sends(wrist, phone, b"1000,1,0,0,0")
         await asyncio.sleep(0.05)
         wrist.items.clear()
         sent_ns = time.time_ns()

@@ -45,29 +45,15 @@ def items(decoder: OscDecoder, address: str, *arguments: float | str) -> list[It
 def test_orientations_of_known_devices(address: str, numbers: list[float]) -> None:
     decoder = OscDecoder(OscConfig())
     assert items(decoder, address, *numbers) == [Reading(NOW, XYZW)]
-    assert decoder.uncertainty == ""
-
-
-def test_order_of_an_unknown_address_is_doubted_until_it_is_set() -> None:
-    decoder = OscDecoder(OscConfig())
-    assert items(decoder, "/chest/left/quat", *WXYZ) == [Reading(NOW, XYZW)]
-    assert decoder.uncertainty == (
-        "the order of the numbers at /chest/left/quat is not known; they are read as wxyz: set osc.order to "
-        "wxyz or xyzw"
-    )
-    for config in (OscConfig(order="wxyz"), OscConfig(order="xyzw")):
-        decoder = OscDecoder(config)
-        items(decoder, "/chest/left/quat", *WXYZ)
-        assert decoder.uncertainty == ""
 
 
 def test_address_of_two_parts_is_that_of_zig_sim_only_beside_its_device_info() -> None:
     decoder = OscDecoder(OscConfig())
-    assert items(decoder, "/my-phone/quaternion", *XYZW) == [Reading(NOW, XYZW)]
-    assert "/my-phone/quaternion is not known; they are read as xyzw" in decoder.uncertainty
+    assert items(decoder, "/my-phone/quaternion", *XYZW) == []
+    assert decoder.unused.startswith("gets messages (/my-phone/quaternion), but none with a documented")
     items(decoder, "/my-phone/deviceinfo", "iPhone", "my-phone", "ios", "18.1", 1170.0, 2532.0)
-    items(decoder, "/my-phone/quaternion", *XYZW)
-    assert decoder.uncertainty == ""
+    assert items(decoder, "/my-phone/quaternion", *XYZW) == [Reading(NOW, XYZW)]
+    assert decoder.unused == ""
 
 
 def test_address_and_order_are_configurable() -> None:
@@ -75,6 +61,29 @@ def test_address_and_order_are_configurable() -> None:
     assert items(decoder, "/wrist/7", *XYZW) == [Reading(NOW, XYZW)]
     assert items(decoder, "/wrist/8", *XYZW) == []
     assert items(decoder, "/quaternion", *XYZW) == []
+    with pytest.raises(DatagramError, match=r"/wrist/7 has numbers in an unknown order: set osc\.order"):
+        items(OscDecoder(OscConfig(address="/wrist/7")), "/wrist/7", *XYZW)
+
+
+def test_quaternion_among_other_numbers_is_read_where_it_is_declared_to_be() -> None:
+    with pytest.raises(DatagramError, match=r"has 5 numbers, 4 were expected: set osc\.first"):
+        items(OscDecoder(OscConfig()), "/quaternion", 7.0, *WXYZ)
+    assert items(OscDecoder(OscConfig(first=2)), "/quaternion", 7.0, *WXYZ) == [Reading(NOW, XYZW)]
+    decoder = OscDecoder(OscConfig(first=2, sensor="7"))
+    assert items(decoder, "/quaternion", 7.0, *WXYZ) == [Reading(NOW, XYZW)]
+    assert items(decoder, "/quaternion", 8.0, *WXYZ) == []
+
+
+def test_four_messages_below_the_declared_address_are_one_quaternion() -> None:
+    decoder = OscDecoder(OscConfig(address="/quaternion"))
+    found = [
+        item
+        for _ in range(2)
+        for axis, n in zip("xyzw", XYZW, strict=True)
+        for item in items(decoder, f"/quaternion/{axis}", n)
+    ]
+    assert found == [Reading(NOW, XYZW)] * 2
+    assert items(OscDecoder(OscConfig()), "/quaternion/x", 0.5) == []
 
 
 def test_time_of_a_bundle_is_the_time_of_the_device() -> None:
@@ -113,9 +122,10 @@ def test_norms_within_5_percent_of_1_are_normalized(norm: float, *, is_taken: bo
     assert bool(fault(Reading(0, (0.0, 0.0, 0.0, norm)))) is not is_taken
 
 
-def test_messages_that_are_too_short_or_not_numbers_are_passed_over() -> None:
+def test_messages_that_are_too_short_or_not_numbers_are_refused() -> None:
     decoder = OscDecoder(OscConfig())
-    assert items(decoder, "/quaternion", 1.0, 0.0) == []
+    with pytest.raises(DatagramError, match="/quaternion has 2 numbers, 4 were expected"):
+        items(decoder, "/quaternion", 1.0, 0.0)
     assert items(decoder, "/battery", math.nan, 60.0, 3.9) == []
     with pytest.raises(DatagramError, match="three finite numbers"):
         items(decoder, "/sensors", math.nan, *[0.0] * 9)

@@ -104,10 +104,6 @@ def test_wearmocap_sends_28_floats() -> None:
     [
         {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5},
         {"qw": 0.5, "QX": "-0.5", "qy": 0.5, "qz": -0.5},
-        {
-            "device": {"name": "phone"},
-            "sensordata": {"quaternion": {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}},
-        },
         {"quat": [0.5, -0.5, 0.5, -0.5]},
         b"0.5,-0.5,0.5,-0.5",
         b" Quaternion: 0.5 -0.5 0.5 -0.5\r\n",
@@ -120,7 +116,7 @@ def test_quaternions_as_json_and_as_text(content: object) -> None:
 def test_order_of_lists_and_lines_is_configurable() -> None:
     decoder = UdpDecoder(UdpConfig(order="xyzw"))
     assert items(b"-0.5,0.5,-0.5,0.5\nbutton double\n", decoder) == [Reading(NOW, XYZW), Press(NOW, "double")]
-    assert items({"orientation": [*XYZW]}, decoder) == [Reading(NOW, XYZW)]
+    assert items({"quaternion": [*XYZW]}, decoder) == [Reading(NOW, XYZW)]
 
 
 @pytest.mark.parametrize(

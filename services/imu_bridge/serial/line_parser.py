@@ -41,7 +41,7 @@ _POINT, _COMMA = _REAL.replace("MARK", r"\."), _REAL.replace("MARK", "[.,]")
 _NUMBER = re.compile(_POINT)
 _DECIMAL_COMMA = re.compile(r"(?<![\d,])\d+,\d+(?![\d,])")
 _STAMP = (
-    r"\d{4}-\d\d-\d\d(?:T[\d:.]+(?:Z|[+-]\d\d:?\d\d)?)?|\d\d?:\d\d:\d\d(?:[.,]\d+)*"
+    r"\d{4}[-_/]\d\d[-_/]\d\d(?:[T_][\d:.]+(?:Z|[+-]\d\d:?\d\d)?)?|\d\d?:\d\d:\d\d(?:[.,]\d+)*"
     r"|(?:[\da-fA-F]{2}:){5}[\da-fA-F]{2}|0[xX][\da-fA-F]+|(?<=\*)[\da-fA-F]{2}(?!\w)"
 )
 """Dates, times of day, addresses, hexadecimal numbers and checksums, each of which is one part."""

@@ -173,8 +173,8 @@ class SilenceWatch:
         if detection.text_problem:
             return f"the lines from {self._port} are not read, the last: {detection.text_problem}"
         return (
-            f"{where}: {self.received_bytes} bytes, the first {quoted(self._first)}; {detection.tried}; check "
-            "baud and format, or what the device sends"
+            f"{where}: {self.received_bytes} bytes, the first {quoted(self._first)}; {detection.tried}; "
+            "check baud and format, or what the device sends"
         )
 
 

@@ -22,7 +22,7 @@ READ = [
     "qW: 0.6000 qX: 0.6400 qY: 0.0000 qZ: -0.4800\t\t",  # Adafruit BNO055, rawdata
     "Quaternion: 0.6000, 0.6400, 0.0000, -0.4800",  # Adafruit AHRS, calibrated_orientation
     "Quaternion: w: 0.60 x: 0.64 y: 0.00 z: -0.48",
-    '{"quat_w":0.6000, "quat_x":0.6400, "quat_y":0.0000, "quat_z":-0.4800}',  # SparkFun ICM-20948, QUAT_ANIMATION
+    '{"quat_w":0.6000, "quat_x":0.6400, "quat_y":0.0000, "quat_z":-0.4800}',  # SparkFun ICM-20948
 ]
 DESCRIBED = [  # a line, and the places of w, x, y and z among its numbers
     ("X: 12.0000\tY: 3.1000\tZ: -7.4000\t\tqW: 0.6000 qX: 0.6400 qY: 0.0000 qZ: -0.4800\t\t", (3, 4, 5, 6)),
@@ -49,14 +49,12 @@ DESCRIBED = [  # a line, and the places of w, x, y and z among its numbers
     ("{w:0.6,x:0.64,y:0.0,z:-0.48}", (0, 1, 2, 3)),
     ("quat xyzw: 0.64 0.0 -0.48 0.6 0", (3, 0, 1, 2)),
     (
-        '{"timestamp": 1714560000123, "motionQuaternionW": "0.6", "motionQuaternionX": "0.64",'
-        ' "motionQuaternionY": "0.0", "motionQuaternionZ": "-0.48"}',  # SensorLog
+        '{"t": 171456, "motionQuaternionW": "0.6", "X": "0.64", "Y": "0.0", "Z": "-0.48"}',
         (1, 2, 3, 4),
-    ),
+    ),  # SensorLog
     (
-        '{"device":{"name":"ZIG"},"timestamp":"2024_05_01_12:00:00.250","sensordata":'
-        '{"quaternion":{"x":0.64,"y":0.0,"z":-0.48,"w":0.6}}}',  # ZIG SIM
-        (-1, -4, -3, -2),
+        '{"time":"2024_05_01_12:00:00.25","data":{"rotation":{"x":0.64,"y":0.0,"z":-0.48,"w":0.6}}}',
+        (4, 1, 2, 3),
     ),
     ('{"rot": [0.64, 0.0, -0.48, 0.6], "bat": 87}', (3, 0, 1, 2)),
     ('[{"name":"orientation","time":17,"values":{"qw":0.6,"qx":0.64,"qy":0.0,"qz":-0.48}}]', (1, 2, 3, 4)),
@@ -91,9 +89,11 @@ def test_other_lines_are_refused_with_a_parameter_that_reads_them(line: str, pla
     with pytest.raises(LineError) as refusal:
         LineParser().parse(line.encode())
     config = SerialConfig(line=filled_form(str(refusal.value), places))
-    parsed = LineParser(config.order, config.line).parse(line.encode())
-    assert isinstance(parsed, QuaternionLine)
-    assert parsed.orientation_xyzw == pytest.approx(XYZW)
+    later = line.replace("12:", "23:").replace("123", "987").replace("-03-", "-11-").replace("_05_", "_11_")
+    for each in (line, later):
+        parsed = LineParser(config.order, config.line).parse(each.encode())
+        assert isinstance(parsed, QuaternionLine)
+        assert parsed.orientation_xyzw == pytest.approx(XYZW)
     with pytest.raises(DatagramError) as refused:
         UdpDecoder(UdpConfig()).items(line.encode(), 0)
     decoder = UdpDecoder(UdpConfig(line=filled_form(str(refused.value), places)))
@@ -114,8 +114,8 @@ def test_two_sensors_of_a_port_are_refused_until_one_is_named() -> None:
     sensors = SensorChoice("serial.sensor")
     assert len(TextFramer("wxyz", form, sensors).feed(lines, 0)) <= 2  # before the second is proven
     assert sensors.warning == (
-        "several sensors send in one stream (elbow, wrist), and none is used: set serial.sensor to the one on "
-        "the wrist"
+        "several sensors send in one stream (elbow, wrist), and none is used: set serial.sensor to the one "
+        "on the wrist"
     )
     config = SerialConfig(line=form, sensor="Wrist")
     items = Detection(config).feed(lines + b"elbow: button\nwrist: button\n", 7, 0.0)
@@ -158,7 +158,7 @@ def test_names_that_all_differ_are_reported_and_never_read() -> None:
 
 def test_configured_sensor_that_is_not_heard_is_named_with_those_that_are() -> None:
     sensors = SensorChoice("udp.sensor", "Wrist")
-    assert not any([sensors.accepts("elbow") for _ in range(3)])
+    assert not any(sensors.accepts("elbow") for _ in range(3))
     assert sensors.warning == "no sensor 'wrist' is heard, but elbow: set udp.sensor to one of them"
     assert sensors.accepts("left", "wrist")
     assert sensors.warning == ""
@@ -172,8 +172,8 @@ def test_warning_of_a_port_shows_the_line_and_the_parameter_alone() -> None:
         warning = watch.step(data, number / 10, detection) or warning
     assert warning == (
         "the lines from the port are not read, the last: '1500,0.6,0.64,0,-0.48' has none of the documented "
-        'forms; describe it by imu-bridge.serial.line="{_},{_},{_},{_},{_}", with {w}, {x}, {y} and {z} for the '
-        "quaternion's {_}"
+        'forms; describe it by imu-bridge.serial.line="{_},{_},{_},{_},{_}", with {w}, {x}, {y} and {z} for '
+        "the quaternion's {_}"
     )
 
 

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
@@ -228,7 +229,7 @@ class OscConfig(DatagramConfig):
     )
     address: str = Field(
         default="",
-        description="address of the messages with the orientation, such as /imu/quat, or of four messages "
+        description="address of the messages with the orientation, such as /gyrosc/quat, or of four messages "
         "below it, w, x, y and z; if empty those of NGIMU, GyrOSC, ZIG SIM, Sensors2OSC and SceneRotator",
     )
     first: int = Field(
@@ -280,6 +281,7 @@ class OscDecoder(Decoder):
         """
         messages, problem = parse_each(data)
         items: list[Item] = []
+        senders = Counter[tuple[tuple[str, ...], int | None]]()
         for message in messages:
             try:
                 item = self._item(message, stamp_ns)
@@ -288,7 +290,11 @@ class OscDecoder(Decoder):
                 continue
             if isinstance(item, NamedReading):
                 self._has_orientation, self.unused = True, ""
-                item = item.reading if self.sensors.accepts(*item.names) else None
+                sender = item.names, item.reading.device_time_ns
+                senders[sender] += 1
+                number = senders[sender]  # several at one time are those of several sensors
+                names = item.names if number == 1 else (" ".join((*item.names, f"{number}")),)
+                item = item.reading if self.sensors.accepts(*names) else None
             if item is not None:
                 items.append(item)
         if problem and not items:

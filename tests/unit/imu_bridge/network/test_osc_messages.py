@@ -114,6 +114,19 @@ def test_stream_of_two_sensors_is_refused_until_one_is_named(
         assert ("set osc.sensor" in decoder.sensors.warning) is not bool(sensor)
 
 
+def test_orientations_of_one_address_and_time_are_those_of_several_sensors() -> None:
+    head = packed("/quaternion", ",ffff", struct.pack(">4f", *WXYZ))
+    other = packed("/quaternion", ",ffff", struct.pack(">4f", 0.8, 0.0, 0.0, 0.6))
+    for sensor, expected in (("/quaternion", XYZW), ("/quaternion 2", OTHER)):
+        decoder = OscDecoder(OscConfig(sensor=sensor))
+        (reading,) = decoder.items(bundled(head, other), NOW)
+        assert isinstance(reading, Reading)
+        assert reading.world_from_sensor == pytest.approx(expected)
+    decoder = OscDecoder(OscConfig())
+    assert len([item for _ in range(9) for item in decoder.items(bundled(head, other), NOW)]) <= 2
+    assert "(/quaternion, /quaternion 2), and none is used: set osc.sensor" in decoder.sensors.warning
+
+
 def test_button_beside_the_orientation_of_another_sensor_is_not_the_arms() -> None:
     decoder = OscDecoder(OscConfig(sensor="/ZIGSIM/hand/quaternion"))
     items(decoder, "/ZIGSIM/hand/quaternion", *XYZW)

@@ -14,7 +14,7 @@ NOW = 1_800_000_000 * NS_PER_S
 
 
 def items(decoder: OscDecoder, address: str, *arguments: float | str) -> list[Item]:
-    return list(decoder.items(bytes(build_msg(address, list(arguments)).dgram), NOW))
+    return list(decoder.items(build_msg(address, list(arguments)).dgram, NOW))
 
 
 def packed(address: str, types: str, *parts: bytes, encoding: str = "utf-8") -> bytes:
@@ -108,7 +108,7 @@ def test_stream_of_two_sensors_is_refused_until_one_is_named(
             item
             for _ in range(6)
             for address, *arguments in (mine, others)
-            for item in decoder.items(bytes(build_msg(str(address), arguments).dgram), NOW)
+            for item in decoder.items(build_msg(str(address), arguments).dgram, NOW)
         ]
         assert found == [Reading(NOW, XYZW)] * count
         assert ("set osc.sensor" in decoder.sensors.warning) is not bool(sensor)

@@ -12,8 +12,10 @@ import pytest
 import serial
 from serial.tools import list_ports
 
-from pointit.runtime.host.serial_port import PortSettings, SerialThread, describe_error, open_port
-from tests.support.bench import until
+from pointit.runtime.host.serial_port import PortSettings, SerialPort, SerialThread, describe_error, open_port
+from pointit.services.imu_bridge.serial.detection import SerialConfig
+from pointit.services.imu_bridge.serial.source import ask_ports
+from tests.support.bench import repeated, until
 from tests.support.pty_device import pty_device
 
 pytestmark = pytest.mark.wall_time
@@ -106,3 +108,11 @@ async def test_a_port_that_opens_and_fails_at_once_is_not_hammered(tmp_path: Pat
     assert opened[2] - opened[1] >= 0.4
     assert reasons[:2] == ["", f"{device.path} went away: plug the device in again"]
     assert not any(thread.name.startswith("serial ") for thread in threading.enumerate())
+
+
+async def test_search_of_ports_names_the_line_that_is_not_read(tmp_path: Path) -> None:
+    with pty_device(tmp_path / "imu") as device:
+        async with repeated(0.02, lambda: device.send(b"3,0.6,0.64,0,-0.48\n")):
+            (answer,) = await ask_ports([SerialPort(str(device.path), "a board")], SerialConfig(), 1.0)
+    assert answer.found is None
+    assert 'describe it by imu-bridge.serial.line="{_},{_},{_},{_},{_}"' in answer.problem

@@ -60,6 +60,7 @@ class UdpDecoder(Decoder):
 
     def __init__(self, config: UdpConfig) -> None:
         super().__init__(SensorChoice("udp.sensor", config.sensor_name))
+        self._is_described = config.line != ""
         self._lines = LineParser(config.order, config.line, "imu-bridge.udp.line")
         self._kind = ""
         """Android's sensor whose orientations are used, the first that came, or `""`."""
@@ -77,9 +78,9 @@ class UdpDecoder(Decoder):
         if len(data) > LONGEST_DATAGRAM:
             raise DatagramError(f"has {len(data)} bytes, more than {LONGEST_DATAGRAM}")
         text = data.strip()
-        if len(data) == _WEARMOCAP.size and not text.isascii():
+        if len(data) == _WEARMOCAP.size and not text.isascii() and not self._is_described:
             return [self._wearmocap(data, stamp_ns)]
-        if text.startswith(b"{") and (reading := _sensagram(text)) is not None:
+        if not self._is_described and (reading := _sensagram(text)) is not None:
             if not self.sensors.accepts(*names_in(reading)):
                 return []
             try:
@@ -145,6 +146,8 @@ class UdpDecoder(Decoder):
 
 def _sensagram(text: bytes) -> dict[str, Any] | None:
     """Return the fields of a message of SensaGram, which has a type and a list of values, else None."""
+    if not text.startswith(b"{"):
+        return None
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):

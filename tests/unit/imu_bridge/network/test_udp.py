@@ -113,6 +113,11 @@ def test_quaternions_as_json_and_as_text(content: object) -> None:
     assert items(content) == [Reading(NOW, XYZW)]
 
 
+def test_described_line_is_read_although_it_resembles_a_message_of_sensagram() -> None:
+    decoder = UdpDecoder(UdpConfig(line='{"type": "imu", "values": [{w}, {x}, {y}, {z}]}'))
+    assert items({"type": "imu", "values": [0.5, -0.5, 0.5, -0.5]}, decoder) == [Reading(NOW, XYZW)]
+
+
 def test_order_of_lists_and_lines_is_configurable() -> None:
     decoder = UdpDecoder(UdpConfig(order="xyzw"))
     assert items(b"-0.5,0.5,-0.5,0.5\nbutton double\n", decoder) == [Reading(NOW, XYZW), Press(NOW, "double")]

@@ -21,8 +21,8 @@ from pointit.bridges.web.model.site_model import shown_path, with_shown_path
 from pointit.maps.checks.things import TESTED, confusions
 from pointit.maps.edit import Edit, edited, write_new
 from pointit.maps.file import FOLDER, PACKAGE, SUFFIX, map_path, parse_map_file
+from pointit.maps.floor import extent, floor_edges
 from pointit.maps.model import MapFile
-from pointit.maps.picture import extent, floor_edges
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.config.yaml_file import MAX_YAML_BYTES
 from pointit.runtime.errors import PointItError, RefusedError

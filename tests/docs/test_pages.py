@@ -37,6 +37,20 @@ UNRUN = {
     "docs/tutorial/wrist.md": 3,
 }  # fmt: skip
 """Number of blocks of each page that are not run."""
+LONG = {
+    f"docs/how-to/{name}.md"
+    for name in (
+        "assistants",
+        "measure",
+        "network",
+        "put-that-there",
+        "replay",
+        "robots",
+        "ros2-robots",
+        "study",
+    )
+}
+"""Pages whose blocks take 7 s of CPU or more; `.ci/nightly` runs them."""
 READERS: dict[str, Callable[[str], Any]] = {"yaml": yaml.safe_load, "json": json.loads, "toml": tomllib.loads}
 PAGES = {str(page.relative_to(ROOT)): blocks(page, page.read_text(encoding="utf-8")) for page in pages()}
 
@@ -44,7 +58,12 @@ PAGES = {str(page.relative_to(ROOT)): blocks(page, page.read_text(encoding="utf-
 @pytest.mark.slow  # `scripts/docs` runs them
 @pytest.mark.timeout(900)  # of each block: see `PATIENCE_S`
 @pytest.mark.parametrize(
-    "page", [name for name, found in PAGES.items() if any(each.language in RUN for each in found)]
+    "page",
+    [
+        pytest.param(name, marks=pytest.mark.long) if name in LONG else name
+        for name, found in PAGES.items()
+        if any(each.language in RUN for each in found)
+    ],
 )
 async def test_blocks_run_and_print_what_the_page_shows(page: str, tmp_path: Path) -> None:
     async with shell(tmp_path) as reader:
@@ -67,7 +86,7 @@ def test_every_block_is_run_read_or_listed(page: str) -> None:
 
 
 def test_listed_pages_exist() -> None:
-    assert UNRUN.keys() <= PAGES.keys()
+    assert UNRUN.keys() | LONG <= PAGES.keys()
 
 
 async def follow(text: str, folder: Path) -> None:

@@ -62,6 +62,7 @@ def is_far(candidate: dict[str, Any]) -> bool:
     return candidate["kind"] == "place" and math.dist(candidate["position_m"][:2], START_M) > 1.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 async def test_a_rover_goes_where_a_person_points_and_a_lost_site_comes_back(
     commands: Commands, endpoint: str, tmp_path: Path

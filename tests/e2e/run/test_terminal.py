@@ -137,6 +137,7 @@ async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns
         assert "of" in shown.text.rpartition("Selected ")[2]
 
 
+@pytest.mark.long
 async def test_the_page_stays_in_view_and_the_run_goes_on_for_it(endpoint: str, tmp_path: Path) -> None:
     page = ("--web-port", "0", "--no-browser", "--listen", endpoint)
     with terminal(80, 30, "run", own_scenario(tmp_path, 10), *page) as shown:
@@ -179,6 +180,7 @@ async def test_space_and_enter_are_the_persons_button(endpoint: str, key: bytes)
         assert shown.after == shown.before
 
 
+@pytest.mark.long
 async def test_logs_stand_above_it(endpoint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A child that is killed is reported while the view is drawn."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))

@@ -88,6 +88,7 @@ def test_what_corrections_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert {"raw", "pointit"} <= {row["solver"] for row in rows}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of a terminal")
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_it_ends_at_once_with_all_its_processes(number: int, tmp_path: Path) -> None:

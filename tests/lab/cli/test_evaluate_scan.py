@@ -2,11 +2,13 @@
 
 import json
 
+import pytest
 from click.testing import CliRunner
 
 from pointit_lab.cli.scan import scan
 
 
+@pytest.mark.long
 def test_scans_of_a_room_state_their_errors() -> None:
     result = CliRunner().invoke(
         scan, ["--rooms", "1", "--seed", "33", "--jobs", "1", "--json", "-"], catch_exceptions=False

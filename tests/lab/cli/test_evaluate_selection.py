@@ -51,6 +51,7 @@ def test_a_table_for_people_json_and_a_picture(tmp_path: Path) -> None:
     assert picture.stat().st_size > 1000
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_differences_between_methods_from_twenty_trials_on(tmp_path: Path) -> None:
     file = tmp_path / "rows.json"

@@ -114,6 +114,7 @@ def test_without_the_true_yaw_there_is_none() -> None:
     assert math.isnan(unknown)
 
 
+@pytest.mark.long
 def test_no_solver_is_better_on_simulated_people() -> None:
     """People who follow a robot or point at lamps, with slopes, lag and correlated scatter of their own."""
     drawn = np.random.default_rng(2)
@@ -141,6 +142,7 @@ def error_m(one: LocalizationTrial, settings: SolverSettings) -> float | None:
     return math.hypot(found.x_m - one.x_m, found.y_m - one.y_m)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["motion_relloc", "proximity_waypoints"])
 def test_our_solver_is_not_better_on_recorded_people(name: str) -> None:
     trials = read_trials(data_file(f"recordings/{name}").parent, [name]).trials

@@ -175,6 +175,7 @@ def test_trials_are_read_with_the_times_at_which_they_were(tmp_path: Path) -> No
     assert math.degrees(rest.yaw_rate_radps) == pytest.approx(-0.3, abs=0.02)
 
 
+@pytest.mark.long
 def test_the_filter_follows_a_recorded_drift(tmp_path: Path) -> None:
     for number in range(6):
         rate = (-0.45, -0.3, -0.1, 0.15, 0.3, 0.4)[number]
@@ -191,6 +192,7 @@ def test_the_filter_follows_a_recorded_drift(tmp_path: Path) -> None:
     assert find(rows, "90 s, 2 anchors", "pointit", "03").n == 3
 
 
+@pytest.mark.long
 def test_simulated_people_are_within_3_degrees_after_three_minutes(hundred: list[Row]) -> None:
     rows = hundred
     condition = "3 min, 1 anchor/min, after it"
@@ -253,6 +255,7 @@ def test_ratios_have_intervals_over_people() -> None:
     assert ratios(["a", "b"], [1.0, 1.0], [1.0, 1.0]) is None
 
 
+@pytest.mark.long
 def test_recorded_people_are_within_3_degrees_after_3_minutes(recordings: Path, recorded: list[Row]) -> None:
     assert all(set(trial.phases) == set(PHASES) for trial in read_floor_trials(recordings))
     rows = recorded

@@ -133,6 +133,7 @@ def test_rays_that_do_not_tell_where_the_eyes_are_are_refused(tmp_path: Path) ->
         read_wall_trials(tmp_path / "vr_eyefinger")
 
 
+@pytest.mark.long
 def test_recorded_people() -> None:
     """Pitch of a new person, held-out targets, rms; target of the issue: at most 1.5 deg after one anchor."""
     rows = offset_rows(data_file("recordings"), lambda _: None)
@@ -181,6 +182,7 @@ def median_m(rows: list[Row], solver: str) -> float:
     return there(row.position_m).median
 
 
+@pytest.mark.long
 def test_the_prior_of_a_person_is_that_of_all_others() -> None:
     biases = {"a": 11.0, "b": 13.0, "c": 12.0, "d": 12.5}
     told = list(trials(*(recording(name, "1", bias, 0) for name, bias in biases.items())))

@@ -1,219 +1,218 @@
-"""Opens ROS 2 bags: folders and files, also those that are cut off, compressed or without metadata.yaml."""
+"""Opens ROS 2 bags: a folder with its metadata.yaml, or one of its files. Damaged ones are refused."""
 
-import itertools
-import os
-import re
 import shutil
 import tempfile
-from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from pointit.recording.container import MAX_RECORD_BYTES, DamagedError
-from pointit.recording.library import ZstdDecompressor, ZstdError
+from pointit.recording.container import DAMAGED, MAX_RECORD_BYTES, DamagedError, read, records, unpack
+from pointit.recording.library import Chunk, Opcode, ZstdDecompressor, ZstdError
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
-from pointit.schemas import NS_PER_S
 
 try:
     from rosbags.rosbag2 import Reader
-
-    from pointit.conversion.damaged_bag import (
-        BagConnection,
-        BagMessage,
-        journals_of,
-        page_bytes,
-        read_mcap,
-        read_sqlite,
-    )
 except ImportError as error:
     raise ConfigError(f"ROS 2 bags need {remedy('ros2')}") from error
 
 METADATA = "metadata.yaml"
 """File in the folder of a bag."""
-
-STORAGES: Mapping[str, Callable[[Path], Iterator[BagMessage]]] = {".mcap": read_mcap, ".db3": read_sqlite}
-"""Readers of damaged files, by suffix."""
-
 COMPRESSED = ".zstd"
 """Further suffix of a file that is compressed as a whole."""
-
 REPAIRS = {
     ".mcap": "`mcap recover {0} -o whole.mcap` writes a whole file",
-    ".db3": "`sqlite3 {0} .recover | sqlite3 whole.db3` writes a whole file",
+    ".db3": "`sqlite3 {0} .dump | sed 's/^ROLLBACK.*/COMMIT;/' | sqlite3 whole.db3` writes a whole file",
 }
-"""Commands that repair a file, by suffix."""
-
-_PARTS = re.compile(r"(\d+)")
+"""Commands that repair a file, by its suffix."""
+MAX_RATIO = 20
+"""Maximum size of an unpacked file relative to the packed one."""
+RESERVE_BYTES = 1 << 30
+"""Space that unpacked files leave free on their disk, bytes."""
+BLOCK_BYTES = 1 << 20
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+class BagConnection(NamedTuple):
+    """A topic of a bag."""
+
+    id: int
+    topic: str
+    msgtype: str
+    digest: str
+    """Hash of the type, or `""` if the bag has none."""
 
 
 @dataclass
 class OpenBag:
     """A bag that can be read."""
 
-    connections: Sequence[Any]
-    """Topics: `id`, `topic`, `msgtype`, `digest`."""
+    connections: Sequence[BagConnection]
     began_ns: int
     """Time of the first message, ns."""
-    messages: Callable[[Sequence[Any]], Iterator[tuple[Any, int, bytes]]]
+    messages: Callable[[Sequence[BagConnection]], Iterator[tuple[BagConnection, int, bytes]]]
     """Returns topic, time (ns) and content of the messages of some topics, in order of time."""
-    notes: list[str] = field(default_factory=list[str])
-    """Sentences about what is missing."""
-
-
-@contextmanager
-def open_bag(path: Path) -> Generator[OpenBag]:
-    """Open the bag at `path`, a folder or a file. Of a damaged one, what is complete can be read.
-
-    Raises:
-        ConfigError: If nothing of it can be read. The message has the reason and the repair.
-    """
-    with ExitStack() as stack:
-        reader = None
-        try:
-            if not any(map(journals_of, _storages(path))):  # rosbags does not read them
-                reader = stack.enter_context(Reader(str(path)))
-                deque(reader.messages(), maxlen=0)  # the damage may be in the last message
-        except Exception:  # noqa: BLE001 - those of rosbags, SQLite and the packings
-            reader = None
-        if reader is not None:
-            yield OpenBag(reader.connections, reader.start_time, reader.messages)
-        else:
-            yield _open_damaged(path, Path(stack.enter_context(tempfile.TemporaryDirectory())))
 
 
 def is_bag(path: Path) -> bool:
     """Return True if `path` has the form of a bag: a file of one, or a folder with such."""
-    return bool(_storages(path)) or (path / METADATA).is_file()
+    return any(map(_is_storage, path.iterdir() if path.is_dir() else [path])) or (path / METADATA).is_file()
 
 
-class _Part:
-    """A file of a damaged bag, read once to find out what is complete."""
+@contextmanager
+def open_bag(path: Path) -> Generator[OpenBag]:
+    """Open the bag at `path`, a folder or a file.
 
-    def __init__(self, path: Path, spare: Path) -> None:
-        """Read the file at `path`; a copy of it in the folder `spare` is made if need be."""
-        self.name = path.name
-        self.problem = ""
-        self.count = 0
-        self.topics: set[tuple[str, str]] = set()
-        """Names and types."""
-        self.first_ns = self.last_ns = 0
-        self._path = path
-        try:
-            if not path.stat().st_size:
-                raise DamagedError("is empty")  # noqa: TRY301
-            self._path = _copy(path, spare)
-            for count, (connection, time_ns, _) in enumerate(self._read(), 1):
-                self.first_ns = time_ns if count == 1 else min(self.first_ns, time_ns)
-                self.last_ns = max(self.last_ns, time_ns)
-                self.count = count
-                self.topics.add((connection.topic, connection.msgtype))
-        except (DamagedError, OSError) as error:
-            self.problem = str(error)
+    Raises:
+        ConfigError: If it is damaged or incomplete. The message has the command that repairs it.
+    """
+    metadata = _Metadata(path) if path.is_dir() else None
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        readers: list[Any] = []
+        for file in [path] if metadata is None else metadata.files:
+            storage = _unpack(file, folder) if file.suffix == COMPRESSED else file
+            readers.append(_open_storage(file, storage, stack))
+        count = sum(reader.message_count for reader in readers)
+        if metadata is not None and count != metadata.count:
+            raise ConfigError(
+                f"{path}: has {count} messages, and {metadata.count} by its {METADATA}: copy it again, or "
+                f"give one of its files instead of the folder"
+            )
+        if not count:
+            raise ConfigError(f"{path}: has no messages: record it again")
+        digests = {} if metadata is None else metadata.digests
+        topics = {
+            (each.topic, each.msgtype): each.digest for reader in readers for each in reader.connections
+        }
+        connections = {
+            key: BagConnection(number, *key, digests.get(key[0], "") or digest)
+            for number, (key, digest) in enumerate(topics.items())
+        }
 
-    def messages(self, connections: Mapping[tuple[str, str], BagConnection]) -> Iterator[BagMessage]:
-        """Yield the messages of the topics `connections`, by name and type, in order of time."""
-        messages: list[BagMessage] = []
-        with suppress(DamagedError):
-            for connection, time_ns, data in self._read():
-                if (own := connections.get((connection.topic, connection.msgtype))) is not None:
-                    messages.append((own, time_ns, data))
-        yield from sorted(messages, key=lambda each: each[1])
+        def messages(wanted: Sequence[BagConnection]) -> Iterator[tuple[BagConnection, int, bytes]]:
+            for reader in readers:
+                own = [each for each in reader.connections if connections[each.topic, each.msgtype] in wanted]
+                for each, time_ns, data in reader.messages(own) if own else ():  # none is all to rosbags
+                    yield connections[each.topic, each.msgtype], time_ns, data
 
-    def note(self, stated: int) -> str:
-        """Return a sentence about what is missing; metadata have `stated` messages, 0 if it is unknown."""
-        if not self.count:
-            return f"{self.name}: {self.problem}"
-        of = f" of {stated}" if stated else ""
-        length_s = (self.last_ns - self.first_ns) / NS_PER_S
-        return (
-            f"{self.name}: {self.problem}; {self.count}{of} messages of {length_s:.2f} s are read; "
-            f"{REPAIRS[self._path.suffix].format(self.name)}"
-        )
-
-    def _read(self) -> Iterator[BagMessage]:
-        return STORAGES[self._path.suffix](self._path)
-
-
-def _open_damaged(path: Path, spare: Path) -> OpenBag:
-    """Return the readable part of a damaged bag. Copies of files are made in the empty folder `spare`."""
-    metadata = _Metadata(path if path.is_dir() else path.parent)
-    files, notes = _storages(path), list[str]()
-    if path.is_dir():
-        files = [each for each in files if each.name in metadata.counts] or files
-        absent = [name for name in metadata.counts if not (path / name).exists()]
-        notes += [f"{name}: is missing; copy it into {path}" for name in absent]
-        if not metadata.counts:
-            notes.append(f"{METADATA} is missing or damaged; `ros2 bag reindex {path}` writes a new one")
-    parts = [_Part(file, spare) for file in files]
-    notes += [part.note(metadata.counts.get(part.name, 0)) for part in parts if part.problem]
-    topics = sorted(set[tuple[str, str]]().union(*(part.topics for part in parts)))
-    if not topics:
-        reason = "; ".join(notes) or "it has no messages"
-        raise ConfigError(f"{path}: cannot be read as a ROS 2 bag ({reason}); record or copy it again")
-    connections = [
-        BagConnection(number, *topic, metadata.digests.get(topic[0], ""))
-        for number, topic in enumerate(topics)
-    ]
-
-    def messages(connections: Sequence[BagConnection]) -> Iterator[BagMessage]:
-        by_topic = {(each.topic, each.msgtype): each for each in connections}
-        return itertools.chain.from_iterable(part.messages(by_topic) for part in parts)
-
-    began_ns = min(part.first_ns for part in parts if part.count)
-    return OpenBag(connections, began_ns, messages, notes)
+        yield OpenBag([*connections.values()], min(reader.start_time for reader in readers), messages)
 
 
 class _Metadata:
-    """Contents of a bag's metadata.yaml, as far as it can be read."""
+    """Content of a bag's metadata.yaml.
+
+    Raises: ConfigError: If it is missing or damaged, or a file that it names is missing.
+    """
 
     def __init__(self, folder: Path) -> None:
-        self.counts: dict[str, int] = {}
-        """Messages by the name of the file, in the order of the bag."""
-        self.digests: dict[str, str] = {}
-        """Hashes of types by topic."""
-        with suppress(ConfigError, LookupError, TypeError, AttributeError):
-            stated = read_yaml(folder / METADATA)["rosbag2_bagfile_information"]
-            self.counts = {Path(name).name: 0 for name in stated["relative_file_paths"]}
-            self.counts |= {
-                Path(each["path"]).name: each["message_count"] for each in stated.get("files", [])
+        path = folder / METADATA
+        try:
+            content: Any = read_yaml(path)["rosbag2_bagfile_information"]
+            self.files = [folder / Path(name).name for name in content["relative_file_paths"]]
+            self.count = int(content["message_count"])
+            """Number of messages."""
+            topics = [each["topic_metadata"] for each in content["topics_with_message_count"]]
+            self.digests: Mapping[str, str] = {
+                each["name"]: each.get("type_description_hash", "") for each in topics
             }
-            for each in stated["topics_with_message_count"]:
-                topic = each["topic_metadata"]
-                self.digests[topic["name"]] = topic.get("type_description_hash", "")
+            """Hashes of types by topic."""
+        except (ConfigError, LookupError, TypeError, ValueError, AttributeError) as error:
+            raise ConfigError(
+                f"{path}: is missing or damaged: `ros2 bag reindex {folder}` writes it again, or give one of "
+                "the bag's files instead of the folder"
+            ) from error
+        if missing := [file.name for file in self.files if not file.is_file()]:
+            raise ConfigError(f"{folder}: {missing[0]} is missing: copy it there, or give another file alone")
 
 
-def _storages(path: Path) -> list[Path]:
-    """Return the files of the bag at `path`, in the order of their numbers."""
-    files = path.iterdir() if path.is_dir() else [path]
-    storages = [each for each in files if Path(each.name.removesuffix(COMPRESSED)).suffix in STORAGES]
-    return sorted(
-        storages, key=lambda each: [int(part) if part.isdigit() else part for part in _PARTS.split(each.name)]
-    )
+def _is_storage(path: Path) -> bool:
+    return Path(path.name.removesuffix(COMPRESSED)).suffix in REPAIRS
 
 
-def _copy(path: Path, spare: Path) -> Path:
-    """Return `path`, or a copy of it in `spare`: if it is compressed, has journals, or ends within a page."""
-    if path.suffix == COMPRESSED:
-        copy = spare / path.stem
-        with path.open("rb") as packed, copy.open("wb") as file, suppress(ZstdError):
-            # of a file that is cut off, what is there
-            shutil.copyfileobj(ZstdDecompressor().stream_reader(packed, read_across_frames=True), file)
-        return copy
-    if journals := journals_of(path):
-        for each in (path, *journals):
-            shutil.copy(each, spare)
-        return spare / path.name
-    if path.suffix == ".db3" and (rest := path.stat().st_size % page_bytes(path)):
-        copy = Path(shutil.copy(path, spare))  # SQLite would read the missing part of a page as zeros
-        os.truncate(copy, path.stat().st_size - rest)
-        return copy
-    return path
+def _open_storage(file: Path, storage: Path, stack: ExitStack) -> Any:
+    """Return a reader of `storage`, which is `file` or unpacked from it, after it was read to its end.
+
+    Raises: ConfigError: If it is damaged.
+    """
+    suffix = storage.suffix
+    journals = [file.with_name(file.name + end) for end in ("-wal", "-journal")]
+    if not file.is_file() or not file.stat().st_size:
+        raise ConfigError(f"{file}: is {'empty' if file.is_file() else 'missing'}: record or copy it again")
+    if any(each.is_file() and each.stat().st_size for each in journals):
+        raise ConfigError(
+            f"{file}: its recorder did not close it, and messages are in the journal beside it: "
+            f"`sqlite3 {file} 'PRAGMA integrity_check'` moves them into the file"
+        )
+    try:
+        (_check_chunks if suffix == ".mcap" else _check_pages)(storage)
+        reader: Any = stack.enter_context(Reader(storage))
+        formats = {each.ext.serialization_format for each in reader.connections} - {"cdr"}
+        if formats:
+            raise DamagedError(f"has messages in {min(formats)[:20]!r}, not in 'cdr'")  # noqa: TRY301
+        count = sum(1 for _ in reader.messages())  # the damage may be in the last message
+        if count != reader.message_count:
+            raise DamagedError(f"has {count} messages, and {reader.message_count} by its index")  # noqa: TRY301
+    except Exception as error:  # those of rosbags, SQLite and the packings
+        if "Profile is not ros2" in str(error):
+            raise ConfigError(
+                f"{file}: is an MCAP file, but not of ROS 2: if it is a recording of PointIt, give it to "
+                "`pointit export`, `page` or `replay`"
+            ) from error
+        repair = REPAIRS[suffix].format(storage.name)
+        if file != storage:
+            repair = f"`zstd -dcf {file} > {storage.name}` unpacks what is there, and {repair}"
+        raise ConfigError(f"{file}: is damaged ({error}): {repair}") from error
+    return reader
+
+
+def _check_chunks(path: Path) -> None:
+    """Check that an MCAP file is whole, and that its chunks unpack to no more than `MAX_RECORD_BYTES`.
+
+    Raises: DamagedError: If not.
+    """
+    with path.open("rb") as file:
+        for place in records(file):
+            if place.opcode == DAMAGED:
+                raise DamagedError("it is damaged in the middle")
+            if place.opcode == Opcode.CHUNK and (chunk := read(file, place, Chunk)).compression == "zstd":
+                unpack(chunk)
+
+
+def _check_pages(path: Path) -> None:
+    """Check that an SQLite file has the size that its header states. SQLite reads missing bytes as zeros.
+
+    Raises: DamagedError: If not.
+    """
+    with path.open("rb") as file:
+        head = file.read(100)
+    page_bytes, pages = (int.from_bytes(head[start:end], "big") for start, end in ((16, 18), (28, 32)))
+    page_bytes = 65536 if page_bytes == 1 else page_bytes
+    size = path.stat().st_size
+    if not head.startswith(b"SQLite format 3\0") or size != pages * page_bytes:
+        raise DamagedError(f"has {size} bytes, and its head states {pages} pages of {page_bytes}")
+
+
+def _unpack(path: Path, folder: Path) -> Path:
+    """Return the unpacked file of `path` in `folder`. Raises: ConfigError: If it is too large or no zstd."""
+    unpacked = folder / path.stem
+    ratio_bytes = MAX_RATIO * path.stat().st_size if path.is_file() else 0
+    max_bytes = min(ratio_bytes, shutil.disk_usage(folder).free - RESERVE_BYTES)
+    by_hand = f"`zstd -d {path}` unpacks it: give the unpacked file"
+    try:
+        with path.open("rb") as packed, unpacked.open("wb") as file:
+            reader = ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+            while block := reader.read(BLOCK_BYTES):
+                if file.tell() + len(block) > max_bytes:
+                    limit = f"{MAX_RATIO} times its size" if max_bytes == ratio_bytes else "the free space"
+                    raise ConfigError(f"{path}: unpacks to more than {limit} ({max_bytes} bytes); {by_hand}")
+                file.write(block)
+    except ZstdError as error:
+        raise ConfigError(f"{path}: cannot be unpacked ({error}): copy it again; {by_hand}") from error
+    return unpacked
 
 
 def unpack_message(data: bytes) -> bytes:

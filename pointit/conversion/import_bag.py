@@ -293,8 +293,6 @@ class Bag:
     """Messages that were taken, by topic."""
     left_out: dict[str, str] = field(default_factory=dict[str, str])
     """Reasons why topics, or the first of their messages that were, are left out: by topic."""
-    notes: list[str] = field(default_factory=list[str])
-    """Sentences about what is missing in the bag."""
 
     def entries(self) -> Iterator[Entry]:
         """Yield the entries in the order of the bag.
@@ -304,7 +302,6 @@ class Bag:
         """
         try:
             with open_bag(self.path) as bag:
-                self.notes += bag.notes
                 if self.room is not None:
                     began_ns = bag.began_ns
                     yield entry(began_ns, MAP, "", self.room.model_copy(update={"stamp_ns": began_ns}))

@@ -164,8 +164,6 @@ def _import_bag(
     try:
         return write_recording(bag.entries(), recording, SITE, overwrite=overwrite, tick=tick)
     finally:  # also if nothing could be taken
-        for sentence in bag.notes:
-            click.echo(f"note: {sentence}", err=True)
         for topic, taken in bag.taken.items():
             click.echo(f"{topic}: {taken} messages")
         for topic, why in bag.left_out.items():

@@ -1,16 +1,27 @@
-"""Bags as crashed recorders, full disks and interrupted copies leave them; written by third-party writers."""
+"""Bags as crashed recorders, full disks and interrupted copies leave them; written by third-party writers.
 
-import re
+Each refusal names a command. The tests run it, or the part of it that Python has, and import the result.
+"""
+
 import shutil
 import sqlite3
+import struct
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from zstandard import ZstdCompressor
 
+from pointit.conversion import bag_file
 from pointit.schemas.topics import IMU
 from tests.unit.conversion.session import at
 from tests.unit.conversion.test_import_bag import ROTATION, TYPES, bag, imported, rotation, run
@@ -50,33 +61,52 @@ def cut(path: Path, share: float) -> None:
     path.write_bytes(data[: round(len(data) * share)])
 
 
-@pytest.mark.parametrize(
-    ("storage", "share"),
-    [
-        (StoragePlugin.MCAP, 0.5),
-        (StoragePlugin.MCAP, 0.7),
-        (StoragePlugin.SQLITE3, 0.72),
-        (StoragePlugin.SQLITE3, 0.9),
-    ],
-)
-@pytest.mark.parametrize("is_folder", [True, False])
-def test_a_bag_that_is_cut_off_is_read_up_to_the_cut(
-    tmp_path: Path, storage: StoragePlugin, share: float, *, is_folder: bool
-) -> None:
-    folder = bag(tmp_path / "take", SAID, storage)
-    file = folder / f"take{STORAGES[storage]}"
-    cut(file, share)
-    source = folder if is_folder else file
+def recover_mcap(path: Path) -> Path:
+    """Write what `mcap recover` writes: the messages before the damage, with an index."""
+    whole = path.with_name("whole.mcap")
+    with path.open("rb") as source, whole.open("wb") as target:
+        writer = McapWriter(target)
+        writer.start(profile="ros2")
+        ids: dict[tuple[type, int], int] = {}
+        try:
+            for record in StreamReader(source).records:
+                if isinstance(record, Schema):
+                    schema = writer.register_schema(record.name, record.encoding, record.data)
+                    ids[Schema, record.id] = schema
+                elif isinstance(record, Channel):
+                    schema = ids[Schema, record.schema_id]
+                    ids[Channel, record.id] = writer.register_channel(
+                        record.topic, record.message_encoding, schema
+                    )
+                elif isinstance(record, Message):
+                    writer.add_message(
+                        ids[Channel, record.channel_id], record.log_time, record.data, record.publish_time
+                    )
+        except (McapError, struct.error):  # the end of what is there
+            pass
+        writer.finish()  # type: ignore[no-untyped-call]
+    return whole
+
+
+def refused(source: Path) -> str:
+    """Return the sentence with which a bag is refused, and check that nothing is written."""
     result = run(source)
-    assert result.exit_code == 0, result.output
-    (note,) = result.stderr.splitlines()
-    assert note.startswith(f"note: {file.name}: is ")
-    assert f"of {COUNT} messages of " in note
-    assert "writes a whole file" in note
-    found = imported(source, "--overwrite")[IMU_KEY]
-    assert 0.1 * COUNT < len(found) < COUNT
-    assert [each.stamp_ns for each in found] == [at(number / 50 - 0.01) for number in range(len(found))]
-    assert f" {len(found)} of {COUNT} messages" in note
+    assert result.exit_code != 0
+    sentence = str(result.exception)
+    assert "\n" not in sentence
+    assert not (source.parent / "session.mcap").exists()
+    return sentence
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_compressed_bags_are_read_as_folder_and_as_file(
+    tmp_path: Path, storage: StoragePlugin, mode: CompressionMode
+) -> None:
+    folder = compressed(tmp_path / "take", storage, mode)
+    assert len(imported(folder)[IMU_KEY]) == COUNT
+    (file,) = (each for each in folder.iterdir() if each.name != "metadata.yaml")
+    assert len(imported(file)[IMU_KEY]) == COUNT
 
 
 @pytest.mark.parametrize(
@@ -88,69 +118,101 @@ def test_a_bag_that_is_cut_off_is_read_up_to_the_cut(
         {"chunks": True, "compression": CompressionType.ZSTD},
     ],
 )
-def test_files_of_other_writers_are_read_up_to_the_cut(tmp_path: Path, options: dict[str, object]) -> None:
-    source = plain_mcap(tmp_path / "other.mcap", **options)  # pyrefly: ignore[bad-argument-type]
+def test_mcap_of_another_writer_is_read_whole_and_after_its_recovery(
+    tmp_path: Path, options: dict[str, object]
+) -> None:
+    source = plain_mcap(tmp_path / "other.mcap", **options)  # type: ignore[arg-type]
     assert len(imported(source)[IMU_KEY]) == COUNT
+    (tmp_path / "session.mcap").unlink()
     cut(source, 0.6)
-    result = run(source, "--overwrite")
-    assert result.exit_code == 0, result.output
-    assert "note: other.mcap: is cut off after" in result.stderr
-    assert 0.3 * COUNT < len(imported(source, "--overwrite")[IMU_KEY]) < COUNT
+    sentence = refused(source)
+    assert sentence.startswith(f"{source}: is damaged (")
+    assert "`mcap recover other.mcap -o whole.mcap` writes a whole file" in sentence
+    assert 0.3 * COUNT < len(imported(recover_mcap(source))[IMU_KEY]) < COUNT
+
+
+@pytest.mark.skipif(shutil.which("sqlite3") is None, reason="needs the command sqlite3")
+def test_database_that_is_cut_off_is_read_after_its_recovery(tmp_path: Path) -> None:
+    folder = bag(tmp_path / "take", SAID)
+    file = folder / "take.db3"
+    cut(file, 0.9)
+    sentence = refused(file)
+    assert refused(folder) == sentence
+    command = sentence.split("`")[1]
+    subprocess.run(command, shell=True, cwd=folder, capture_output=True, check=False)  # noqa: S602 - our own
+    assert 0.3 * COUNT < len(imported(folder / "whole.db3")[IMU_KEY]) < COUNT
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
-def test_compressed_bags_are_read_without_metadata(
-    tmp_path: Path, storage: StoragePlugin, mode: CompressionMode
+def test_bag_that_is_cut_off_anywhere_is_refused_with_one_sentence(
+    tmp_path: Path, storage: StoragePlugin
 ) -> None:
-    folder = compressed(tmp_path / "take", storage, mode)
-    assert len(imported(folder)[IMU_KEY]) == COUNT
-    (folder / "metadata.yaml").unlink()
-    assert len(imported(folder, "--overwrite")[IMU_KEY]) == COUNT
-    (file,) = folder.iterdir()
-    assert len(imported(file, "--to", str(folder / "session.mcap"), "--overwrite")[IMU_KEY]) == COUNT
+    file = bag(tmp_path / "take", SAID[:120], storage) / f"take{STORAGES[storage]}"
+    whole = file.read_bytes()
+    for size in range(1, len(whole), len(whole) // 40):
+        file.write_bytes(whole[:size])
+        assert refused(file).startswith(f"{file}: is damaged (")
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+@pytest.mark.parametrize(("at_byte", "value"), [(100, bytes(64)), (0, b"\0"), (60, b"\xa5" * 9)])
+def test_damage_in_the_middle_of_a_file_whose_end_is_whole_is_refused(
+    tmp_path: Path, compression: CompressionType, at_byte: int, value: bytes
+) -> None:
+    source = plain_mcap(tmp_path / "other.mcap", chunks=True, compression=compression)
+    with source.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    begin = summary.chunk_indexes[2].chunk_start_offset + at_byte
+    data = source.read_bytes()
+    source.write_bytes(data[:begin] + value + data[begin + len(value) :])
+    assert "`mcap recover other.mcap" in refused(source)
 
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize(
     "text", [None, "", "rosbag2_bagfile_information:\n  files: [", "rosbag2_bagfile_informa"]
 )
-def test_metadata_that_are_missing_or_cut_off_are_named_with_the_remedy(
+def test_bag_without_its_metadata_is_refused_and_its_file_is_read(
     tmp_path: Path, storage: StoragePlugin, text: str | None
 ) -> None:
     folder = bag(tmp_path / "take", SAID, storage)
     (folder / "metadata.yaml").unlink() if text is None else (folder / "metadata.yaml").write_text(text)
-    result = run(folder)
-    assert result.exit_code == 0
-    note = f"note: metadata.yaml is missing or damaged; `ros2 bag reindex {folder}` writes a new one"
-    assert result.stderr.splitlines() == [note]
-    assert len(imported(folder, "--overwrite")[IMU_KEY]) == COUNT
+    sentence = refused(folder)
+    assert (
+        f"metadata.yaml: is missing or damaged: `ros2 bag reindex {folder}` writes it again, or" in sentence
+    )
+    assert len(imported(folder / f"take{STORAGES[storage]}")[IMU_KEY]) == COUNT
 
 
-def test_a_part_that_is_missing_is_named_and_the_others_are_read_in_the_order_of_their_numbers(
-    tmp_path: Path,
-) -> None:
+def test_parts_are_read_in_the_order_of_their_metadata_and_a_missing_one_is_named(tmp_path: Path) -> None:
     folder = tmp_path / "take"
     folder.mkdir()
-    for number, said in ((0, SAID[:100]), (2, SAID[100:200]), (10, SAID[200:])):
-        shutil.copy(
-            bag(tmp_path / f"part{number}", said) / f"part{number}.db3", folder / f"take_{number}.db3"
-        )
-    found = imported(folder)[IMU_KEY]
-    assert [each.seq for each in found] == list(range(1, COUNT + 1))
-    assert [each.stamp_ns for each in found] == [at(number / 50 - 0.01) for number in range(COUNT)]
-    names = "[take_0.db3, take_1.db3, take_2.db3, take_10.db3]"
-    metadata = f"{{version: 5, relative_file_paths: {names}, topics_with_message_count: []}}"
+    names = ["take_10.db3", "take_2.db3"]
+    for name, said in zip(names, (SAID[:100], SAID[100:]), strict=True):
+        shutil.copy(bag(tmp_path / name[:-4], said) / name, folder / name)
+    metadata = {
+        "version": 5,
+        "relative_file_paths": names,
+        "topics_with_message_count": [],
+        "message_count": 300,
+    }
     (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {metadata}")
-    result = run(folder, "--overwrite")
-    assert result.stderr.splitlines() == [f"note: take_1.db3: is missing; copy it into {folder}"]
-    assert f"{ROTATION[0]}: {COUNT} messages" in result.stdout
+    found = imported(folder)[IMU_KEY]
+    assert [each.stamp_ns for each in found] == [at(number / 50 - 0.01) for number in range(COUNT)]
+    (tmp_path / "session.mcap").unlink()
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {metadata | {'message_count': 301}}")
+    assert "has 300 messages, and 301 by its metadata.yaml" in refused(folder)
+    (folder / names[1]).unlink()
+    assert refused(folder) == f"{folder}: take_2.db3 is missing: copy it there, or give another file alone"
+    assert len(imported(folder / names[0])[IMU_KEY]) == 100
 
 
-def test_messages_in_the_log_of_a_database_that_was_not_closed_are_read(tmp_path: Path) -> None:
+def test_journal_of_a_database_that_was_not_closed_is_refused_and_read_after_its_command(
+    tmp_path: Path,
+) -> None:
     folder = bag(tmp_path / "take", SAID[:200])
-    file = folder / "take.db3"
-    database = sqlite3.connect(file)
+    database = sqlite3.connect(folder / "take.db3")
     database.execute("PRAGMA journal_mode=WAL")
     database.execute("PRAGMA wal_autocheckpoint=0")
     for time_s, _, kind, value in SAID[200:]:
@@ -161,110 +223,86 @@ def test_messages_in_the_log_of_a_database_that_was_not_closed_are_read(tmp_path
     shutil.copytree(folder, crashed)
     database.close()
     (crashed / "take.db3-shm").unlink()
+    file = crashed / "take.db3"
     files = {each.name: each.read_bytes() for each in crashed.iterdir()}
-    assert len(imported(crashed)[IMU_KEY]) == COUNT
+    assert f"`sqlite3 {file} 'PRAGMA integrity_check'` moves them into the file" in refused(file)
     assert {each.name: each.read_bytes() for each in crashed.iterdir()} == files, "the bag is not changed"
+    repaired = sqlite3.connect(file)
+    repaired.execute("PRAGMA integrity_check").fetchall()
+    repaired.close()
+    assert len(imported(file)[IMU_KEY]) == COUNT
 
 
 @pytest.mark.parametrize("name", ["take.mcap", "take.db3", "take.mcap.zstd", "take.db3.zstd"])
-def test_an_empty_file_makes_one_sentence(tmp_path: Path, name: str) -> None:
+def test_empty_file_makes_one_sentence(tmp_path: Path, name: str) -> None:
     (tmp_path / name).touch()
-    result = run(tmp_path / name)
-    assert result.exit_code != 0
-    assert str(result.exception) == (
-        f"{tmp_path / name}: cannot be read as a ROS 2 bag ({name}: is empty); record or copy it again"
-    )
-    assert not (tmp_path / "session.mcap").exists()
+    assert refused(tmp_path / name) == f"{tmp_path / name}: is empty: record or copy it again"
 
 
-@pytest.mark.parametrize("storage", STORAGES)
-def test_a_bag_that_is_cut_off_anywhere_is_read_or_refused_with_one_sentence(
-    tmp_path: Path, storage: StoragePlugin
+def unpacked(path: Path) -> Path:
+    """Run `zstd -d`."""
+    target = path.with_suffix("")
+    with path.open("rb") as packed, target.open("wb") as file:
+        bag_file.ZstdDecompressor().copy_stream(packed, file)
+    return target
+
+
+def full_disk(folder: object) -> SimpleNamespace:
+    del folder
+    return SimpleNamespace(free=bag_file.RESERVE_BYTES + 1000)
+
+
+@pytest.mark.parametrize(
+    ("disk", "padding", "limit"),
+    [(shutil.disk_usage, 30_000_000, "20 times its size"), (full_disk, 0, "the free space (1000 bytes)")],
+)
+def test_packed_file_beyond_the_limit_is_refused_and_read_after_it_is_unpacked_by_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, disk: Callable[[Path], object], padding: int, limit: str
 ) -> None:
-    file = bag(tmp_path / "take", SAID[:120], storage) / f"take{STORAGES[storage]}"
-    whole = file.read_bytes()
-    counts: list[int] = []
-    for size in range(1, len(whole), len(whole) // 40):
-        file.write_bytes(whole[:size])
-        result = run(file, "--overwrite")
-        if result.exit_code:
-            assert str(result.exception).startswith(f"{file}: cannot be read as a ROS 2 bag (")
-            assert "\n" not in str(result.exception)
-        else:
-            counts.append(int(result.stdout.split(": ")[1].split()[0]))
-    assert counts == sorted(counts)
-    assert counts[-1] > 20
+    folder = bag(tmp_path / "take", SAID)
+    database = sqlite3.connect(folder / "take.db3")
+    database.execute("CREATE TABLE zeros AS SELECT zeroblob(?) AS zero", (padding,))
+    database.commit()
+    database.close()
+    packed = tmp_path / "take.db3.zstd"
+    packed.write_bytes(ZstdCompressor().compress((folder / "take.db3").read_bytes()))
+    monkeypatch.setattr(bag_file.shutil, "disk_usage", disk)
+    sentence = refused(packed)
+    assert limit in sentence
+    assert f"`zstd -d {packed}` unpacks it: give the unpacked file" in sentence
+    assert len(imported(unpacked(packed))[IMU_KEY]) == COUNT
 
 
-def test_a_damaged_chunk_is_left_out_and_the_others_are_read(tmp_path: Path) -> None:
-    source = plain_mcap(tmp_path / "other.mcap", chunks=True)
-    data = bytearray(source.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    source.write_bytes(data[:-20])
-    result = run(source)
-    assert "note: other.mcap: has a chunk whose checksum differs; " in result.stderr
-    assert 0.5 * COUNT < len(imported(source, "--overwrite")[IMU_KEY]) < COUNT
+def test_packed_file_that_is_cut_off_is_refused_with_the_commands_of_zstd_and_mcap(tmp_path: Path) -> None:
+    folder = compressed(tmp_path / "take", StoragePlugin.MCAP, CompressionMode.FILE)
+    file = folder / "take.mcap.zstd"
+    plain = plain_mcap(tmp_path / "other.mcap", chunks=True)
+    file.write_bytes(ZstdCompressor().compress(plain.read_bytes()))
+    cut(file, 0.6)
+    sentence = refused(file)
+    assert f"`zstd -dcf {file} > take.mcap` unpacks what is there" in sentence
+    assert "`mcap recover take.mcap -o whole.mcap`" in sentence
 
 
-@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
-def test_zeros_amid_a_file_whose_end_is_whole_lose_only_their_chunk(
-    tmp_path: Path, compression: CompressionType
-) -> None:
-    source = plain_mcap(tmp_path / "other.mcap", chunks=True, compression=compression)
-    with source.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    begin = summary.chunk_indexes[2].chunk_start_offset + 100
-    data = source.read_bytes()
-    source.write_bytes(data[:begin] + bytes(64) + data[begin + 64 :])
-    result = run(source)
-    assert result.exit_code == 0, result.exception
-    assert result.stderr.startswith("note: other.mcap: ")
-    assert 0.1 * COUNT < len(imported(source, "--overwrite")[IMU_KEY]) < COUNT
+def test_chunk_that_unpacks_to_too_much_is_refused_before_it_is_in_memory(tmp_path: Path) -> None:
+    source = tmp_path / "bomb.mcap"
+    with source.open("wb") as file:
+        writer = McapWriter(file, chunk_size=1 << 30, compression=CompressionType.ZSTD)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(ROTATION[1], "ros2msg", b"")
+        channel = writer.register_channel(ROTATION[0], "cdr", schema)
+        writer.add_message(channel, at(0.0), bytes(40_000_000), publish_time=at(0.0))
+        writer.finish()  # type: ignore[no-untyped-call]
+    assert source.stat().st_size < 10_000
+    assert "a chunk of it unpacks to more than 33554432 bytes" in refused(source)
 
 
-@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
-@pytest.mark.parametrize(("at_byte", "value"), [(1, b"\xff" * 8), (0, b"\0"), (60, b"\xa5" * 9)])
-def test_damage_in_the_first_chunk_loses_only_its_messages(
-    tmp_path: Path, compression: CompressionType, at_byte: int, value: bytes
-) -> None:
-    """Types and channels are in the first chunk alone, and once more at the end."""
-    source = plain_mcap(tmp_path / "other.mcap", chunks=True, compression=compression)
-    with source.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    lost = summary.chunk_indexes[0].message_index_length  # 16 bytes a message
-    begin = summary.chunk_indexes[0].chunk_start_offset + at_byte
-    data = source.read_bytes()
-    source.write_bytes(data[:begin] + value + data[begin + len(value) : -20])  # its index is lost, too
-    result = run(source)
-    assert result.exit_code == 0, result.exception
-    assert result.stderr.startswith("note: other.mcap: "), result.stderr
-    assert "damaged" in result.stderr or "chunk" in result.stderr
-    kept = len(imported(source, "--overwrite")[IMU_KEY])
-    assert kept == COUNT - (lost - 15) // 16
-
-
-def test_messages_whose_channel_is_described_nowhere_are_counted(tmp_path: Path) -> None:
-    source = plain_mcap(tmp_path / "other.mcap", chunks=True)
-    with source.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    begin = summary.chunk_indexes[0].chunk_start_offset + 60
-    data = source.read_bytes()
-    source.write_bytes(data[:begin] + b"\xa5" * 9 + data[begin + 9 : -len(data) // 3])
-    message = str(run(source).exception)
-    assert re.search(r"has a chunk whose checksum differs, and \d\d+ messages have lost their", message), (
-        message
-    )
-
-
-def test_a_recording_of_pointit_is_no_bag(tmp_path: Path) -> None:
+def test_recording_of_pointit_is_no_bag(tmp_path: Path) -> None:
     imported(bag(tmp_path / "take", SAID[:5]))
     recording = (tmp_path / "session.mcap").rename(tmp_path / "own.mcap")
-    assert f"{recording}: is a recording of PointIt; give it to" in str(run(recording).exception)
+    assert "if it is a recording of PointIt, give it to `pointit export`" in str(run(recording).exception)
 
 
-def test_a_bag_of_ros_1_is_named_with_its_converter(tmp_path: Path) -> None:
+def test_bag_of_ros_1_is_named_with_its_converter(tmp_path: Path) -> None:
     (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
     assert "`rosbags-convert --src " in str(run(tmp_path / "old.bag").exception)

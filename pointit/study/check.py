@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 from pointit.errors import ConfigError
 from pointit.study.model import SHIPPED, Study, imbalance
-from pointit.study.plan import check_sequences, plan_of, row_errors
+from pointit.study.plan import check_names, check_sequences, plan_of, row_errors
 from pointit.study.session import CLOCK_APART_S
 from pointit.study.study_folder import (
     TRIALS,
@@ -40,7 +40,7 @@ def check_folder(folder: Path) -> list[Finding]:
     study = study_in(folder)
     findings: list[Finding] = []
     of_site = [check_services] if study.scenario in SHIPPED else []  # another one may be elsewhere
-    for check in (*of_site, check_sequences):
+    for check in (check_names, *of_site, check_sequences):
         try:
             check(study)
         except ConfigError as error:
@@ -54,9 +54,9 @@ def check_folder(folder: Path) -> list[Finding]:
             if not (path / TRIALS).exists():
                 continue
             notes: list[str] = []
-            begun[name] = read_any_trials(study, path, notes.append, notes.append)
+            begun[name] = read_any_trials(study, path, notes.append)
             if name in study.people:
-                read_answers(study, path, notes.append, notes.append)
+                read_answers(study, path, notes.append)
             check_record(path, about, begun[name])
         except ConfigError as error:
             findings.append(Finding("error", name, str(error)))

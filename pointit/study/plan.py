@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pointit.errors import ConfigError
-from pointit.study.model import Study, square
-from pointit.study.table_file import NUMBER, Row, done_trials
+from pointit.study.model import Study, scale_of, square
+from pointit.study.table_file import Row, done_trials, one_line
 from pointit.study.tasks import StudyTrial, Tapping
 
 MIN_SEQUENCE_TRIALS = 5
@@ -23,6 +23,13 @@ MAX_DEG = 180.0
 MAX_SPEED_DEG_S = 2000.0
 """Maximum mean speed of a ray, deg/s. The fastest turns of a forearm reach about 1000."""
 MIXED = "a spreadsheet may have changed it: restore the table from a backup"
+NOT_KNOWN = frozenset(
+    (
+        *("", "NA", "N/A", "n/a", "#N/A", "#N/A N/A", "#NA", "<NA>", "NULL", "null", "None", "NaN", "nan"),
+        *("-NaN", "-nan", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", ".", "<missing>"),
+    )
+)
+"""Texts that pandas, R, MATLAB and SAS read as missing."""
 MAX_ROOM_M = 1000.0
 """Maximum length in a room, m."""
 
@@ -100,7 +107,7 @@ def _shuffled(study: Study, rng: np.random.Generator, count: int | None = None) 
 
 
 def check_values(study: Study, path: Path, rows: Iterable[Row]) -> None:
-    """Check the rows of a participant; a name or level that a program took for a number gets its own text.
+    """Check the rows of a participant.
 
     Raises: ConfigError: If a level is not of the study, or a number is negative or above its limit.
     """
@@ -110,9 +117,8 @@ def check_values(study: Study, path: Path, rows: Iterable[Row]) -> None:
     limits |= dict.fromkeys(("error_m", "target_distance_m", "target_width_m"), MAX_ROOM_M)
     limits |= {"path_length_deg": MAX_SPEED_DEG_S * longest_s, "corrections": MAX_SPEED_DEG_S * longest_s}
     for row in rows:
-        row["participant"] = _as_written(row["participant"], [path.parent.name])
         for name, factor in study.factors.items():
-            row[name] = _as_written(row[name], factor.levels)
+            row[name] = _level(row[name], factor.levels)
             if row[name] not in factor.levels:
                 raise ConfigError(f"{path}: {name} {row[name]!r} is not of the study; correct it")
         for name, limit in limits.items():
@@ -146,8 +152,7 @@ def check_answers(study: Study, path: Path, rows: Iterable[Row]) -> None:
     """
     plan = plan_of(study, path.parent.name)
     for row in rows:
-        row["participant"] = _as_written(row["participant"], [plan.participant])
-        row["condition"] = _as_written(row["condition"], plan.order)
+        row["condition"] = _level(row["condition"], plan.order)
         if row["participant"] != plan.participant:
             raise ConfigError(f"{path}: {plan.participant} has answers of {row['participant']}; {MIXED}")
         conditions = plan.order[int(row["block"]) - 1 : int(row["block"])]
@@ -179,18 +184,27 @@ def row_errors(plan: StudyPlan, rows: Iterable[Row]) -> Iterator[str]:
         yield f"{plan.participant} has data of {others[0]}"
 
 
-def _as_written(text: str, known: Iterable[str]) -> str:
-    """Return the one of `known` texts that means the same number or truth value as `text`, else `text`."""
-    same = [each for each in known if each == text or _value(each) == _value(text)]
-    return text if text in same or len(same) != 1 else same[0]
+def _level(text: str, levels: Iterable[str]) -> str:
+    """Return the level that stands as `text` in a table, in which line ends are spaces, or `text`."""
+    return next((level for level in levels if one_line(level) == text), text)
 
 
-def _value(text: str) -> str | float:
-    text = " ".join(text.split())  # `table_line` and `parse_table` leave the rest out
-    number = text.replace(",", ".", 1)
-    if NUMBER.fullmatch(number):
-        return float(number)
-    return text.casefold() if text.casefold() in ("true", "false") else text
+def check_names(study: Study) -> None:
+    """Check that programs for statistics read each name in a table of the study as a name.
+
+    Raises: ConfigError: If they take a participant, level, questionnaire or item for a missing value.
+    """
+    scales = [scale_of(each) for each in study.questionnaires]
+    named = [("participants", name) for name in study.people]
+    named += [
+        (f"factors.{factor}", level) for factor in study.factors for level in study.factors[factor].levels
+    ]
+    named += [("questionnaires", name) for scale in scales for name in (scale.name, *scale.items)]
+    for key, name in named:
+        if name.strip() in NOT_KNOWN:
+            raise ConfigError(
+                f"{key}: {name!r} is read as a missing value by programs for statistics: give it another name"
+            )
 
 
 def check_sequences(study: Study) -> None:

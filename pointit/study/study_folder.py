@@ -2,7 +2,7 @@
 
 import contextlib
 import datetime as dt
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -14,17 +14,10 @@ from pointit.maps.edit import dump_yaml
 from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.yaml_file import FLAGS, parse_yaml, read_yaml
 from pointit.runtime.host.state_file import write_atomically
-from pointit.study.append_only_csv import (
-    AppendOnlyCsv,
-    column_changes,
-    free_path,
-    joined_rows,
-    rewritten_sentence,
-    table_files,
-)
+from pointit.study.append_only_csv import AppendOnlyCsv, free_path
 from pointit.study.model import Study, read_study
 from pointit.study.plan import check_answers, check_trials, check_values
-from pointit.study.table_file import FIXED, Row, columns_of, parse_table, table_line
+from pointit.study.table_file import Row, columns_of, parse_table, table_line
 
 STUDY, COLUMNS_FILE, TRIALS, PARTICIPANT, ANSWERS = (
     "study.yaml", "columns.csv", "trials.csv", "participant.yaml", "answers.csv",
@@ -78,7 +71,7 @@ class StudyFolder:
             path: the folder.
             study: the study.
             source: content of its YAML file.
-            on_note: called with a sentence on changes by crashes and other programs.
+            on_note: called with a sentence on changes by crashes and people.
 
         Raises:
             ConfigError: If the folder holds another study, or cannot be written.
@@ -204,38 +197,35 @@ def _is_blank(path: Path) -> bool:
         return False
 
 
-def read_trials(study: Study, folder: Path, on_note: Note = no_note, on_change: Note = no_note) -> list[Row]:
+def read_trials(study: Study, folder: Path, on_note: Note = no_note) -> list[Row]:
     """Return the rows of the trials of the participant in `folder`.
 
     Args:
         study: the study.
         folder: folder of the participant.
         on_note: called with a sentence on omitted rows.
-        on_change: called with a sentence on a file that another program has rewritten.
 
     Raises: ConfigError: If a file cannot be read, a value is damaged, or a row is not of their plan.
     """
-    rows = read_any_trials(study, folder, on_note, on_change)
+    rows = read_any_trials(study, folder, on_note)
     check_trials(study, folder / TRIALS, rows)
     return rows
 
 
-def read_any_trials(
-    study: Study, folder: Path, on_note: Note = no_note, on_change: Note = no_note
-) -> list[Row]:
+def read_any_trials(study: Study, folder: Path, on_note: Note = no_note) -> list[Row]:
     """Return rows as `read_trials` does, also those that are not of the participant's plan."""
     check_begun(folder)
     columns = [name for name, _, _ in columns_of(list(study.factors))]
-    rows = read_table(folder / TRIALS, columns, on_note, on_change)
+    rows = read_table(folder / TRIALS, columns, on_note)
     check_values(study, folder / TRIALS, rows)
     return rows
 
 
-def read_answers(study: Study, folder: Path, on_note: Note = no_note, on_change: Note = no_note) -> list[Row]:
+def read_answers(study: Study, folder: Path, on_note: Note = no_note) -> list[Row]:
     """Return the rows of the answers of the participant in `folder`, as `read_trials` does."""
     if not (folder / ANSWERS).exists():
         return []
-    rows = read_table(folder / ANSWERS, ANSWER_COLUMNS, on_note, on_change)
+    rows = read_table(folder / ANSWERS, ANSWER_COLUMNS, on_note)
     check_answers(study, folder / ANSWERS, rows)
     return rows
 
@@ -252,22 +242,12 @@ def check_record(folder: Path, about: Mapping[str, Any], rows: Iterable[Row]) ->
         )
 
 
-def read_table(
-    path: Path, columns: Iterable[str] = FIXED, on_note: Note = no_note, on_change: Note = no_note
-) -> list[Row]:
-    """Return the rows of the table whose first file is `path`; sentences are those of `read_trials`.
+def read_table(path: Path, columns: Sequence[str], on_note: Note = no_note) -> list[Row]:
+    """Return the rows of a table with `columns`; sentences are those of `read_trials`.
 
-    Raises: ConfigError: If a file cannot be read, lacks one of `columns`, or a value is damaged.
+    Raises: ConfigError: If it cannot be read, or another program has rewritten it.
     """
-    wanted = tuple(columns)
-    files = table_files(path)
-    tables = [parse_table(file, wanted) for file in files]
-    for file, table in zip(files, tables, strict=True):
-        name = f"{file.parent.name}/{file.name}"
-        if table.tail:
-            on_note(f"The last line of {name} is not whole and left out.")
-        if added := [each for each in table.columns if each not in wanted]:
-            on_note(f"Column {', '.join(added)} of {name} is not of the study and left out.")
-        if changes := column_changes(table, wanted):
-            on_change(rewritten_sentence(file, changes))
-    return joined_rows(tables)
+    table = parse_table(path, columns)
+    if table.tail:
+        on_note(f"The last line of {path.parent.name}/{path.name} is not whole and left out.")
+    return table.rows

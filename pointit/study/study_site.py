@@ -22,7 +22,7 @@ from pointit.runtime.host.state_file import write_atomically
 from pointit.schemas import NS_PER_S, Announced, Cursor, Environment, topics
 from pointit.study.measure import SILENT_S, Attempt, load_end_rule
 from pointit.study.model import SHIPPED, Picture, Study, Value, read_pictures
-from pointit.study.plan import StudyPlan, plan_of
+from pointit.study.plan import StudyPlan, check_names, plan_of
 from pointit.study.tasks import StudyScene
 from pointit.study.view import Point, TopView, flat
 
@@ -64,9 +64,10 @@ def scenes_of(study: Study, plan: StudyPlan, block: int, settings: Mapping[str, 
 def check_ready(study: Study) -> dict[str, Picture]:
     """Check all that could fail after the first trial; return the pictures of the study by `Step.image`.
 
-    Raises: ConfigError: If a picture, the function `end` or a service's parameter in any block cannot be
-    used.
+    Raises: ConfigError: If a name, a picture, the function `end` or a service's parameter in any block cannot
+        be used.
     """
+    check_names(study)
     pictures = read_pictures(study.steps, study.folder)
     load_end_rule(study.end, study.folder)
     check_services(study)

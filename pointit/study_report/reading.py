@@ -10,9 +10,8 @@ from pathlib import Path
 
 from pointit.errors import ConfigError
 from pointit.runtime.host.state_file import replaced_file
-from pointit.study.append_only_csv import spreadsheet_row
 from pointit.study.study_folder import TRIALS, check_record, read_about, read_answers, read_trials, study_in
-from pointit.study.table_file import COUNTS, NUMBERS, Row, columns_of, counts
+from pointit.study.table_file import COUNTS, NUMBERS, Row, columns_of, counts, spreadsheet_row
 
 MEASURES: Mapping[str, str] = {
     "selection_s": "time to selection, s",

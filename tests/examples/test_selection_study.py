@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from pointit.study.study_folder import read_table
 from tests.architecture.sources import ROOT
+from tests.unit.study.studies import read_rows
 
 STUDY = ROOT / "examples" / "selection_study.yaml"
 PEOPLE = 6
@@ -30,7 +30,7 @@ def test_selection_study_is_whole_after_kill_9_in_the_middle(tmp_path: Path) -> 
     run = command("run", str(study), "--simulated", str(PEOPLE), "--to", str(data))
     with subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as killed:
         end_s = time.monotonic() + PATIENCE_S
-        while sum(len(read_table(file)) for file in data.glob("P02/trials.csv")) < TRIALS // 2:
+        while sum(len(read_rows(file)) for file in data.glob("P02/trials.csv")) < TRIALS // 2:
             assert killed.poll() is None
             assert time.monotonic() < end_s
             time.sleep(0.02)
@@ -39,7 +39,7 @@ def test_selection_study_is_whole_after_kill_9_in_the_middle(tmp_path: Path) -> 
     assert done.stdout.startswith(f"{PEOPLE - 1} simulated participants have done")
     checked = subprocess.run(command("check", str(data)), check=True, capture_output=True, text=True)
     assert "nothing is missing or wrong" in checked.stdout
-    rows = [row for file in sorted(data.glob("*/trials.csv")) for row in read_table(file)]
+    rows = [row for file in sorted(data.glob("*/trials.csv")) for row in read_rows(file)]
     assert len(rows) == PEOPLE * TRIALS  # none is there twice
     cells = Counter((row["method"], row["width"]) for row in rows if row["practice"] == "0")
     assert set(cells.values()) == {PEOPLE * 3}

@@ -1,5 +1,6 @@
 """A small study, run with simulated participants."""
 
+import csv
 from pathlib import Path
 
 from pointit.study.model import Study, read_study
@@ -31,3 +32,9 @@ def simulate_all(study: Study, folder: StudyFolder) -> None:
     """Run all participants."""
     for name in study.people:
         simulate(study, folder, name, lambda _status: None)
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [*csv.DictReader(file)]

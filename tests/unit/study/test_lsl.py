@@ -19,9 +19,8 @@ from pointit.schemas import Cursor, SelectionEvent
 from pointit.study import session
 from pointit.study.lsl import LslOutlets
 from pointit.study.simulated import SimulatedView, person_of
-from pointit.study.study_folder import read_table
 from pointit.study.study_site import SiteOptions
-from tests.unit.study.studies import SMALL, small
+from tests.unit.study.studies import SMALL, read_rows, small
 
 S = 1_000_000_000
 INLET = """
@@ -162,7 +161,7 @@ def test_session_marks_each_attempt_and_sends_what_it_hears(
     setup = SiteOptions(person=person_of(study, "P01"), lsl=True)
     view = SimulatedView(0, lambda _status: None)
     pointit.run_virtually(session.Session(study, folder, "P01", view, setup).run())
-    rows = read_table(folder.path / "P01/trials.csv")
+    rows = read_rows(folder.path / "P01/trials.csv")
     starts, ends = marks[::2], marks[1::2]
     begun = ("trial", "attempt", "method", "practice", "target")
     ended = ("trial", "attempt", "outcome", "reason")

@@ -117,9 +117,8 @@ def test_rows_without_a_record_of_the_person_are_not_continued_and_are_noted(
     ratios: tuple[Study, StudyFolder],
 ) -> None:
     study, folder = ratios
-    replace_in(
-        folder.path / "P01/trials.csv", (folder.path / "P01/trials.csv").read_bytes().splitlines()[2], b""
-    )
+    table = folder.path / "P01/trials.csv"
+    replace_in(table, table.read_bytes().splitlines(keepends=True)[2], b"")
     (folder.path / "P01/participant.yaml").unlink()
     sentence = "does not state whether the trials are of a person"
     session = Session(study, folder, "P01", SimulatedView(0, lambda _: None), SiteOptions(imu="page"))

@@ -15,11 +15,11 @@ from pointit.study.model import Study
 from pointit.study.plan import plan_of
 from pointit.study.session import Session, StoppedError
 from pointit.study.simulated import SimulatedView, person_of, simulate
-from pointit.study.study_folder import ANSWER_COLUMNS, StudyFolder, read_table
+from pointit.study.study_folder import StudyFolder
 from pointit.study.study_site import SiteOptions
 from pointit.study.table_file import columns_of
 from pointit.study.view import StudyCommand, StudyStatus
-from tests.unit.study.studies import SMALL, simulate_all, small
+from tests.unit.study.studies import SMALL, read_rows, simulate_all, small
 
 
 @pytest.fixture(scope="module")
@@ -32,11 +32,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, StudyFolder]
 def test_simulated_study_is_whole_and_checked(whole: tuple[Study, StudyFolder], tmp_path: Path) -> None:
     study, folder = whole
     for name in study.people:
-        rows = read_table(folder.path / name / "trials.csv")
+        rows = read_rows(folder.path / name / "trials.csv")
         assert [row["trial"] for row in rows] == ["1", "2", "3", "4"]
         assert list(rows[0]) == [column for column, _, _ in columns_of(["method"])]
         assert all(row["outcome"] == "hit" and float(row["selection_s"]) < 10.0 for row in rows)
-        assert len(read_table(folder.path / name / "answers.csv", ANSWER_COLUMNS)) == 2 * 10
+        assert len(read_rows(folder.path / name / "answers.csv")) == 2 * 10
         about = folder.about(name)
         assert about["order"] == [rows[0]["method"], rows[3]["method"]]
         assert about["configuration"][0]["services"]["selector"]["method"] == about["order"][0]
@@ -63,7 +63,7 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
     def kill(number: int) -> None:
         fsync(number)
         if (folder.path / "P01/trials.csv").exists() and len(
-            read_table(folder.path / "P01/trials.csv")
+            read_rows(folder.path / "P01/trials.csv")
         ) > step // 2:
             raise _KilledError
 
@@ -75,7 +75,7 @@ def test_study_goes_on_at_the_trial_after_kill_9_at_each_step(
         with (folder.path / "P01/trials.csv").open("a") as file:
             file.write(f"P01,1,{step // 2 + 2},1,0,ho")
     simulate(study, folder, "P01", lambda _status: None)
-    rows = read_table(folder.path / "P01/trials.csv")
+    rows = read_rows(folder.path / "P01/trials.csv")
     assert [(row["trial"], row["attempt"]) for row in rows] == [(str(n), "1") for n in range(1, 5)]
     for name in ("trials.csv", "answers.csv", "participant.yaml"):
         assert (folder.path / "P01" / name).read_bytes() == (whole[1].path / "P01" / name).read_bytes()
@@ -104,7 +104,7 @@ def test_interrupted_participant_goes_on_with_the_same_bytes_where_a_person_diff
     simulate(study, done, "P02", lambda _status: None)
     whole_bytes = {file.name: file.read_bytes() for file in (done.path / "P02").iterdir()}
     assert b"repeated: no ray" in whole_bytes["trials.csv"]
-    attempts = len(read_table(done.path / "P02/trials.csv"))
+    attempts = len(read_rows(done.path / "P02/trials.csv"))
     for stop in (2, attempts - 1):
         study, folder = small(tmp_path / str(stop), text)
         shutil.copytree(done.path / "P02", folder.path / "P02")
@@ -124,7 +124,7 @@ def test_participant_whom_an_experimenter_stopped_is_finished_when_simulated(tmp
     with pytest.raises(StoppedError):
         pointit.run_virtually(_session(study, folder, [(3, "pointing", StudyCommand("stop"))]).run())
     simulate(study, folder, "P01", lambda _status: None)
-    rows = read_table(folder.path / "P01/trials.csv")
+    rows = read_rows(folder.path / "P01/trials.csv")
     assert [(row["trial"], row["attempt"]) for row in rows if not row["reason"]] == [
         *(("1", "1"), ("2", "1"), ("4", "1"), ("3", "2"))
     ]
@@ -172,7 +172,7 @@ def test_experimenter_repeats_skips_pauses_and_stops(tmp_path: Path) -> None:
     notes = [finding.text for finding in check_folder(folder.path)]
     assert "2 of 4 trials are missing: 3, 4; the same command goes on" in notes
     pointit.run_virtually(_session(study, folder, []).run())
-    rows = read_table(folder.path / "P01/trials.csv")
+    rows = read_rows(folder.path / "P01/trials.csv")
     assert [(row["trial"], row["attempt"], row["outcome"], row["reason"]) for row in rows] == [
         ("1", "1", "skipped", "repeated: repeat by the experimenter"),
         ("1", "2", "hit", ""),
@@ -194,7 +194,7 @@ def test_wrist_lost_in_mid_trial_costs_that_attempt_only(tmp_path: Path) -> None
     }
     view = SimulatedView(0, lambda _status: None)
     pointit.run_virtually(Session(study, folder, "P01", view, SiteOptions(person=person)).run())
-    rows = read_table(folder.path / "P01/trials.csv")
+    rows = read_rows(folder.path / "P01/trials.csv")
     lost = [row for row in rows if row["reason"].startswith("repeated: no ray")]
     assert lost
     assert {row["trial"] for row in rows if not row["reason"].startswith("repeated")} == {"1", "2"}
@@ -276,7 +276,7 @@ def test_ready_task_runs_simulated(scenario: str, task: str, tmp_path: Path) -> 
     (tmp_path / "shelf.yaml").write_text(SHELF)
     study, folder = small(tmp_path, text)
     simulate_all(study, folder)
-    rows = read_table(folder.path / "P01/trials.csv")
+    rows = read_rows(folder.path / "P01/trials.csv")
     assert [row["trial"] for row in rows] == ["1", "2", "3", "4"]
     hits = sum(row["outcome"] == "hit" for row in rows)
     assert hits >= (4 if "things" in task else 1)  # of things, only the one that was named
@@ -293,7 +293,7 @@ def test_task_with_a_robot_runs_simulated(task: str, trials: int, tmp_path: Path
         f"repetitions: {trials}\ntimeout_s: 60\n",
     )
     simulate_all(study, folder)
-    rows = read_table(folder.path / "P01/trials.csv")
+    rows = read_rows(folder.path / "P01/trials.csv")
     assert [row["outcome"] for row in rows] == ["hit"] * trials
     assert len({row["target"] for row in rows}) == trials
     assert all(2.0 < float(row["selection_s"]) < 60.0 and float(row["error_m"]) < 0.4 for row in rows)

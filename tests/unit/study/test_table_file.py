@@ -1,17 +1,14 @@
-"""Tables that spreadsheets, statistics programs and editors have rewritten are read, or refused in words."""
+"""Tables that spreadsheets, statistics programs and editors have rewritten are refused and stay."""
 
 import codecs
-import contextlib
 import csv
 import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from pointit.errors import ConfigError
+from pointit.errors import ConfigError, PointItError
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.study_folder import read_table
 from pointit.study.table_file import ADDED
@@ -77,10 +74,6 @@ REWRITTEN = {
     "empty rows": (OURS + "," * 16 + "\n" + "," * 16 + "\n").encode(),
     "spaces": OURS.replace(",1,", ", 1,", 1).encode(),
     "sorted": written([HEADER, *ROWS[::-1]]).encode(),
-    "sorted by a script": written([HEADER, *ROWS[::-1]], end="\n").rstrip().encode(),
-    "sorted by pandas": written([HEADER, *ROWS[::-1]], end="\n").encode(),
-    "sorted by selection time": written([HEADER, ROWS[2], ROWS[0], ROWS[1]], end="\n").encode(),
-    "last row first": written([HEADER, ROWS[2], *ROWS[:2]], end="\n").encode(),
     "NA of R in texts": OURS.replace("slow,,", "slow,NA,")
     .replace(",,,,,,,,", ",NA,NA,NA,NA,NA,NA,NA,NA")
     .encode(),
@@ -100,89 +93,57 @@ REWRITTEN = {
     "no zeros before the point": written().replace(",0.9", ",.9").replace(",-0.25", ",-.25").encode(),
     "trailing cells are left out": written().replace(",,,,,,,,\r\n", "\r\n").encode(),
 }
-NUMBERS = [name for name in HEADER if name.endswith(("_s", "_m"))]
 
 
-def same(rows: Sequence[dict[str, str]]) -> list[dict[str, object]]:
-    """Return rows of the study's columns, with numbers as numbers."""
-    return [
-        {name: float(row[name]) if name in NUMBERS and row[name] else row[name] for name in HEADER}
-        for row in sorted(rows, key=lambda row: (row["trial"], row["attempt"]))
-    ]
+def refused(path: Path) -> str:
+    """Return the sentence with which run, check and report refuse a table, and check that it stays."""
+    content = path.read_bytes()
+    sentences: set[str] = set()
+    for read in (read_table, AppendOnlyCsv):
+        with pytest.raises(ConfigError) as error:
+            read(path, HEADER)
+        sentences.add(str(error.value))
+    (sentence,) = sentences
+    assert "\n" not in sentence
+    assert path.read_bytes() == content
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+    return sentence
 
 
 @pytest.mark.parametrize("program", REWRITTEN)
-def test_table_of_another_program_is_read_and_rows_go_on_beside_it(tmp_path: Path, program: str) -> None:
-    path = tmp_path / "trials.csv"
-    path.write_bytes(REWRITTEN[program])
-    assert same(read_table(path, HEADER)) == same(EXPECTED)
-    notes: list[str] = []
-    table = AppendOnlyCsv(path, HEADER, KEY, notes.append)
-    assert same(table.rows) == same(EXPECTED)
-    assert "another program has rewritten it" in notes[0]
-    assert "New rows go to trials_2.csv" in notes[0]
-    assert not (tmp_path / "trials_2.csv").exists()
-    new = {**EXPECTED[0], "trial": "3", "reason": ""}
-    table.append(new)
-    table.close()
-    assert path.read_bytes() == REWRITTEN[program]
-    assert same(read_table(path, HEADER)) == same([*EXPECTED, new])
-    again = AppendOnlyCsv(path, HEADER, KEY)
-    again.append({**new, "trial": "4"})
-    again.close()
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["trials.csv", "trials_2.csv"]
-    assert len((tmp_path / "trials_2.csv").read_text().splitlines()) == 3
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    order=st.permutations(range(len(HEADER))),
-    rows=st.permutations(ROWS),
-    separator=st.sampled_from([",", ";", "\t", "|"]),
-    end=st.sampled_from(["\n", "\r\n", "\r"]),
-    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-32"]),
-    quoting=st.booleans(),
-    comma=st.booleans(),
-    empty=st.integers(0, 2),
-)
-def test_any_mixture_of_dialects_has_the_same_values(
-    tmp_path_factory: pytest.TempPathFactory,
-    *,
-    order: list[int],
-    rows: list[list[str]],
-    separator: str,
-    end: str,
-    encoding: str,
-    quoting: bool,
-    comma: bool,
-    empty: int,
+def test_table_of_another_program_is_refused_and_a_new_folder_begins_again(
+    tmp_path: Path, program: str
 ) -> None:
-    lines = [[line[place] for place in order] + [""] * empty for line in (HEADER, *rows)]
-    text = written(lines, separator=separator, end=end, quoting=quoting, comma=comma)
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    path.write_bytes(text.encode(encoding))
-    assert same(read_table(path, HEADER)) == same(EXPECTED)
+    path = tmp_path / "old" / "trials.csv"
+    path.parent.mkdir()
+    path.write_bytes(REWRITTEN[program])
+    sentence = refused(path)
+    assert sentence.startswith(str(path))
+    assert "another program has rewritten" in sentence
+    assert "or begin in a new folder with `pointit study run --to`" in sentence
+    table = AppendOnlyCsv(tmp_path / "new" / "trials.csv", HEADER, KEY)
+    table.append(*EXPECTED)
+    table.close()
+    assert read_table(table.path, HEADER) == EXPECTED
 
 
 @pytest.mark.parametrize(
     ("before", "after", "sentence"),
     [
-        (
-            ",2.5,",
-            ",2. May,",
-            "line 2: selection_s is '2. May', not a number or empty; correct or delete the",
-        ),
+        (",2.5,", ",2. May,", "line 2: selection_s is '2. May', not a number or empty"),
         ("1.125", '"1,125"', "line 4: selection_s is '1,125', not a number or empty"),
         (",0.5,1.5", ",5,1.5", "line 2: error_m is 5, but target and selected point are 0.5 m apart"),
         ("2026-02-03T10:00:09+00:00", "03.02.2026 10:00", "line 4: began_utc is '03.02.2026 10:00', not a"),
         ("2026-02-03T10:00:09+00:00", "2026-02-03", "line 4: began_utc is '2026-02-03', not a time such as"),
-        ("participant,", "Teilnehmer,", "no column participant; restore the table as the study wrote it"),
-        ("reason,outcome", "outcome,outcome", "no column reason; restore the table"),
-        ("participant,", "participant,participant,", "column participant is there twice; delete the one"),
-        ("coughed", "hust\xf6te", "cannot be read: line 3 is not UTF-8, another program has saved it in an"),
-        (',"repeated', ',repeated"', "line 3: selection_s is '2026-02-03T10:00:04+00:00', not a"),
+        ("participant,", "Teilnehmer,", "line 1 has 'Teilnehmer,block,"),
+        ("participant,", "participant,participant,", "the study writes 'rticipant,block,"),
+        ("outcome,", "outcome,comment,", "line 1 has 'n,outcome,comment,began"),
+        ("coughed", "hust\xf6te", "line 3: 'utf-8' codec can't decode"),
+        (',"repeated', ',repeated"', "line 3: not 17 values"),
         ("0.9,1.25,0.5,1.025", "0.9", "line 4: not 17 values"),
         ("ada,1,2,2", "ada,1,2.5,2", "line 4: trial is '2.5', not a whole number"),
+        ("x_m,target_y", "x_m," + "x" * 200_000, "line 1 has"),
+        ("coughed", "x" * 200_000, "line 3: field larger than field limit"),
     ],
 )
 def test_damage_is_said_with_its_line_and_the_file_stays(
@@ -191,19 +152,17 @@ def test_damage_is_said_with_its_line_and_the_file_stays(
     path = tmp_path / "trials.csv"
     assert before in OURS
     path.write_bytes(OURS.replace(before, after, 1).encode("latin-1"))
-    content = path.read_bytes()
-    for read in (read_table, AppendOnlyCsv):
-        with pytest.raises(ConfigError) as refused:
-            read(path, HEADER)
-        assert sentence in str(refused.value)
-        assert "\n" not in str(refused.value)
-    assert path.read_bytes() == content
-    assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
+    assert sentence in refused(path)
 
 
-def test_reason_of_an_experimenter_is_kept_although_statistics_programs_write_it_for_nothing(
-    tmp_path: Path,
-) -> None:
+@pytest.mark.parametrize("content", [b"\n", b"\r\n\r\n", codecs.BOM_UTF8, b"x" * 200_000])
+def test_table_without_a_header_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "trials.csv"
+    path.write_bytes(content)
+    assert "another program has rewritten it (line 1 has " in refused(path)
+
+
+def test_reason_that_statistics_programs_read_as_missing_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "trials.csv"
     path.write_text(OURS.replace('"repeated: coughed, twice"', "NA"), newline="")
     table = AppendOnlyCsv(path, HEADER, KEY)
@@ -211,40 +170,6 @@ def test_reason_of_an_experimenter_is_kept_although_statistics_programs_write_it
     table.append({**EXPECTED[0], "trial": "3"})
     table.close()
     assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
-
-
-def test_answers_that_another_program_has_sorted_are_not_appended_to(tmp_path: Path) -> None:
-    path = tmp_path / "answers.csv"
-    columns = ("participant", "questionnaire", "item", "condition", "block", "value")
-    rows = [
-        f"ada,sus,{item},slow,{block},{value}\n" for block, item, value in ((2, 1, 1), (1, 1, 3), (1, 2, 5))
-    ]
-    path.write_text(",".join(columns) + "\n" + "".join(rows), newline="")
-    notes: list[str] = []
-    AppendOnlyCsv(path, columns, ("questionnaire", "block", "item"), notes.append).close()
-    assert "another program has rewritten it (rows in another order)" in notes[0]
-
-
-@pytest.mark.parametrize("content", [b"\n", b"\r\n\r\n", codecs.BOM_UTF8, codecs.BOM_UTF8 + b"\n"])
-def test_rows_go_on_beside_a_table_without_a_header(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "trials.csv"
-    path.write_bytes(content)
-    table = AppendOnlyCsv(path, HEADER, KEY)
-    table.append(*EXPECTED)
-    table.close()
-    assert path.read_bytes() == content
-    assert same(read_table(path, HEADER)) == same(EXPECTED)
-
-
-@pytest.mark.parametrize(
-    "content", [b"x" * 200_000, OURS.replace("\n", "," + "x" * 200_000 + "\n", 1).encode()]
-)
-def test_value_that_no_table_has_is_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "trials.csv"
-    path.write_bytes(content)
-    with pytest.raises(ConfigError, match="line 1: field larger than field limit"):
-        AppendOnlyCsv(path, HEADER, KEY)
-    assert path.read_bytes() == content
 
 
 def test_zeros_that_a_power_cut_has_left_are_moved_to_a_file_of_their_own(tmp_path: Path) -> None:
@@ -256,30 +181,38 @@ def test_zeros_that_a_power_cut_has_left_are_moved_to_a_file_of_their_own(tmp_pa
     assert (tmp_path / "incomplete_trials.csv").read_bytes() == zeros
 
 
-def test_column_that_people_have_added_is_named_and_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "ada" / "trials.csv"
-    path.parent.mkdir()
-    lines = [[*HEADER, "comment", ""], *([*row, "tired", "x"] for row in ROWS)]
-    path.write_text(written(lines, end="\n"), newline="")
-    notes: list[str] = []
-    read_table(path, HEADER, notes.append)
-    assert notes == ["Column comment, 19 of ada/trials.csv is not of the study and left out."]
-    changes: list[str] = []
-    AppendOnlyCsv(path, HEADER, KEY, changes.append).close()
-    assert "added column comment" in changes[0]
-
-
-def test_table_of_an_earlier_version_is_read_and_continued_in_a_further_file(tmp_path: Path) -> None:
+def test_table_of_an_earlier_version_is_read_and_not_appended_to(tmp_path: Path) -> None:
     path = tmp_path / "trials.csv"
     path.write_text(OURS, encoding="utf-8")
     columns = (*HEADER[:9], *ADDED, *HEADER[9:])
-    unknown = dict.fromkeys(ADDED, "")
-    assert read_table(path, columns) == [row | unknown for row in EXPECTED]
-    notes: list[str] = []
-    with contextlib.closing(AppendOnlyCsv(path, columns, KEY, notes.append)) as table:
-        table.append({**EXPECTED[-1], "attempt": 3, "announced": 4, "stepped": 1, "confirmed": 1})
-    (note,) = notes
-    assert "no column announced, as in earlier versions" in note
+    assert read_table(path, columns) == [row | dict.fromkeys(ADDED, "") for row in EXPECTED]
+    with pytest.raises(ConfigError, match=r"an earlier version of PointIt began it.*new folder with `--to`"):
+        AppendOnlyCsv(path, columns, KEY)
     assert path.read_text(encoding="utf-8") == OURS
-    rows = read_table(path, columns)
-    assert [row["announced"] for row in rows] == ["", "", "", "4"]
+
+
+def test_table_that_a_backup_has_restored_with_the_same_bytes_is_appended_to(tmp_path: Path) -> None:
+    path = tmp_path / "trials.csv"
+    with_one = AppendOnlyCsv(path, HEADER, KEY)
+    with_one.append(EXPECTED[0])
+    path.write_bytes(path.read_bytes())
+    with_one.append(EXPECTED[1])
+    with_one.close()
+    assert read_table(path, HEADER) == EXPECTED[:2]
+    assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
+
+
+def test_rows_on_a_file_that_another_program_has_replaced_are_not_lost(tmp_path: Path) -> None:
+    path = tmp_path / "trials.csv"
+    table = AppendOnlyCsv(path, HEADER, KEY)
+    table.append(EXPECTED[0])
+    path.write_bytes(REWRITTEN["excel german"])
+    with pytest.raises(PointItError, match=r"all 2 rows are in measured_trials\.csv: move that to tr"):
+        table.append(EXPECTED[1])
+    table.close()
+    assert path.read_bytes() == REWRITTEN["excel german"]
+    (tmp_path / "measured_trials.csv").replace(path)
+    again = AppendOnlyCsv(path, HEADER, KEY)
+    again.append(EXPECTED[2])
+    again.close()
+    assert read_table(path, HEADER) == EXPECTED

@@ -21,7 +21,7 @@ EYES_M = 2.0
 def write_rows(path: Path, rows: list[dict[str, object]]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*rows[0]])
+        writer = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
 
@@ -113,7 +113,7 @@ def write_study(
                             "target": f"t{trial % targets}",
                             "outcome": "wrong" if random.random() < wrong else "hit",
                             "began_utc": "2026-01-01T10:00:00.000Z",
-                            **{key: f"{value:.6f}" for key, value in numbers.items()},
+                            **{key: f"{value:.6g}" for key, value in numbers.items()},
                         }
                     )
         write_rows(folder / name / "trials.csv", rows)

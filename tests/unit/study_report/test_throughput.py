@@ -34,7 +34,7 @@ def edit(folder: Path, name: str, change: Callable[[Row], None]) -> None:
     for row in rows:
         change(row)
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*rows[0]])
+        writer = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
 

@@ -113,8 +113,8 @@ class AppendOnlyCsv:
         write_atomically(aside, content + _lines(fresh), mode=0o644, durable=True)
         raise PointItError(
             f"{self.path}: another program has changed it while rows were added; all "
-            f"{len(self._stored) + len(fresh)} rows are in {aside.name}: move that to {self.path.name} to go on, "
-            f"or {REMEDY}"
+            f"{len(self._stored) + len(fresh)} rows are in {aside.name}: move that to {self.path.name} to go "
+            f"on, or {REMEDY}"
         )
 
     def _is_same(self, content: bytes) -> bool:

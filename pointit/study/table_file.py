@@ -4,7 +4,6 @@ import csv
 import datetime as dt
 import io
 import math
-import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
@@ -123,7 +122,8 @@ def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
     headers = (tuple(columns), tuple(name for name in columns if name not in ADDED))
     names = next((each for each in headers if whole.startswith(table_line(each))), None)
     if names is None:
-        start = len(os.path.commonprefix([content, table_line(columns)]))
+        pairs = enumerate(zip(content, table_line(columns), strict=False))
+        start = next((at for at, (byte, ours) in pairs if byte != ours), len(content))
         raise ConfigError(
             f"{path}: another program has rewritten it (line 1 has {_shown(content, start)}, and the study "
             f"writes {_shown(table_line(columns), start)}): {REMEDY}"

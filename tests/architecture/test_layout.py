@@ -57,7 +57,7 @@ HARMLESS = (
     *("pointit.runtime.config", "pointit.runtime.errors", "pointit.runtime.bus.timeliness"),
     *("pointit.runtime.address_config", "pointit.runtime.host.extras"),
     *("pointit.runtime.host.state_file", "pointit.runtime.host.store"),
-    *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config", "pointit.runtime.mqtt.payload_words"),
+    *("pointit.runtime.link", "pointit.runtime.mqtt.broker_config"),
 )
 """Parts of the runtime that cores may import: they know no bus, no clock and no loop."""
 LONGEST = 600

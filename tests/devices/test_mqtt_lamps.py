@@ -163,9 +163,10 @@ async def test_an_offline_lamp_is_named_and_gets_its_colour_when_it_is_back(port
             await until(lambda: "offline: desk, door;" in health.warnings.get(topic, ""), what="both")
 
 
-async def test_availability_in_the_words_of_other_makers_is_understood_or_named(port: int) -> None:
+async def test_availability_in_the_words_of_other_makers_is_described_or_named(port: int) -> None:
     """A Tasmota lamp, and one whose hub sends words of its own."""
-    lamps = {"desk": {"availability": "tele/desk/LWT"}, "door": {"availability": "hub/link"}}
+    tasmota = {"online": "Online", "offline": "Offline"}
+    lamps = {"desk": {"availability": "tele/desk/LWT", **tasmota}, "door": {"availability": "hub/link"}}
     async with overheard(port, "zigbee2mqtt/+/set") as heard, aiomqtt.Client("127.0.0.1", port) as bridge:
         await bridge.publish("tele/desk/LWT", "Offline", qos=1, retain=True)
         await bridge.publish("hub/link", '{"link": "weak"}', qos=1, retain=True)
@@ -174,7 +175,7 @@ async def test_availability_in_the_words_of_other_makers_is_understood_or_named(
             await until(lambda: all(name in health.warnings for name in names), what="both warnings")
             assert "offline: desk;" in health.warnings[names[0]]
             assert "hub/link tells" in health.warnings[names[1]]
-            assert "`payload_available` and `payload_not_available`" in health.warnings[names[1]]
+            assert "`online` and `offline`" in health.warnings[names[1]]
             output.show_lamp("desk", RED)
             output.show_lamp("door", GREEN)
             await until(lambda: len(heard) >= 1, what="the lamp of which nothing is known")
@@ -183,33 +184,23 @@ async def test_availability_in_the_words_of_other_makers_is_understood_or_named(
             assert [topic for topic, _ in heard] == ["zigbee2mqtt/door/set", "zigbee2mqtt/desk/set"]
             await bridge.publish("hub/link", "", qos=1, retain=True)
             await until(lambda: not health.warnings, what="a topic without a message to be no problem")
-    words = {"payload_available": "strong", "payload_not_available": "weak"}
+    words = {"online": '{"link": "strong"}', "offline": '{"link": "weak"}'}
     async with aiomqtt.Client("127.0.0.1", port) as bridge:
-        await bridge.publish("hub/link", "weak", qos=1, retain=True)
+        await bridge.publish("hub/link", words["offline"], qos=1, retain=True)
         async with lamps_on(port, lamps={"door": {**lamps["door"], **words}}) as (_output, health):
             await until(lambda: "offline: door;" in str(health.warnings), what="own words")
-            await bridge.publish("hub/link", "strong", qos=1, retain=True)
+            await bridge.publish("hub/link", words["online"], qos=1, retain=True)
             await until(lambda: not health.warnings, what="the lamp to be back")
 
 
 async def test_a_bridge_below_a_base_topic_with_levels_tells_that_its_lamps_are_offline(port: int) -> None:
-    topic = "home/zigbee2mqtt/{lamp}/set"
     await until(lambda: is_listening(port), what="the broker")
-    async with lamps_on(port, topic=topic) as (_output, health), aiomqtt.Client("127.0.0.1", port) as bridge:
+    async with (
+        lamps_on(port, base_topic="home/zigbee2mqtt") as (_output, health),
+        aiomqtt.Client("127.0.0.1", port) as bridge,
+    ):
         await bridge.publish("home/zigbee2mqtt/bridge/state", '{"state":"offline"}', qos=1, retain=True)
         await until(lambda: "offline: desk, door;" in str(health.warnings), what="both lamps")
-
-
-async def test_the_bridge_with_the_longest_base_topic_is_that_of_the_lamp(port: int) -> None:
-    """A bridge that is gone has left its last state at a shorter one."""
-    await until(lambda: is_listening(port), what="the broker")
-    async with aiomqtt.Client("127.0.0.1", port) as bridge:
-        await bridge.publish("zigbee2mqtt/bridge/state", '{"state":"offline"}', qos=1, retain=True)
-        await bridge.publish("zigbee2mqtt/attic/bridge/state", "offline", qos=1, retain=True)
-        async with lamps_on(port, topic="zigbee2mqtt/attic/{lamp}/set") as (_output, health):
-            await until(lambda: "offline: desk, door;" in str(health.warnings), what="both lamps")
-            await bridge.publish("zigbee2mqtt/attic/bridge/state", "online", qos=1, retain=True)
-            await until(lambda: not health.warnings, what="both lamps to be back")
 
 
 async def test_the_state_is_found_in_a_long_message(port: int) -> None:

@@ -14,16 +14,22 @@ import re
 import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pointit.launch.plan.plan import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.extras import pointit_version
-from pointit.runtime.mqtt.broker import client_options, connected, keep_connected, require_client, uncancelled
+from pointit.runtime.mqtt.broker import (
+    client_options,
+    connected,
+    discovery_prefix,
+    keep_connected,
+    require_client,
+    uncancelled,
+)
 from pointit.runtime.mqtt.broker_config import FORM, BrokerConfig
-from pointit.runtime.mqtt.payload_words import is_on, is_online
 from pointit.schemas import Environment, ReadHistory, SelectedObject, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
 from pointit.schemas.selection import REPEATED_REASON
@@ -31,10 +37,6 @@ from pointit.schemas.topics import READ_HISTORY, SELECTION, SELECTION_EVENTS, SE
 
 log = logging.getLogger(__name__)
 
-PREFIX = "homeassistant"
-"""Usual prefix of topics of the discovery."""
-BIRTH_TOPIC = f"{PREFIX}/status"
-"""Usual topic of Home Assistant's birth message, `online`."""
 SET = "/set"
 """End of the topic of a switch's commands, `ON` and `OFF`."""
 EVENT = "/event"
@@ -62,6 +64,13 @@ class Announcements:
     """Topics and messages of one site."""
 
     site: str
+    prefix: str = "homeassistant"
+    """First levels of the topics of the discovery."""
+
+    @property
+    def birth_topic(self) -> str:
+        """Return the topic of Home Assistant's birth message, `online`."""
+        return f"{self.prefix}/status"
 
     @property
     def status_topic(self) -> str:
@@ -71,7 +80,7 @@ class Announcements:
     @property
     def found(self) -> str:
         """Return the topic filter of earlier announcements for this site."""
-        return f"{PREFIX}/+/{self._node}/+/config"
+        return f"{self.prefix}/+/{self._node}/+/config"
 
     @property
     def all_states(self) -> str:
@@ -85,7 +94,7 @@ class Announcements:
 
     def command(self, things: Sequence[Thing], topic: str, payload: object) -> tuple[str, bool] | None:
         """Return a switch among `things` and the state that a message commands, or None if it does not."""
-        on = is_on(payload)
+        on = {b"ON": True, b"OFF": False}.get(payload) if isinstance(payload, bytes) else None
         names = (each.id for each in things if each.mode == "switch" and self._topic(each.id) + SET == topic)
         name = next(names, None)
         return None if name is None or on is None else (name, on)
@@ -150,7 +159,7 @@ class Announcements:
     def switched_on(self, things: Sequence[Thing], retained: Mapping[str, object]) -> set[str]:
         """Return the switches among `things` that are on in the broker's retained payloads, by topic."""
         switches = (thing.id for thing in things if thing.mode == "switch")
-        return {each for each in switches if is_on(retained.get(self._topic(each)))}
+        return {each for each in switches if _was_on(retained.get(self._topic(each)))}
 
     def states(
         self, things: Sequence[Thing], selected: Sequence[SelectedObject], without: Collection[str]
@@ -186,17 +195,26 @@ class Announcements:
         return self._topic(thing.id) + (EVENT if thing.mode == "switch" else "")
 
     def _trigger_topic(self, thing: Thing, kind: str) -> str:
-        return f"{PREFIX}/device_automation/{self._node}/{_id_of(thing.id)}_{kind}/config"
+        return f"{self.prefix}/device_automation/{self._node}/{_id_of(thing.id)}_{kind}/config"
 
     def _config_topic(self, thing: Thing) -> str:
         kind = "switch" if thing.mode == "switch" else "event"
-        return f"{PREFIX}/{kind}/{self._node}/{_id_of(thing.id)}/config"
+        return f"{self.prefix}/{kind}/{self._node}/{_id_of(thing.id)}/config"
 
 
 def _state(selected: SelectedObject | None) -> dict[str, Any]:
     if selected is None:
         return {"state": "OFF", "user": "", "confidence": None}
     return {"state": "ON", "user": selected.user, "confidence": selected.confidence}
+
+
+def _was_on(payload: object) -> bool:
+    """Return True if a message is the state of a switch that is on, as `_state` makes it."""
+    try:
+        state = json.loads(payload) if isinstance(payload, bytes) else None
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(state, dict) and cast("dict[str, Any]", state).get("state") == "ON"
 
 
 def _id_of(name: str) -> str:
@@ -241,9 +259,17 @@ def broker_of(address: str, ca_file: str = "") -> BrokerConfig:
 class MqttThings:
     """Watcher of a run that announces its things at a broker, and publishes their events and states."""
 
-    def __init__(self, config: BrokerConfig) -> None:
-        """Prepare; nothing is opened yet. Raises ConfigError: a file of `config` cannot be read."""
+    def __init__(self, config: BrokerConfig, prefix: str = "") -> None:
+        """Prepare; nothing is opened yet.
+
+        Args:
+            config: the broker.
+            prefix: as of `discovery_prefix`.
+
+        Raises: ConfigError: If a file of `config` cannot be read, or `prefix` is no topic.
+        """
         self._config = config
+        self._prefix = discovery_prefix(prefix)
         self._options = client_options(config)
         self._things: dict[str, Thing] = {}
         self._has_map = asyncio.Event()
@@ -271,7 +297,7 @@ class MqttThings:
         Return the subscriptions, and a function that ends the connection.
         """
         del on_event
-        self._bus, self._announcements = bus, Announcements(bus.site)
+        self._bus, self._announcements = bus, Announcements(bus.site, self._prefix)
         ending = contextlib.ExitStack()
         for run, name in ((self._run, "things by MQTT"), (self._restore, "switches by MQTT")):
             ending.callback(asyncio.create_task(run(), name=name).cancel)
@@ -447,11 +473,13 @@ class MqttThings:
 
     async def _run_commands(self, client: "aiomqtt.Client") -> None:
         """Switch things as the broker says, until the connection is lost, which raises MqttError."""
-        await uncancelled(client.subscribe([(self._announcements.commands, 1), (BIRTH_TOPIC, 1)]))
+        await uncancelled(
+            client.subscribe([(self._announcements.commands, 1), (self._announcements.birth_topic, 1)])
+        )
         async for message in client.messages:
             topic = message.topic.value
-            if topic == BIRTH_TOPIC:
-                if is_online(message.payload):
+            if topic == self._announcements.birth_topic:
+                if message.payload == ONLINE.encode():
                     self._shown.clear()  # announces a device again that was deleted there
                     self._changed.set()
                 continue

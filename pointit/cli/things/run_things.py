@@ -15,6 +15,7 @@ from pointit.launch.plan.plan import MakeWatcher, Scenario
 from pointit.launch.plan.scenario_catalog import room_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials
+from pointit.runtime.mqtt.broker import discovery_prefix
 from pointit.services.registry import HOME_ASSISTANT
 
 
@@ -35,7 +36,15 @@ def mqtt_options(function: Any) -> Any:
         metavar="FILE",
         help="certificate of your own authority, for --mqtt mqtts://…  [default: variable MQTT_CA_FILE]",
     )
-    return broker(authority(function))
+    prefix = click.option(
+        "--mqtt-discovery-prefix",
+        default="",
+        show_default=False,
+        metavar="TOPIC",
+        help="discovery prefix of Home Assistant's MQTT integration  [default: variable "
+        "MQTT_DISCOVERY_PREFIX, or homeassistant]",
+    )
+    return broker(authority(prefix(function)))
 
 
 def _options(function: Any) -> Any:
@@ -61,7 +70,8 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
     ca_file = options.get("mqtt_ca_file", "")
     if options["mqtt"] or ca_file:
         config = broker_of(options["mqtt"], ca_file)
-        watchers.append(lambda _launches: MqttThings(config))
+        prefix = discovery_prefix(options.get("mqtt_discovery_prefix", ""))
+        watchers.append(lambda _launches: MqttThings(config, prefix))
     return Added(watchers=watchers, notes=_home_notes(scenario, choices, options))
 
 
@@ -101,7 +111,12 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-THINGS_PART = RunPart(heading="Things", names=("on", "mqtt", "mqtt_ca_file"), options=_options, add=_add)
+THINGS_PART = RunPart(
+    heading="Things",
+    names=("on", "mqtt", "mqtt_ca_file", "mqtt_discovery_prefix"),
+    options=_options,
+    add=_add,
+)
 THINGS_DISPLAY = DisplayPart(
     rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=summary_lines
 )

@@ -119,7 +119,9 @@ async def _try(thing: str, user: str, *, on: bool | None, **at: Unpack[AtSite]) 
 @click.command("react", params=site_options())
 @click.argument("on", nargs=-1, metavar="[FILE.yaml|THING=PROGRAM|THING=URL]...")
 @mqtt_options
-def react_to_things(*, on: tuple[str, ...], mqtt: str, mqtt_ca_file: str, **at: Unpack[AtSite]) -> int:
+def react_to_things(
+    *, on: tuple[str, ...], mqtt: str, mqtt_ca_file: str, mqtt_discovery_prefix: str, **at: Unpack[AtSite]
+) -> int:
     """Start programs and send web requests when people point at things of a running site, until Ctrl-C.
 
     The arguments are values of `--on` of `pointit run`; FILE.yaml has several, `THING: PROGRAM or URL`. A
@@ -134,7 +136,7 @@ def react_to_things(*, on: tuple[str, ...], mqtt: str, mqtt_ca_file: str, **at: 
     reactions = [each for text in on for each in reactions_in(text)]
     watchers: list[Watcher] = [Reactions(reactions)] if reactions else []
     if mqtt or mqtt_ca_file:
-        watchers.append(MqttThings(broker_of(mqtt, mqtt_ca_file)))
+        watchers.append(MqttThings(broker_of(mqtt, mqtt_ca_file), mqtt_discovery_prefix))
     if not watchers:
         raise click.UsageError(
             "nothing to do: name a FILE.yaml, THING=PROGRAM or THING=URL, or --mqtt BROKER"

@@ -5,6 +5,7 @@ import contextlib
 import importlib.util
 import logging
 import os
+import re
 import secrets
 import ssl
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Sequence
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 PASSWORD = "MQTT_PASSWORD"  # noqa: S105 - the name of a variable
 CA_FILE = "MQTT_CA_FILE"
+DISCOVERY_PREFIX = "MQTT_DISCOVERY_PREFIX"
+"""Variable with the first levels of the topics by which Home Assistant finds devices."""
 """Variable with the file of the authority, where `ca_file` is not set."""
 CLIENT_ID = "pointit"
 """Start of all client identifiers."""
@@ -193,6 +196,18 @@ def require_client(users: str) -> None:
     """
     if importlib.util.find_spec("aiomqtt") is None:
         raise ConfigError(f"{users} need an extra: run {remedy('mqtt')}")
+
+
+def discovery_prefix(prefix: str = "") -> str:
+    """Return `prefix`, or that of the variable MQTT_DISCOVERY_PREFIX, or Home Assistant's own.
+
+    Raises:
+        ConfigError: If it is no topic.
+    """
+    prefix = prefix or os.environ.get(DISCOVERY_PREFIX, "") or "homeassistant"
+    if not re.fullmatch(r"[^#+\x00/]+(/[^#+\x00/]+)*", prefix):
+        raise ConfigError(f"{DISCOVERY_PREFIX}: {prefix!r} is no topic: write levels, such as house/ha")
+    return prefix
 
 
 def client_options(config: BrokerConfig) -> dict[str, Any]:

@@ -4,7 +4,6 @@ import json
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple, cast
 
-from pointit.runtime.mqtt.payload_words import parsed
 from pointit.schemas.base import Rgb
 
 DARK: Rgb = (0, 0, 0)
@@ -103,11 +102,8 @@ FULL = 254
 """Full brightness of Zigbee; Home Assistant's scale ends at 255, which Zigbee2MQTT does not take."""
 DEVICES = "/bridge/devices"
 """End of the topic of Zigbee2MQTT's devices; before it is the base topic, which may have slashes."""
-TOPICS = (
-    *(f"{base}{DEVICES}" for base in ("+", "+/+", "+/+/+")),
-    *("homeassistant/light/#", "homeassistant/device/#"),
-)
-"""Topics of the announcements, which brokers retain."""
+ONLINE, OFFLINE = "online", "offline"
+"""Words on availability topics unless a lamp or its announcement has others."""
 ABBREVIATIONS = {
     "availability": "avty",
     "availability_topic": "avty_t",
@@ -121,8 +117,8 @@ ABBREVIATIONS = {
     "topic": "t",
 }
 """Short names of keys in Home Assistant's discovery."""
-WORDS = ("payload_available", "payload_not_available")
-"""Keys of the words by which a light tells that it is online and offline."""
+WORDS = {"online": "payload_available", "offline": "payload_not_available"}
+"""Keys of the words by which a light tells that it is online and offline, by parameter."""
 COLOR_MODES = {"hs", "rgb", "rgbw", "rgbww", "xy"}
 LONGEST_TEXT = 200
 """Names and topics that are longer are left out."""
@@ -151,21 +147,39 @@ class AnnouncedLight(NamedTuple):
     availability: str
     """Topic that tells if it is online, or `""`."""
     has_color: bool
-    payload_available: str = ""
-    """Word there for online, or `""` for the usual ones."""
-    payload_not_available: str = ""
+    online: str = ""
+    """Word there for online, or `""` for `ONLINE`."""
+    offline: str = ""
 
 
-def announced_lights(topic: str, payload: object) -> list[AnnouncedLight]:
-    """Return the lights that a message announces, whatever it holds."""
-    value = parsed(payload)
+def announcement_topics(prefix: str) -> tuple[str, ...]:
+    """Return the topics of announcements, which brokers retain; `prefix` is that of Home Assistant's."""
+    bases = ("+", "+/+", "+/+/+")
+    return (*(f"{base}{DEVICES}" for base in bases), f"{prefix}/light/#", f"{prefix}/device/#")
+
+
+def is_online(payload: bytes, online: str, offline: str) -> bool | None:
+    """Return True if a message is the word `online`, False for `offline`, None for anything else.
+
+    It is the word, or an object in JSON whose `state` is the word, as Zigbee2MQTT writes it.
+    """
+    text = payload.decode(errors="replace")
+    words = {text, _text(_mapping(_parsed(payload)).get("state"))}
+    return True if online in words else False if offline in words else None
+
+
+def announced_lights(topic: str, payload: object, prefix: str) -> list[AnnouncedLight]:
+    """Return the lights that a message announces, whatever it holds. `prefix` is Home Assistant's."""
+    value = _parsed(payload)
     if topic.endswith(DEVICES):
         return list(_zigbee_lights(topic.removesuffix(DEVICES), value))
     if not topic.endswith("/config") or not isinstance(value, dict):
         return []
     config = cast("dict[str, Any]", value)
-    if topic.startswith("homeassistant/light/"):
+    if topic.startswith(f"{prefix}/light/"):
         return list(_light(config))
+    if not topic.startswith(f"{prefix}/device/"):
+        return []
     components = _mapping(_get(config, "components"))
     return [
         light
@@ -202,7 +216,7 @@ def _light(config: Mapping[str, Any]) -> Iterator[AnnouncedLight]:
     listed = [_mapping(each) for each in (_items(several) or [several])]
     own, source = _get(config, "availability_topic"), listed[-1]
     availability = _topic(config, own or _get(source, "topic"))
-    words = (_text(_get(config if own else source, name)) for name in WORDS)
+    words = (_text(_get(config if own else source, key)) for key in WORDS.values())
     modes = {_text(mode) for mode in _items(_get(config, "supported_color_modes"))}
     yield AnnouncedLight(name, topic, availability, bool(modes & COLOR_MODES), *words)
 
@@ -217,6 +231,16 @@ def _topic(config: Mapping[str, Any], value: object) -> str:
     if base and topic.startswith("~"):
         return base + topic[1:]
     return topic[:-1] + base if base and topic.endswith("~") else topic
+
+
+def _parsed(payload: object) -> object:
+    """Return the value of a message in JSON, or None."""
+    if not isinstance(payload, bytes | bytearray):
+        return None
+    try:
+        return json.loads(payload)
+    except (ValueError, RecursionError):
+        return None
 
 
 def _text(value: object) -> str:

@@ -15,6 +15,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.mqtt.broker import (
     client_options,
     connected,
+    discovery_prefix,
     encrypts,
     find_on_brokers,
     keep_connected,
@@ -23,17 +24,19 @@ from pointit.runtime.mqtt.broker import (
     uncancelled,
 )
 from pointit.runtime.mqtt.broker_config import PORT, BrokerConfig
-from pointit.runtime.mqtt.payload_words import is_online
 from pointit.schemas import Lamp
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output import light_protocol
 from pointit.services.led_driver.output.light_protocol import (
     DARK,
-    TOPICS,
+    OFFLINE,
+    ONLINE,
     WORDS,
     AnnouncedLight,
     LampCommands,
     announced_lights,
+    announcement_topics,
+    is_online,
 )
 from pointit.services.led_driver.output.network_output import OutputHealth
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig
@@ -48,8 +51,6 @@ BRIDGE = "/bridge/state"
 """End of the topic by which a Zigbee2MQTT tells if it is online."""
 SET = "/set"
 """End of a command topic of Zigbee2MQTT."""
-ZIGBEE = ("zigbee", "z2m")
-"""Parts of the name of a base topic of Zigbee2MQTT."""
 Topic = Annotated[str, StringConstraints(max_length=1000, pattern=r"^[^#+\x00]*$")]
 
 
@@ -68,14 +69,11 @@ class AvailabilityConfig(Config):
 
     availability: Topic = Field(
         default="",
-        description="topic that tells online or offline; {lamp} stands for the id; /availability in place of "
-        "/set if empty",
+        description="topic that tells online or offline; {lamp} stands for the id; those of Zigbee2MQTT below "
+        "`base_topic` if empty",
     )
-    payload_available: Payload = Field(
-        default="",
-        description="word there for online, if PointIt does not know it (`pointit doctor` says so)",
-    )
-    payload_not_available: Payload = Field(default="", description="word there for offline, likewise")
+    online: Payload = Field(default="", description="word there for online; `online` if empty")
+    offline: Payload = Field(default="", description="word there for offline; `offline` if empty")
 
 
 class LampTopics(AvailabilityConfig):
@@ -89,8 +87,11 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
 
     kind: str = Field(default="mqtt", description="kind of controller")
     topic: Topic = Field(
-        default="zigbee2mqtt/{lamp}/set", description="topic of a lamp's commands; {lamp} stands for its id"
+        default="",
+        description="topic of a lamp's commands; {lamp} stands for its id; /{lamp}/set below `base_topic` if "
+        "empty",
     )
+    base_topic: Topic = Field(default="zigbee2mqtt", description="base topic of Zigbee2MQTT")
     lamps: dict[str, LampTopics] = Field(
         default={}, description="topics by id of the lamp; all lamps of the map, by `topic`, if empty"
     )
@@ -111,7 +112,11 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
 
     @model_validator(mode="after")
     def _one_topic_a_lamp(self) -> Self:
-        if LAMP not in self.topic and not (self.lamps and all(each.topic for each in self.lamps.values())):
+        if (
+            self.topic
+            and LAMP not in self.topic
+            and not (self.lamps and all(each.topic for each in self.lamps.values()))
+        ):
             raise ValueError(f"topic: write {LAMP}, for which a lamp's id is put in")
         taken: dict[str, str] = {}
         for lamp_id in self.lamps:
@@ -125,42 +130,28 @@ class MqttConfig(AvailabilityConfig, BrokerConfig, OutputConfig):
         if self.lamps and lamp_id not in self.lamps:
             return ""
         own = self.lamps[lamp_id].topic if self.lamps else ""
-        return own or self.topic.replace(LAMP, lamp_id)
+        return own or (self.topic or f"{self.base_topic}/{LAMP}{SET}").replace(LAMP, lamp_id)
 
     def availability_topics(self, lamp_id: str) -> tuple[str, ...]:
-        """Return the topics that tell if a lamp is online: all of them must say so, or nothing.
-
-        Of those of bridges, the first on which there is anything counts: the lamp is at that one.
-        """
+        """Return the topics that tell if a lamp is online: all of them must say so, or nothing."""
         if own := self._of_lamp(lamp_id, "availability"):
             return (own.replace(LAMP, lamp_id),)
         topic = self.command_topic(lamp_id)
-        if not topic.endswith(SET) or topic.count("/") < 2:
+        if not topic.startswith(f"{self.base_topic}/") or not topic.endswith(SET):
             return ()
-        return (f"{topic.removesuffix(SET)}/availability", *(f"{base}{BRIDGE}" for base in _bases(topic)))
+        return (f"{topic.removesuffix(SET)}/availability", f"{self.base_topic}{BRIDGE}")
 
     def is_online(self, lamp_id: str, topic: str, payload: bytes) -> bool | None:
         """Return True if a message on an availability topic says that the lamp is online, None if neither."""
         if topic.endswith(BRIDGE) and not self._of_lamp(lamp_id, "availability"):
-            return is_online(payload)
-        words = (self._of_lamp(lamp_id, name) for name in WORDS)
-        return is_online(payload, *words)
+            return is_online(payload, ONLINE, OFFLINE)
+        online, offline = (self._of_lamp(lamp_id, name) for name in WORDS)
+        return is_online(payload, online or ONLINE, offline or OFFLINE)
 
     def _of_lamp(self, lamp_id: str, name: str) -> str:
         """Return the value of the field `name` of a lamp, or that of the output if the lamp has none."""
         own = getattr(self.lamps[lamp_id], name) if lamp_id in self.lamps else ""
         return own or getattr(self, name)
-
-
-def _bases(topic: str) -> list[str]:
-    """Return the possible base topics of Zigbee2MQTT in a lamp's topic, the longest first.
-
-    Names of lamps have slashes, too.
-    """
-    levels = topic.removesuffix(SET).split("/")[:-1]
-    named = [any(word in level.casefold() for word in ZIGBEE) for level in levels]
-    first = named.index(True) if any(named) else 0
-    return ["/".join(levels[:end]) for end in range(len(levels), first, -1)]
 
 
 RETRY_S = 1.0
@@ -169,7 +160,6 @@ ACK_S = 5.0
 """Time for a broker to acknowledge a command, after which the connection counts as lost, s."""
 OFF_S = 0.4
 """Maximum time for the commands that switch the lamps off at the end, s."""
-ONLINE, OFFLINE = b"online", b"offline"
 MAX_LAMPS = 500
 """Limit of lamps on one broker."""
 TLS_SHARE = 0.2
@@ -230,7 +220,7 @@ class MqttLamps:
 
     async def _serve(self) -> None:
         status = self._config.status_topic
-        async with self._connected(0, status, OFFLINE, retain=True) as client:
+        async with self._connected(0, status, OFFLINE.encode(), retain=True) as client:
             self._health.clear("broker")
             self._payloads.clear()
             self._subscribed.clear()
@@ -284,7 +274,7 @@ class MqttLamps:
 
     async def _send(self, client: "aiomqtt.Client", tasks: asyncio.TaskGroup) -> None:
         loop = asyncio.get_running_loop()
-        await self._tell_status(client, ONLINE)
+        await self._tell_status(client, ONLINE.encode())
         while True:
             self._changed.clear()
             await self._subscribe(client)
@@ -324,10 +314,9 @@ class MqttLamps:
         unknown: dict[str, str] = {}
         for lamp_id in self._lamps:
             # payloads are empty where the broker has nothing retained any more
-            topics = [each for each in self._config.availability_topics(lamp_id) if self._payloads.get(each)]
-            bridges = [each for each in topics if each.endswith(BRIDGE)]
-            for topic in (each for each in topics if each not in bridges[1:]):
-                payload = self._payloads[topic]
+            for topic in self._config.availability_topics(lamp_id):
+                if not (payload := self._payloads.get(topic)):
+                    continue
                 online = self._config.is_online(lamp_id, topic, payload)
                 if online is None:
                     unknown[topic] = repr(payload.decode(errors="replace")[:MAX_SHOWN])
@@ -336,8 +325,8 @@ class MqttLamps:
         self._commands.set_offline(offline)
         reported = ", ".join(f"{topic} tells {text}" for topic, text in unknown.items())
         remedy = (
-            "set `availability` to the topic that tells if the lamp is online, and `payload_available` and "
-            "`payload_not_available` to its words for online and offline"
+            "set `availability` to the topic that tells if the lamp is online, and `online` and `offline` to "
+            "its words, or its whole messages"
         )
         self._health.warn("availability", f"{reported}: {remedy}" if reported else "")
         who = ", ".join(offline)
@@ -354,7 +343,7 @@ class MqttLamps:
                 await asyncio.gather(
                     *(self._publish(client, lamp_id, DARK) for lamp_id in self._commands.lit)
                 )
-                await self._tell_status(client, OFFLINE)
+                await self._tell_status(client, OFFLINE.encode())
 
 
 async def find_lamps(seconds: float) -> Sequence[FoundDevice]:
@@ -372,6 +361,7 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
     from aiomqtt import MqttError  # noqa: PLC0415 - an extra
 
     lights: dict[str, AnnouncedLight] = {}
+    prefix = discovery_prefix()
     address = host if port == PORT else f"{host}:{port}"
     server: dict[str, Any] = {"hostname": host, "port": port}
     reached = False
@@ -379,9 +369,9 @@ async def find_lamps_on(host: str, port: int, seconds: float) -> list[FoundDevic
         # TimeoutError, at the end of the search, is an OSError
         async with asyncio.timeout(seconds - TLS_SHARE * seconds), connected(server) as client:
             reached = True
-            await client.subscribe([(topic, 0) for topic in TOPICS])
+            await client.subscribe([(topic, 0) for topic in announcement_topics(prefix)])
             async for message in client.messages:
-                for light in announced_lights(str(message.topic), message.payload):
+                for light in announced_lights(str(message.topic), message.payload, prefix):
                     if len(lights) < MAX_LAMPS:
                         lights.setdefault(light.topic, light)
     except MqttError as error:

@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pointit.runtime.mqtt.payload_words import is_online
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output.light_protocol import (
     DARK,
-    TOPICS,
     AnnouncedLight,
     LampCommands,
     announced_lights,
+    announcement_topics,
     command,
+    is_online,
 )
 from pointit.services.led_driver.output.mqtt_output import MqttConfig
 
@@ -123,7 +123,10 @@ def test_hue_times_brightness_is_the_colour(color: Rgb) -> None:
 def test_lights_that_take_json_are_found_in_announcements(
     topic: str, payload: str, expected: list[AnnouncedLight]
 ) -> None:
-    assert announced_lights(topic, payload.encode()) == expected
+    assert announced_lights(topic, payload.encode(), "homeassistant") == expected
+    own = topic.replace("homeassistant/", "house/ha/")
+    assert announced_lights(own, payload.encode(), "house/ha") == expected
+    assert topic == own or not announced_lights(own, payload.encode(), "homeassistant")
 
 
 KEYS = ("schema", "cmd_t", "command_topic", "~", "dev", "device", "name", "cmps", "p", "avty", "availability")
@@ -142,10 +145,10 @@ ANY_TOPIC = st.sampled_from(
 
 @given(ANY_TOPIC, ANY_JSON.map(lambda value: json.dumps(value).encode()) | st.binary(max_size=50))
 def test_no_announcement_raises(topic: str, payload: bytes) -> None:
-    for light in announced_lights(topic, payload):
+    for light in announced_lights(topic, payload, "homeassistant"):
         assert light.topic
         assert light.name
-    is_online(payload)
+    is_online(payload, "online", "offline")
 
 
 def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
@@ -164,61 +167,68 @@ def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
 def test_lights_of_a_zigbee2mqtt_with_levels_in_its_base_topic_are_found() -> None:
     for base in ("zigbee2mqtt", "home/zigbee2mqtt", "de/home/z2m"):
         topic = f"{base}/bridge/devices"
-        assert any(aiomqtt.Topic(topic).matches(each) for each in TOPICS)
-        lights = announced_lights(topic, ZIGBEE.encode())
+        assert any(aiomqtt.Topic(topic).matches(each) for each in announcement_topics("house"))
+        lights = announced_lights(topic, ZIGBEE.encode(), "house")
         assert [light.topic for light in lights] == [f"{base}/kitchen/desk/set", f"{base}/bulb/set"]
 
 
-@pytest.mark.parametrize(
-    ("topic", "bases"),
-    [
-        ("home/zigbee2mqtt/{lamp}/set", ["home/zigbee2mqtt"]),
-        ("de/home/Zigbee2MQTT-2/{lamp}/set", ["de/home/Zigbee2MQTT-2"]),
-        ("home/zigbee2mqtt/kitchen/{lamp}/set", ["home/zigbee2mqtt/kitchen", "home/zigbee2mqtt"]),
-        ("house/lights/{lamp}/set", ["house/lights", "house"]),
-    ],
-)
-def test_the_bridge_of_a_base_topic_with_levels_tells_if_it_is_online(topic: str, bases: list[str]) -> None:
-    expected = [f"{topic.removesuffix('/set')}/availability", *(f"{base}/bridge/state" for base in bases)]
-    config = MqttConfig(broker="hub", topic=topic)
-    assert [*config.availability_topics("desk")] == [each.replace("{lamp}", "desk") for each in expected]
-    own = MqttConfig.model_validate(
-        {"broker": "hub", "lamps": {"a": {"topic": topic.replace("{lamp}", "b")}}}
+def test_the_base_topic_of_zigbee2mqtt_is_a_parameter() -> None:
+    config = MqttConfig(broker="hub", base_topic="de/home/z2m")
+    assert config.command_topic("hall/desk") == "de/home/z2m/hall/desk/set"
+    assert config.availability_topics("hall/desk") == (
+        "de/home/z2m/hall/desk/availability",
+        "de/home/z2m/bridge/state",
     )
-    assert [*own.availability_topics("a")] == [each.replace("{lamp}", "b") for each in expected]
+    other = MqttConfig(broker="hub", topic="house/lights/{lamp}/set")
+    assert other.availability_topics("desk") == ()
 
 
-def test_availability_is_configured_for_a_lamp_or_for_all_lamps_of_an_output() -> None:
-    config = MqttConfig.model_validate(
-        {
-            "broker": "hub",
-            "topic": "cmnd/{lamp}/set",
-            "availability": "tele/{lamp}/LWT",
-            "payload_available": "up",
-            "lamps": {"a": {}, "b": {"availability": "b/level", "payload_available": 7}},
-        }
-    )
-    assert [config.availability_topics(each) for each in "ab"] == [("tele/a/LWT",), ("b/level",)]
-    assert [config.is_online("a", "tele/a/LWT", text) for text in (b"up", b"online", b"Offline")] == [
-        True,
-        None,
-        False,
-    ]
-    assert [config.is_online("b", "b/level", text) for text in (b"7", b"up", b"0")] == [True, None, False]
+FOREIGN = {
+    "zigbee2mqtt 1": (b"online", b"offline", {}),
+    "zigbee2mqtt 2": (b'{"state":"online"}', b'{"state":"offline"}', {}),
+    "esphome": (b"online", b"offline", {}),
+    "wled": (b"online", b"offline", {}),
+    "tasmota": (b"Online", b"Offline", {"online": "Online", "offline": "Offline"}),
+    "shelly": (b"true", b"false", {"online": "true", "offline": "false"}),
+    "esp easy": (b"Connected", b"Connection Lost", {"online": "Connected", "offline": "Connection Lost"}),
+    "openhab": (b"ON", b"OFF", {"online": "ON", "offline": "OFF"}),
+    "homie": (b"ready", b"lost", {"online": "ready", "offline": "lost"}),
+    "zwave-js-ui": (
+        b'{"value":true,"nodeId":4}',
+        b'{"value":false,"nodeId":4}',
+        {"online": '{"value":true,"nodeId":4}', "offline": '{"value":false,"nodeId":4}'},
+    ),
+    "tasmota state": (b'{"POWER":"ON"}', b"Offline", {"online": '{"POWER":"ON"}', "offline": "Offline"}),
+    "knx gateway": (b"1", b"0", {"online": 1, "offline": 0}),
+}
+"""Messages for online and offline of devices, and the parameters that describe them."""
+
+
+@pytest.mark.parametrize("device", FOREIGN)
+def test_words_of_a_device_are_read_or_refused_until_its_parameters_describe_them(device: str) -> None:
+    *messages, words = FOREIGN[device]
+    plain = MqttConfig(broker="hub", availability="x")
+    expected = [None, None] if words else [True, False]
+    assert [plain.is_online("a", "x", each) for each in messages] == expected
+    described = MqttConfig.model_validate({"broker": "hub", "availability": "x", **words})
+    assert [described.is_online("a", "x", each) for each in messages] == [True, False]
+    of_lamp = MqttConfig.model_validate({"broker": "hub", "lamps": {"a": {"availability": "x", **words}}})
+    assert [of_lamp.is_online("a", "x", each) for each in messages] == [True, False]
 
 
 def test_the_words_of_a_lamp_are_not_those_of_its_bridge() -> None:
-    config = MqttConfig(broker="hub", payload_available="here", payload_not_available="away")
+    config = MqttConfig(broker="hub", online="here", offline="away")
     own, bridge = config.availability_topics("desk")
     assert config.is_online("desk", own, b"here") is True
+    assert config.is_online("desk", own, b"online") is None
     assert config.is_online("desk", bridge, b'{"state":"online"}') is True
 
 
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"payload_available": True},
-        {"lamps": {"a": {"payload_not_available": False}}},
+        {"online": True},
+        {"lamps": {"a": {"offline": False}}},
         {"broker": "http://hub"},
         {"broker": ":1883"},
         {"topic": "zigbee2mqtt/all/set"},

@@ -156,7 +156,8 @@ def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
     study = study_in(Path(folder))
     names = [name for name, _, _ in columns_of(list(study.factors))]
     paths = sorted(Path(folder).glob(f"*/{TRIALS}"))
-    rows = [row for path in paths for row in read_trials(study, path.parent)]
+    tables = [read_trials(study, path.parent) for path in paths]
+    rows = [row for table in tables for row in sorted(table, key=_attempt)]
     target = Path(to) / "all_trials.csv"
     with replaced_file(target) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
@@ -176,6 +177,10 @@ def write_all_trials(folder: str | Path, to: str | Path) -> list[Path]:
     with replaced_file(parquet) as part:
         importlib.import_module("pyarrow.parquet").write_table(arrow.table(columns), part)
     return [target, parquet]
+
+
+def _attempt(line: Row) -> tuple[int, int]:
+    return int(line["trial"]), int(line["attempt"])
 
 
 def _trial(line: Row, levels: Iterable[str]) -> TrialRow:

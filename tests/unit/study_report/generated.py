@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pointit.study.study_folder import ANSWER_COLUMNS
-from pointit.study.table_file import COLUMNS
+from pointit.study.table_file import COLUMNS, spreadsheet_row
 
 NAMES = [name for name, _, _ in COLUMNS][5:]
 RINGS = ((0.4, 0.05), (0.8, 0.1), (1.2, 0.05), (0.8, 0.03))
@@ -23,7 +23,7 @@ def write_rows(path: Path, rows: list[dict[str, object]]) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows(spreadsheet_row({name: str(value) for name, value in row.items()}) for row in rows)
 
 
 def write_study(

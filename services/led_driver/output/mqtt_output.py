@@ -69,8 +69,8 @@ class AvailabilityConfig(Config):
 
     availability: Topic = Field(
         default="",
-        description="topic that tells online or offline; {lamp} stands for the id; those of Zigbee2MQTT below "
-        "`base_topic` if empty",
+        description="topic that tells online or offline; {lamp} stands for the id; if empty, those of "
+        "Zigbee2MQTT below `base_topic`",
     )
     online: Payload = Field(default="", description="word there for online; `online` if empty")
     offline: Payload = Field(default="", description="word there for offline; `offline` if empty")

@@ -149,7 +149,7 @@ def _open_storage(file: Path, storage: Path, stack: ExitStack) -> Any:
         )
     try:
         (_check_chunks if suffix == ".mcap" else _check_pages)(storage)
-        reader: Any = stack.enter_context(Reader(storage))
+        reader: Any = stack.enter_context(Reader(str(storage)))
         formats = {each.ext.serialization_format for each in reader.connections} - {"cdr"}
         if formats:
             raise DamagedError(f"has messages in {min(formats)[:20]!r}, not in 'cdr'")  # noqa: TRY301

@@ -10,6 +10,7 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from mcap.exceptions import McapError
@@ -84,7 +85,7 @@ def recover_mcap(path: Path) -> Path:
                     )
         except (McapError, struct.error):  # the end of what is there
             pass
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
     return whole
 
 
@@ -119,9 +120,9 @@ def test_compressed_bags_are_read_as_folder_and_as_file(
     ],
 )
 def test_mcap_of_another_writer_is_read_whole_and_after_its_recovery(
-    tmp_path: Path, options: dict[str, object]
+    tmp_path: Path, options: dict[str, Any]
 ) -> None:
-    source = plain_mcap(tmp_path / "other.mcap", **options)  # type: ignore[arg-type]
+    source = plain_mcap(tmp_path / "other.mcap", **options)
     assert len(imported(source)[IMU_KEY]) == COUNT
     (tmp_path / "session.mcap").unlink()
     cut(source, 0.6)
@@ -292,7 +293,7 @@ def test_chunk_that_unpacks_to_too_much_is_refused_before_it_is_in_memory(tmp_pa
         schema = writer.register_schema(ROTATION[1], "ros2msg", b"")
         channel = writer.register_channel(ROTATION[0], "cdr", schema)
         writer.add_message(channel, at(0.0), bytes(40_000_000), publish_time=at(0.0))
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
     assert source.stat().st_size < 10_000
     assert "a chunk of it unpacks to more than 33554432 bytes" in refused(source)
 

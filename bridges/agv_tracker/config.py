@@ -14,6 +14,13 @@ class AgvTrackerConfig(BrokerConfig):
     """A broker, and what of its AGVs is shown."""
 
     tracker: Name = Field(default="agvs", description="name of the tracker, unique on the site")
+    topic_prefix: str = Field(
+        default="",
+        max_length=200,
+        pattern=r"^[^#+\x00]*[^#+\x00/]$|^$",
+        description="levels of the topics before the manufacturer, such as hall/uagv/2.0; if empty, any "
+        "interface and major version, such as uagv/v2",
+    )
     frame: str = Field(
         default="", description="frame of the map in which the AGVs tell their places; empty for {W}"
     )

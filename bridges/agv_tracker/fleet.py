@@ -9,13 +9,12 @@ from pointit.vda5050.agv_messages import (
     LOST_CONNECTIONS,
     AgvConnection,
     AgvTopic,
-    HeaderCheck,
+    TimestampCheck,
     UnreadableFields,
     Visualization,
     agv_of_topic,
     parse,
 )
-from pointit.vda5050.map_velocity import LastPose, MapVelocity
 
 MAX_AGVS = 500
 """Limit of AGVs."""
@@ -35,7 +34,7 @@ class _Agv:
 
     prefix: str
     """Levels of its topics before the manufacturer. Some AGVs report by two versions: the first counts."""
-    headers: dict[str, HeaderCheck] = field(default_factory=dict[str, HeaderCheck])
+    timestamps: dict[str, TimestampCheck] = field(default_factory=dict[str, TimestampCheck])
     """By kind of message, as the two below."""
     unreadable: dict[str, UnreadableFields] = field(default_factory=dict[str, UnreadableFields])
     problems: dict[str, str] = field(default_factory=dict[str, str])
@@ -43,7 +42,6 @@ class _Agv:
     place: tuple[float, float] | None = None
     """On its map, m. None if it is not known."""
     velocity: tuple[float, float] = (0.0, 0.0)
-    motion: MapVelocity = field(default_factory=MapVelocity)
     yaw_rad: float | None = 0.0
     sigma_m: float | None = None
     received_ns: int = 0
@@ -66,12 +64,12 @@ class Fleet:
 
     def on_message(self, topic: str, payload: object, now_ns: int) -> bool:
         """Use a message of the broker, as far as it can be read. Return False if it is not from an AGV."""
-        source = agv_of_topic(topic)
+        source = agv_of_topic(topic, self._config.topic_prefix)
         if source is None:
             return False
         kinds: dict[str, type[AgvConnection | Visualization]] = {"connection": AgvConnection}
         message = parse(kinds.get(source.kind, Visualization), payload)
-        agv, kind = self._agv(source, message), source.kind
+        agv, kind = self._agv(source), source.kind
         if agv is None or agv.prefix != source.prefix:
             return message is not None
         if agv.place is None:
@@ -81,10 +79,10 @@ class Fleet:
             return False
         agv.problems[kind] = agv.unreadable.setdefault(kind, UnreadableFields()).describe(topic, message)
         if isinstance(message, AgvConnection):
-            agv.headers.clear()
+            agv.timestamps.clear()
             if message.connection_state in LOST_CONNECTIONS:
                 agv.place = None
-        elif agv.headers.setdefault(kind, HeaderCheck()).is_new(message.header_id, message.timestamp):
+        elif agv.timestamps.setdefault(kind, TimestampCheck()).is_new(message.timestamp):
             self._place(agv, message, topic, now_ns)
         return True
 
@@ -103,19 +101,14 @@ class Fleet:
         """Forget all of them, since the broker is not connected."""
         self._agvs.clear()
 
-    def _agv(self, source: AgvTopic, message: AgvConnection | Visualization | None) -> _Agv | None:
-        """Return the sender of a message, a new one if the message shows that it is an AGV, or None."""
+    def _agv(self, source: AgvTopic) -> _Agv | None:
+        """Return the sender of a message, or None if it is not shown."""
         name = source.name
-        if name in self._left_out:
-            return None
-        if name not in self._agvs and len(self._agvs) < MAX_AGVS:
-            is_agv = isinstance(message, Visualization) and message.agv_position is not None
-            if is_agv or (source.major and not isinstance(message, AgvConnection)):
-                self._agvs[name] = _Agv(source.prefix)
+        if name not in self._left_out and name not in self._agvs and len(self._agvs) < MAX_AGVS:
+            self._agvs[name] = _Agv(source.prefix)
         return self._agvs.get(name)
 
     def _place(self, agv: _Agv, message: Visualization, topic: str, now_ns: int) -> None:
-        last = LastPose(agv.place, agv.velocity, _age_s(agv, now_ns)) if agv.place else None
         position = message.agv_position
         if position is not None or not message.unreadable:
             agv.received_ns = now_ns
@@ -129,7 +122,7 @@ class Fleet:
         if position.position_initialized is False or self._config.map_id not in ("", position.map_id):
             agv.place = None
             return
-        agv.velocity = agv.motion.update(message, last)
+        agv.velocity = message.velocity_mps
         agv.place = (position.x, position.y)
         agv.yaw_rad, agv.sigma_m = position.theta, position.deviation_range
 

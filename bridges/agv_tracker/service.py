@@ -61,7 +61,9 @@ class AgvTracker(Service[AgvTrackerConfig]):
 
     async def _read(self) -> None:
         async with connected(self._options) as client:
-            await uncancelled(client.subscribe([(topic, 1) for topic in agv_topics()]))
+            await uncancelled(
+                client.subscribe([(topic, 1) for topic in agv_topics(self.config.topic_prefix)])
+            )
             self.bus.clear("broker")
             async for message in client.messages:
                 self._fleet.on_message(str(message.topic), message.payload, self.clock.now_ns())

@@ -1,10 +1,11 @@
-"""Messages of an AGV by VDA 5050, versions 1.1 to 3.0: topics, fields read one by one, and order.
+"""Messages of an AGV by VDA 5050, versions 1.1 to 3.0: topics, models, and order.
 
-Names and units are those of the specification (https://github.com/VDA5050/VDA5050). Where version 3.0 has
-another name, both are read. Fields that are not used here are ignored, since vendors add some.
+Names, words and units are those of the specification (https://github.com/VDA5050/VDA5050). Where version 3.0
+has another name or word, both are read. Fields that are not used here are ignored, since vendors add some.
 """
 
 import datetime as dt
+import math
 import re
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
@@ -25,10 +26,8 @@ from pydantic.alias_generators import to_camel
 from pydantic_core import from_json
 
 KINDS = ("connection", "state", "visualization")
-MAX_PREFIX_LEVELS = 4
-"""Maximum number of levels before the manufacturer. The standard has two; some sites have others."""
-
-_VERSION = re.compile(r"v?(\d)(\.\d+)*\Z", re.IGNORECASE)
+STANDARD_PREFIX = re.compile(r"[^/]+/v\d")
+"""Levels before the manufacturer by the standard: interface and major version."""
 
 
 class AgvTopic(NamedTuple):
@@ -46,28 +45,21 @@ class AgvTopic(NamedTuple):
         """Return the name of the AGV, `MANUFACTURER/SERIAL_NUMBER`."""
         return f"{self.manufacturer}/{self.serial_number}"
 
-    @property
-    def major(self) -> str:
-        """Return the major version of VDA 5050 that the prefix ends with (`v2`, `2.0`), or `""`."""
-        match = _VERSION.match(self.prefix.rpartition("/")[2])
-        return match[1] if match else ""
 
-
-def agv_of_topic(topic: str) -> AgvTopic | None:
-    """Return the AGV of a topic, or None if it belongs to no AGV."""
-    prefix, *last = topic.rsplit("/", 3)
-    if len(last) < 3 or prefix.count("/") >= MAX_PREFIX_LEVELS:
+def agv_of_topic(topic: str, prefix: str = "") -> AgvTopic | None:
+    """Return the AGV of a topic below `prefix`, by default as in the standard, or None if it has none."""
+    first, *last = topic.rsplit("/", 3)
+    is_below = first == prefix if prefix else STANDARD_PREFIX.fullmatch(first)
+    if len(last) < 3 or not is_below:
         return None
     manufacturer, serial_number, kind = last
     is_of_agv = manufacturer and serial_number and kind in KINDS
-    return AgvTopic(prefix, manufacturer, serial_number, kind) if is_of_agv else None
+    return AgvTopic(first, manufacturer, serial_number, kind) if is_of_agv else None
 
 
-def agv_topics() -> tuple[str, ...]:
-    """Return the patterns that match the topics of every AGV."""
-    return tuple(
-        f"{'+/' * (levels + 2)}{kind}" for kind in KINDS for levels in range(1, MAX_PREFIX_LEVELS + 1)
-    )
+def agv_topics(prefix: str = "") -> tuple[str, ...]:
+    """Return the patterns of the topics of every AGV below `prefix`, by default as in the standard."""
+    return tuple(f"{prefix or '+/+'}/+/+/{kind}" for kind in KINDS)
 
 
 COUNTS = 1 << 32
@@ -85,57 +77,26 @@ Json = dict[str, Any] | list[Any] | str | float | None
 """Decoded JSON."""
 
 
-def _word(value: object) -> str:
-    """Return a value of an enumeration in the spelling of version 2: `Auto_Ack` is AUTOACK."""
-    if not isinstance(value, str | int | float):
-        raise ValueError("is no word")  # noqa: TRY004 - pydantic takes ValueError
-    return "".join(each for each in str(value).upper() if each.isalnum())[:MAX_SHOWN]
-
-
-def _time(value: object) -> object:
-    """Return the time of an ISO 8601 timestamp, Unix s, and numbers as they are."""
-    if not isinstance(value, str):
-        return value
-    text = value.strip()
-    try:
-        return float(text) if text else None
-    except ValueError:
-        time = dt.datetime.fromisoformat(text)
-        return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
-
-
-def _seconds(value: float) -> float:
-    """Return the s of a time in s, ms, µs or ns."""
-    for _ in range(3):
-        value = value / 1000.0 if value > 1e11 else value
-    return value
-
-
-def _items(value: object) -> object:
-    """Return a list. Lua writes an empty one as an empty object."""
-    return [] if value == {} else value
+def _time(text: object) -> float:
+    """Return the time of an ISO 8601 timestamp, Unix s. Raises ValueError if it is none."""
+    if not isinstance(text, str):
+        raise ValueError("is no text")  # noqa: TRY004 - pydantic takes ValueError
+    time = dt.datetime.fromisoformat(text)
+    return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
 
 
 Text = Annotated[str, StringConstraints(max_length=500)]
 Number = Annotated[float, Field(ge=-1e6, le=1e6)]
 Count = Annotated[int, Field(ge=0, lt=COUNTS)]
-Seconds = Annotated[Annotated[float, AfterValidator(_seconds)] | None, BeforeValidator(_time)]
-Word = Annotated[str, BeforeValidator(_word)]
+Seconds = Annotated[float, BeforeValidator(_time)]
+Word = Annotated[str, StringConstraints(max_length=MAX_SHOWN)]
 """Value of an enumeration. Unknown ones are kept, for the caller to decide about."""
-Items = BeforeValidator(_items)
 
 
 class TolerantModel(BaseModel):
     """A message, or a part of one, that `read_tolerantly` makes."""
 
-    model_config = ConfigDict(
-        frozen=True,
-        extra="ignore",
-        allow_inf_nan=False,
-        alias_generator=to_camel,
-        populate_by_name=True,
-        coerce_numbers_to_str=True,
-    )
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, alias_generator=to_camel)
 
     NEEDED: ClassVar[tuple[str, ...]] = ()
     """Fields that are reported if they are missing, since there is no value to assume."""
@@ -252,64 +213,31 @@ def _shorten(text: str) -> str:
     return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."
 
 
-LATE_IDS = 100
-"""A header id that is behind the newest by at most this belongs to a message that comes late. One that is
-farther behind is that of an AGV that has started to count again."""
 LATE_S = 10.0
 """A message is not later than this, s. A timestamp that is farther back is that of a clock that was set."""
-MAX_LATE = 2
-"""Maximum number of messages in a row that are late by their header ids only. With the next one, the AGV has
-started to count again."""
 
 
-class HeaderCheck:
-    """Recognizes messages of one topic that come late, or twice, as far as header id and timestamp tell."""
+class TimestampCheck:
+    """Recognizes messages of one topic that come late, by their timestamps."""
 
     def __init__(self) -> None:
-        self._header_id: int | None = None
-        """That of the newest message, or None if it states none."""
         self._stamp_s: float | None = None
-        self._has_varied = False
-        """True if the header id tells the newest message from the one before. A time may be in whole s."""
-        self._late_count = 0
+        """That of the newest message, or None if it states none."""
 
-    def is_new(self, header_id: int | None, stamp_s: float | None = None) -> bool:
-        """Return True unless the message is certainly late or a repetition.
-
-        A counter that starts again, is constant or is missing never suppresses messages for long.
+    def is_new(self, stamp_s: float | None) -> bool:
+        """Return True unless the message is late.
 
         Args:
-            header_id: None if the message states none.
             stamp_s: its timestamp, Unix s, or None if it states none.
         """
-        step, later_s = self._step(header_id), self._later_s(stamp_s)
-        if self._is_late(step, later_s):
-            self._late_count += 1
-            if -LATE_S <= later_s < 0.0 or self._late_count <= MAX_LATE:
-                return False
-        self._has_varied = step != 0
-        self._late_count = 0
-        self._header_id, self._stamp_s = header_id, stamp_s
+        if self._stamp_s is not None and stamp_s is not None and -LATE_S <= stamp_s - self._stamp_s < 0.0:
+            return False
+        self._stamp_s = stamp_s
         return True
 
     def forget(self) -> None:
         """Accept any message next: the AGV, or the connection, is a new one."""
-        self._header_id = self._stamp_s = None
-        self._has_varied = False
-
-    def _step(self, header_id: int | None) -> int:
-        """Return the header id relative to that of the newest message, 0 if it does not tell."""
-        if self._header_id is None or header_id is None:
-            return 0
-        return (header_id - self._header_id + COUNTS // 2) % COUNTS - COUNTS // 2
-
-    def _later_s(self, stamp_s: float | None) -> float:
-        return 0.0 if self._stamp_s is None or stamp_s is None else stamp_s - self._stamp_s
-
-    def _is_late(self, step: int, later_s: float) -> bool:
-        if step > 0 or step < -LATE_IDS or later_s > 0.0:
-            return False
-        return step < 0 or -LATE_S <= later_s < 0.0 or (later_s == 0.0 and self._has_varied)
+        self._stamp_s = None
 
 
 MAX_BYTES = 1 << 20
@@ -318,22 +246,18 @@ MAX_CHARGE = 110.0
 """Maximum percentage that is read, as full. Chargers overshoot, but 255 means something else."""
 
 ACTIVE_STOPS = frozenset({"AUTOACK", "MANUAL", "REMOTE"})
-MODES = frozenset({"AUTOMATIC", "SEMIAUTOMATIC", "MANUAL", "SERVICE", "TEACHIN", "STARTUP", "INTERVENED"})
+MODES = frozenset({"AUTOMATIC", "SEMIAUTOMATIC", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"})
+MODES |= {"STARTUP", "INTERVENED"}
 HARMLESS_LEVELS = frozenset({"WARNING", "URGENT", "CRITICAL"})
 """Levels of errors with which an AGV accepts new orders."""
-IF_UNREADABLE = {
-    **dict.fromkeys(("positionInitialized", "position_initialized", "localized"), False),
-    **dict.fromkeys(("errorLevel", "error_level"), "FATAL"),
-}
+IF_UNREADABLE = {**dict.fromkeys(("positionInitialized", "localized"), False), "errorLevel": "FATAL"}
 """Values of fields that state something unreadable, where the default would be harmless."""
-LOST_CONNECTIONS = frozenset({"OFFLINE", "CONNECTIONBROKEN", "HIBERNATING"})
+LOST_CONNECTIONS = frozenset({"OFFLINE", "CONNECTIONBROKEN", "CONNECTION_BROKEN", "HIBERNATING"})
 
 
 class _MessageWithHeader(TolerantModel):
-    header_id: Annotated[int, Field(ge=0)] | None = None
-    """Rises by 1 with each message of a topic, by the standard."""
-    timestamp: Seconds = None
-    """Unix s. Only differences count: some AGVs state their local time."""
+    timestamp: Seconds | None = None
+    """Unix s."""
     manufacturer: Text = ""
     serial_number: Text = ""
 
@@ -372,17 +296,16 @@ class AgvPosition(TolerantModel):
         """
         if not isinstance(data, dict):
             return data
-        flags = {f"{data.get(name)}".strip().lower() for name in ("positionInitialized", "localized")}
-        if flags.isdisjoint(("false", "0", "no")):
+        if False not in (data.get("positionInitialized"), data.get("localized")):
             return data
         unused = {name: 0.0 for name in ("x", "y", "theta") if data.get(name) is None}
         return data | unused | {"positionInitialized": False}
 
 
-class Velocity(TolerantModel):
+class AgvVelocity(TolerantModel):
     """Velocity in the AGV's own frame, m/s; x is forward."""
 
-    vx: Number | None = None
+    vx: Number = 0.0
     vy: Number = 0.0
 
 
@@ -392,7 +315,17 @@ class Visualization(_MessageWithHeader):
     agv_position: AgvPosition | None = Field(
         default=None, validation_alias=AliasChoices("agvPosition", "mobileRobotPosition")
     )
-    velocity: Velocity | None = None
+    velocity: AgvVelocity | None = None
+
+    @property
+    def velocity_mps(self) -> tuple[float, float]:
+        """Return the velocity on the map, m/s, 0 if the message states none."""
+        theta_rad = self.agv_position.theta if self.agv_position else None
+        if self.velocity is None or theta_rad is None:
+            return (0.0, 0.0)
+        cos, sin = math.cos(theta_rad), math.sin(theta_rad)
+        vx, vy = self.velocity.vx, self.velocity.vy
+        return (cos * vx - sin * vy, sin * vx + cos * vy)
 
 
 class ActionState(TolerantModel):
@@ -419,7 +352,7 @@ class AgvError(TolerantModel):
     error_level: Word = ""
     """Required in versions 1.1 to 3.0. An error without it may be FATAL: then the AGV needs help."""
     error_description: Annotated[str, StringConstraints(max_length=10_000)] = ""
-    error_references: Annotated[list[Reference], Items] = Field(default_factory=list[Reference])
+    error_references: list[Reference] = Field(default_factory=list[Reference])
 
     def describe(self) -> str:
         """Return type and description, on one short line."""
@@ -471,13 +404,13 @@ class AgvState(Visualization):
     order_update_id: Count = 0
     last_node_id: Text = ""
     last_node_sequence_id: Count = 0
-    node_states: Annotated[list[Any] | None, Items] = None
+    node_states: list[Any] | None = None
     """Nodes that are still to be reached. Their number counts, not their content."""
-    action_states: Annotated[list[ActionState], Items] = Field(default_factory=list[ActionState])
+    action_states: list[ActionState] = Field(default_factory=list[ActionState])
     driving: bool | None = None
     paused: bool = False
     operating_mode: Word = ""
-    errors: Annotated[list[AgvError], Items] = Field(default_factory=list[AgvError])
+    errors: list[AgvError] = Field(default_factory=list[AgvError])
     battery_state: BatteryState | None = Field(
         default=None, validation_alias=AliasChoices("batteryState", "powerSupply")
     )
@@ -502,9 +435,8 @@ def parse(kind: type[M], payload: object) -> M | None:
     """Return the message of `kind` in the payload of an MQTT message, or None if it is none."""
     if not isinstance(payload, bytes | bytearray) or len(payload) > MAX_BYTES:
         return None
-    text = bytes(payload).decode("utf-8-sig", "replace").rstrip("\0")
     try:
-        message = read_tolerantly(kind, from_json(text), IF_UNREADABLE)
+        message = read_tolerantly(kind, from_json(bytes(payload)), IF_UNREADABLE)
     except ValueError:  # no JSON
         return None
     return message if message and message.model_fields_set else None

@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 from pointit.schemas import NS_PER_S
 from pointit.vda5050.agv_messages import AgvState, blocked_by
-from pointit.vda5050.map_velocity import SAME_M
 
 Version = Literal["1.1.0", "2.0.0", "2.1.0"]
 ActionType = Literal["cancelOrder", "stateRequest"]
@@ -157,6 +156,8 @@ def _edge(order: Order, start: OrderNode, end: OrderNode) -> dict[str, Any]:
 
 Point = tuple[float, float]
 
+SAME_M = 0.01
+"""Distance below which two places are the same, m."""
 MAX_POINTS = 1000
 """Maximum number of way-points."""
 

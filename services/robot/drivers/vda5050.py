@@ -21,7 +21,6 @@ from pointit.runtime.mqtt.broker import (
 )
 from pointit.runtime.mqtt.broker_config import PORT, BrokerConfig
 from pointit.runtime.service.plugin_guard import Surroundings
-from pointit.schemas import NS_PER_S
 from pointit.services.robot.drivers.agv_orders import (
     AgvOrders,
     InstantAction,
@@ -50,14 +49,13 @@ from pointit.vda5050.agv_messages import (
     AgvConnection,
     AgvState,
     AgvTopic,
-    HeaderCheck,
+    TimestampCheck,
     UnreadableFields,
     Visualization,
     agv_of_topic,
     agv_topics,
     parse,
 )
-from pointit.vda5050.map_velocity import LastPose, MapVelocity
 
 if TYPE_CHECKING:
     import aiomqtt
@@ -133,14 +131,13 @@ class Agv:
             prefix=config.topic_prefix,
         )
         self._orders = AgvOrders(f"{now_ns():x}", config.base_m, 1.0 / config.max_order_rate_hz, self._tell)
-        self._headers = {"state": HeaderCheck(), "visualization": HeaderCheck()}
-        self._unreadable = {name: UnreadableFields() for name in (*self._headers, "connection")}
+        self._timestamps = {"state": TimestampCheck(), "visualization": TimestampCheck()}
+        self._unreadable = {name: UnreadableFields() for name in (*self._timestamps, "connection")}
         self._is_up = False
         """True while the broker is connected."""
         self._polls = 0
         self._last: RobotReport | None = None
         """Newest report, or None while the AGV is not connected."""
-        self._velocity = MapVelocity()
         self._lost = ""
         self._map_id = config.map_id
         self._is_driving = self._has_other_master = False
@@ -198,8 +195,8 @@ class Agv:
         self._around.health.warn(name, problem)
         if isinstance(message, AgvConnection):
             self._on_connection(message)
-        elif message is not None and name in self._headers:
-            if not self._headers[name].is_new(message.header_id, message.timestamp):
+        elif message is not None and name in self._timestamps:
+            if not self._timestamps[name].is_new(message.timestamp):
                 return
             self._received_s = now_s
             if isinstance(message, AgvState):
@@ -261,7 +258,7 @@ class Agv:
 
     def _on_connection(self, connection: AgvConnection) -> None:
         if connection.connection_state == "ONLINE":
-            for check in self._headers.values():
+            for check in self._timestamps.values():
                 check.forget()  # it may have been restarted
             return
         state = connection.connection_state
@@ -292,7 +289,6 @@ class Agv:
             return
         self._map_id = position.map_id
         place = (position.x, position.y)
-        velocity = self._velocity.update(message, self._seen())
         if self._last is None:
             self._orders.on_connected(place)
         else:
@@ -301,13 +297,7 @@ class Agv:
         theta = position.theta
         if theta is None:  # health names it
             theta = self._last.yaw_rad if self._last else 0.0
-        self._say((*place, 0.0), theta, velocity, position.deviation_range)
-
-    def _seen(self) -> LastPose | None:
-        if self._last is None:
-            return None
-        age_s = (self._around.clock.now_ns() - self._last.stamp_ns) / NS_PER_S
-        return LastPose(self._last.position_m[:2], self._last.velocity_mps[:2], age_s)
+        self._say((*place, 0.0), theta, message.velocity_mps, position.deviation_range)
 
     def _say(
         self, position_m: tuple[float, float, float], yaw_rad: float, velocity: Point, sigma_m: float | None
@@ -325,7 +315,7 @@ class Agv:
 
     def _disconnect(self, reason: str) -> None:
         self._last = None
-        for check in self._headers.values():
+        for check in self._timestamps.values():
             check.forget()
         self._orders.on_disconnected()
         if reason != self._lost:
@@ -415,15 +405,16 @@ async def find_agvs_on(host: str, port: int, seconds: float) -> list[FoundDevice
 def _found(address: str, agv: AgvTopic, payload: object) -> FoundDevice | None:
     """Return the AGV that has sent `payload` to a topic, or None if it is no message of an AGV."""
     message = parse(AgvConnection if agv.kind == "connection" else AgvState, payload)
-    if message is None or not (agv.major or message.serial_number):
+    if message is None:
         return None
     state = message.connection_state if isinstance(message, AgvConnection) else "ONLINE"
     details = {"broker": address, "manufacturer": agv.manufacturer, "serial_number": agv.serial_number}
-    interface, _, level = agv.prefix.partition("/")
-    prefix = {"interface": interface} if level == f"v{agv.major}" else {"topic_prefix": agv.prefix}
-    version = {"version": "1.1.0"} if agv.major == "1" else {}
-    label = f"{agv.manufacturer} {agv.serial_number}: AGV of VDA 5050 {agv.major}".rstrip()
-    return FoundDevice(address, f"{label}, {state or 'no connectionState'}", {**details, **prefix, **version})
+    interface, _, major = agv.prefix.partition("/v")
+    details["interface"] = interface
+    if major == "1":
+        details["version"] = "1.1.0"
+    label = f"{agv.manufacturer} {agv.serial_number}: AGV of VDA 5050 {major}"
+    return FoundDevice(address, f"{label}, {state or 'no connectionState'}", details)
 
 
 def check(config: Vda5050Config) -> None:

@@ -1,6 +1,7 @@
 """AGVs at a broker as tracked objects."""
 
 import json
+import math
 from typing import Any
 
 import pytest
@@ -19,7 +20,9 @@ def fleet_of(**parameters: object) -> Fleet:
 
 def at(x: object, y: object, *, number: int = 1, vx: object = 0.0, **position: Any) -> bytes:
     place = {"x": x, "y": y, "theta": 0.5, "mapId": "hall", "positionInitialized": True, **position}
-    return json.dumps({"headerId": number, "agvPosition": place, "velocity": {"vx": vx}}).encode()
+    time = f"2026-03-02T08:{number // 60:02d}:{number % 60:02d}.00Z"
+    message = {"headerId": number, "timestamp": time, "agvPosition": place, "velocity": {"vx": vx}}
+    return json.dumps(message).encode()
 
 
 def topic(kind: str, serial: str = "7") -> str:
@@ -49,19 +52,10 @@ def test_every_agv_of_the_broker_is_an_object_where_it_said_last() -> None:
 
 def test_an_agv_that_drives_is_shown_where_it_is_now_and_not_for_long_without_news() -> None:
     fleet = fleet_of()
-    fleet.on_message(topic("visualization"), at(1.0, 0.0), START_NS)
-    fleet.on_message(topic("visualization"), at(1.0, 1.0, number=2, vx=0.5), START_NS)
+    fleet.on_message(topic("visualization"), at(1.0, 1.0, vx=0.5, theta=math.pi / 2), START_NS)
     ((x, y),) = places(fleet, START_NS + NS_PER_S).values()
-    assert (x, y) == pytest.approx((1.0, 1.5))
+    assert (x, y) == pytest.approx((1.0, 1.5)), "the velocity is that of the AGV's own frame"
     assert places(fleet, START_NS + 3 * NS_PER_S) == {}
-
-
-def test_agv_that_states_velocity_0_while_it_drives_is_shown_where_it_is_now() -> None:
-    fleet = fleet_of()
-    for number in range(1, 12):
-        payload = at(0.2 * number, 0.0, number=number)
-        fleet.on_message(topic("visualization"), payload, START_NS + number * NS_PER_S // 2)
-    assert places(fleet, START_NS + 13 * NS_PER_S // 2)["acme-7"] == pytest.approx((2.6, 0.0))
 
 
 def test_an_agv_that_is_off_on_another_map_or_silent_has_left() -> None:
@@ -83,16 +77,6 @@ def test_an_agv_that_is_off_on_another_map_or_silent_has_left() -> None:
     assert places(fleet) == {}
 
 
-def test_an_agv_without_a_counter_or_with_one_that_starts_again_is_shown_where_it_is() -> None:
-    fleet = fleet_of()
-    for x in range(4):
-        fleet.on_message(topic("state"), at(float(x), 0.0, number=0), START_NS)
-        assert places(fleet) == {"acme-7": (float(x), 0.0)}
-    for number in (*range(1, 40), *range(1, 6)):
-        fleet.on_message(topic("visualization", "8"), at(float(number), 0.0, number=number), START_NS)
-    assert places(fleet)["acme-8"] == (5.0, 0.0)
-
-
 def test_an_agv_that_loses_its_position_and_states_none_is_not_shown_where_it_was() -> None:
     fleet = fleet_of()
     fleet.on_message(topic("state"), at(1.0, 2.0), START_NS)
@@ -104,10 +88,13 @@ def test_an_agv_that_loses_its_position_and_states_none_is_not_shown_where_it_wa
 @pytest.mark.parametrize(
     "prefix", ["uagv/2.0", "uagv/2.1.0", "/uagv/v2", "uagv", "plant/hall 3/uagv/v3", "robots"]
 )
-def test_agvs_are_found_whatever_their_topics_begin_with(prefix: str) -> None:
-    fleet = fleet_of()
-    assert fleet.on_message(f"{prefix}/acme/7/state", at(1.0, 2.0), START_NS)
+def test_topics_with_other_first_levels_are_those_of_their_parameter(prefix: str) -> None:
+    name = f"{prefix}/acme/7/state"
+    assert not fleet_of().on_message(name, at(1.0, 2.0), START_NS)
+    fleet = fleet_of(topic_prefix=prefix)
+    assert fleet.on_message(name, at(1.0, 2.0), START_NS)
     assert places(fleet) == {"acme-7": (1.0, 2.0)}
+    assert not fleet.on_message(topic("state"), at(1.0, 2.0), START_NS)
 
 
 def test_other_devices_of_a_broker_are_no_agvs_and_no_problem() -> None:

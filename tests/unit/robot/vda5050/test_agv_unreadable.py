@@ -39,7 +39,7 @@ def test_unreadable_fields_are_named_in_health_and_the_agv_is_steered(bench: Agv
     assert "state" not in bench.health.warnings
 
 
-@pytest.mark.parametrize("header", [{"headerId": 0}, {"headerId": None}, {"headerId": 0, "timestamp": 7}])
+@pytest.mark.parametrize("header", [{"headerId": 0}, {"headerId": None}, {"timestamp": None}])
 def test_an_agv_without_a_counter_is_steered(header: dict[str, object]) -> None:
     bench = AgvBench()
     bench.change(**header)

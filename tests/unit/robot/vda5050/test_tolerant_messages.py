@@ -53,14 +53,14 @@ def place(**change: object) -> dict[str, object]:
         ({"batteryState": {"batteryCharge": None}}, NONE),
         (place(mapId=None, deviationRange=None), NONE),
         ({"headerId": "41", "orderUpdateId": "0", "lastNodeSequenceId": 0.0}, NONE),
-        ({"serialNumber": 12, "orderId": 77}, NONE),
-        (place(mapId=3, x="4.0", positionInitialized="true"), NONE),
+        ({"serialNumber": 12, "orderId": 77}, {"serialNumber", "orderId"}),
+        (place(mapId=3), {"mapId"}),
         ({"headerId": 1_767_000_000_000}, NONE),  # a time in ms
         ({"timestamp": "2026-03-02T08:15:00.250"}, NONE),
         ({"timestamp": "2026-03-02 09:15:00,25+01:00"}, NONE),
-        ({"timestamp": 1_772_439_300_250}, NONE),
-        ({"timestamp": ""}, NONE),
-        ({"nodeStates": {}, "errors": {}, "actionStates": {}}, NONE),  # empty tables of Lua
+        ({"timestamp": 1_772_439_300_250}, {"timestamp"}),
+        ({"timestamp": ""}, {"timestamp"}),
+        ({"errors": {}, "actionStates": {}}, {"errors", "actionStates"}),  # empty tables of Lua
         (place(positionInitialized=False, x=4.0, y=-2.0, theta=None), NONE),
         ({"zoneSets": [], "instantActionStates": [], "plannedPath": {"trajectory": {}}}, NONE),
         ({"batteryState": {"batteryCharge": -1}}, {"batteryCharge"}),
@@ -68,7 +68,6 @@ def place(**change: object) -> dict[str, object]:
         ({"batteryState": "full"}, {"batteryState"}),
         (place(deviationRange=-1), {"deviationRange"}),
         (place(theta=93.0), {"theta"}),  # degrees
-        ({"headerId": -1}, {"headerId"}),
         ({"timestamp": "yesterday"}, {"timestamp"}),
         ({"timestamp": 10**400}, {"timestamp"}),
         ({"lastNodeSequenceId": -1}, {"lastNodeSequenceId"}),
@@ -101,7 +100,7 @@ def test_a_long_value_is_shortened_visibly() -> None:
 
 
 def test_an_unreadable_item_of_a_list_leaves_the_others() -> None:
-    parsed = state(actionStates=[7, {"actionId": "b", "actionStatus": "finished"}, {}])
+    parsed = state(actionStates=[7, {"actionId": "b", "actionStatus": "FINISHED"}, {}])
     assert [(each.action_id, each.action_status) for each in parsed.action_states] == [("b", "FINISHED")]
     parsed = state(errors=[None, {"errorType": "wheel", "errorLevel": "fatal"}])
     assert [each.error_type for each in parsed.errors] == ["wheel"]
@@ -127,11 +126,13 @@ def test_a_charge_that_is_no_percentage_is_unknown_and_a_little_above_100_is_ful
         ({"safetyState": {"eStop": False}}, "eStop"),
         ({"safetyState": {"eStop": ["NONE"]}}, "eStop"),
         ({"safetyState": {"eStop": "OK"}}, "eStop is OK"),
-        ({"safetyState": {"eStop": "auto_ack"}}, "emergency stop of the AGV is active"),
+        ({"safetyState": {"eStop": "AUTOACK"}}, "emergency stop of the AGV is active"),
+        ({"safetyState": {"eStop": "none"}}, "eStop is none"),
         ({"operatingMode": None}, "operatingMode"),
         ({"operatingMode": "ECO"}, "mode ECO"),
-        ({"operatingMode": 2}, "mode 2"),
-        ({"operatingMode": "teach_in"}, "mode TEACHIN"),
+        ({"operatingMode": 2}, "operatingMode"),
+        ({"operatingMode": "TEACH_IN"}, "mode TEACH_IN"),
+        ({"operatingMode": "Automatic"}, "mode Automatic"),
         ({"errors": "wheel"}, "errors"),
         ({"errors": ["wheel"]}, "errors"),
         ({"errors": [{"errorType": "wheel", "errorLevel": "fatal"}]}, "wheel"),
@@ -140,8 +141,7 @@ def test_a_charge_that_is_no_percentage_is_unknown_and_a_little_above_100_is_ful
         ({"errors": [{"errorType": "wheel"}]}, r"without errorLevel, which may be FATAL (wheel)"),
         ({"errors": [{"errorType": "wheel", "errorLevel": None}]}, "without errorLevel"),
         ({"errors": [{"errorType": "wheel", "errorLevel": ""}]}, "without errorLevel"),
-        ({"errors": [{"errorType": "wheel", "errorLevel": "  "}]}, "without errorLevel"),
-        ({"errors": [{"errorType": "ok", "errorLevel": "WARNING"}, {"error_type": "arm"}]}, "FATAL (arm)"),
+        ({"errors": [{"errorType": "ok", "errorLevel": "WARNING"}, {"errorType": "arm"}]}, "FATAL (arm)"),
     ],
 )
 def test_safety_that_cannot_be_read_never_counts_as_safe(change: dict[str, object], words: str) -> None:
@@ -158,16 +158,14 @@ def test_safety_that_is_missing_never_counts_as_safe(missing: str) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"safetyState": {"eStop": "none"}},
         {"safetyState": {"activeEmergencyStop": "NONE"}},  # 3.0
-        {"operatingMode": "Automatic"},
-        {"operatingMode": "semi_automatic"},
+        {"operatingMode": "SEMIAUTOMATIC"},
         {"errors": [{"errorType": "x", "errorLevel": "URGENT"}]},  # 3.0
         {"errors": [{"errorLevel": "WARNING", "errorDescription": None}]},
         {"errors": None},
     ],
 )
-def test_other_spellings_and_names_of_version_3_are_understood(change: dict[str, object]) -> None:
+def test_names_and_words_of_version_3_are_understood(change: dict[str, object]) -> None:
     assert blocked_by(state(**change)) == ""
 
 
@@ -186,14 +184,6 @@ def test_names_of_version_3_are_read_beside_empty_fields_of_version_2() -> None:
     )
     assert parsed.agv_position is not None
     assert (parsed.agv_position.x, parsed.charge, parsed.unreadable) == (1.5, 40.0, {})
-
-
-def test_safety_in_snake_case_that_cannot_be_read_never_counts_as_safe() -> None:
-    where = {"x": 1.0, "y": 2.0, "theta": 0.0, "position_initialized": "perhaps"}
-    parsed = state("agvPosition", agv_position=where, errors=[{"error_type": "wheel", "error_level": [4]}])
-    assert parsed.agv_position is not None
-    assert not parsed.agv_position.position_initialized
-    assert "wheel" in blocked_by(parsed)
 
 
 def test_names_of_version_3_are_those_of_version_2() -> None:
@@ -234,12 +224,7 @@ def test_a_position_of_which_it_cannot_be_read_whether_it_is_valid_is_not(flag: 
 
 @pytest.mark.parametrize(
     "flags",
-    [
-        {"positionInitialized": "false"},
-        {"positionInitialized": 0},
-        {"positionInitialized": True, "localized": False},
-        {"positionInitialized": None, "localized": "False"},
-    ],
+    [{"positionInitialized": True, "localized": False}, {"positionInitialized": None, "localized": False}],
 )
 def test_position_that_one_of_the_fields_denies_does_not_count(flags: dict[str, object]) -> None:
     parsed = state(agvPosition={"x": None, "y": None, "theta": None, "mapId": "", **flags})
@@ -274,15 +259,10 @@ def test_a_position_without_a_coordinate_is_none_and_the_rest_of_the_state_is_us
     assert parsed.charge == 63.5
 
 
-def test_text_that_is_not_utf_8_and_a_byte_order_mark_lose_no_message() -> None:
-    text = json.dumps({**IDLE, "manufacturer": "Bär"}, ensure_ascii=False)
-    for payload in (text.encode("latin-1"), b"\xef\xbb\xbf" + text.encode(), text.encode() + b"\0"):
-        parsed = parse(AgvState, payload)
-        assert parsed is not None
-        assert parsed.charge == 63.5
-
-
-@pytest.mark.parametrize("payload", [b"{}", b'{"state": "ON"}', b'"ON"', b"[]", b"21.5"])
+@pytest.mark.parametrize(
+    "payload",
+    [b"\xef\xbb\xbf{}", "Bär".encode("latin-1"), b"{}", b'{"state": "ON"}', b'"ON"', b"[]", b"21.5"],
+)
 def test_json_of_other_devices_is_no_message(payload: bytes) -> None:
     assert parse(AgvState, payload) is None
     assert parse(Visualization, payload) is None
@@ -292,19 +272,19 @@ def test_json_of_other_devices_is_no_message(payload: bytes) -> None:
     ("written", "read"),
     [
         ("ONLINE", "ONLINE"),
-        ("online", "ONLINE"),
-        ("CONNECTION_BROKEN", "CONNECTIONBROKEN"),
+        ("CONNECTIONBROKEN",) * 2,
+        ("CONNECTION_BROKEN",) * 2,  # 3.0
         ("HIBERNATING",) * 2,
     ],
 )
-def test_spellings_of_a_connection_are_understood(written: str, read: str) -> None:
+def test_words_of_a_connection_are_those_of_the_standard(written: str, read: str) -> None:
     connection = parse(AgvConnection, json.dumps({"headerId": None, "connectionState": written}).encode())
     assert connection is not None
     assert (connection.connection_state, connection.unreadable) == (read, {})
 
 
-@pytest.mark.parametrize("written", ["UP", "", None, []])
+@pytest.mark.parametrize("written", ["UP", "online", "", None, []])
 def test_a_connection_that_cannot_be_read_is_reported_by_name(written: object) -> None:
-    connection = parse(AgvConnection, json.dumps({"headerId": 3, "connectionState": written}).encode())
+    connection = parse(AgvConnection, json.dumps({"serialNumber": "7", "connectionState": written}).encode())
     assert connection is not None
     assert set(connection.unreadable) == {"connectionState"}

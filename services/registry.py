@@ -51,20 +51,21 @@ class Process:
     @property
     def command(self) -> tuple[str, ...]:
         """Return the arguments with which Python runs it as a process."""
-        if self.plugin is None:
-            return "-m", self.package
-        return "-m", "pointit.cli", "service", "run", self.name
+        return "-m", "pointit.services", self.name
 
     @property
     def package(self) -> str:
-        """Return its module, runnable with `python -m`."""
+        """Return the name of its package."""
         return f"pointit.{self.room}.{self.name.replace('-', '_')}"
 
     def config(self) -> Any:
         """Return the class of its parameters, which needs no extra: `LedDriverConfig` for `led-driver`."""
         if self.plugin is not None:
             return self.plugin.config
-        module = import_room(f"{self.package}.config", self.name)
+        try:
+            module = import_room(f"{self.package}.config", self.name)
+        except ConfigError:  # a short one stands in the service
+            return self.load().CONFIG
         return getattr(module, f"{self.name.title().replace('-', '')}Config")
 
     def load(self) -> Any:

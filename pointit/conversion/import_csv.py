@@ -32,7 +32,7 @@ from pointit.schemas.system import instance_of
 from pointit.schemas.topics import CONFIGURATION, IMU, LOCALIZATION, OBJECTS, PROFILE, RAY
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
 from pointit.services.localizer.config import LocalizerConfig
-from pointit.services.pointing.config import PointingConfig
+from pointit.services.pointing.service import PointingConfig
 from pointit.services.robot_replay.trajectory import Trajectory
 from pointit.sim.motion_table import rows_of
 from pointit.sim.recordings import (

@@ -14,8 +14,7 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
-from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.retained_states import FILE, RetainedStates, read, retained, write
+from pointit.services.keeper.retained_states import FILE, KeeperConfig, RetainedStates, read, retained, write
 from pointit.services.service_plugin import add_all_rows
 
 SETTLE_S = 0.5

@@ -3,14 +3,32 @@
 from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
+from pydantic import Field
+
 from pointit.errors import RefusedError
 from pointit.geometry.floor_sigma import yaw_sigma_rad
+from pointit.runtime.config.config import Config
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
 from pointit.schemas.text import round_beyond
-from pointit.services.listener.config import ListenerConfig
 from pointit.services.listener.referents import RecogniserClock, Room, Spoken, referents
 from pointit.services.listener.stays import PointingMemory
+
+
+class ListenerConfig(Config):
+    """Length of the memory, and the clock of the recogniser.
+
+    The memory is never written to a file or published.
+    """
+
+    memory_s: float = Field(default=10.0, ge=2, le=30, description="time for which rays are kept, s")
+    clock_s: float = Field(
+        default=0.3,
+        gt=0,
+        le=10,
+        description="health warns if words of a recogniser end so much later than they arrive, s",
+    )
+
 
 M = TypeVar("M", bound=Message)
 

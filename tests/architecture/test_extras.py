@@ -79,7 +79,7 @@ def modules() -> list[str]:
     names: list[str] = []
     for path in shipped():
         name = module_name(path)
-        if path.name != "__main__.py" and any(name == room or name.startswith(f"{room}.") for room in rooms):
+        if any(name == room or name.startswith(f"{room}.") for room in rooms):
             names.append(name)
     return names
 

@@ -19,7 +19,10 @@ from tests.support.invoked import python
 
 HOMES = {"services": ROOT / "services", "bridges": ROOT / "bridges"}
 """Folders of processes, by room."""
-FOUR_FILES = {"__init__.py", "__main__.py", "config.py", "service.py"}
+SHELLS = {"__init__.py", "config.py", "service.py"}
+"""Files of a service that are no core."""
+MIN_CONFIG_LINES = 60
+"""A shorter `config.py` stands in `service.py`, unless its parameters must load without an extra."""
 OUTSIDERS = {"cli", "external", "every service"}
 """Writers that are no row of the process table."""
 DEVICES = {
@@ -98,13 +101,19 @@ def test_every_service_folder_is_in_the_registry_and_vice_versa() -> None:
 
 
 @rows
-def test_every_service_has_the_four_files_and_a_core(row: Process) -> None:
+def test_every_service_has_its_files_and_a_core(row: Process) -> None:
     folder = folder_of(row)
-    modules = {path.name for path in folder.glob("*.py")}
-    assert modules >= FOUR_FILES
-    assert {path.name for path in folder.rglob("*.py")} - FOUR_FILES, (
+    assert {path.name for path in folder.glob("*.py")} >= {"__init__.py", "service.py"}
+    assert {path.name for path in folder.rglob("*.py")} - SHELLS, (
         f"{shown(folder)} has no core: the module named after its idea"
     )
+
+
+@rows
+def test_a_short_config_stands_in_the_service(row: Process) -> None:
+    config = folder_of(row) / "config.py"
+    lines = len(config.read_text(encoding="utf-8").splitlines()) if config.is_file() else None
+    assert row.extra or lines is None or lines >= MIN_CONFIG_LINES, "move it into service.py"
 
 
 @rows
@@ -114,17 +123,6 @@ def test_every_service_is_what_its_row_says(row: Process) -> None:
     assert (row.name, row.scope) == (service.NAME, service.SCOPE)
     assert issubclass(service.CONFIG, Config)
     assert row.config() is service.CONFIG
-
-
-@rows
-def test_every_main_is_the_same_five_lines(row: Process) -> None:
-    statements = sources.tree(folder_of(row) / "__main__.py").body[1:]
-    assert [ast.unparse(statement) for statement in statements] == [
-        *sorted(
-            ["from pointit.runtime.service.process import main", f"from {row.package}.service import SERVICE"]
-        ),
-        "main(SERVICE)",
-    ]
 
 
 @rows
@@ -145,10 +143,10 @@ def test_every_parameter_is_described(row: Process) -> None:
 @rows
 def test_cores_know_no_bus_no_clock_and_no_loop(row: Process) -> None:
     folder = folder_of(row)
-    shells = FOUR_FILES | DEVICES.get(row.name, set())
+    shells = {*DEVICES.get(row.name, set()), "__init__.py", "service.py"}
     modules = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*.py"))}
     assert shells <= set(modules), "DEVICES names what is not there"
-    cores = tuple(path for place, path in modules.items() if place not in shells)
+    cores = tuple(path for place, path in modules.items() if place not in shells | {"config.py"})
     doors = ("asyncio", "threading", "time", "logging", "serial", "pointit.runtime")
     harmless = {place for module in HARMLESS for place in sources.importers(module, cores)}
     found = {place for module in doors for place in sources.importers(module, cores)}

@@ -163,7 +163,7 @@ async def bridged() -> AsyncGenerator[Ends]:
         began_s = time.perf_counter()
         settings = {"mode": "peer", "endpoint": ros, "domain-id": "7"}
         child = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "pointit.bridges.ros2", "--connect", ours, "--routes", f"{routes}"),
+            *(sys.executable, "-m", "pointit.services", "ros2", "--connect", ours, "--routes", f"{routes}"),
             *(part for name, value in settings.items() for part in (f"--backend.{name}", value)),
             stderr=subprocess.DEVNULL,
         )

@@ -164,12 +164,6 @@ CLOCK_REQUEST_TIMEOUT_S = 2.0
 """The same if the command line requires simulated time, s. Many processes may start at once."""
 
 
-def main(service: type[AnyService]) -> NoReturn:
-    """Run `service` as a process of its own. Every `__main__.py` calls this."""
-    # Unloading Python's modules takes 0.1 s of a core, too long for ten processes that end on two cores.
-    run_program(service_command(service), at_once=True)
-
-
 def run_program(command: click.Command, *, at_once: bool = False) -> NoReturn:
     """Run a click command as the only work of this process, see `run_command`. Exit without joining threads.
 

@@ -122,7 +122,9 @@ async def test_a_run_in_processes_that_starts_and_then_it_or_one_of_them_is_stop
     assert [each for each in await plant.findings() if each["code"] != "warning"] == [], "while it starts"
     await plant.is_well()
     await finds_it_stopped(plant)
-    pui = next(each for each in plant.run.family() if "pointit.services.pui" in each.cmdline())
+    pui = next(
+        each for each in plant.run.family() if each.cmdline()[1:4] == ["-m", "pointit.services", "pui"]
+    )
     async with stopped(pui.pid):
         finding = await plant.finds("stopped")
         assert f"process {pui.pid} is stopped" in finding["sentence"]

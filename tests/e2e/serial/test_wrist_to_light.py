@@ -28,8 +28,7 @@ from pointit.services.led_driver.output.serial_output import ExpanderConfig
 from pointit.services.led_driver.service import LedDriver
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer
-from pointit.services.pointing.config import PointingConfig
-from pointit.services.pointing.service import Pointing
+from pointit.services.pointing.service import Pointing, PointingConfig
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
 from tests.support.bench import until

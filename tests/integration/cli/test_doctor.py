@@ -20,7 +20,7 @@ from tests.support.pace import Patience, within
 
 NOTICED_S = 5.0
 """Limit of the time in which doctor answers, on a quiet machine."""
-POINTING = ("-m", "pointit.services.pointing", "--user", "anna")
+POINTING = ("-m", "pointit.services", "pointing", "--user", "anna")
 
 
 class QuietPui(Service[Config]):

@@ -67,7 +67,7 @@ def ended(child: subprocess.Popen[str], number: int) -> tuple[int, bool]:
 
 
 def pointing(endpoint: str) -> tuple[str, ...]:
-    return ("-m", "pointit.services.pointing", "--user", "anna", "--connect", endpoint)
+    return ("-m", "pointit.services", "pointing", "--user", "anna", "--connect", endpoint)
 
 
 @pytest.mark.parametrize("number", SIGNALS)

@@ -158,7 +158,7 @@ class Site:
         """Start the bridge as a process of its own."""
         settings = {"endpoint": self.ros, "mode": mode, "domain-id": f"{DOMAIN}"}
         pairs = [(f"--backend.{name}", value) for name, value in settings.items()]
-        command = [sys.executable, "-m", "pointit.bridges.ros2", "--connect", self.ours]
+        command = [sys.executable, "-m", "pointit.services", "ros2", "--connect", self.ours]
         command += [argument for pair in pairs for argument in pair]
         return self._commands.run(command, self._environment)
 

@@ -26,7 +26,7 @@ START_S = 60.0
 
 async def test_routes_work_and_those_of_missing_types_are_named(rclpy_python: Path, tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    command = [f"{rclpy_python}", "-m", "pointit.bridges.ros2", "--connect", endpoint]
+    command = [f"{rclpy_python}", "-m", "pointit.services", "ros2", "--connect", endpoint]
     command += ["--backend.kind", "dds", "--backend.domain-id", f"{DOMAIN}", "--ros4hri", "true"]
     said = tmp_path / "bridge.stderr"
     theirs = Driven(rclpy_python, tmp_path, "rclpy_peer.py", "robot")

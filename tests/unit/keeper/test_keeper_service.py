@@ -14,7 +14,7 @@ from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Health, Message, Selection, UserProfile
 from pointit.schemas.topics import HEALTH, PROFILE, SELECTION, SERVICE_ALIVE, USER_ALIVE, topic_of
-from pointit.services.keeper.config import FileConfig, KeeperConfig
+from pointit.services.keeper.retained_states import FileConfig, KeeperConfig
 from pointit.services.keeper.service import SETTLE_S, Keeper
 from tests.support import strangers
 from tests.support.bench import ManualClock, until

@@ -19,8 +19,13 @@ from pointit.schemas import (
     UserProfile,
     topics,
 )
-from pointit.services.keeper.config import KeeperConfig
-from pointit.services.keeper.retained_states import RetainedStates, StateRecord, StoredState, retained
+from pointit.services.keeper.retained_states import (
+    KeeperConfig,
+    RetainedStates,
+    StateRecord,
+    StoredState,
+    retained,
+)
 
 NOW_NS = 1_000 * NS_PER_S
 

@@ -139,7 +139,7 @@ def test_service_is_found_without_importing_any_and_started_on_request() -> None
     launch = counter()
     assert (launch.instance, launch.plugin) == ("counter", "service 'counter' of strangers-parts")
     assert launch.config.model_dump() == {"start": 0, "lives": 2}
-    assert registry.process("counter").command == ("-m", "pointit.cli", "service", "run", "counter")
+    assert registry.process("counter").command == ("-m", "pointit.services", "counter")
     assert user_launches(read_scenario("scenario_3"), Choices(services=["counter"]), "anna")
     assert [row.name for row in registry.PROCESSES if row.plugin is not None] == ["counter"]
 

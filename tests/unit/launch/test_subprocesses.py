@@ -53,8 +53,8 @@ def children(group: Processes) -> dict[str, asyncio.subprocess.Process]:
 def test_a_command_names_everything_the_service_needs() -> None:
     group = processes()
     command = group.command(group._launches[1])
-    assert command[:3] == (sys.executable, "-m", "pointit.services.pointing")
-    options = dict(zip(command[3::2], command[4::2], strict=True))
+    assert command[:4] == (sys.executable, "-m", "pointit.services", "pointing")
+    options = dict(zip(command[4::2], command[5::2], strict=True))
     assert options.pop("--connect").startswith("tcp/127.0.0.1:")
     assert options == {
         "--config": str(group.folder / "pointing.anna.yaml"),

@@ -10,8 +10,7 @@ import pytest
 from pointit.geometry import rotation, vector
 from pointit.schemas import BodyMeasures, ImuSample, PointingOffset, UserPose, UserProfile
 from pointit.schemas.topics import HEALTH, IMU, POSE, PROFILE, RAY
-from pointit.services.pointing.config import PointingConfig
-from pointit.services.pointing.service import Pointing
+from pointit.services.pointing.service import Pointing, PointingConfig
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 
 S = 1_000_000_000

@@ -10,8 +10,7 @@ from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas.topics import OBJECTS
-from pointit.services.robot_replay.config import RobotReplayConfig
-from pointit.services.robot_replay.service import RobotReplay
+from pointit.services.robot_replay.service import RobotReplay, RobotReplayConfig
 from pointit.services.robot_replay.trajectory import Trajectory
 from pointit.sim.recordings import ImuRecording, read_robot_csv
 from tests.support.bench import memory_bench, until

@@ -13,8 +13,8 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Environment, Feedback, Interaction, Plane, Steering, UserPose
 from pointit.services.goal.config import GoalConfig
 from pointit.services.goal.robot_steering import Output, RobotSteering
-from pointit.services.pointing.config import PointingConfig
 from pointit.services.pointing.pointer import Pointer
+from pointit.services.pointing.service import PointingConfig
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.workspace import WorkspaceStart

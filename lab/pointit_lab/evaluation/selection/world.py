@@ -27,8 +27,8 @@ from pointit.schemas import (
 )
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.pointing.config import PointingConfig
 from pointit.services.pointing.pointer import Pointer
+from pointit.services.pointing.service import PointingConfig
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.selector.config import SelectorConfig

@@ -2,6 +2,9 @@
 
 `pointit list`, the scenarios and the architecture tests use it. Modules are named, not imported, so that a
 process loads only what it needs. Services of other packages get a row when they are named, or all at once.
+
+`pointit list`, the scenarios and the architecture tests use it. Modules are named, not imported, so that a
+process loads only what it needs. Services of other packages get a row when they are named, or all at once.
 """
 
 import contextlib
@@ -15,10 +18,18 @@ from pointit.runtime.host.extras import import_room, remedy
 from pointit.schemas import topics
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import Presence, Request, Topic
-from pointit.services.shown_topics import SHOWN
 
 if TYPE_CHECKING:
     from pointit.services.service_plugin import ServicePlugin
+
+
+SHOWN: tuple[topics.Topic[Any], ...] = (
+    topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.CURSOR, topics.HOVER, topics.ANNOUNCED,
+    topics.INTERACTION, topics.FEEDBACK, topics.GOAL, topics.STEERING, topics.UNDERSTOOD, topics.MAP,
+    topics.OBJECTS, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.SELECTION, topics.SELECTION_EVENTS,
+    topics.LAMP_COLOR, topics.STRIPS_FRAME, topics.CONVEYOR_STATE, topics.HEALTH, topics.DEPLOYMENT,
+)  # fmt: skip
+"""Everything but raw IMU samples and rays."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ from pointit.runtime.host.name_lookup import own_address
 from pointit.schemas import Environment, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic
-from pointit.services.shown_topics import SHOWN
+from pointit.services.registry import SHOWN
 
 log = logging.getLogger(__name__)
 

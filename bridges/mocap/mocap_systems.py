@@ -7,8 +7,8 @@ from pointit.bridges.mocap import natnet_client as natnet
 from pointit.bridges.mocap import qtm_client as qtm
 from pointit.bridges.mocap.bodies import TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
+from pointit.bridges.mocap.natnet_client import NatNetSession
 from pointit.bridges.mocap.natnet_packets import COMMAND_PORT
-from pointit.bridges.mocap.natnet_session import NatNetSession
 from pointit.bridges.mocap.qtm_client import QtmSession
 from pointit.plugins.device_search import ShippedDevices
 from pointit.runtime.config.plugins import DevicePlugin

@@ -1,19 +1,250 @@
-"""Sockets of a client of NatNet, by unicast and multicast, and the search for servers."""
+"""Client of NatNet: session with one server, sockets by unicast and multicast, and the search for servers."""
 
 import asyncio
 import contextlib
 import ipaddress
 import socket
 import sys
+from collections import deque
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from pointit.bridges.mocap import natnet_packets
-from pointit.bridges.mocap.natnet_packets import MalformedPacketError, ServerInfo
-from pointit.bridges.mocap.natnet_session import REQUEST_PERIOD_NS, NatNetSession
+from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, TimedFrame
+from pointit.bridges.mocap.natnet_packets import MalformedPacketError, MocapFrame, ServerInfo, read_models
 from pointit.bridges.mocap.server_search import BROADCAST, open_datagram_socket, search_servers
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.host.name_lookup import found_addresses, look_up
 from pointit.schemas import NS_PER_S
+
+MAX_ECHOES = 20
+"""Number of echoes that are compared."""
+DRIFT = 50e-6
+"""Assumed largest rate between two clocks. Quartz crystals differ by less."""
+
+
+class _Echo(NamedTuple):
+    offset_ns: float
+    half_trip_ns: float
+    received_ns: int
+
+    def sigma_ns(self, now_ns: int) -> float:
+        return self.half_trip_ns + DRIFT * abs(now_ns - self.received_ns)
+
+
+class ServerClock:
+    """Offset between a server's clock and the site's. The echo with the smallest uncertainty counts."""
+
+    def __init__(self, clock_hz: int) -> None:
+        """Begin without an offset. `clock_hz`: ticks per second."""
+        self._ns_per_tick = NS_PER_S / clock_hz
+        self._echoes: deque[_Echo] = deque(maxlen=MAX_ECHOES)
+        self.steps = 0
+        """Number of times that one of the clocks was set."""
+
+    def add(self, sent_ns: int, received_ns: int, ticks: int) -> None:
+        """Add an echo that was sent and received at these times of the site, with the server's ticks."""
+        if received_ns < sent_ns:
+            return
+        middle_ns = (sent_ns + received_ns) / 2
+        echo = _Echo(ticks * self._ns_per_tick - middle_ns, (received_ns - sent_ns) / 2, received_ns)
+        best = self._best(received_ns)
+        if best is not None and abs(echo.offset_ns - best.offset_ns) > (
+            echo.half_trip_ns + best.sigma_ns(received_ns)
+        ):  # half a round trip bounds the error of each, so that both are right of different clocks
+            self.steps += 1
+            self._echoes.clear()
+        self._echoes.append(echo)
+
+    def time_ns(self, ticks: int, now_ns: int) -> tuple[int, float] | None:
+        """Return the site's time of `ticks`, and its 1 sigma in ns. None before the first echo."""
+        best = self._best(now_ns)
+        if best is None:
+            return None
+        return round(ticks * self._ns_per_tick - best.offset_ns), best.sigma_ns(now_ns) / 2
+
+    def _best(self, now_ns: int) -> _Echo | None:
+        return min(self._echoes, key=lambda echo: echo.sigma_ns(now_ns), default=None)
+
+
+REQUEST_PERIOD_NS = NS_PER_S // 2
+"""Period of echoes and keep-alives, and of a request that was not answered."""
+SERVER_TIMEOUT_NS = 5 * NS_PER_S
+"""Time without any packet after which the connection is restarted."""
+SILENCE_NS = 3 * NS_PER_S
+"""Time without frames or an answer after which that is reported."""
+REPORT_NS = 10 * NS_PER_S
+"""Time for which a fault is reported after it was last seen."""
+MAX_AGE_S = 2.0
+"""Age at which a frame is none of now: Motive plays a recording."""
+MAX_FUTURE_S = 0.5
+"""Time by which a frame may seem to be of the future, s."""
+USB_LATENCY_SIGMA_S = 0.005
+"""1 sigma of the time of exposure if the server states only the time of sending, s."""
+
+
+class NatNetSession:
+    """Understands the packets of one server, and knows what to send next."""
+
+    def __init__(self, server: str, on_frame: Callable[[TimedFrame], None]) -> None:
+        self.server = server
+        """Name of the server in messages."""
+        self.info: ServerInfo | None = None
+        """Description of the server, or None while it is not connected."""
+        self._on_frame = on_frame
+        self._clock: ServerClock | None = None
+        self._names: dict[int, str] | None = None
+        self._is_model_stale = True
+        self._last: MocapFrame | None = None
+        self._since_ns = 0
+        self._asked_ns = 0
+        """Time at which the last echo was asked for."""
+        self._packet_ns = 0
+        self._arrived_ns = 0
+        """Arrival of the last frame, also of one that is not used."""
+        self._used_ns = 0
+        self._frame_fault = ""
+        self._faults: dict[str, tuple[str, int]] = {}
+        """Faults that are reported for a while by their kinds, each with its last time."""
+        self.damaged = 0
+        """Number of packets that could not be read."""
+
+    def restart(self, now_ns: int) -> None:
+        """Forget the server, in order to connect again."""
+        self.info, self._clock, self._names, self._last = None, None, None, None
+        self._since_ns = self._packet_ns = now_ns
+        self._arrived_ns = self._used_ns = 0
+
+    def requests(self, now_ns: int) -> list[bytes]:
+        """Return the packets to send now. To be called each `REQUEST_PERIOD_NS`."""
+        if self.info is not None and now_ns - self._packet_ns > SERVER_TIMEOUT_NS:
+            self.restart(now_ns)
+        if self.info is None:
+            return [natnet_packets.connect_packet()]
+        requests = [natnet_packets.packet(natnet_packets.KEEP_ALIVE)]
+        if now_ns - max(self._arrived_ns, self._since_ns) > SERVER_TIMEOUT_NS:
+            requests.append(
+                natnet_packets.connect_packet()
+            )  # a server that was restarted has forgotten its clients
+        if self._clock is not None:
+            self._asked_ns = now_ns
+            requests.append(natnet_packets.echo_packet(now_ns))
+        if self._names is None or self._is_model_stale:
+            requests.append(natnet_packets.packet(natnet_packets.MODEL_REQUEST))
+        return requests
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Use a packet of the server."""
+        try:
+            self._receive(data, now_ns)
+        except MalformedPacketError as error:
+            self.damaged += 1
+            advice = "update PointIt or Motive, and end other programs on these ports"
+            self._faults["damage"] = (
+                f"{self.server} sent no NatNet as it is known ({error}); {advice}",
+                now_ns,
+            )
+
+    def receive_unknown(self, data: bytes, address: str, now_ns: int) -> None:
+        """Note a packet of another machine. It is not used, since anybody can send one."""
+        if data[:2] == natnet_packets.packet(natnet_packets.FRAME)[:2]:
+            advice = "end that server or give it another port, or name it as `server`"
+            self._faults["unknown"] = f"{address} streams here, too, and is not used: {advice}", now_ns
+
+    def problem(self, now_ns: int) -> str:
+        """Return a sentence if there is no usable stream, or something is odd, else `""`."""
+        if self.info is None:
+            if now_ns - self._since_ns < SILENCE_NS:
+                return ""
+            return (
+                f"{self.server} does not answer by NatNet: start Motive, switch on its streaming, and allow "
+                "it in the firewalls; `pointit devices` lists servers"
+            )
+        if now_ns - max(self._arrived_ns, self._since_ns) > SILENCE_NS:
+            kind = f"multicast group {self.info.group}" if self.info.is_multicast else "unicast"
+            return (
+                f"{self.server} answers, but no frames come ({kind}, port {self.info.data_port}): start the "
+                "live view in Motive, choose the network of this machine as its local interface, or name "
+                "this machine's address in that network in `interface`"
+            )
+        if self._frame_fault and now_ns - max(self._used_ns, self._since_ns) > NS_PER_S:
+            return f"{self.server}: {self._frame_fault}"
+        if self._names is None and now_ns - self._since_ns > SILENCE_NS:
+            return f"{self.server} does not name its bodies: switch on rigid bodies in its streaming panel"
+        recent = (sentence for sentence, seen_ns in self._faults.values() if now_ns - seen_ns < REPORT_NS)
+        return next(recent, "")
+
+    def clock_sigma_s(self, now_ns: int) -> float | None:
+        """Return 1 sigma of the server's clock, s, or None if it is not known."""
+        time = None if self._clock is None else self._clock.time_ns(0, now_ns)
+        return None if time is None else time[1] / NS_PER_S
+
+    def _receive(self, data: bytes, now_ns: int) -> None:
+        message, payload = natnet_packets.split_packet(data)
+        self._packet_ns = now_ns
+        if message == natnet_packets.SERVER_INFO:
+            self._connect(natnet_packets.read_server_info(payload), now_ns)
+        elif self.info is None:
+            return
+        elif message == natnet_packets.ECHO and self._clock is not None:
+            sent_ns, ticks = natnet_packets.read_echo(payload)
+            if sent_ns == self._asked_ns:  # else it is late, or another client's
+                self._clock.add(sent_ns, now_ns, ticks)
+        elif message == natnet_packets.MODEL:
+            self._names = read_models(payload, self.info.version)
+            self._is_model_stale = False
+        elif message == natnet_packets.FRAME:
+            self._arrived_ns = now_ns
+            self._frame(natnet_packets.read_frame(payload, self.info.version), now_ns)
+
+    def _connect(self, info: ServerInfo, now_ns: int) -> None:
+        if self.info == info:
+            return
+        if info.version < (2, 0):
+            raise MalformedPacketError(f"its version {info.version[0]}.{info.version[1]} is older than 2.0")
+        self.restart(now_ns)
+        self.info = info
+        self._clock = ServerClock(info.clock_hz) if info.clock_hz else None
+
+    def _frame(self, frame: MocapFrame, now_ns: int) -> None:
+        if frame.flags & natnet_packets.MODEL_CHANGED or self._names is None:
+            self._is_model_stale = True
+        last, self._last = self._last, frame
+        if last is not None and _is_repeated(frame, last):
+            self._frame_fault = "its frames stand still: leave the edit mode or the pause in Motive"
+            return
+        stamp_ns, sigma_s = self._stamp(frame, now_ns)
+        age_s = (now_ns - stamp_ns) / NS_PER_S
+        if not -MAX_FUTURE_S <= age_s <= MAX_AGE_S:
+            self._frame_fault = (
+                f"its frames are {age_s:.1f} s old, at most {MAX_AGE_S:g} s are accepted: change from a "
+                "recording to the live view in Motive"
+            )
+            return
+        is_timed = self._clock is None or self._clock.time_ns(0, now_ns) is not None
+        if self._names is None or (not is_timed and now_ns - self._since_ns < SILENCE_NS):
+            return
+        if any(body.id not in self._names for body in frame.bodies):
+            self._is_model_stale = True
+        self._used_ns, self._frame_fault = now_ns, ""
+        named = tuple((self._names.get(body.id) or f"body {body.id}", body) for body in frame.bodies)
+        self._on_frame(TimedFrame(stamp_ns, sigma_s, named))
+
+    def _stamp(self, frame: MocapFrame, now_ns: int) -> tuple[int, float]:
+        """Return the time of exposure, and its 1 sigma in s."""
+        ticks = frame.exposure_ticks or frame.sent_ticks
+        time = None if self._clock is None or not ticks else self._clock.time_ns(ticks, now_ns)
+        if time is None:
+            return now_ns, ARRIVAL_SIGMA_S
+        return time[0], time[1] / NS_PER_S + (0.0 if frame.exposure_ticks else USB_LATENCY_SIGMA_S)
+
+
+def _is_repeated(frame: MocapFrame, last: MocapFrame) -> bool:
+    """Return True if the server's time stands still."""
+    if frame.exposure_ticks or last.exposure_ticks:
+        return frame.exposure_ticks == last.exposure_ticks
+    return frame.number == last.number
+
 
 RETRY_S = 2.0
 """Wait after an error of the network, s."""

@@ -18,7 +18,7 @@ from pointit.bridges.ros2.routing.ros_users import RosUsers
 from pointit.bridges.ros2.routing.route_types import InboundRoute, OutboundRoute, ServiceRoute
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.bridges.ros2.routing.site import Site
-from pointit.bridges.ros2.tracking.trackers import tracker_routes
+from pointit.bridges.ros2.trackers import tracker_routes
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Message

@@ -60,7 +60,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas.topics import ANNOUNCED, SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
-from pointit.services.shown_topics import SHOWN
+from pointit.services.registry import SHOWN
 
 log = logging.getLogger(__name__)
 

@@ -22,7 +22,7 @@ RUN_PARTS: tuple[OptionalPart["RunPart"], ...] = (
         ("pointit.launch.recorder", "pointit.services.recorder"),
     ),
     OptionalPart("pointit.cli.things.run_things:THINGS_PART", ("pointit.diagnosis",)),
-    OptionalPart("pointit.cli.things.run_names:NAMES_PART", _NAMES_ROOMS),
+    OptionalPart("pointit.cli.things.run_things:NAMES_PART", _NAMES_ROOMS),
 )
 """Panels of options of `run`, in the order of its help."""
 
@@ -35,7 +35,7 @@ DISPLAY_PARTS: tuple[OptionalPart["DisplayPart"], ...] = (
     OptionalPart("pointit.cli.robots:ROBOTS_DISPLAY", ("pointit.launch.robots", "pointit.services.user_sim")),
     OptionalPart("pointit.cli.inspect.pose_errors:TRUTH_DISPLAY"),
     OptionalPart("pointit.cli.things.run_things:THINGS_DISPLAY", ("pointit.diagnosis",)),
-    OptionalPart("pointit.cli.things.run_names:NAMES_DISPLAY", _NAMES_ROOMS),
+    OptionalPart("pointit.cli.things.run_things:NAMES_DISPLAY", _NAMES_ROOMS),
 )
 """Parts of the view and the summary of a run, in their order."""
 

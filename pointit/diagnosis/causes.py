@@ -9,9 +9,16 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from pointit.diagnosis.missing_services import CHAIN, GONE, is_router, listed
+from pointit.diagnosis.missing_services import (
+    CHAIN,
+    GONE,
+    gone_processes,
+    is_router,
+    listed,
+    starved_machines,
+    stopped_services,
+)
 from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, StoppedProcess, row_of
-from pointit.diagnosis.processes import gone_processes, starved_machines, stopped_services
 from pointit.diagnosis.symptoms import latency_s
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.link.link import AGAIN, LOST, Outage, find_outage

@@ -116,7 +116,7 @@ from pointit.services.robot.robot_driver import (
     Stop,
     TakeOff,
 )
-from pointit.services.selector.objects.seen_objects import View
+from pointit.services.selector.seen_objects import View
 from pointit.services.selector.selection_methods import (
     METHODS,
     MethodConfig,

@@ -2,6 +2,9 @@
 
 A hostile file costs bounded memory. Sizes are checked before anything is read or unpacked, and nothing that
 a file says about itself (its index, its statistics) is trusted.
+
+A hostile file costs bounded memory. Sizes are checked before anything is read or unpacked, and nothing that
+a file says about itself (its index, its statistics) is trusted.
 """
 
 import io
@@ -12,18 +15,53 @@ import zlib
 from collections.abc import Iterator
 from typing import IO, NamedTuple, TypeVar
 
-from pointit.recording.library import (
-    MCAP0_MAGIC,
-    Channel,
-    Chunk,
-    McapError,
-    Metadata,
-    Opcode,
-    ReadDataStream,
-    Schema,
-    ZstdDecompressor,
-    ZstdError,
-)
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import remedy
+
+__all__ = [
+    "BLOCK_BYTES",
+    "DAMAGED",
+    "FREE_RECORDS",
+    "MAX_RECORDS",
+    "MAX_RECORD_BYTES",
+    "MCAP0_MAGIC",
+    "Channel",
+    "Chunk",
+    "CompressionType",
+    "DamagedError",
+    "McapError",
+    "Metadata",
+    "Opcode",
+    "ReadDataStream",
+    "Record",
+    "RecordLocation",
+    "Schema",
+    "Writer",
+    "ZstdDecompressor",
+    "ZstdError",
+    "content",
+    "inner_records",
+    "is_container",
+    "message_content",
+    "message_times",
+    "next_chunk",
+    "parse",
+    "read",
+    "records",
+    "unpack",
+]
+
+
+try:
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Chunk, Metadata, Schema
+    from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+    from zstandard import ZstdDecompressor, ZstdError
+except ImportError as error:
+    raise ConfigError(f"recordings need {remedy('record')}") from error
+
 
 MAX_RECORD_BYTES = 32 * 1024 * 1024
 """Most bytes of a record, and of a chunk unpacked."""

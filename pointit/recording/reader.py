@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple, Self
 
 from pointit.recording import container
-from pointit.recording.container import DamagedError, RecordLocation, parse
+from pointit.recording.container import Channel as McapChannel
+from pointit.recording.container import Chunk, DamagedError, Metadata, Opcode, RecordLocation, Schema, parse
 from pointit.recording.entries import (
     FORMAT,
     METADATA,
@@ -20,8 +21,6 @@ from pointit.recording.entries import (
     find_row,
     schema_name,
 )
-from pointit.recording.library import Channel as McapChannel
-from pointit.recording.library import Chunk, Metadata, Opcode, Schema
 from pointit.recording.writer import MAX_CHANNELS
 from pointit.schemas import NS_PER_S, DecodeError
 from pointit.schemas.catalogue.json_channel import from_json

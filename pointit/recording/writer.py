@@ -3,6 +3,7 @@
 import json
 from typing import IO
 
+from pointit.recording.container import CompressionType, Writer
 from pointit.recording.entries import (
     METADATA,
     AnyRow,
@@ -13,7 +14,6 @@ from pointit.recording.entries import (
     row_kind,
     schema_name,
 )
-from pointit.recording.library import CompressionType, Writer
 from pointit.schemas import NS_PER_S, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
 

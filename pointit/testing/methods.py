@@ -21,7 +21,7 @@ from pointit.plugins import (
 )
 from pointit.runtime.clock import START_NS
 from pointit.schemas import TrackedObject
-from pointit.services.selector.objects.seen_objects import VisibleObject
+from pointit.services.selector.seen_objects import VisibleObject
 from pointit.testing.requirements import require_bounded_memory, require_parameters, require_refusals
 from pointit.testing.trial import CheckFailedError, Harness, Suite, called
 

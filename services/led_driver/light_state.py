@@ -6,9 +6,9 @@ import numpy as np
 
 from pointit.schemas import NS_PER_S, Cursor, Environment, LitPixels, StripFrame, StripsFrame
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.picture.lamps import Lamps, ThingLamps
-from pointit.services.led_driver.picture.render import Bytes, Layout, Renderer
-from pointit.services.led_driver.picture.strip_content import StripContent
+from pointit.services.led_driver.lamps import Lamps, ThingLamps
+from pointit.services.led_driver.render import Bytes, Layout, Renderer
+from pointit.services.led_driver.strip_content import StripContent
 
 
 class FrameLimiter:

@@ -34,9 +34,9 @@ from pointit.schemas import (
 from pointit.schemas.base import Rgb
 from pointit.schemas.pointing import LINES
 from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.lamps import DARK, LampService
 from pointit.services.led_driver.light_state import FrameLimiter, LightState
 from pointit.services.led_driver.outputs import GuardedOutput, make_outputs
-from pointit.services.led_driver.picture.lamps import DARK, LampService
 
 LAMP_PERIOD_S = 1 / 20
 """Minimum time between changes of a lamp's appearance, s. The lamp that a person is to point at, and that of

@@ -34,7 +34,7 @@ from pointit.services.localizer.estimation import estimator as ray_math
 from pointit.services.localizer.estimation.estimator import Mean, Refusal
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.procedure_runner import ProcedureRunner
-from pointit.services.localizer.procedures.static_targets import EYES_M
+from pointit.services.localizer.static_targets import EYES_M
 from pointit.services.localizer.tracking import LandingDetector, PoseTracker
 
 RECENT_NS = NS_PER_S // 2

@@ -25,15 +25,15 @@ from pointit.schemas import (
     UserPose,
 )
 from pointit.schemas.text import round_beyond
+from pointit.services.localizer import static_targets as lamp_choice
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import estimator as ray_math
 from pointit.services.localizer.estimation.bias_memory import BiasMemory
 from pointit.services.localizer.estimation.estimator import Mean, Refusal
+from pointit.services.localizer.moving_target import ROBOT, MovingTarget
 from pointit.services.localizer.outputs import AnchorOutcome, Output, Phase
-from pointit.services.localizer.procedures import static_targets as lamp_choice
-from pointit.services.localizer.procedures.moving_target import ROBOT, MovingTarget
-from pointit.services.localizer.procedures.procedure import LampProcedure, Procedure
-from pointit.services.localizer.procedures.static_targets import ObservationModel, StaticTargets, best_for_yaw
+from pointit.services.localizer.procedure import LampProcedure, Procedure
+from pointit.services.localizer.static_targets import ObservationModel, StaticTargets, best_for_yaw
 from pointit.services.localizer.tracking import PoseTracker
 
 Make = Callable[[int], LampProcedure | Refusal]

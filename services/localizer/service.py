@@ -35,7 +35,7 @@ from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output, WithdrawPose
 from pointit.services.localizer.pose_manager import PoseManager, Response
-from pointit.services.localizer.procedures.static_targets import MIN_LAMPS
+from pointit.services.localizer.static_targets import MIN_LAMPS
 
 STEP_HZ = 20.0
 """Rate of steps while a procedure runs."""

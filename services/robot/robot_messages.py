@@ -6,8 +6,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, RobotPhase, RobotPlan, RobotState, TrackedObject, TrackedObjects
 from pointit.schemas.environment import Frame
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.driver_frame import report_in_world
-from pointit.services.robot.robot_driver import RobotReport
+from pointit.services.robot.robot_driver import RobotReport, report_in_world
 from pointit.services.robot.robot_pilot import RobotPilot
 
 KIND = "robot"

@@ -7,7 +7,6 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Localization, RobotPhase, Steering, UserPose
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder, ProgressMonitor, StandstillMonitor
-from pointit.services.robot.driver_frame import report_fault
 from pointit.services.robot.figure_flight import FigureFlight
 from pointit.services.robot.robot_driver import (
     Command,
@@ -20,6 +19,7 @@ from pointit.services.robot.robot_driver import (
     RobotReport,
     Stop,
     TakeOff,
+    report_fault,
 )
 from pointit.services.robot.safety.safety import Safety
 from pointit.services.robot.steering import (

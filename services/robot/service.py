@@ -22,7 +22,6 @@ from pointit.schemas import (
 )
 from pointit.schemas.environment import Frame
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.driver_frame import in_frame, report_fault, report_in_world
 from pointit.services.robot.robot_driver import (
     ROBOTS,
     Command,
@@ -31,6 +30,9 @@ from pointit.services.robot.robot_driver import (
     RobotDriver,
     RobotReport,
     RobotSpec,
+    in_frame,
+    report_fault,
+    report_in_world,
 )
 from pointit.services.robot.robot_messages import RobotMessages
 from pointit.services.robot.robot_pilot import RobotPilot

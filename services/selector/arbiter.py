@@ -1,17 +1,62 @@
 """Decisions on objects: claims and requests of people in; the selection, its events and cues out."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, SelectionEvent, SetThing
 from pointit.schemas.selection import RESTORED
-from pointit.services.selector.claim_budget import ClaimBudget
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.objects.object_positions import OWN, Departures
-from pointit.services.selector.outputs import ACTIONS, CHANGES, Output, Owned, Record
+from pointit.services.selector.object_positions import OWN, Departures
 from pointit.services.selector.ownership import Ownership
-from pointit.services.selector.selection_publisher import SelectionPublisher
+from pointit.services.selector.selection_publisher import (
+    ACTIONS,
+    CHANGES,
+    Output,
+    Owned,
+    Record,
+    SelectionPublisher,
+)
+
+MAX_CLAIMS = 10
+"""Maximum claims of a kind per person and second: nobody points at more objects."""
+
+WARNING_NS = 10 * NS_PER_S
+"""Time for which a warning names people who claimed more, ns."""
+
+MAX_NAMED = 5
+"""Maximum number of people whom the warning names."""
+
+
+class ClaimBudget:
+    """Counts the claims of each person in the current second."""
+
+    def __init__(self) -> None:
+        self._second = 0
+        self._claimed: Counter[tuple[str, str]] = Counter()
+        self._exceeded: dict[str, int] = {}
+
+    def allows(self, user: str, claim: Claim, now_ns: int) -> bool:
+        """Count a claim. Return False if it is one too many."""
+        second = now_ns // NS_PER_S
+        if second != self._second:
+            self._second = second
+            self._claimed.clear()
+        self._claimed[user, claim.wish] += 1
+        if self._claimed[user, claim.wish] <= MAX_CLAIMS:
+            return True
+        if user in self._exceeded or len(self._exceeded) < MAX_NAMED:
+            self._exceeded[user] = now_ns
+        return False
+
+    def problem(self, now_ns: int) -> str:
+        """Return a warning about people who claimed too much lately, or `""`."""
+        self._exceeded = {user: ns for user, ns in self._exceeded.items() if now_ns - ns < WARNING_NS}
+        if not self._exceeded:
+            return ""
+        names = ", ".join(sorted(self._exceeded))
+        return f"more than {MAX_CLAIMS} claims a second of {names} are ignored: check their selector"
+
 
 MAX_CLAIM_AGE_NS = 5 * NS_PER_S
 """Claims of shards that are older are refused: the person has gone on since, ns of the wall."""

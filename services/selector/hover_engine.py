@@ -9,11 +9,10 @@ from pointit.schemas import NS_PER_S, ButtonEvent, Claim, Cursor, Environment, H
 from pointit.schemas.base import unchecked
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.pointer import MakeMethod, PersonPointer, PointerResult, is_by_angle
-from pointit.services.selector.objects.seen_objects import SeenObjects, View
-from pointit.services.selector.outputs import CHANGES, Action, Output
 from pointit.services.selector.ownership import Ownership
+from pointit.services.selector.seen_objects import SeenObjects, View
 from pointit.services.selector.selection_methods import NameAnnouncer
-from pointit.services.selector.selection_publisher import make_cue
+from pointit.services.selector.selection_publisher import CHANGES, Action, Output, make_cue
 
 EMPTY_PERIOD_NS = NS_PER_S // 5
 """Time between hovers without an object, ns. The first one after an object comes at once."""

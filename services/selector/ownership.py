@@ -10,8 +10,8 @@ from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, ReservedObject, SelectedObject, Selection
 from pointit.schemas.environment import ThingMode
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.objects.object_positions import ObjectPositions
-from pointit.services.selector.outputs import Action, Cause, Event, Owned, Record
+from pointit.services.selector.object_positions import ObjectPositions
+from pointit.services.selector.selection_publisher import Action, Cause, Event, Owned, Record
 
 MAX_RELEASED = 100
 """Limit of deselected objects whose last owner is remembered."""

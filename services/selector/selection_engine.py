@@ -19,9 +19,8 @@ from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS, Arbiter
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
 from pointit.services.selector.methods.pointer import MakeMethod, make_method
-from pointit.services.selector.outputs import ACTIONS, Output, Record
 from pointit.services.selector.ownership import Ownership
-from pointit.services.selector.selection_publisher import make_cue
+from pointit.services.selector.selection_publisher import ACTIONS, Output, Record, make_cue
 
 REPEAT_NS = NS_PER_S
 """Claims without a decision are sent again after this, ns of the wall. The arbiter ignores old ones."""

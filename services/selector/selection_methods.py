@@ -10,7 +10,7 @@ from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Announced, Cursor, TrackedObject
-from pointit.services.selector.objects.seen_objects import View
+from pointit.services.selector.seen_objects import View
 
 MAX_DWELL_S = 10.0
 """Upper limit of the dwell time by any method, s."""

@@ -15,7 +15,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.store import Store, StoreLayout, read_rows
 from pointit.schemas import NS_PER_S, ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.base import MAX_ID, Count, Ns
-from pointit.services.selector.outputs import Owned, Record, event_of
+from pointit.services.selector.selection_publisher import Owned, Record, event_of
 
 FILE = "journal.sqlite"
 

@@ -8,14 +8,14 @@ import numpy as np
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
+from pointit.services.user_sim.behaviour import asked_goal, make_behaviour
 from pointit.services.user_sim.body import Arm, OpenLoopError, StandingPosition, Wristband
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.behaviour import asked_goal, make_behaviour
-from pointit.services.user_sim.decision.correction import Correction
-from pointit.services.user_sim.decision.goal import REST, ButtonModel, PersonGoal
-from pointit.services.user_sim.decision.perception import Perception
-from pointit.services.user_sim.decision.selecting import DecisionTimes
-from pointit.services.user_sim.sight.sight import Sight
+from pointit.services.user_sim.correction import Correction
+from pointit.services.user_sim.goal import REST, ButtonModel, PersonGoal
+from pointit.services.user_sim.perceived_objects import Sight
+from pointit.services.user_sim.perception import Perception
+from pointit.services.user_sim.selecting import DecisionTimes
 from pointit.sim.aim import Aim, Stance
 
 RATE_STEP_NS = 10_000_000

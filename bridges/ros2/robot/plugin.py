@@ -5,8 +5,7 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
-from pointit.bridges.ros2.config import BackendConfig
-from pointit.bridges.ros2.tracking.config import SINGLE, TF, TOPIC, PoseSource
+from pointit.bridges.ros2.config import SINGLE, TF, TOPIC, BackendConfig, PoseSource
 from pointit.plugins import Config, ConfigError, RobotDriver, RobotPlugin, RobotSpec, Surroundings
 from pointit.runtime.host.extras import remedy
 

@@ -3,18 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
+from pointit.bridges.ros2.config import TF, PoseSource
 from pointit.bridges.ros2.graph.backend import SENSOR, Backend, Closable, Qos
 from pointit.bridges.ros2.routing.names import frame_name
-from pointit.bridges.ros2.tracking.config import TF, PoseSource
-from pointit.bridges.ros2.tracking.sightings import (
-    AT_ORIGIN,
-    READERS,
-    Sighting,
-    TransformBuffer,
-    compose,
-    yaw,
-)
-from pointit.bridges.ros2.tracking.trackers import FrameLookup, Motion, captured, stated_velocity
+from pointit.bridges.ros2.sightings import AT_ORIGIN, READERS, Sighting, TransformBuffer, compose, yaw
+from pointit.bridges.ros2.trackers import FrameLookup, Motion, captured, stated_velocity
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import vector
 from pointit.plugins import NS_PER_S, RobotReport

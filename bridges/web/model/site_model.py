@@ -31,8 +31,7 @@ from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import Deployment, Environment, Health, Message, encode
 from pointit.schemas.system import RUN, split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LAMP_COLOR, MAP, OBJECTS, STRIPS_FRAME, Delivery, Topic
-from pointit.services.registry import PROCESSES
-from pointit.services.shown_topics import SHOWN
+from pointit.services.registry import PROCESSES, SHOWN
 
 
 def shown_path(path: Path) -> str:

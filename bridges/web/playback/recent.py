@@ -27,8 +27,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.system import instance_of
 from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE, USER_ALIVE, Delivery, Presence, Topic
-from pointit.services.registry import person_of
-from pointit.services.shown_topics import SHOWN
+from pointit.services.registry import SHOWN, person_of
 
 SHOWN_ROWS: tuple[Topic[Any] | Presence, ...] = (*SHOWN, SERVICE_ALIVE, USER_ALIVE)
 """Rows of the topic table that pages need."""

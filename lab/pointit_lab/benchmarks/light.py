@@ -24,7 +24,7 @@ from pointit.schemas import (
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.led_driver.outputs import GuardedOutput, make_outputs
-from pointit.services.led_driver.picture.render import Layout
+from pointit.services.led_driver.render import Layout
 
 NOW_NS = 1_700_000_000 * NS_PER_S
 BLOCKS = 10

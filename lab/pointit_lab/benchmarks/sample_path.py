@@ -71,7 +71,7 @@ async def measure(endpoint: str) -> dict[str, Any]:
                 used_s, idle_s = await _cpu_s(put), await _cpu_s(_rest)
     finally:
         await wrist_bus.close()
-    if not any(file.endswith("led_driver/picture/render.py") for file, _ in +calls):
+    if not any(file.endswith("services/led_driver/render.py") for file, _ in +calls):
         raise RuntimeError("most samples made no frame in time: other work keeps this machine busy")
     own = {place: count for place, count in (+calls).items() if place[0].startswith("pointit/")}
     return {

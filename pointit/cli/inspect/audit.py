@@ -18,7 +18,7 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import check_name
 from pointit.services.selector.audit import audit
-from pointit.services.selector.outputs import Record
+from pointit.services.selector.selection_publisher import Record
 from pointit.services.selector.store import FILE
 
 DEFAULT_SITE = "lab"
@@ -83,7 +83,7 @@ def command(
 
 
 def _calls(site: str, since_ns: int) -> Iterator[dict[str, Any]]:
-    module = import_room("pointit.assistants.audit_file", "mcp")
+    module = import_room("pointit.assistants.results", "mcp")
     return (each for each in module.read_audit(site) if each.get("stamp_ns", 0) >= since_ns)
 
 

@@ -26,8 +26,8 @@ from pointit.speech.grammar import RESERVED, spoken
 from pointit.speech.verbs import Verb, VerbContext, verb_of_things
 
 if TYPE_CHECKING:
+    from pointit.speech.audio import SpeechSynthesizer
     from pointit.speech.interpreter import Interpreter
-    from pointit.speech.speech_synthesizer import SpeechSynthesizer
 
 
 def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None]:
@@ -142,8 +142,8 @@ async def _listen(
     **at: Unpack[AtSite],
 ) -> int:
 
+    from pointit.speech.audio import SpeechSynthesizer  # noqa: PLC0415 - as above
     from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
-    from pointit.speech.speech_synthesizer import SpeechSynthesizer  # noqa: PLC0415 - as above
 
     own, problem = own_verbs(verbs)
     async with join_site(**at) as bus:

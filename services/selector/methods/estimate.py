@@ -18,7 +18,7 @@ from pointit.schemas import NS_PER_S, Cursor
 from pointit.schemas.pointing import LINES
 from pointit.services.selector.methods.announcer import AnnounceConfig, Announcer
 from pointit.services.selector.methods.gauge import RaySpeedEstimator
-from pointit.services.selector.objects.seen_objects import View, VisibleObject
+from pointit.services.selector.seen_objects import View, VisibleObject
 from pointit.services.selector.selection_methods import (
     MethodConfig,
     PointingSample,

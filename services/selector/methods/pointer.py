@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple, TypeGuard
 
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.objects.seen_objects import View
+from pointit.services.selector.seen_objects import View
 from pointit.services.selector.selection_methods import (
     MAX_DWELL_S,
     METHODS,

@@ -8,8 +8,7 @@ import pytest
 
 from pointit.access.site_folder import SiteFolder
 from pointit.schemas import topics
-from pointit.services.registry import PROCESSES
-from pointit.services.shown_topics import SHOWN
+from pointit.services.registry import PROCESSES, SHOWN
 from tests.integration.access.secured import NAMES, Member, make_site, routed
 
 PEOPLE = ("anna", "ben")

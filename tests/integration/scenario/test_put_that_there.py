@@ -19,8 +19,7 @@ from pointit.launch.plan.plan import read_scenario
 from pointit.schemas import NS_PER_S, Goal, Speech, Understood, topics
 from pointit.speech.grammar import Vocabulary, names_of
 from pointit.speech.interpreter import Interpreter
-from pointit.speech.recogniser import RATE_HZ, TimedWord, speech
-from pointit.speech.sphinx import Sphinx, SphinxConfig
+from pointit.speech.recogniser import RATE_HZ, Sphinx, SphinxConfig, TimedWord, speech
 
 USER = "user1"
 VOICES = ("en-us", "en-gb", "en-gb-x-rp")

@@ -9,8 +9,8 @@ from pointit.schemas import Cursor, Selection, SelectionEvent
 from pointit.services.conveyor_sim.feeding import NoRoomError
 from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.outputs import Output, Record
 from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.selection_publisher import Output, Record
 from tests.unit.conveyor_sim.rooms import FORK, S, config
 
 USER = "anna"

@@ -20,12 +20,8 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.estimation.levenberg_marquardt import Array
+from pointit.services.localizer.moving_target import MovingTarget, TargetDisambiguator, rank_by_posterior
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.procedures.moving_target import (
-    MovingTarget,
-    TargetDisambiguator,
-    rank_by_posterior,
-)
 from pointit.services.localizer.verification import followed, without_spikes
 from pointit.sim.recordings import OPERATOR, read_imu_csv
 from pointit_lab.evaluation.datasets import motion_relloc, read_trials

@@ -9,7 +9,7 @@ import pytest
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, PointingRay, SelectionEvent
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.user_sim.sight.eyes import Eyes, Kind, SeenCursor, Span
+from pointit.services.user_sim.eyes import Eyes, Kind, SeenCursor, Span
 from pointit_lab.evaluation.selection.condition import CONVEYOR, LAB, VR, Condition, conditions
 from pointit_lab.evaluation.selection.score import Score
 from pointit_lab.evaluation.selection.selection import SelectionTrial, TrialRecorder, run, selection_rows

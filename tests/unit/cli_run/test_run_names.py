@@ -6,12 +6,12 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli.main import command
-from pointit.cli.things.run_names import NAMES_PART, NameWatcher, summary_lines
+from pointit.cli.things.run_things import NAMES_PART, NameWatcher, announcement_lines
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import read_scenario
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Announced, SelectionEvent, Step, topics
-from pointit.speech.speech_synthesizer import SpeechSynthesizer
+from pointit.speech.audio import SpeechSynthesizer
 from tests.support.bench import memory_bench, until
 
 
@@ -49,11 +49,11 @@ async def test_names_of_two_people_are_spoken_and_counted_with_steps_and_presses
         for each in subscriptions:
             each.close()
     assert sorted(synthesizer.spoken) == ["the kettle", "the lamp"]
-    assert summary_lines(watcher.summary()) == ["Names: 2 announced, 3 steps, 1 confirmed."]
+    assert announcement_lines(watcher.summary()) == ["Names: 2 announced, 3 steps, 1 confirmed."]
 
 
 def test_a_run_without_names_says_nothing_of_them() -> None:
-    assert summary_lines({}) == []
+    assert announcement_lines({}) == []
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from pointit.geometry.colormap import colormap
 from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampLeases, LampMiss, Localization
 from pointit.schemas.codec import decode, encode
 from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
+from pointit.services.led_driver.lamps import DARK, MAX_PEOPLE, TARGET, FlashGuard, LampQueue
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.picture.lamps import DARK, MAX_PEOPLE, TARGET, FlashGuard, LampQueue
 from tests.unit.led_driver.stage import NOW_NS, Color
 
 VIRIDIS = colormap("viridis")

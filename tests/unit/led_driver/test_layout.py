@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pointit.schemas import Belt, Strip
 from pointit.schemas.environment import BESIDE_BELT_M
-from pointit.services.led_driver.picture.render import Layout
+from pointit.services.led_driver.render import Layout
 from tests.support.pace import within
 from tests.unit.led_driver.stage import BLACK, RED, WHITE, Stage, item
 

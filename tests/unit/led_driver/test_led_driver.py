@@ -21,9 +21,9 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas import topics as at
-from pointit.services.led_driver.picture.render import Layout
-from pointit.services.led_driver.picture.strip_content import StripContent
+from pointit.services.led_driver.render import Layout
 from pointit.services.led_driver.service import LedDriver
+from pointit.services.led_driver.strip_content import StripContent
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, MAP_MESSAGE, cursor, next_frame, package, pixels, started
 

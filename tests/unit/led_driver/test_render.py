@@ -12,7 +12,7 @@ from pointit.schemas import Environment, Strip
 from pointit.schemas.base import FARTHEST_ALONG
 from pointit.services.led_driver.config import CursorsConfig, LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.picture.render import Layout
+from pointit.services.led_driver.render import Layout
 from tests.unit.led_driver.stage import BACK, BLACK, BLUE, DIM, FORTH, GAP, GREEN, RED, WHITE, Stage, item
 
 

@@ -21,8 +21,8 @@ from pointit.schemas import (
 )
 from pointit.schemas import topics as at
 from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
+from pointit.services.led_driver.lamps import DARK, TARGET
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.led_driver.picture.lamps import DARK, TARGET
 from pointit.services.pui.tracked_objects import listing
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.led_driver.driving import FAST, started

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, Environment, Lamp, PointingRay, SetPose, TrackedObject, TrackedObjects
 from pointit.services.localizer.config import LocalizerConfig, TrustConfig
+from pointit.services.localizer.moving_target import MovingTarget
 from pointit.services.localizer.pose_manager import PoseManager
-from pointit.services.localizer.procedures.moving_target import MovingTarget
-from pointit.services.localizer.procedures.static_targets import StaticTargets
+from pointit.services.localizer.static_targets import StaticTargets
 from tests.unit.localizer.person import ANY_TRUST, START_NS, angles, config
 
 S = 1_000_000_000

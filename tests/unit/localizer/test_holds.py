@@ -21,8 +21,8 @@ from pointit.services.localizer.estimation.estimator import (
     unfiltered,
 )
 from pointit.services.localizer.pose_manager import HeadingWindow
-from pointit.services.localizer.procedures.procedure import Hold
-from pointit.services.localizer.procedures.static_targets import StaticTargets
+from pointit.services.localizer.procedure import Hold
+from pointit.services.localizer.static_targets import StaticTargets
 from pointit.services.localizer.verification import held, outlier_lamps, without_spikes
 from pointit.services.pointing.pointer import ArmRay
 from tests.support.known import known

@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Environment, Lamp, LampLeases, Localization, PointingRay, SetPose
-from pointit.services.led_driver.picture.lamps import FRESH_NS, LampQueue
+from pointit.services.led_driver.lamps import FRESH_NS, LampQueue
+from pointit.services.localizer import static_targets
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pose_manager import PoseManager
-from pointit.services.localizer.procedures import static_targets
 
 S = 1_000_000_000
 STEP_NS = S // 20

@@ -14,7 +14,7 @@ from pointit.services.localizer.estimation.estimator import (
     SolverSettings,
     solve,
 )
-from pointit.services.localizer.procedures.moving_target import MovingTarget
+from pointit.services.localizer.moving_target import MovingTarget
 from tests.unit.localizer.person import (
     EYES_M,
     Person,

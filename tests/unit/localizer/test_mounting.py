@@ -18,8 +18,8 @@ from pointit.services.localizer.estimation.estimator import (
     solve,
 )
 from pointit.services.localizer.estimation.mounting import Slope, mounting_fault
+from pointit.services.localizer.moving_target import MovingTarget
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.procedures.moving_target import MovingTarget
 from pointit.services.pointing.pointer import ArmRay
 from tests.unit.localizer.person import EYES_M, START_NS, config, poses, solved, told
 from tests.unit.localizer.test_moving_target import robots

@@ -13,14 +13,14 @@ from pointit.schemas import NS_PER_S, RememberedBias, TrackedObject, TrackedObje
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.bias_memory import BiasMemory
 from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings
-from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.procedures.moving_target import (
+from pointit.services.localizer.moving_target import (
     CONTRADICTED,
     WRIST_SIGMA_S,
     MovingTarget,
     RayWindow,
     Track,
 )
+from pointit.services.localizer.outputs import Output
 from tests.unit.localizer.person import EYES_M, START_NS, Person, config, poses, told, yaw_difference
 
 PERSON = Person(0.5, -0.3, 1.1, math.radians(-4.0))

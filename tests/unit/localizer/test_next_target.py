@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
 from pointit.services.localizer.estimation.levenberg_marquardt import PARAMETERS, Array, Rays, residuals
-from pointit.services.localizer.procedures.static_targets import (
+from pointit.services.localizer.static_targets import (
     ObservationModel,
     best_for_yaw,
     fisher_information,

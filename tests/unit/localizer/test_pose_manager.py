@@ -22,10 +22,10 @@ from pointit.schemas import (
 )
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import SAME_PLACE_M, Refusal
+from pointit.services.localizer.moving_target import MAX_TRACKS, MovingTarget
 from pointit.services.localizer.outputs import Output
 from pointit.services.localizer.pose_manager import PoseManager, Response
-from pointit.services.localizer.procedures.moving_target import MAX_TRACKS, MovingTarget
-from pointit.services.localizer.procedures.static_targets import lamps_for_pose, map_change_reason
+from pointit.services.localizer.static_targets import lamps_for_pose, map_change_reason
 from pointit.services.localizer.tracking import PoseTracker
 from tests.unit.localizer.person import ROOM, START_NS, Person, config
 

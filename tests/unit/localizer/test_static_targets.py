@@ -8,7 +8,7 @@ import pytest
 
 from pointit.schemas import NS_PER_S, Lamp
 from pointit.services.localizer.outputs import Output
-from pointit.services.localizer.procedures.static_targets import StaticTargets
+from pointit.services.localizer.static_targets import StaticTargets
 from tests.support.known import known
 from tests.unit.localizer.person import START_NS, Person, config, poses, told, yaw_difference
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pointit.services.localizer.estimation.estimator import Refusal, Solution, SolverSettings
-from pointit.services.localizer.procedures.moving_target import TargetDisambiguator, rank_by_posterior
+from pointit.services.localizer.moving_target import TargetDisambiguator, rank_by_posterior
 
 TRUST = SolverSettings()
 N = 9.0

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from pointit.bridges.mocap.bodies import TimedFrame
-from pointit.bridges.mocap.natnet_session import NatNetSession, ServerClock
+from pointit.bridges.mocap.natnet_client import NatNetSession, ServerClock
 from pointit.schemas import NS_PER_S
 from tests.support.bench import START_NS
 from tests.unit.mocap import natnet_encoder as natnet

@@ -14,8 +14,8 @@ import pytest
 import pointit.schemas as models
 from pointit.bridges.web.config import Place, WebConfig
 from pointit.recording import container
+from pointit.recording.container import Chunk, Opcode
 from pointit.recording.entries import Entry, body_kind
-from pointit.recording.library import Chunk, Opcode
 from pointit.recording.reader import Recording
 from pointit.recording.writer import RecordingWriter
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus

@@ -8,9 +8,16 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Interaction, UserPose
 from pointit.schemas.environment import Fence
 from pointit.services.robot.config import RobotConfig
-from pointit.services.robot.driver_frame import report_fault
 from pointit.services.robot.drivers.sim_driver import SimConfig, SimulatedRobot, make_simulated_robot
-from pointit.services.robot.robot_driver import Command, Follow, RobotReport, RobotSpec, Stop, TakeOff
+from pointit.services.robot.robot_driver import (
+    Command,
+    Follow,
+    RobotReport,
+    RobotSpec,
+    Stop,
+    TakeOff,
+    report_fault,
+)
 from pointit.services.robot.safety.safety import Safety
 from pointit.services.robot.stop_reason import StopReason
 

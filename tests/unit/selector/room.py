@@ -17,8 +17,8 @@ from pointit.schemas import (
     TrackedObjects,
 )
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.outputs import Output, Record
 from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.selection_publisher import Output, Record
 
 START_NS = 1_700_000_000 * NS_PER_S
 EYES: Vec3 = (5.0, -3.0, 1.6)

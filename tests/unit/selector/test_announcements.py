@@ -20,8 +20,8 @@ from pointit.schemas import (
 from pointit.schemas.topics import ANNOUNCED, CURSOR, OBJECTS, STEP
 from pointit.services.pui.tracked_objects import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.outputs import Output
 from pointit.services.selector.selection_engine import SelectionEngine, ShardEngine
+from pointit.services.selector.selection_publisher import Output
 from tests.support.bench import ManualClock
 from tests.unit.selector.room import at
 from tests.unit.selector.served import served

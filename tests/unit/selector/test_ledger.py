@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.selector.outputs import Record
 from pointit.services.selector.ownership import Ledger
+from pointit.services.selector.selection_publisher import Record
 
 HERE = frozenset("abc")
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Cursor, Environment, TrackedObject, TrackedObjects
-from pointit.services.selector.objects.object_positions import MAX_TRACKERS, ObjectPositions
-from pointit.services.selector.objects.seen_objects import SeenObjects, View
+from pointit.services.selector.object_positions import MAX_TRACKERS, ObjectPositions
+from pointit.services.selector.seen_objects import SeenObjects, View
 from tests.unit.selector.room import EYES, MAP, at, package, packages, pointing
 
 SNAP = math.radians(1.5)

@@ -4,8 +4,8 @@ import pytest
 
 from pointit.schemas import Claim, SelectionEvent
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
-from pointit.services.selector.outputs import Owned
 from pointit.services.selector.selection_engine import GIVE_UP_NS, REPEAT_NS, ShardEngine
+from pointit.services.selector.selection_publisher import Owned
 from pointit.services.selector.service import Selector
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.selector.room import MAP, Room, package

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pointit.schemas import Claim, Feedback, Selection, SelectionEvent
-from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS
-from pointit.services.selector.claim_budget import MAX_CLAIMS, WARNING_NS
-from pointit.services.selector.outputs import Action
+from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS, MAX_CLAIMS, WARNING_NS
 from pointit.services.selector.selection_engine import GIVE_UP_NS, SelectionEngine
+from pointit.services.selector.selection_publisher import Action
 from tests.unit.selector.room import Room, at, package, packages
 from tests.unit.selector.shards import OPEN_FILES, ShardedSite
 

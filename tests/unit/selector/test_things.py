@@ -13,10 +13,10 @@ from pointit.schemas import ButtonEvent, Cursor, Environment, Feedback, Hover, S
 from pointit.schemas.selection import RESTORED
 from pointit.services.pui.tracked_objects import TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.objects.seen_objects import MAX_SOLIDS, SeenObjects
-from pointit.services.selector.outputs import Output
 from pointit.services.selector.roles import _done_message
+from pointit.services.selector.seen_objects import MAX_SOLIDS, SeenObjects
 from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.selection_publisher import Output
 from tests.unit.selector.room import MAP, at, package, packages, pointing
 
 EYES: Vec3 = (0.0, 0.0, 1.6)

@@ -27,7 +27,7 @@ from pointit.schemas import (
 from pointit.services.registry import process
 from pointit.services.supervisor.config import SupervisorConfig
 from pointit.services.supervisor.service import Supervisor
-from pointit.services.user_sim.decision.goal import PerceivedState
+from pointit.services.user_sim.goal import PerceivedState
 from tests.support.bench import Bench, ManualClock, memory_bench, until
 from tests.unit.supervisor.played import Gesture, S, pose, press
 

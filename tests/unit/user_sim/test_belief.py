@@ -4,9 +4,9 @@ import pytest
 
 from pointit.schemas import NS_PER_S, ButtonEvent, Feedback
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.goal import ButtonModel, PerceivedState, State
-from pointit.services.user_sim.sight.eyes import ObservedAppearance
-from pointit.services.user_sim.sight.sight import PerceivedObjects, Status
+from pointit.services.user_sim.eyes import ObservedAppearance
+from pointit.services.user_sim.goal import ButtonModel, PerceivedState, State
+from pointit.services.user_sim.perceived_objects import PerceivedObjects, Status
 from tests.unit.user_sim.life import PRECISE, Cue, Life
 
 WAIT = "Wait for the target to point at; press the button to cancel."

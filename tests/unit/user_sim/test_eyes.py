@@ -23,7 +23,7 @@ from pointit.schemas import (
 )
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
-from pointit.services.user_sim.sight.eyes import Eyes, Kind, ObservedAppearance, SeenCursor, Span
+from pointit.services.user_sim.eyes import Eyes, Kind, ObservedAppearance, SeenCursor, Span
 
 PITCH_M = 5.0 / 150
 GREEN = (0, 158, 115)

@@ -24,11 +24,11 @@ from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.light_state import LightState
 from pointit.services.pui.tracked_objects import listing
 from pointit.services.user_sim.config import AimConfig
-from pointit.services.user_sim.decision.correction import Correction
-from pointit.services.user_sim.decision.goal import PersonGoal
-from pointit.services.user_sim.decision.perception import Perception
-from pointit.services.user_sim.sight.eyes import ObservedAppearance
-from pointit.services.user_sim.sight.sight import Sight
+from pointit.services.user_sim.correction import Correction
+from pointit.services.user_sim.eyes import ObservedAppearance
+from pointit.services.user_sim.goal import PersonGoal
+from pointit.services.user_sim.perceived_objects import Sight
+from pointit.services.user_sim.perception import Perception
 from pointit.sim.aim import Stance
 from tests.support.known import known
 

@@ -21,11 +21,11 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import BUTTON, FEEDBACK, IMU, PROFILE
 from pointit.services.user_sim.config import AimConfig, ArmConfig, UserSimConfig
-from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
+from pointit.services.user_sim.eyes import Eyes, Kind, SeenCursor, Span
+from pointit.services.user_sim.goal import REST, PersonGoal, on_object
+from pointit.services.user_sim.perceived_objects import Sight
 from pointit.services.user_sim.person import SimulatedPerson
 from pointit.services.user_sim.service import UserSim
-from pointit.services.user_sim.sight.eyes import Eyes, Kind, SeenCursor, Span
-from pointit.services.user_sim.sight.sight import Sight
 from pointit.sim.aim import Stance
 from tests.support.bench import ManualClock, memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, living, thing

@@ -9,10 +9,10 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Feedback, RobotState
 from pointit.schemas.selection import SIGNS, Cue
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.goal import REST, PersonGoal
-from pointit.services.user_sim.decision.robot_user import GroundRobotUser, QuadrotorUser
-from pointit.services.user_sim.decision.selecting import DecisionTimes
-from pointit.services.user_sim.sight.sight import Sight
+from pointit.services.user_sim.goal import REST, PersonGoal
+from pointit.services.user_sim.perceived_objects import Sight
+from pointit.services.user_sim.robot_user import GroundRobotUser, QuadrotorUser
+from pointit.services.user_sim.selecting import DecisionTimes
 
 SPOTS: tuple[Vec3, ...] = ((2.0, 1.0, 0.0), (3.0, 1.0, 0.0), (4.0, 1.0, 0.0))
 PERIOD_NS = NS_PER_S // 50

@@ -11,7 +11,7 @@ from pointit.runtime.clock import VirtualClock
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, SelectedObject, Selection, UserProfile, WristSample
 from pointit.schemas.topics import BUTTON, HEALTH, IMU, WRIST
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.goal import ButtonModel, PerceivedState
+from pointit.services.user_sim.goal import ButtonModel, PerceivedState
 from pointit.services.user_sim.service import UserSim
 from tests.support.bench import memory_bench, until
 from tests.unit.user_sim.life import PRECISE, ROOM, Life, State, thing

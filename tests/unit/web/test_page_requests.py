@@ -29,7 +29,7 @@ from pointit.bridges.web.wire import Ask, Role
 from pointit.maps.edit import edited
 from pointit.runtime.errors import PointItError, RefusedError
 from pointit.schemas import CancelLocalization, SchemaError, SetSpeed, StopRobot, topics
-from pointit.services.shown_topics import SHOWN
+from pointit.services.registry import SHOWN
 
 BY_NAME = {action.name: action for action in ACTIONS}
 SAID = {"text": "stop", "start_s": 1.0, "end_s": 0.5}

@@ -12,8 +12,8 @@ from pointit.schemas import NS_PER_S, Anchor, Localization, PointingRay, UserPos
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation import estimator as ray_math
 from pointit.services.localizer.estimation.estimator import Pointings
-from pointit.services.localizer.procedures.procedure import Hold
-from pointit.services.localizer.procedures.static_targets import MIN_LAMPS
+from pointit.services.localizer.procedure import Hold
+from pointit.services.localizer.static_targets import MIN_LAMPS
 from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
 
 Array = NDArray[np.float64]

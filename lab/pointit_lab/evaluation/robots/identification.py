@@ -15,8 +15,8 @@ from scipy import stats
 from pointit.schemas import NS_PER_S, PointingRay, UserPose
 from pointit.services.goal.robot_choice import RobotIdentifier
 from pointit.services.localizer.estimation.estimator import Pointings, SolverSettings, solve
-from pointit.services.localizer.procedures.moving_target import MEANT as MEANT_FROM
-from pointit.services.localizer.procedures.moving_target import rank_by_posterior
+from pointit.services.localizer.moving_target import MEANT as MEANT_FROM
+from pointit.services.localizer.moving_target import rank_by_posterior
 from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.row import ALL
 from pointit_lab.evaluation.robots.simulated_follower import RATE_HZ, Array, Course, SimulatedFollower

@@ -32,8 +32,8 @@ from pointit.services.pointing.service import PointingConfig
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.outputs import Output
 from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.selection_publisher import Output
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import SimulatedPerson
 

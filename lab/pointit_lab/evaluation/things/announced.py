@@ -13,8 +13,8 @@ from pointit.services.pui.tracked_objects import PERIOD_S, TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.announcer import AnnounceConfig
 from pointit.services.selector.methods.estimate import EstimateConfig
-from pointit.services.selector.outputs import Output
 from pointit.services.selector.selection_engine import SelectionEngine
+from pointit.services.selector.selection_publisher import Output
 from pointit_lab.evaluation.things.listening_reach import AnnounceWay, ListenerModel, ListeningReach
 from pointit_lab.evaluation.things.reach import RATE_HZ
 from pointit_lab.evaluation.things.things import (

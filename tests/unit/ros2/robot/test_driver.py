@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit import plugins
+from pointit.bridges.ros2.config import PoseSource
 from pointit.bridges.ros2.robot.driver import Ros2Driver
 from pointit.bridges.ros2.robot.plugin import Ros2RobotConfig
 from pointit.bridges.ros2.robot.pose_input import PoseReader
-from pointit.bridges.ros2.tracking.config import PoseSource
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.config.config import Layers
 from tests.support.bench import START_NS, until

@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
+from pointit.bridges.ros2.config import PoseSource, TrackerConfig
 from pointit.bridges.ros2.robot.pose_input import PoseReader
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.route_types import ConversionWarning
-from pointit.bridges.ros2.tracking.config import PoseSource, TrackerConfig
-from pointit.bridges.ros2.tracking.sightings import AT_ORIGIN, TransformBuffer
-from pointit.bridges.ros2.tracking.trackers import tracker_routes
+from pointit.bridges.ros2.sightings import AT_ORIGIN, TransformBuffer
+from pointit.bridges.ros2.trackers import tracker_routes
 from pointit.plugins import NS_PER_S, RobotReport
 from pointit.schemas import TrackedObject, TrackedObjects
 from pointit.schemas.environment import Frame

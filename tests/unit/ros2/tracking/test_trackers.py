@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.config import Ros2Config
+from pointit.bridges.ros2.config import Ros2Config, TrackerConfig
 from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning, InboundRoute
 from pointit.bridges.ros2.routing.routes import routes
-from pointit.bridges.ros2.tracking.config import TrackerConfig
-from pointit.bridges.ros2.tracking.sightings import sigma
-from pointit.bridges.ros2.tracking.trackers import Motion, tracker_routes
+from pointit.bridges.ros2.sightings import sigma
+from pointit.bridges.ros2.trackers import Motion, tracker_routes
 from pointit.geometry import rotation
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError

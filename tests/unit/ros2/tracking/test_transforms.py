@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.bridges.ros2.tracking.sightings import AT_ORIGIN, Pose, TransformBuffer, compose, yaw
+from pointit.bridges.ros2.sightings import AT_ORIGIN, Pose, TransformBuffer, compose, yaw
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S

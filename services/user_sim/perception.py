@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 from pointit.geometry import vector
 from pointit.schemas import NS_PER_S, Feedback
-from pointit.services.user_sim.decision.correction import Correction
-from pointit.services.user_sim.decision.goal import IN_AIR_M, PerceivedState, PersonGoal
-from pointit.services.user_sim.sight.eyes import SeenCursor, Span
-from pointit.services.user_sim.sight.sight import PerceivedObjects, SeenObject, Sight, Status
+from pointit.services.user_sim.correction import Correction
+from pointit.services.user_sim.eyes import SeenCursor, Span
+from pointit.services.user_sim.goal import IN_AIR_M, PerceivedState, PersonGoal
+from pointit.services.user_sim.perceived_objects import PerceivedObjects, SeenObject, Sight, Status
 
 ROUND = 4
 """Number of looks from one look at all things to the next. Others are at the goal only."""

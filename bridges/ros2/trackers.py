@@ -5,6 +5,7 @@ import math
 from collections.abc import Container, Mapping
 from typing import Any, NamedTuple
 
+from pointit.bridges.ros2.config import TF, TrackerConfig
 from pointit.bridges.ros2.graph.backend import SENSOR, Qos
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
 from pointit.bridges.ros2.routing.names import frame_name, is_fixed
@@ -15,8 +16,7 @@ from pointit.bridges.ros2.routing.route_types import (
     InboundRoute,
     Taken,
 )
-from pointit.bridges.ros2.tracking.config import TF, TrackerConfig
-from pointit.bridges.ros2.tracking.sightings import (
+from pointit.bridges.ros2.sightings import (
     AT_ORIGIN,
     PACKAGES,
     READERS,

@@ -1,6 +1,8 @@
 """Localization by following a moving robot with the finger (paper, §II-B), matched by the time of capture.
 
 Pure: rays, tracked objects and the time go in; progress and poses come out.
+
+Pure: rays, tracked objects and the time go in; progress and poses come out.
 """
 
 import math
@@ -30,7 +32,7 @@ from pointit.services.localizer.estimation.estimator import (
 from pointit.services.localizer.estimation.levenberg_marquardt import Array
 from pointit.services.localizer.estimation.mounting import mounting_fault
 from pointit.services.localizer.outputs import Output, Phase, pose_message
-from pointit.services.localizer.procedures.procedure import Procedure
+from pointit.services.localizer.procedure import Procedure
 from pointit.services.localizer.verification import (
     CHANGED,
     FOLLOWING_AGREEING,

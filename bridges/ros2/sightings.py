@@ -1,6 +1,8 @@
 """Sightings: positions of objects in messages of ROS, each by the chain of transforms of its frame. Pure.
 
 Unlike tf2 it does not interpolate: of each frame the newest transform counts, and an old one is refused.
+
+Unlike tf2 it does not interpolate: of each frame the newest transform counts, and an old one is refused.
 """
 
 import math

@@ -2,6 +2,9 @@
 
 The person knows their own recent movements (an efference copy), so that a correction still within the visual
 delay is not made twice, and the cursor is expected at the right position.
+
+The person knows their own recent movements (an efference copy), so that a correction still within the visual
+delay is not made twice, and the cursor is expected at the right position.
 """
 
 import math
@@ -13,7 +16,7 @@ from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import AimConfig
-from pointit.services.user_sim.decision.goal import PersonGoal
+from pointit.services.user_sim.goal import PersonGoal
 from pointit.sim.aim import Stance
 
 MEMORY_S = 1.5

@@ -20,7 +20,7 @@ from pointit.schemas import (
     TrackedObjects,
     UserProfile,
 )
-from pointit.services.user_sim.sight.eyes import Eyes, Key, Kind, ObservedAppearance, drawable
+from pointit.services.user_sim.eyes import Eyes, Key, Kind, ObservedAppearance, drawable
 
 Status = Literal["free", "mine", "theirs", "taken"]
 

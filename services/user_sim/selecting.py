@@ -8,8 +8,8 @@ import numpy as np
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
-from pointit.services.user_sim.decision.goal import REST, PersonGoal, on_object
-from pointit.services.user_sim.sight.sight import PerceivedObjects, SeenObject, Sight
+from pointit.services.user_sim.goal import REST, PersonGoal, on_object
+from pointit.services.user_sim.perceived_objects import PerceivedObjects, SeenObject, Sight
 
 UNSKILLED_SHARE = 0.3
 """Share by which times shrink from skill 0 to 1."""

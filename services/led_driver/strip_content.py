@@ -22,7 +22,7 @@ from pointit.schemas import (
 from pointit.schemas.base import Rgb
 from pointit.schemas.pointing import LINES
 from pointit.services.led_driver.config import LedDriverConfig, StyleConfig
-from pointit.services.led_driver.picture.render import (
+from pointit.services.led_driver.render import (
     BODY,
     FILL,
     GAP,

@@ -15,7 +15,7 @@ from pointit.geometry.solids import MAX_EYES, BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects
 from pointit.schemas.pointing import LINES
-from pointit.services.selector.objects.object_positions import LineTable
+from pointit.services.selector.object_positions import LineTable
 
 SAME_M = 1e-9
 """Positions nearer to each other than this are equal, m."""

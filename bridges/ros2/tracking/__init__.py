@@ -1,1 +1,0 @@
-"""Objects that ROS nodes track: poses, transforms, detections and packages in the frame {W}; pure."""

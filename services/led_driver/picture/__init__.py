@@ -1,1 +1,0 @@
-"""Content of the lights: layout of pixels, appearance and rendering."""

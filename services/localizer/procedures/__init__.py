@@ -1,1 +1,0 @@
-"""Localization procedures: static lamps, moving targets, external trackers."""

@@ -1,1 +1,0 @@
-"""Positions of objects about a ray at the time of its capture."""

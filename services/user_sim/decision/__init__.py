@@ -1,1 +1,0 @@
-"""The simulated person's decisions: what to point at, when to correct and press."""

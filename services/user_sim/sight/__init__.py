@@ -1,1 +1,0 @@
-"""Vision of the simulated person: strips, lamps and objects."""

@@ -1,20 +1,16 @@
-"""Results of tools: models, people and things by name, and the audit of calls in a file."""
+"""Results of tools: models, people and things by name, texts of other people on one line."""
 
 import json
 import math
-import secrets
-import time
-from collections.abc import Iterable, Iterator
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Iterable
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from pointit.api.feed import Feed
 from pointit.api.site import Site
-from pointit.errors import ConfigError, PointItError
+from pointit.errors import PointItError
 from pointit.runtime.config.nearest_name import nearest
-from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import Environment
 from pointit.schemas.base import Vec3
 from pointit.schemas.text import hide_secrets
@@ -242,74 +238,3 @@ def _lamp_near(room: Environment, place_m: Vec3 | None) -> str:
         return ""
     away_m, lamp = min((math.dist(lamp.position_m, place_m), lamp.id) for lamp in room.lamps)
     return lamp if away_m <= LAMP_REACH_M else ""
-
-
-FOLDER = "assistants"
-FILE = "audit.jsonl"
-OLDER = "audit.old.jsonl"
-MAX_BYTES = 4 * 1024 * 1024
-"""Size at which a file becomes the older one, which replaces the one before."""
-
-
-class AuditFile:
-    """Appends one JSON object a line. Only its owner may read the file."""
-
-    def __init__(self, folder: Path) -> None:
-        """Write nothing yet."""
-        self._path = folder / FILE
-
-    def begin(self, caller: str, role: str, tool: str, arguments: dict[str, Any]) -> str:
-        """Record that a tool is called, before it has an effect. Return an id of the call.
-
-        Raises:
-            PointItError: If the file cannot be written. Then nothing may be done.
-        """
-        call = secrets.token_hex(4)  # several processes may write the same file
-        asked = plain(json.dumps(arguments, default=str, ensure_ascii=False), MAX_SENTENCE)
-        self._append(call=call, caller=plain(caller), role=role, tool=tool, arguments=asked)
-        return call
-
-    def end(self, call: str, outcome: str, text: str = "") -> None:
-        """Record the outcome of a call: done, refused, cancelled or failed.
-
-        Raises:
-            PointItError: If the file cannot be written.
-        """
-        self._append(call=call, outcome=outcome, text=plain(text, MAX_SENTENCE))
-
-    def _append(self, **fields: Any) -> None:
-        line = json.dumps({"stamp_ns": time.time_ns(), **fields}, ensure_ascii=False)
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            if self._path.exists() and self._path.stat().st_size > MAX_BYTES:
-                self._path.replace(self._path.with_name(OLDER))
-            self._path.touch(mode=0o600)
-            with self._path.open("a+b") as file:
-                file.seek(max(0, file.tell() - 1))
-                is_cut_off = file.read() not in (b"", b"\n")  # a record begins a line
-                file.write(b"\n" * is_cut_off + line.encode() + b"\n")
-        except OSError as error:
-            raise PointItError(
-                f"the audit cannot be written, so nothing is done: {error.strerror or error}; make room, or "
-                f"see who may write {self._path}"
-            ) from error
-
-
-def read_audit(site: str) -> Iterator[dict[str, Any]]:
-    """Yield the records of assistants on `site`, oldest first. A damaged line is left out.
-
-    Raises:
-        ConfigError: If there are none.
-    """
-    folder = site_folder(site, FOLDER)
-    paths = [path for path in (folder / OLDER, folder / FILE) if path.exists()]
-    if not paths:
-        raise ConfigError(f"{folder / FILE}: there is none; no assistant has asked site {site} from here")
-    for path in paths:
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-            try:
-                record = json.loads(line)
-            except ValueError:
-                continue
-            if isinstance(record, dict):
-                yield record

@@ -15,12 +15,12 @@ from pydantic import Field
 
 from pointit.api.feed import Feed
 from pointit.api.site import Site
+from pointit.assistants.audit_file import AuditFile
 from pointit.assistants.light import ASKING, COLORS, Lights, color_of
 from pointit.assistants.results import (
     MAX_SENTENCE,
     ActionResult,
     AnswerByLight,
-    AuditFile,
     Items,
     People,
     PossibleReferent,

@@ -46,7 +46,7 @@ async def _serve(
     listen: tuple[str, int] | None, role: Literal["operator", "viewer"], site: str, connect: tuple[str, ...]
 ) -> int:
     # here, since the extra may be missing where help is asked for
-    from pointit.assistants.results import FOLDER, AuditFile
+    from pointit.assistants.audit_file import FOLDER, AuditFile  # noqa: PLC0415
     from pointit.assistants.server import make_server  # noqa: PLC0415
     from pointit.assistants.site_connection import SiteConnection  # noqa: PLC0415
     from pointit.assistants.tools import Tools  # noqa: PLC0415

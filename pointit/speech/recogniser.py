@@ -1,4 +1,4 @@
-"""Recognisers of speech as plug-ins, audio in, words with their times out: PocketSphinx, and lines of text."""
+"""Recognisers of speech as plug-ins, from audio to words with their times: PocketSphinx, or lines of text."""
 
 import asyncio
 import importlib

@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol
 from pointit.geometry import vector
 from pointit.geometry.rotation import inverse, rotate
 from pointit.geometry.vector import Vec3
-from pointit.maps.environment import point_in_world, yaw_in_world
+from pointit.maps.frames import point_in_world, yaw_in_world
 from pointit.runtime.config.plugins import DevicePlugin, PluginGroup
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import FARTHEST, RobotKind

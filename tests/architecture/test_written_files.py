@@ -15,7 +15,7 @@ OWN_WAY = {
     "lab/pointit_lab/benchmarks/ros2.py": "temporary",
     "lab/pointit_lab/devices/harnesses/imu.py": "temporary",
     "lab/pointit_lab/loadtest/network/routers.py": "temporary",
-    "pointit/assistants/results.py": "lines that are appended",
+    "pointit/assistants/audit_file.py": "lines that are appended",
     "pointit/cli/maps/scan.py": "temporary",
     "pointit/cli/shell.py": "a line appended to the start file of a shell",
     "pointit/conversion/bag_file.py": "temporary",

@@ -83,7 +83,7 @@ def command(
 
 
 def _calls(site: str, since_ns: int) -> Iterator[dict[str, Any]]:
-    module = import_room("pointit.assistants.results", "mcp")
+    module = import_room("pointit.assistants.audit_file", "mcp")
     return (each for each in module.read_audit(site) if each.get("stamp_ns", 0) >= since_ns)
 
 

@@ -13,7 +13,7 @@ import pytest
 from mcp import Client, StdioServerParameters
 from mcp.client.streamable_http import streamable_http_client
 
-from pointit.assistants.results import read_audit
+from pointit.assistants.audit_file import read_audit
 from pointit.launch.page import stored_tokens
 from tests.support.buses import free_port
 from tests.support.commands import Commands

@@ -10,7 +10,7 @@ from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 
 from pointit.api.site import Site
-from pointit.assistants.results import FOLDER, AuditFile
+from pointit.assistants.audit_file import FOLDER, AuditFile
 from pointit.assistants.server import HttpServer, make_server
 from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Role, Tools

@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from pointit.api.site import Site
-from pointit.assistants.results import FOLDER, AuditFile, read_audit
+from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
 from pointit.assistants.server import MAX_BODY, HttpServer, make_server
 from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Tools

@@ -6,7 +6,7 @@ import json
 import httpx
 import pytest
 
-from pointit.assistants.results import read_audit
+from pointit.assistants.audit_file import read_audit
 from pointit.assistants.server import MAX_SESSIONS
 from pointit.assistants.tools import MAX_CALLS
 from pointit.runtime.bus.memory_bus import MemoryBus

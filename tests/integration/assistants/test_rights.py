@@ -10,7 +10,7 @@ from mcp import Client
 
 import pointit
 from pointit.access.site_folder import SiteFolder
-from pointit.assistants.results import FOLDER, AuditFile
+from pointit.assistants.audit_file import FOLDER, AuditFile
 from pointit.assistants.server import make_server
 from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Tools

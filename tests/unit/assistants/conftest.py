@@ -13,7 +13,7 @@ from mcp import Client
 from mcp.types import CallToolResult, TextContent
 
 from pointit.api.site import Site
-from pointit.assistants.results import FOLDER, AuditFile, read_audit
+from pointit.assistants.audit_file import FOLDER, AuditFile, read_audit
 from pointit.assistants.server import make_server
 from pointit.assistants.site_connection import SiteConnection
 from pointit.assistants.tools import Role, Tools

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from pointit.assistants import results
-from pointit.assistants.results import FILE, FOLDER, OLDER, AuditFile, read_audit
+from pointit.assistants import audit_file
+from pointit.assistants.audit_file import FILE, FOLDER, OLDER, AuditFile, read_audit
 from pointit.cli.inspect.audit import command
 from pointit.errors import ConfigError
 from pointit.runtime.host.state_file import site_folder
@@ -41,7 +41,7 @@ def test_only_its_owner_may_read_it(audit: AuditFile) -> None:
 
 
 def test_it_is_bounded_and_an_older_part_is_kept(audit: AuditFile, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(results, "MAX_BYTES", 2000)
+    monkeypatch.setattr(audit_file, "MAX_BYTES", 2000)
     for number in range(100):
         audit.begin("", "viewer", f"tool{number}", {})
     folder = site_folder("lab", FOLDER)

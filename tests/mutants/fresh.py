@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
-from tests.architecture.test_layout import DEVICES, FOUR_FILES, HOMES
+from tests.architecture.test_layout import DEVICES, HOMES, SHELLS
 
 ROOT = Path(__file__).parents[2]
 NETS = ("tests/golden/test_golden.py", "tests/replay/test_replay.py")
@@ -40,7 +40,7 @@ def core_files() -> list[str]:
         devices = DEVICES.get(folder.name.replace("_", "-"), set())
         for path in sorted(folder.rglob("*.py")):
             inside = path.relative_to(folder).as_posix()
-            if path.name not in FOUR_FILES and inside not in devices:
+            if path.name not in SHELLS and inside not in devices:
                 files.append(path.relative_to(ROOT).as_posix())
     return files
 

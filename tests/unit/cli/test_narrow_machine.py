@@ -23,7 +23,7 @@ from pointit.services.recorder.service import Recorder
 from tests.support.invoked import python
 
 LAMPS = "lamps:\n  a: {position: [1, 2, 1]}\n  b: {position: [2, 2, 1]}\n"
-PAGES = ("cp1252", "cp932", "cp437")
+PAGES = ("cp1252", "cp932")
 
 
 @pytest.fixture

@@ -144,10 +144,7 @@ def test_a_silence_within_the_longest_gap_is_held_and_a_longer_one_restarts() ->
     assert put(Dwell("hold", longest_gap_s=0.05), [(t, "a") for t in range(0, 3000, 200)]) == []
 
 
-@pytest.mark.parametrize(
-    ("last_ms", "next_ms", "toggled_ms"),
-    [(450, 700, 800), (449, 700, 1500), (449, 749, 1500), (400, 700, 1500), (400, 750, 1500)],
-)
+@pytest.mark.parametrize(("last_ms", "next_ms", "toggled_ms"), [(450, 700, 800), (449, 700, 1500)])
 def test_hold_goes_on_while_the_cursor_is_at_most_the_longest_gap_old(
     last_ms: int, next_ms: int, toggled_ms: int
 ) -> None:
@@ -156,7 +153,7 @@ def test_hold_goes_on_while_the_cursor_is_at_most_the_longest_gap_old(
     assert put(Dwell("hold"), [(time_ms, "a") for time_ms in times_ms]) == [(toggled_ms, "a")]
 
 
-@pytest.mark.parametrize("silence_ms", [310, 400, 490])
+@pytest.mark.parametrize("silence_ms", [310, 490])
 def test_a_silence_shorter_than_the_release_neither_empties_a_fraction_nor_unlatches(silence_ms: int) -> None:
     times_ms = [*range(0, 401, 10), *range(400 + silence_ms, 3000, 10)]
     dwell = Dwell("fraction", fraction=0.6)

@@ -130,7 +130,7 @@ def test_it_has_that_speed_at_whatever_times_the_rays_come(
     assert math.degrees(rate[1]) == pytest.approx(raised_deg_s, abs=1e-6)
 
 
-@pytest.mark.parametrize("frequency_hz", [6.0, 7.5, 9.0, 10.5, 12.0])
+@pytest.mark.parametrize("frequency_hz", [6.0, 12.0])
 def test_tremor_of_its_highest_rms_is_steady(frequency_hz: float) -> None:
     steadiness = RaySpeedEstimator(0.15)
     highest = 0.0

@@ -75,10 +75,13 @@ def test_and_when_their_shard_begins_which_learns_only_later_what_is_selected() 
     assert told(site) == ["selected", "deselected"]
 
 
-@pytest.mark.parametrize("lost", [None, 3])
-@pytest.mark.parametrize("is_slow", [False, True])
-@pytest.mark.parametrize("second", ["site", "shard"])
-@pytest.mark.parametrize("late", ["first", "second"])
+@pytest.mark.parametrize(
+    ("late", "second", "lost", "is_slow"),
+    [
+        ("first", "site", None, False), ("second", "site", 3, True),
+        ("first", "shard", 3, False), ("second", "shard", None, True),
+    ],
+)  # fmt: skip
 def test_who_is_served_by_two_selectors_selects_once(
     late: str, second: str, lost: int | None, *, is_slow: bool
 ) -> None:

@@ -114,9 +114,7 @@ def frames(text: str) -> list[list[str]]:
 
 @pytest.mark.parametrize(("columns", "rows"), [pytest.param(100, 40, marks=pytest.mark.long), (40, 40)])
 async def test_it_draws_and_leaves_the_terminal_as_it_was(endpoint: str, columns: int, rows: int) -> None:
-    with terminal(
-        columns, rows, "run", "scenario_3", "--duration", "600", "--listen", endpoint
-    ) as shown:
+    with terminal(columns, rows, "run", "scenario_3", "--duration", "600", "--listen", endpoint) as shown:
         await shown.shows("PointIt scenario_3", "pointing", "▌", "▲", "wrist to light p50", "selected 1")
         assert HIDE in shown.read()
         await until(lambda: len(frames(shown.text)) > 5, PATIENCE_S, "more than five frames")

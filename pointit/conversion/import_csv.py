@@ -34,7 +34,7 @@ from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.pointing.service import PointingConfig
 from pointit.services.robot_replay.trajectory import Trajectory
-from pointit.sim.motion_table import rows_of
+from pointit.sim.motion_table import BIDS_SUFFIX, DOCUMENTED, MotionForm, rows_of
 from pointit.sim.recordings import (
     OPERATOR,
     Array,
@@ -48,6 +48,9 @@ from pointit.sim.recordings import (
 
 EPOCH_NS = 10**18
 """Time of the first sample: 2001-09-09 01:46:40 UTC."""
+
+CSV_MOUNTING, BIDS_MOUNTING = "minus_x", "plus_x"
+"""Mountings of the public recordings, and of an orientation that is the arm's."""
 
 ROBOT = "robot"
 """Tracker and id of a recorded robot."""
@@ -74,7 +77,12 @@ FOLLOWS = ("pointing_at_moving_drone", "tracking_moving_drone_segment")
 
 
 def csv_entries(
-    path: Path, *, user: str, mounting: str, note: Callable[[str], None] = lambda _: None
+    path: Path,
+    *,
+    user: str,
+    mounting: str = "",
+    form: MotionForm = DOCUMENTED,
+    note: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Entry]:
     """Return the entries of the recording at `path`, in order of time.
 
@@ -83,22 +91,24 @@ def csv_entries(
     head's marker is their true position.
 
     An arm is that of the public recordings' operator, and a replay computes its rays. Points on the floor
-    (`px`, `py`) become rays from the eyes. What is lost in a row has no entry at its time; `note` is called
-    with a sentence about the gaps.
+    (`px`, `py`) become rays from the eyes. Without a `mounting` it is that of the public recordings, and that
+    of the arm itself in a file of Motion-BIDS, as `pointit export` writes it. What is lost in a row has no
+    entry at its time; `note` is called with a sentence about the gaps.
 
     Raises:
         ConfigError: If it cannot be read, or there is no such `mounting`.
     """
+    mounting = mounting or (BIDS_MOUNTING if path.name.endswith(BIDS_SUFFIX) else CSV_MOUNTING)
     if mounting not in MOUNTINGS:
         known = ", ".join(MOUNTINGS)
         raise ConfigError(f"--mounting {mounting}: there is no such mounting; there are {known}")
     indexed = _indexed(path)
     follows = indexed is None or indexed.get("kind") in FOLLOWS
-    if is_floor_csv(path):
-        floor = read_floor_csv(path)
+    if is_floor_csv(path, form):
+        floor = read_floor_csv(path, form)
         _note_all(floor, note)
         return _entries(floor, user, [], _rays(floor, user), follows=follows)
-    recorded = read_imu_csv(path)
+    recorded = read_imu_csv(path, form)
     _note_all(recorded, note)
     profile = entry(EPOCH_NS, PROFILE, user, UserProfile(stamp_ns=EPOCH_NS, body=OPERATOR))
     begins = [profile, _configuration("pointing", user, PointingConfig())]

@@ -2,13 +2,14 @@
 
 import csv
 import io
+import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.maps.light_files.pixel_table import TablePixel, pixels_of
+from pointit.maps.light_files.pixel_table import NO_COLUMNS, TablePixel, pixels_of
 from pointit.maps.light_files.strip_fit import (
     FittedStrip,
     Note,
@@ -23,6 +24,7 @@ from pointit.maps.light_files.strip_fit import (
 )
 from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_matrix, read_segments
 from pointit.maps.model import MapFile, StripEntry
+from pointit.maps.text_table import DeclaredColumn
 from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas.table_types import valid_name
@@ -59,19 +61,30 @@ def to_csv(file: MapFile) -> str:
     return text.getvalue()
 
 
-def from_csv(text: str, on_note: Note = no_note) -> dict[str, StripEntry]:
+def from_csv(
+    text: str,
+    on_note: Note = no_note,
+    columns: Mapping[str, DeclaredColumn] = NO_COLUMNS,
+    first: int | None = None,
+) -> dict[str, StripEntry]:
     """Return the strips of a CSV with one pixel a line.
 
-    Columns are found by name: x, y, z with their units, strip (or name), pixel (or index, led), and wire.
-    Without names they are x, y, z, or pixel, x, y, z. Numbers that no two strips share are those of the wire.
-    A strip ends where the next pixel is far away, or a number is skipped. Corners are found. `on_note`
-    receives a sentence on columns without use, and on each name that no map can have and that is replaced.
+    Columns are x, y, z, m, perhaps strip, and pixel or wire: the number on the strip or on the wire.
+    `columns` declares others. A strip ends where the next pixel is far away, or a number is skipped. Corners
+    are found. `on_note` receives a sentence on columns without use, and on each name that no map can have and
+    that is replaced.
+
+    Args:
+        text: content of the file.
+        on_note: receives notes.
+        columns: declared columns, by our names.
+        first: number of the first pixel of a strip, or of the wire, 0 or 1. None if it is not declared.
 
     Raises:
-        ConfigError: If a line is not such, there are too many, or the numbers may be those of strips or of
-            the wire. Names the line.
+        ConfigError: If a line is not such, there are too many, or the numbers may be others. Names the line,
+            or the parameter that describes it.
     """
-    pixels, is_of_wire, unused = pixels_of(text)
+    pixels, is_of_wire, unused = pixels_of(text, columns)
     if unused:
         on_note(f"columns {join_names(unused)} are not used")
     if len(unseen := [str(pixel.line) for pixel in pixels if not pixel.point.any()]) > 1:
@@ -84,14 +97,18 @@ def from_csv(text: str, on_note: Note = no_note) -> dict[str, StripEntry]:
         groups.setdefault(pixel.strip, []).append(pixel)
     if not groups:
         raise ConfigError("there are no pixels: write one a line, as x,y,z in metres")
-    stated = [pixel.number for pixel in pixels if pixel.number is not None]
-    base = 1 if stated and not is_of_wire and min(stated) == 1 else 0
-    is_of_wire = is_of_wire or (bool(stated) and _runs_on(groups, base))
+    least = min((pixel.number for pixel in pixels if pixel.number is not None), default=0)
+    if first is None and least == 1 and (not is_of_wire or "wire" in columns):
+        raise ConfigError("no pixel has the number 0; set first to 1 if they are numbered from 1, else to 0")
+    if first and pixels[0].number is not None and least < first:
+        raise ConfigError(f"a pixel has the number {least}; set first to 0")
+    if not (is_of_wire or "pixel" in columns):
+        _check_numbers_of_strips(groups, first or 0)
     found: list[tuple[str, int, FittedStrip]] = []
     usual_m = _usual_step(groups.values())
     end = 0
     for name, group in groups.items():
-        numbers, points = _in_order(name, group, base)
+        numbers, points = _in_order(name, group, first or 0)
         if not is_of_wire:
             numbers += end
             end = int(numbers[-1]) + 1
@@ -99,30 +116,22 @@ def from_csv(text: str, on_note: Note = no_note) -> dict[str, StripEntry]:
     return named_strips(found, {*groups}, on_note)
 
 
-def _runs_on(groups: Mapping[str, Sequence[TablePixel]], base: int) -> bool:
-    """Return True if the numbers of pixels run on over all strips, as those of one wire.
+def _check_numbers_of_strips(groups: Mapping[str, Sequence[TablePixel]], first: int) -> None:
+    """Check that the numbers of pixels are those of each strip, not of the wire.
 
     Raises:
-        ConfigError: If some run on, and others begin again.
+        ConfigError: If no two strips share one, or one begins behind the number of its pixels.
     """
-    numbers = {name: [pixel.number or 0 for pixel in group] for name, group in groups.items()}
-    strips: dict[int, str] = {}
-    shared = ""
+    numbers = {
+        name: {each.number for each in group if each.number is not None} for name, group in groups.items()
+    }
+    are_shared = sum(map(len, numbers.values())) > len({*itertools.chain.from_iterable(numbers.values())})
     for name, each in numbers.items():
-        for number in each:
-            if strips.setdefault(number, name) != name:
-                shared = shared or f"{number} is in strips {strips[number]} and {name}"
-    if not shared:
-        return True
-    last = min(map(max, numbers.values()))
-    for name, each in numbers.items():  # strips that begin again have most numbers up to `last`
-        within = sum(number <= last for number in each)
-        if within <= (last - base + 1) / 2 and len(each) >= 2 * within:
+        if each and len(groups) > 1 and (min(each) - first >= len(each) or not are_shared):
             raise ConfigError(
-                f"pixel numbers begin again and run on: {shared}, and {name} has {min(each)} to {max(each)}; "
-                f"number each strip from {base}, or call the column wire and number all pixels of the wire"
+                f"pixels of strip {name or 'without a name'} have the numbers {min(each)} to {max(each)}; "
+                "set columns to wire=pixel if they are those of the wire, or to pixel=pixel if of each strip"
             )
-    return False
 
 
 def _in_order(name: str, group: Sequence[TablePixel], base: int) -> tuple[NDArray[np.intp], Array]:

@@ -1,6 +1,5 @@
 """Reads maps: the YAML format of the ROS toolkit, with additions."""
 
-import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.resources import as_file, files
@@ -13,7 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from pointit.maps.environment import broken_references, environment
-from pointit.maps.model import ENTRIES, CloudEntry, MapFile
+from pointit.maps.model import ENTRIES, MapFile
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.config.validation_message import (
     field_names,
@@ -25,7 +24,7 @@ from pointit.runtime.config.yaml_file import MAX_YAML_BYTES, parse_yaml, read_ya
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import import_room
 from pointit.runtime.host.state_file import read_limited
-from pointit.schemas import FARTHEST, Environment, KeyNameError, encode
+from pointit.schemas import Environment, KeyNameError, encode
 from pointit.schemas.topics import check_name
 
 PACKAGE = "pointit.maps"
@@ -178,8 +177,7 @@ def read_clouds(path: Path, file: MapFile) -> Clouds:
     reader = import_room("pointit.maps.cloud_file", "reading point clouds")
     for name, entry in file.clouds.items():
         try:
-            points = reader.read_cloud(path.parent / entry.file, entry.columns, entry.scale)
-            clouds[name] = _placed(points, entry)
+            clouds[name] = reader.read_cloud(path.parent / entry.file, entry)
         except ConfigError as error:
             mistakes.append((f"clouds.{name}.file", str(error)))
     if mistakes:
@@ -202,21 +200,6 @@ def to_message(path: Path, file: MapFile, clouds: Clouds, stamp_ns: int) -> Envi
             "split it into several sites"
         )
     return room
-
-
-def _placed(placed: NDArray[np.float64], entry: CloudEntry) -> NDArray[np.float64]:
-    with np.errstate(over="ignore", invalid="ignore"):  # checked below
-        if entry.yaw_deg:
-            c, s = math.cos(math.radians(entry.yaw_deg)), math.sin(math.radians(entry.yaw_deg))
-            placed[:, :2] = placed[:, :2] @ np.array([[c, s], [-s, c]])
-        placed += entry.position
-    farthest = float(np.abs(placed).max())
-    if not farthest <= FARTHEST:
-        raise ConfigError(
-            f"{entry.file}: a coordinate is {farthest:.9g}, limit {FARTHEST:g} m; "
-            "move it near the room's origin with scale and position"
-        )
-    return placed
 
 
 def _wrong_names(section: str, entries: Any) -> Iterator[tuple[str, str]]:

@@ -15,8 +15,9 @@ from pointit.geometry.rotation import Quaternion, from_yaw
 from pointit.geometry.rotation import normalized as normalized_quaternion
 from pointit.geometry.solids import Polygon, Vec2
 from pointit.geometry.vector import Vec3, norm, normalized
+from pointit.maps.units import LENGTHS_M, UP_AXES, size_of_unit
 from pointit.runtime.config.nearest_name import nearest
-from pointit.runtime.config.validation_message import format_value
+from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.config.yaml_file import FLAGS, WrittenInt, written_text
 from pointit.schemas import FARTHEST, Thing
 from pointit.schemas.environment import BESIDE_BELT_M, ThingMode
@@ -24,6 +25,8 @@ from pointit.schemas.environment import BESIDE_BELT_M, ThingMode
 MAX_PIXELS = 4096
 MIN_AREA_M2 = 1e-4
 MAX_LABEL = 64
+MAX_ORIGIN = 1e9
+"""Largest coordinate of a survey, in any unit."""
 HOME_ENTITY = re.compile(r"[a-z0-9_]+\.[a-z0-9_]+")
 MAX_HOME_ACTION = 2000
 HOME_BUTTONS = ("{", "automation.", "button.", "input_button.", "scene.", "script.")
@@ -57,6 +60,25 @@ def _point(value: object) -> Vec3:
     except (TypeError, ValueError):
         raise ValueError(f"a point is three numbers [x, y, z] in metres, not {format_value(value)}") from None
     return (x, y, z)
+
+
+def _origin(value: object) -> Vec3:
+    try:
+        x, y, z = (float(cast("float", number)) for number in cast("list[object]", value))
+    except (TypeError, ValueError):
+        x = y = z = math.inf
+    if not max(abs(x), abs(y), abs(z)) <= MAX_ORIGIN:
+        raise ValueError(f"write a point of the file, [x, y, z] in its unit, not {format_value(value)}")
+    return (x, y, z)
+
+
+def _length_m(value: object) -> float:
+    try:
+        return size_of_unit(str(value), LENGTHS_M)
+    except ValueError:
+        raise ValueError(
+            f"write one of {join_names(LENGTHS_M)}, or a number of metres, not {format_value(value)}"
+        ) from None
 
 
 def _line(value: object) -> tuple[Vec3, ...]:
@@ -210,11 +232,13 @@ _FILE = _if(
 )
 _COLUMNS = _if(
     lambda value: (
-        isinstance(value, list)
-        and [type(each) in (int, WrittenInt, str) for each in cast("list[object]", value)] == [True] * 3
+        isinstance(value, dict)
+        and cast("dict[object, object]", value).keys() == {"x", "y", "z"}
+        and {type(each) for each in cast("dict[object, object]", value).values()} <= {int, WrittenInt, str}
     ),
-    "the columns of x, y and z, by their names or numbers from 1, such as [4, 5, 6]",
+    "the columns of x, y and z by their names, or numbers from 1, such as {x: easting, y: 2, z: 3}",
 )
+_UP = _if(lambda value: value in UP_AXES, f"the axis that points up, one of {', '.join(UP_AXES)}")
 _PIXELS = _if(
     lambda value: type(value) in (int, WrittenInt) and 0 < value <= MAX_PIXELS,
     f"a whole number of pixels from 1 to {MAX_PIXELS}",
@@ -336,11 +360,13 @@ class SphereEntry(_Entry):
 
 
 class CloudEntry(_Entry):
-    """A point cloud in a file: its points times `scale`, rotated by `yaw_deg` about z, plus `position`."""
+    """Points of a file: less `origin`, times `unit`, `up` to z, rotated by `yaw_deg`, plus `position`."""
 
     file: Annotated[str, _FILE]
-    columns: Annotated[tuple[str | int, ...], _COLUMNS] = ()
-    scale: _Metres | None = None
+    columns: Annotated[dict[str, str | int], _COLUMNS] = {"x": "x", "y": "y", "z": "z"}
+    unit: Annotated[float, BeforeValidator(_length_m)] = 1.0
+    up: Annotated[str, _UP] = "z"
+    origin: Annotated[Vec3, BeforeValidator(_origin)] = (0.0, 0.0, 0.0)
     yaw_deg: _Degrees = 0.0
     position: _Point = (0.0, 0.0, 0.0)
 

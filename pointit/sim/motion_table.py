@@ -1,355 +1,270 @@
-"""Columns of a recorded motion in a CSV file of any dialect, in SI units, with gaps where values are missing.
+"""Columns of a recorded motion in a text file, in SI units, NaN where they are lost.
 
-Byte order marks, UTF-16 and code page 1252, any line ends, commas, semicolons, tabs, bars or blanks, quotes,
-and lines of text or comments before the header are read.
+The columns are `t` (s), `qx qy qz qw`, and positions (m), z up. Empty cells are lost values. The user
+declares others.
+A `_motion.tsv` of Motion-BIDS, which names no columns, has their names and units in its `_channels.tsv`.
 """
 
-import codecs
 import csv
 import datetime as dt
 import functools
-import io
 import itertools
+import json
 import math
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from pointit.maps.column_units import LENGTHS_M, TIMES_S, split_unit, unit_name
+from pointit.geometry.rotation import multiply, rotate
+from pointit.maps.text_table import (
+    COMMENTS,
+    MAX_HEADER_LINES,
+    DeclaredColumn,
+    TextLayout,
+    find_layout,
+    is_lost,
+    parse_columns,
+    parse_number,
+    split_cells,
+)
+from pointit.maps.units import LENGTHS_M, TIMES_S, UP_AXES, size_of_unit
+from pointit.runtime.config.config import Config
+from pointit.runtime.config.validation_message import format_value, join_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import FARTHEST
 from pointit.schemas.text import round_beyond
-from pointit.sim.track_faults import find_track_faults, period_problem
 
-_MISSING = frozenset(
-    (
-        *("nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "nat", "na", "n/a", "<na>", "null", "(null)"),
-        *("<null>", "\\n", "none", "nil", "missing", "undefined", "lost", "invalid"),
-        *("-", "--", "---", ".", "..", "?", "*"),
-    )
-)
-"""Cells of lost values, in lower case, besides empty ones."""
-_ERROR = re.compile(r"#[^\W\d][\w/]*[!?]|#n/?[av]|#{2,}|[+-]?\d\.#\w+|err:\d+")
-"""Errors of spreadsheets in any language (`#DIV/0!`, `#WERT!`, `Err:502`) and of C libraries (`1.#QNAN`)."""
-_NO_COORDINATE = re.compile(r"-?9{4,}|-?214748364[78]")
-"""Coordinate of a lost marker in some programs."""
-MAX_NUMBER = 1e20
-"""Limit of numbers. Those beyond are marks of lost values, as `-3.697314E+028` of NDI's trackers is."""
-
-
-def is_lost_cell(text: str) -> bool:
-    """Return True if programs write `text` for a value that is not known."""
-    word = text.strip().lower()
-    return not word or word in _MISSING or bool(_ERROR.fullmatch(word)) or is_lost_coordinate(text)
-
-
-def is_lost_coordinate(text: str) -> bool:
-    """Return True if programs write the number `text` for a coordinate that is not known."""
-    try:
-        number = float(text.replace(",", "."))
-    except ValueError:
-        return False
-    is_beyond = MAX_NUMBER < abs(number) < math.inf
-    return is_beyond or _NO_COORDINATE.fullmatch(text.partition(".")[0].partition(",")[0]) is not None
-
-
-def clock_time_s(text: str) -> float:
-    """Return a time of day or a date with time (ISO 8601; UTC if it states no zone), s; NaN if it is none."""
-    try:
-        if re.fullmatch(r"\d{1,2}:\d\d:\d\d([.,]\d+)?", text):
-            hours, minutes, seconds = text.replace(",", ".").split(":")
-            return int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds)
-        time = dt.datetime.fromisoformat(text.replace(",", "."))
-    except ValueError:
-        return math.nan
-    return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
-
-
-MAX_BYTES = 64_000_000
-"""Limit of a file: an hour at 1000 Hz. More would use too much memory of a service."""
-
-MAX_HEADER_LINES = 50
-"""Number of lines in which the header is looked for."""
-
-COMMENTS = ("#", "//", "%")
-"""Beginnings of rows that are ignored."""
-
-_DELIMITERS = "\t;,|"
-_QUOTED = re.compile(r'"[^"]*"')
-_COMMENT_MARK = re.compile(r"^\s*(#|//|%)+\s*")
-
-
-class CsvRows(NamedTuple):
-    """Header and rows of a file."""
-
-    header_line: int
-    header: list[str]
-    """Cells of the header, without blanks around them."""
-    rows: Iterator[tuple[int, list[str]]]
-    """Line and cells of each row that has any. Reading it raises `csv.Error`."""
-    delimiter: str
-    is_cut: bool
-    """True if the last line has no end, as in a file whose writer was ended."""
-
-
-def read_csv(path: Path, count_known: Callable[[Sequence[str]], int]) -> CsvRows:
-    """Return the header and rows of the file at `path`.
-
-    Args:
-        path: CSV file.
-        count_known: returns the number of known names in a line's cells. The line with most is the header.
-
-    Raises:
-        ConfigError: If it cannot be read, is too long, or is no text.
-    """
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ConfigError(
-                f"{path}: has {round_beyond(size / 1e6, MAX_BYTES / 1e6)} MB and at most "
-                f"{MAX_BYTES / 1e6:.0f} MB are read; "
-                "cut it into pieces"
-            )
-        text = _decode(path, path.read_bytes())
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
-    lines = io.StringIO(text, newline=None)
-    first = list(itertools.islice(lines, MAX_HEADER_LINES))
-    scores = [(count_known(_cells(line, _delimiter(line))), bool(line.strip())) for line in first]
-    index = scores.index(max(scores)) if scores else 0
-    line = first[index] if first else ""
-    delimiter = _delimiter(line)
-    rows = _rows(itertools.chain(first[index + 1 :], lines), delimiter, index + 1)
-    is_cut = not text.endswith(("\n", "\r"))
-    return CsvRows(index + 1, _cells(line, delimiter), rows, delimiter, is_cut)
-
-
-def _decode(path: Path, data: bytes) -> str:
-    is_utf_16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    try:
-        try:
-            text = data.decode("utf-16" if is_utf_16 else "utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("cp1252")  # a spreadsheet's µ or °
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
-    if "\0" in text:
-        raise ConfigError(f"{path}: is not a CSV text file (it has zero bytes); write it as UTF-8 text")
-    if not (text.isascii() or re.search("[A-Za-z]", text)):
-        raise ConfigError(f"{path}: is not a CSV text file (it has no names of columns)")
-    return text
-
-
-def _delimiter(line: str) -> str:
-    unquoted = _QUOTED.sub("", line.strip(" "))
-    return next((each for each in _DELIMITERS if each in unquoted.rstrip("\n")), " ")
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a header, which some programs write as a comment."""
-    line = _COMMENT_MARK.sub("", line, count=1) if line.lstrip().startswith(COMMENTS) else line
-    rows = list(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
-    return [cell.strip() for cell in rows[0]] if rows else []
-
-
-def _rows(lines: Iterator[str], delimiter: str, before: int) -> Iterator[tuple[int, list[str]]]:
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    for row in reader:
-        cells = [cell.strip() for cell in row]
-        if any(cells) and (is_lost_cell(cells[0]) or not cells[0].startswith(COMMENTS)):
-            yield before + reader.line_num, cells
-
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 TIME = "t"
 ORIENTATION = ("qx", "qy", "qz", "qw")
 ROBOT = ("robot_x", "robot_y", "robot_z")
 HEAD = ("head_x", "head_y", "head_z")
 FLOOR = ("px", "py")
-
-_ALIASES: dict[str, tuple[str, ...]] = {
-    TIME: ("t", "time", "timestamp", "ts", "stamp", "elapsed", "elapsedtime", "datetime", "epoch"),
-    **{
-        name: (name, *(word + name[1:] for word in ("quat", "quaternion", "orientation")))
-        for name in ORIENTATION
-    },
-    **{
-        name: (body + axis, f"{body}pos{axis}", f"{body}position{axis}")
-        for name in (*ROBOT, *HEAD)
-        for body, axis in [name.split("_")]
-    },
-    **{name: (name,) for name in FLOOR},
+ISO = "iso"
+"""Unit of times that are dates with a time of day, ISO 8601; UTC if they state no zone."""
+MOTION_COLUMNS: dict[str, dict[str, float]] = {
+    TIME: {**TIMES_S, ISO: 1.0},
+    **{name: {} for name in ORIENTATION},
+    **dict.fromkeys((*ROBOT, *HEAD, *FLOOR), LENGTHS_M),
 }
-"""Names without blanks and underscores, by name in the documentation. The first that a file has is used."""
+"""Names of columns with their units."""
+BIDS_SUFFIX, CHANNELS_SUFFIX = "_motion.tsv", "_channels.tsv"
 
-_WITHOUT_UNIT = {"": 1.0, "1": 1.0, "unitless": 1.0}
-_TIMES_S = {"": 1.0, **TIMES_S}
-_LENGTHS_M = {"": 1.0, **LENGTHS_M}
-_CAMEL = re.compile(r"(?<=[a-z\d])(?=[A-Z])")
-
-SUGGESTED_UNITS = {TIME: ("s", "ms", "us", "ns", "min", "hours", "days"), "": ("m", "cm", "mm", "in", "ft")}
-"""Units named in messages, by column; `""`: positions."""
-
-
-class MotionColumn(NamedTuple):
-    """A column of a recorded motion: its index, name and unit in the file."""
-
-    position: int
-    """Index in the rows."""
-    title: str
-    """Its name in the file."""
-    unit: str
-    """`""` if the file does not state it."""
-    factor: float = 1.0
-    """Size of the unit in SI units."""
-
-
-def units_of(name: str) -> Mapping[str, float]:
-    """Return the known units of a column, and what they are in SI units."""
-    if name in ORIENTATION:
-        return _WITHOUT_UNIT
-    return _TIMES_S if name == TIME else _LENGTHS_M
-
-
-def find_columns(header: Sequence[str]) -> dict[str, list[MotionColumn]]:
-    """Return the columns for each name of the documentation that the file has."""
-    by_title: dict[str, list[MotionColumn]] = {}
-    for index, cell in enumerate(header):
-        title, unit = split_unit(cell if re.search(r"[\[({<]", cell) else _CAMEL.sub("_", cell))
-        by_title.setdefault(title.replace("_", ""), []).append(MotionColumn(index, cell, unit))
-    found: dict[str, list[MotionColumn]] = {}
-    for name, aliases in _ALIASES.items():
-        exact = [MotionColumn(index, cell, "") for index, cell in enumerate(header) if cell == name]
-        alias = next((each for each in aliases if each in by_title), None)
-        if exact or alias is not None:
-            found[name] = exact or by_title[str(alias)]
-    return found
-
-
-def count_known(cells: Sequence[str]) -> int:
-    """Return the number of names of the documentation for which `cells` have a column."""
-    return len(find_columns(cells))
-
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
+MAX_BYTES = 64_000_000
+"""Limit of a file: an hour at 1000 Hz. More would use too much memory of a service."""
 MAX_TIME_S = 1e12
 """Maximum absolute time, s."""
+MIN_PERIOD_S, MAX_PERIOD_S = 0.0004, 0.25
+"""Limits of the median time between samples: 2500 Hz and 4 Hz."""
+MAX_DISTANCE_M = 100.0
+"""Maximum distance from the origin."""
+HEAD_RANGE_M = (0.5, 3.0)
+"""Limits of the median height of a head over the floor."""
+MAX_SPEED_MPS = 30.0
+"""Maximum speed, which 90 % of the steps of a body keep to."""
+
+
+class MotionForm(Config):
+    """Declaration of a file of another form."""
+
+    columns: str = Field(
+        default="", description="other columns of the file by name or number, and units: t=time/ms,qx=3"
+    )
+    lost: str = Field(default="", description="text or number of the file that stands for lost values")
+    up: Literal["z", "y", "-y", "x", "-x", "-z"] = Field(
+        default="z", description="axis of the file that points up"
+    )
+
+
+DOCUMENTED = MotionForm()
 
 
 class MotionTable:
     """The columns of a file that are used, in SI units."""
 
-    def __init__(self, path: Path, required: Sequence[str], optional: Sequence[Sequence[str]]) -> None:
-        """Read the columns `required`, and those of each group of `optional` of which the file has one.
+    def __init__(
+        self, path: Path, required: Sequence[str], optional: Sequence[Sequence[str]], form: MotionForm
+    ) -> None:
+        """Read the columns `required`, and those of each group of `optional` that the file names.
 
         Raises:
-            ConfigError: If it cannot be read, is too long, a column is missing, twice or has an unknown unit,
-                a cell is no number within bounds, or there are no rows. Names file, line, column and value.
+            ConfigError: If it cannot be read, is too long, a column is missing, a cell is no number within
+                bounds, or there are no rows. Names file, line, column and value, and the parameter.
         """
         self._path = path
-        self._decimal_mark = ""
-        """`"."` or `","` once a number with one was read: a file has only one of them."""
+        self._form = form
         self.notes: list[str] = []
-        """Sentences about what is missing or left out."""
-        source = read_csv(path, count_known)
-        names = find_columns(source.header)
-        present = [name for group in optional if names.keys() & set(group) for name in group]
-        self._header_line = source.header_line
-        self._columns = {name: self._column(name, names, source.header) for name in (*required, *present)}
-        self._cells = itemgetter(*(column.position for column in self._columns.values()))
-        lines: list[int] = []
-        values: list[list[float]] = []
+        """Sentences about what is missing or not used."""
+        lines, declared = _open(path, form)
+        self._first_line = 0 if path.name.endswith(BIDS_SUFFIX) else 1
         try:
-            for line, row in self._whole_rows(source):
-                if values or not self._read_units(row):
-                    lines.append(line)
-                    values.append(
-                        self._plain_numbers(row)
-                        or [self._value(line, *each, row) for each in self._columns.items()]
-                    )
-        except csv.Error as error:
-            raise ConfigError(f"{path}: is not a CSV text file ({error})") from error
-        if not values:
-            raise ConfigError(f"{path}, line {self._header_line}: there is a header but no samples")
-        self.lines = np.array(lines, dtype=np.int64)
-        """n: line in the file of each row."""
-        self._values = np.array(values, dtype=np.float64) * [each.factor for each in self._columns.values()]
+            layout = _layout(lines, required, optional, declared)
+            self.names = tuple(name for name in MOTION_COLUMNS if name in layout.indices)
+            """The columns that were read."""
+            self._titles = [
+                f"{layout.names[at] if layout.names else at + 1}"
+                for at in (layout.indices[name] for name in self.names)
+            ]
+            self._units = {name: declared[name].unit for name in self.names if name in declared}
+            values = self._read_rows(lines, layout)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {error}") from error
+        unused = [name for at, name in enumerate(layout.names) if name and at not in layout.indices.values()]
+        if unused:
+            self.notes.append(f"columns {join_names(unused)} are not used")
+        self._sizes = np.array(
+            [size_of_unit(self._units.get(name) or "1", {**MOTION_COLUMNS[name]}) for name in self.names]
+        )
+        self._values = values * self._sizes
+        self._check_bounds()
 
-    @property
-    def names(self) -> Sequence[str]:
-        """Return the columns that were read, by the names of the documentation."""
-        return tuple(self._columns)
+    def _read_rows(self, lines: Sequence[str], layout: TextLayout) -> Array:
+        pick = itemgetter(*(layout.indices[name] for name in self.names))
+        is_plain = self._units.get(TIME) != ISO
+        numbers: list[int] = []
+        values: list[list[float]] = []
+        for line, content in enumerate(lines[layout.skip :], start=layout.skip + self._first_line):
+            if not content or content.isspace() or content.startswith(COMMENTS):
+                continue
+            cells = split_cells(content, layout.delimiter, layout.width)
+            layout.check_row(line, cells)
+            row = pick(cells)
+            numbers.append(line)
+            try:
+                values.append([*map(float, row if is_plain and "_" not in content else ("?",))])
+            except ValueError:
+                texts = zip(self.names, self._titles, row, strict=True)
+                values.append([self._number(line, *each, layout.delimiter) for each in texts])
+        if not values:
+            raise ConfigError(f"line {layout.skip}: there is a header but no samples")
+        self.lines = np.array(numbers, dtype=np.int64)
+        """n: line in the file of each row."""
+        return np.array(values, dtype=np.float64)
+
+    def _number(self, line: int, name: str, title: str, text: str, delimiter: str) -> float:
+        """Return the number in a cell, NaN if it is lost."""
+        value = parse_number(text, delimiter)
+        if name == TIME:
+            value = _iso_time_s(text) if self._units.get(TIME) == ISO else value
+            if not math.isnan(value):
+                return value
+            remedy = "write it, or set columns to t=iso if the column has dates and times"
+        elif not math.isnan(value) or is_lost(text) or text == self._form.lost:
+            return value
+        else:
+            remedy = f"correct it, or set lost to {format_value(text[:20])} if it stands for lost values"
+        raise ConfigError(
+            f"line {line}, column {title!r}: a number was expected, got {format_value(text)}; {remedy}"
+        )
+
+    def _check_bounds(self) -> None:
+        limits = [MAX_TIME_S if name == TIME else FARTHEST for name in self.names]
+        is_wrong = (np.abs(self._values) > limits) | (
+            np.isnan(self._values) & [name == TIME for name in self.names]
+        )
+        for row, column in np.argwhere(is_wrong)[:1].tolist():
+            raise ConfigError(
+                f"{self._at(row)}, column {self._titles[column]!r}: {self._values[row, column]:.10g} is "
+                f"not within {limits[column]:g}; set columns to its unit, or lost to it"
+            )
+
+    def _at(self, row: int) -> str:
+        return f"{self._path}, line {self.lines[row]}"
 
     def title(self, name: str) -> str:
         """Return the name of a column in the file."""
-        return self._columns[name].title
-
-    def states_units(self, names: Sequence[str]) -> bool:
-        """Return True if the file states the units of all `names`."""
-        return all(self._columns[name].unit for name in names)
+        return self._titles[self.names.index(name)]
 
     def times(self) -> Array:
         """Return the times, n, s.
 
         Raises:
-            ConfigError: If they do not rise, or are likely not in the unit that the file states, or seconds.
+            ConfigError: If they do not rise, or are not plausible as seconds.
         """
-        times_s = self._values[:, self.names.index(TIME)]
-        falls = np.flatnonzero(np.diff(times_s) <= 0.0)
-        if len(falls):
-            row = int(falls[0]) + 1
-            what = "time stands still" if times_s[row] == times_s[row - 1] else "time goes backwards"
+        times_s: Array = self._values[:, self.names.index(TIME)]
+        title = self.title(TIME)
+        for row in (np.flatnonzero(~(np.diff(times_s) > 0.0)) + 1)[:1].tolist():
             raise ConfigError(
-                f"{self._path}, line {self.lines[row]}, column {self.title(TIME)!r}: {what}, "
-                f"{times_s[row]:.12g} after {times_s[row - 1]:.12g} s; each row needs a later time than the "
-                "one before: write more digits, or remove it"
+                f"{self._at(row)}, column {title!r}: time does not increase, {times_s[row]:.12g} after "
+                f"{times_s[row - 1]:.12g} s; write more digits, or remove the row"
             )
-        if problem := period_problem(times_s):
-            if not self._columns[TIME].unit:
-                raise ConfigError(f"{self._path}, column {self.title(TIME)!r}: {problem}")
-            self.notes.append(
-                f"{self.title(TIME)!r}: {problem.partition(';')[0]}; check the unit that it states"
-            )
-        if len(late := np.flatnonzero(np.abs(times_s) > MAX_TIME_S)):
+        period_s = float(np.median(np.diff(times_s))) if len(times_s) > 2 else MAX_PERIOD_S
+        if not MIN_PERIOD_S <= period_s <= MAX_PERIOD_S:
             raise ConfigError(
-                f"{self._path}, line {self.lines[late[0]]}, column {self.title(TIME)!r}: a number within "
-                f"{MAX_TIME_S:g} was expected, got {times_s[late[0]]:.12g} s; write seconds, or ISO 8601"
+                f"{self._path}, column {title!r}: samples are {period_s:.6g} s apart, plausible are "
+                f"{MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s; set columns to its unit, such as t={title}/ms, or "
+                f"t={title}/0.01 for numbers of frames at 100 Hz"
             )
         return times_s
 
     def vectors(self, body: str, names: Sequence[str]) -> Array:
-        """Return columns side by side, n x k, SI. Rows in which the body is lost are NaN, and noted.
+        """Return columns side by side, n x k, SI, z up. Rows in which the body is lost are NaN, and noted.
 
-        It is lost where a value is missing, where all are exactly 0, or all are the same 9999…, or a constant
-        far from the rows around it, and where it jumps away for one row.
+        Raises:
+            ConfigError: If all are 0 in a row, which stands for "lost" in many programs.
         """
         vectors = self._values[:, [self.names.index(name) for name in names]]
-        is_same = (vectors == vectors[:, :1]).all(axis=1)
-        is_marked = np.zeros(len(vectors), dtype=bool)
-        for row in np.flatnonzero(is_same & (vectors[:, 0] != 0.0)).tolist():
-            value = vectors[row, 0] / self._columns[names[0]].factor
-            is_marked[row] = is_lost_coordinate(f"{value:.0f}") or (names == ORIENTATION and value < 0.0)
-        is_missing = ~np.isfinite(vectors).all(axis=1) | (vectors == 0.0).all(axis=1) | is_marked
-        columns = f"{body} ({self.title(names[0])!r} to {self.title(names[-1])!r})"
-        if is_missing.any():
-            self.notes.append(f"{columns}: missing in {self._rows_text(is_missing)}; left out")
-        known = np.where(is_missing[:, None], np.nan, vectors)
-        is_lost = self._note_faults(columns, known, is_turn=names == ORIENTATION, has_course=names != FLOOR)
-        return np.where(is_lost[:, None], np.nan, known)
+        columns = f"{self.title(names[0])!r} to {self.title(names[-1])!r}"
+        marks = parse_number(self._form.lost, " ") * self._sizes[[self.names.index(name) for name in names]]
+        is_lost_row = ~np.isfinite(vectors).all(axis=1) | (vectors == marks).all(axis=1)
+        zeros = np.flatnonzero((vectors == 0.0).all(axis=1) & ~is_lost_row)
+        if len(zeros) and not self._form.lost:
+            raise ConfigError(
+                f"{self._at(int(zeros[0]))}, columns {columns}: are all 0; set lost to 0 if the "
+                f"{body} is lost there, or to nan if it is not"
+            )
+        if is_lost_row.any():
+            self.notes.append(f"{body} ({columns}): missing in {self._rows_text(is_lost_row)}; left out")
+        up = UP_AXES[self._form.up]
+        turned: Array = vectors.copy()
+        if self._form.up != "z" and len(names) > 2:
+            turn = functools.partial(multiply if len(names) == 4 else rotate, up)
+            turned = np.array([turn(each) for each in vectors.tolist()])
+        turned[is_lost_row] = np.nan
+        return turned
 
-    def _note_faults(self, columns: str, vectors: Array, *, is_turn: bool, has_course: bool) -> Mask:
-        """Return True for rows of `vectors` that are lost, n, and note these and jumps."""
-        times_s = self._values[:, self.names.index(TIME)]
-        faults = find_track_faults(times_s, vectors, is_turn=is_turn, has_course=has_course)
-        for is_row, problem, remedy in faults.sentences(vectors):
-            self.notes.append(f"{columns}: {problem} in {self._rows_text(is_row)}; {remedy}")
-        return faults.constant | faults.one_row
+    def check_positions(self, body: str, names: Sequence[str], positions: Array, times_s: Array) -> None:
+        """Check that `positions` of a body, n x k, NaN where it is lost, are plausible as metres, z up.
+
+        Raises:
+            ConfigError: If they are not.
+        """
+        unit = ",".join(f"{name}={self.title(name)}/mm" for name in names)
+        remedy = f"set columns to their unit, such as {unit}"
+        distances = np.linalg.norm(positions, axis=1)
+        if body == "points":  # rays near the horizon meet the floor far away
+            distances = np.where(np.isfinite(distances), np.nanmedian(distances), np.nan)
+        columns = f"columns {self.title(names[0])!r} to {self.title(names[-1])!r}"
+        for row in np.flatnonzero(distances > MAX_DISTANCE_M)[:1].tolist():
+            raise ConfigError(
+                f"{self._at(row)}, {columns}: the {body} is {distances[row]:.6g} m away, limit "
+                f"{MAX_DISTANCE_M:g} m; {remedy}, or lost to the number that stands for lost bodies"
+            )
+        known = np.flatnonzero(np.isfinite(distances))
+        if body == "points" or len(known) < 3:
+            return
+        if (
+            body == "head"
+            and not HEAD_RANGE_M[0] <= (height_m := float(np.median(positions[known, 2]))) <= HEAD_RANGE_M[1]
+        ):
+            raise ConfigError(
+                f"{self._path}, {columns}: the head is {height_m:.6g} m above the floor, plausible are "
+                f"{HEAD_RANGE_M[0]:g} to {HEAD_RANGE_M[1]:g} m; {remedy}, or up to the axis "
+                "that points up, such as y"
+            )
+        steps = np.linalg.norm(np.diff(positions[known], axis=0), axis=1) / np.diff(times_s[known])
+        if (speed_mps := float(np.percentile(steps, 90))) > MAX_SPEED_MPS:
+            raise ConfigError(
+                f"{self._path}, {columns}: the {body} moves at {speed_mps:.6g} m/s, limit "
+                f"{MAX_SPEED_MPS:g} m/s; {remedy}"
+            )
 
     def _rows_text(self, is_row: Mask) -> str:
         """Return the number of rows, gaps and the first line of the rows `is_row`."""
@@ -359,139 +274,147 @@ class MotionTable:
             times_s[min(end, len(times_s) - 1)] - times_s[max(begin - 1, 0)] for begin, end in ends
         )
         gaps = f"{len(ends)} gap{'' if len(ends) == 1 else 's'} of up to {longest_s:.2f} s"
-        first = self.lines[int(ends[0][0])]
-        return f"{is_row.sum()} of {len(is_row)} rows, {gaps}, the first in line {first}"
-
-    def _column(
-        self, name: str, names: Mapping[str, Sequence[MotionColumn]], header: Sequence[str]
-    ) -> MotionColumn:
-        at, columns = f"{self._path}, line {self._header_line}", names.get(name, ())
-        known = [column for column in columns if column.unit in units_of(name)] or columns
-        if not known:
-            angles = {"yaw", "pitch", "roll"} & {split_unit(cell)[0] for cell in header}
-            hint = (
-                "; angles state no order of rotation, write quaternions"
-                if angles and name in ORIENTATION
-                else ""
-            )
-            found = ", ".join(header) or "nothing"
-            raise ConfigError(f"{at}: column {name!r} is missing, found {found}{hint}")
-        if len(known) > 1:
-            titles = " and ".join(repr(column.title) for column in known)
-            raise ConfigError(f"{at}: column {name!r} is there more than once: {titles}; rename all but one")
-        if known[0].unit not in units_of(name):
-            units = ", ".join(SUGGESTED_UNITS.get(name, SUGGESTED_UNITS[""]))
-            raise ConfigError(
-                f"{at}, column {known[0].title!r}: the unit {known[0].unit!r} is unknown; "
-                f"{'write none' if name in ORIENTATION else f'write one of {units}'}"
-            )
-        return _with_unit(name, known[0], known[0].unit)
-
-    def _read_units(self, row: Sequence[str]) -> bool:
-        """Return True if `row` has units, as some programs write below the names, and use them."""
-        cells = {
-            name: row[each.position] if each.position < len(row) else ""
-            for name, each in self._columns.items()
-        }
-        units = {name: unit_name(cell.strip("[](){}")) for name, cell in cells.items()}
-        if not any(units.values()) or any(unit not in units_of(name) for name, unit in units.items()):
-            return False
-        self._columns = {
-            name: each if each.unit else _with_unit(name, each, units[name])
-            for name, each in self._columns.items()
-        }
-        return True
-
-    def _whole_rows(self, source: CsvRows) -> Iterator[tuple[int, list[str]]]:
-        """Yield the rows. A last one that was not written to its end is left out, and noted."""
-        length = len(source.header)
-        end: tuple[int, list[str]] = (0, [])
-        for (line, row), (next_line, _) in itertools.pairwise(itertools.chain(source.rows, [end])):
-            is_short = len(row) < length
-            if is_short and source.is_cut and not next_line:
-                self.notes.append(f"line {line}: is cut off, left out")
-                continue
-            if any(row[length:]) or (is_short and source.delimiter == " "):
-                remedy = (
-                    "write NaN for a lost value, or separate the cells by commas"
-                    if is_short
-                    else "name each column; if numbers have decimal commas, separate the cells by semicolons"
-                )
-                raise ConfigError(
-                    f"{self._path}, line {line}: has {len(row)} cells, and the header {length}; {remedy}"
-                )
-            yield line, row
-
-    @functools.cached_property
-    def _plain_limit(self) -> float:
-        """Return the number up to which all columns are within `FARTHEST`, once their units are known."""
-        return FARTHEST / max(each.factor for each in self._columns.values())
-
-    def _plain_numbers(self, row: Sequence[str]) -> list[float]:
-        """Return the numbers in `row` in the file's units, or `[]` if one is missing or needs `_value`.
-
-        Most rows have only plain numbers, and this is faster.
-        """
-        try:
-            cells = self._cells(row)
-            text = "".join(cells)
-            if "," in text or "_" in text or self._decimal_mark == ",":
-                return []
-            time, *numbers = map(float, cells)
-        except (IndexError, ValueError):
-            return []
-        limit = self._plain_limit
-        if not (math.isfinite(time) and min(numbers) >= -limit and max(numbers) <= limit):
-            return []
-        self._decimal_mark = "." if "." in text else self._decimal_mark
-        return [time, *numbers]
-
-    def _value(self, line: int, name: str, column: MotionColumn, row: Sequence[str]) -> float:
-        """Return a cell in the unit of its column, NaN if it is missing."""
-        text = row[column.position] if column.position < len(row) else ""
-        value, limit = self._number(text), MAX_TIME_S if name == TIME else FARTHEST
-        if abs(value * column.factor) <= limit:
-            return value
-        remedy = "write seconds, or ISO 8601" if name == TIME else "correct it, or leave a lost value empty"
-        if set(text) & ({",", "."} - {self._decimal_mark}) and self._decimal_mark:
-            remedy = f"numbers before it have the decimal mark {self._decimal_mark!r}: {remedy}"
-        error = (
-            f"{self._path}, line {line}, column {column.title!r}: a number within {limit:g} was expected, "
-            f"got {text[:40]!r}; {remedy}"
+        return (
+            f"{is_row.sum()} of {len(is_row)} rows, {gaps}, the first in line {self.lines[int(ends[0][0])]}"
         )
-        if name == TIME:
-            if math.isnan(value):
-                value = clock_time_s(text) / column.factor
-                self._columns[TIME] = column._replace(unit=column.unit or "s")
-            if not math.isfinite(value):
-                raise ConfigError(error)
-            return value  # the time between samples may tell its unit, if it is too large
-        if is_lost_cell(text):
-            return math.nan
-        raise ConfigError(error)
-
-    def _number(self, text: str) -> float:
-        """Return the number in `text`, NaN if there is none or it has another decimal mark than the file."""
-        try:
-            number = float(text.strip("'").replace("_", "?").replace(",", "."))
-        except ValueError:
-            return math.nan
-        mark = next((each for each in ",." if each in text), self._decimal_mark)
-        self._decimal_mark = self._decimal_mark or mark
-        return number if mark == self._decimal_mark else math.nan
 
 
-def _with_unit(name: str, column: MotionColumn, unit: str) -> MotionColumn:
-    return column._replace(unit=unit, factor=units_of(name)[unit])
+def has_columns(path: Path, names: Sequence[str], form: MotionForm = DOCUMENTED) -> bool:
+    """Return True if the file at `path` has the columns `names`."""
+    try:
+        lines, declared = _open(path, form)
+        _layout(lines, names, (), declared)
+    except ConfigError:
+        return False
+    return True
 
 
-def column_names(path: Path) -> set[str]:
-    """Return the names of the documentation for which the CSV file at `path` has a column.
+def _open(path: Path, form: MotionForm) -> tuple[list[str], dict[str, DeclaredColumn]]:
+    """Return the lines of a file, with names of columns, and declared columns."""
+    lines, declared = _read_text(path).splitlines(), parse_columns(form.columns, MOTION_COLUMNS)
+    if not path.name.endswith(BIDS_SUFFIX):
+        return lines, declared
+    lines, channels = _with_channels(path, lines)
+    return lines, _declare_channels(channels, declared)
+
+
+def _layout(
+    lines: Sequence[str],
+    required: Sequence[str],
+    optional: Sequence[Sequence[str]],
+    declared: Mapping[str, DeclaredColumn],
+) -> TextLayout:
+    """Return the structure of a file with the columns `required` and groups of `optional` ones.
 
     Raises:
-        ConfigError: If it cannot be read.
+        ConfigError: If it does not have them, or a part of a group.
     """
-    return set(find_columns(read_csv(path, count_known).header))
+    known = {*required, *itertools.chain(*optional)}
+    groups = [group for group in (required, *optional) if group is required or declared.keys() & {*group}]
+    wanted: dict[str, str | int] = {name: name for group in groups for name in group}
+    wanted |= {name: each.source for name, each in declared.items() if name in known}
+    is_date = TIME in declared and declared[TIME].unit == ISO
+    layout = find_layout(
+        lines[:MAX_HEADER_LINES],
+        wanted,
+        optional=sorted(known - wanted.keys()),
+        anchors=required[1:2] if is_date else (TIME,),
+        texts=(TIME,) if is_date else (),
+        remedy=_remedy(required),
+    )
+    for group in optional:
+        missing = {*group} - layout.indices.keys()
+        if 0 < len(missing) < len(group):
+            raise ConfigError(f"there is no column {join_names(sorted(missing))}; {_remedy(group)}")
+    return layout
+
+
+def _remedy(required: Sequence[str]) -> str:
+    numbered = ",".join(f"{name}={at}" for at, name in enumerate(required, start=1))
+    angles = ", and quaternions, as angles are not read" if "qx" in required else ""
+    return (
+        f"set columns to those of the file by name or number, such as {numbered}, with their units, such "
+        f"as t=1/ms or t=1/iso for dates{angles}"
+    )
+
+
+def _read_text(path: Path) -> str:
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ConfigError(
+                f"{path}: has {round_beyond(size / 1e6, MAX_BYTES / 1e6)} MB and at most "
+                f"{MAX_BYTES / 1e6:.0f} MB are read; cut it into pieces"
+            )
+        text = path.read_text("utf-8-sig")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is not UTF-8 text; save it as CSV in UTF-8") from error
+    if "\0" in text:
+        raise ConfigError(f"{path}: has zero bytes; save it as CSV in UTF-8")
+    return text
+
+
+def _iso_time_s(text: str) -> float:
+    """Return a date with time, s since 1970, NaN if it is none."""
+    try:
+        time = dt.datetime.fromisoformat(text)
+    except ValueError:
+        return math.nan
+    return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
+
+
+def _with_channels(path: Path, lines: Sequence[str]) -> tuple[list[str], list[dict[str, str]]]:
+    """Return the lines of a `_motion.tsv` below the names of its channels, and the rows of `_channels.tsv`.
+
+    Without a channel of times, rows have those of the sampling frequency in `_motion.json`.
+    """
+    beside = path.with_name(path.name.removesuffix(BIDS_SUFFIX) + CHANNELS_SUFFIX)
+    channels = list(csv.DictReader(_read_text(beside).splitlines(), delimiter="\t", restval=""))
+    if missing := [
+        name for name in ("name", "component", "type", "units") if name not in (channels or [{}])[0]
+    ]:
+        raise ConfigError(f"{beside}: has no column {join_names(missing)}; correct it as Motion-BIDS says")
+    if all(each["type"] != "LATENCY" for each in channels):
+        sidecar = path.with_suffix(".json")
+        try:
+            rate_hz = float(json.loads(_read_text(sidecar))["SamplingFrequency"])
+            lines = [f"{line}\t{row / rate_hz:.9f}" for row, line in enumerate(lines)]
+        except (ValueError, TypeError, KeyError, ArithmeticError):
+            raise ConfigError(
+                f"{sidecar}: has no SamplingFrequency above 0, and {beside.name} no LATENCY; add one"
+            ) from None
+        channels.append({"name": TIME, "component": "n/a", "type": "LATENCY", "units": "s"})
+    return ["\t".join(each["name"] for each in channels), *lines], channels
+
+
+def _declare_channels(
+    channels: Sequence[Mapping[str, str]], declared: Mapping[str, DeclaredColumn]
+) -> dict[str, DeclaredColumn]:
+    """Return `declared`, and the channels of time and orientation, with the units of `channels`.
+
+    Raises:
+        ConfigError: If the unit of one is unknown.
+    """
+    kinds = {TIME: ("LATENCY", "n/a")} | {name: ("ORNT", f"quat_{name[1]}") for name in ORIENTATION}
+    columns = dict(declared)
+    for ours, kind in kinds.items():
+        names = [each["name"] for each in channels if (each["type"], each["component"].lower()) == kind]
+        if len(names) == 1:
+            columns.setdefault(ours, DeclaredColumn(names[0]))
+    units = {each["name"]: each["units"] for each in channels}
+    for ours, column in columns.items():
+        unit = units.get(str(column.source), "n/a")
+        if column.unit or unit == "n/a" or not MOTION_COLUMNS[ours]:
+            continue
+        if unit not in MOTION_COLUMNS[ours]:
+            raise ConfigError(
+                f"channel {column.source} has the unit {format_value(unit)}; set columns to its size in SI "
+                f"units, such as {ours}={column.source}/0.001"
+            )
+        columns[ours] = column._replace(unit=unit)
+    return columns
 
 
 def rows_of(vectors: Array) -> Iterator[tuple[int, list[float]]]:

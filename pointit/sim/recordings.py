@@ -1,6 +1,5 @@
 """Recordings of people: a wrist's orientation over time, and the true positions of the robot and the head."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,8 +9,17 @@ from numpy.typing import NDArray
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import BodyMeasures
 from pointit.schemas.base import NORM_TOLERANCE
-from pointit.sim.motion_table import FLOOR, HEAD, ORIENTATION, ROBOT, TIME, MotionTable, column_names
-from pointit.sim.track_faults import position_problems, round_figures_beyond
+from pointit.sim.motion_table import (
+    DOCUMENTED,
+    FLOOR,
+    HEAD,
+    ORIENTATION,
+    ROBOT,
+    TIME,
+    MotionForm,
+    MotionTable,
+    has_columns,
+)
 
 Array = NDArray[np.float64]
 
@@ -68,24 +76,20 @@ class FloorRecording(RecordedMotion):
     eye_height_m: float
 
 
-def is_floor_csv(path: Path) -> bool:
+def is_floor_csv(path: Path, form: MotionForm = DOCUMENTED) -> bool:
     """Return True if the CSV file at `path` has points on the floor instead of orientations."""
-    try:
-        names = column_names(path)
-    except ConfigError:
-        return False
-    return names >= {*FLOOR} and not names & {*ORIENTATION}
+    return has_columns(path, (TIME, *FLOOR), form) and not has_columns(path, (TIME, *ORIENTATION), form)
 
 
-def read_floor_csv(path: Path) -> FloorRecording:
+def read_floor_csv(path: Path, form: MotionForm = DOCUMENTED) -> FloorRecording:
     """Return the recording in a CSV file with the columns `t,px,py,robot_x,…,head_x,…`.
 
     Raises:
         ConfigError: As `read_imu_csv`.
     """
-    table = MotionTable(path, (TIME, *FLOOR, *ROBOT, *HEAD), ())
+    table = MotionTable(path, (TIME, *FLOOR, *ROBOT, *HEAD), (), form)
     t_s = _times_s(path, table)
-    bodies = _bodies(path, table, t_s)
+    bodies = _bodies(table, t_s)
     head_m = bodies.get("head")
     if head_m is None:
         raise ConfigError(
@@ -102,30 +106,31 @@ def read_floor_csv(path: Path) -> FloorRecording:
     )
 
 
-def read_robot_csv(path: Path) -> RecordedMotion:
+def read_robot_csv(path: Path, form: MotionForm = DOCUMENTED) -> RecordedMotion:
     """Return the robot in a CSV file with the columns `t,robot_x,robot_y,robot_z`.
 
     Raises:
         ConfigError: As `read_imu_csv`.
     """
-    table = MotionTable(path, (TIME, *ROBOT), ())
+    table = MotionTable(path, (TIME, *ROBOT), (), form)
     t_s = _times_s(path, table)
     return RecordedMotion(
-        path=path, t_s=t_s, robot_m=_bodies(path, table, t_s).get("robot"), notes=tuple(table.notes)
+        path=path, t_s=t_s, robot_m=_bodies(table, t_s).get("robot"), notes=tuple(table.notes)
     )
 
 
-def read_imu_csv(path: Path) -> ImuRecording:
+def read_imu_csv(path: Path, form: MotionForm = DOCUMENTED) -> ImuRecording:
     """Return the recording in a CSV file with the columns `t,qw,qx,qy,qz[,robot_x,…][,head_x,…]`.
 
-    Other columns are ignored, and the order does not matter. Names may state units: `t_ms`, `robot_x [mm]`.
+    Other columns are noted, and the order does not matter. `form` declares other names, units and axes.
 
     Raises:
         ConfigError: If it cannot be read, is too long, a column is missing, a value is not a number within
             bounds, a quaternion is far from norm 1, the time does not rise, rates, speeds or distances are
-            implausible for seconds and metres, or there are no rows. Names file, line, column and value.
+            implausible for seconds and metres, or there are no rows. Names file, line, column and value, and
+            the parameter of `form` that describes it.
     """
-    table = MotionTable(path, (TIME, *ORIENTATION), (ROBOT, HEAD))
+    table = MotionTable(path, (TIME, *ORIENTATION), (ROBOT, HEAD), form)
     t_s = _times_s(path, table)
     orientation = table.vectors("orientation", ORIENTATION)
     if np.isnan(orientation).all():
@@ -136,9 +141,10 @@ def read_imu_csv(path: Path) -> ImuRecording:
         row = int(off[0])
         raise ConfigError(
             f"{path}, line {table.lines[row]}, columns 'qw' to 'qz': a quaternion of norm 1 was expected, "
-            f"got norm {norms[row]:.6g}"
+            f"got norm {norms[row]:.6g}; set columns to those of the quaternion, or lost to "
+            "the number that stands for lost ones"
         )
-    bodies = _bodies(path, table, t_s)
+    bodies = _bodies(table, t_s)
     return ImuRecording(
         path=path,
         t_s=t_s,
@@ -149,34 +155,21 @@ def read_imu_csv(path: Path) -> ImuRecording:
     )
 
 
-def _bodies(path: Path, table: MotionTable, t_s: Array) -> dict[str, Array]:
+def _bodies(table: MotionTable, t_s: Array) -> dict[str, Array]:
     """Return the positions of the bodies in `table`, without those that are lost in all rows.
 
     Raises:
-        ConfigError: If their unit is not stated, and is likely not metres.
+        ConfigError: If they are not plausible as metres, z up.
     """
-    columns = {body: names for body, names in BODIES.items() if names[0] in table.names}
-    bodies = {body: table.vectors(body, names) for body, names in columns.items()}
-    bodies = {body: vectors for body, vectors in bodies.items() if np.isfinite(vectors).all(axis=1).any()}
-    problems: list[str] = []
-    for body, (reason, units) in position_problems(t_s, bodies).items():
-        names = columns[body]
-        if table.states_units(names):
-            table.notes.append(f"{reason}; check the unit that its columns state")
-        else:
-            titles = f"columns {table.title(names[0])!r} to {table.title(names[-1])!r}"
-            problems.append(f"{titles}: {reason}; {_remedy(names, units)}")
-    if problems:
-        raise ConfigError(f"{path}, {', and '.join(problems)}")
+    bodies: dict[str, Array] = {}
+    for body, names in BODIES.items():
+        if names[0] not in table.names:
+            continue
+        vectors = table.vectors(body, names)
+        table.check_positions(body, names, vectors, t_s)
+        if np.isfinite(vectors).any():
+            bodies[body] = vectors
     return bodies
-
-
-def _remedy(names: Sequence[str], units: Sequence[str]) -> str:
-    if not units:
-        return f"write metres, or name them {names[0]}_m, … if they are in metres"
-    likely = ", ".join(f"{name}_{units[0]}" for name in names)
-    metres = f"{names[0]}_m, … if they are in metres"
-    return f"they are likely in {' or '.join(units)}: name them {likely}, or {metres}"
 
 
 def _times_s(path: Path, table: MotionTable) -> Array:
@@ -185,7 +178,7 @@ def _times_s(path: Path, table: MotionTable) -> Array:
     if t_s[-1] - t_s[0] > LONGEST_S:
         raise ConfigError(
             f"{path}, line {table.lines[-1]}, column {table.title(TIME)!r}: the recording is "
-            f"{round_figures_beyond(t_s[-1] - t_s[0], LONGEST_S, 6)} s long and at most {LONGEST_S:g} s "
-            "can be played; is its time in seconds?"
+            f"{t_s[-1] - t_s[0]:.6g} s long and at most {LONGEST_S:g} s can be played; set columns to the "
+            "unit of its time, such as t=ms"
         )
     return np.asarray(t_s - t_s[0], dtype=np.float64)

@@ -8,16 +8,16 @@ import numpy as np
 from pydantic import Field
 
 from pointit.runtime.clock import Clock, sleep
-from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.sources import Deliver, ImuSource, Reading
+from pointit.sim.motion_table import MotionForm
 from pointit.sim.recordings import read_imu_csv
 
 log = logging.getLogger(__name__)
 
 
-class ReplayConfig(Config):
+class ReplayConfig(MotionForm):
     """A recorded device."""
 
     recording: str = Field(default="", description="CSV file with columns t (s), qw, qx, qy, qz")
@@ -39,7 +39,7 @@ class ReplaySource:
         Raises:
             ConfigError: If it cannot be used.
         """
-        recording = read_imu_csv(Path(config.recording))
+        recording = read_imu_csv(Path(config.recording), config)
         self._config = config
         self._clock = clock
         for sentence in recording.notes:
@@ -84,7 +84,7 @@ class ReplaySource:
 def _check(config: ReplayConfig) -> None:
     if not config.recording:
         raise ConfigError("replay.recording: is missing; name a CSV file with columns t, qw, qx, qy, qz")
-    read_imu_csv(Path(config.recording))
+    read_imu_csv(Path(config.recording), config)
 
 
 REPLAY = ImuSource(

@@ -8,17 +8,17 @@ from typing import ClassVar
 from pydantic import Field
 
 from pointit.runtime.clock import sleep
-from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S
 from pointit.schemas.base import Name
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.trajectory import Trajectory
+from pointit.sim.motion_table import MotionForm
 from pointit.sim.recordings import read_robot_csv
 
 
-class RobotReplayConfig(Config):
+class RobotReplayConfig(MotionForm):
     """The recording and its start time."""
 
     recording: str = Field(
@@ -52,7 +52,7 @@ class RobotReplay(Service[RobotReplayConfig]):
         """
         super().__init__(config, context)
         self.validate_config(config)
-        recording = read_robot_csv(Path(config.recording))
+        recording = read_robot_csv(Path(config.recording), config)
         for sentence in recording.notes:
             log.warning("%s: %s", recording.path, sentence)
         self._trajectory = Trajectory(recording, config.robot_id)

@@ -28,6 +28,7 @@ from pointit.maps.checks.check import examined
 from pointit.maps.checks.lines import has_detours
 from pointit.maps.edit import Add, dump_yaml, edited, write_new
 from pointit.maps.file import map_path, parse_map_file, read_map_file
+from pointit.maps.light_files.pixel_table import parse_pixel_columns
 from pointit.maps.light_files.strip_fit import free_name, unused_pixels
 from pointit.maps.model import MAX_LABEL, StripEntry
 from pointit.runtime.config.config import Layers, environment_prefix
@@ -391,6 +392,14 @@ CELL = click.option(
 @click.option(
     "--preset", type=click.IntRange(min=0), metavar="N", help="number of the preset in WLED's presets.json"
 )
+@click.option(
+    "--columns",
+    default="",
+    show_default=False,
+    metavar="LIST",
+    help="of csv: columns by name or number and unit, x=1/cm,y=2/cm,z=3/cm,strip=Model,pixel=Node",
+)
+@click.option("--first", type=click.IntRange(0, 1), help="of csv: number of the first pixel  [default: 0]")
 @CELL
 @OUTPUT
 def import_(
@@ -404,13 +413,15 @@ def import_(
     into: Path | None,
     per_metre: float,
     preset: int | None,
+    columns: str,
+    first: int | None,
     cell_m: float,
     output: Path | None,
 ) -> None:
     """Make a map of strips from FILE, or a map of things from `home-assistant`.
 
-    csv has a pixel a line: x,y,z in metres, as xLights and mapping programs write them, with a header or
-    without. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
+    csv has a pixel a line, below the names x,y,z in metres, and strip, pixel or wire; --columns declares
+    others. ledmap is WLED's, with width and height, laid on an upright plane. segments are WLED's names and
     counts (http://WLED/json/state): they have no positions, so strips lie one above the other until they
     are scanned or moved. A matrix in WLED's configuration (cfg.json) is laid out by its panels.
 
@@ -431,7 +442,7 @@ def import_(
         text = _read_text(source)
         try:
             if kind == "csv":
-                strips = exchange.from_csv(text, _print_note)
+                strips = exchange.from_csv(text, _print_note, parse_pixel_columns(columns), first)
             elif kind == "ledmap":
                 strips = exchange.from_ledmap(text, cell_m)
             else:

@@ -78,6 +78,7 @@ def export(*, recording: Path, folder: Path, overwrite: bool, form: str, task: s
 
 
 SITE = "imported"
+TABLES = (".csv", ".tsv", ".txt")
 
 
 @click.command("import")
@@ -92,7 +93,26 @@ SITE = "imported"
 )
 @click.option("--overwrite", is_flag=True, help="replace FILE if it exists")
 @click.option("--user", default="user1", help="of a CSV file: the person's name")
-@click.option("--mounting", default="minus_x", help="of a CSV file: the sensor on the arm, as in a Myo")
+@click.option(
+    "--mounting",
+    default="",
+    show_default=False,
+    help="of a CSV file: the sensor on the arm  [default: minus_x, as in a Myo; plus_x for Motion-BIDS]",
+)
+@click.option(
+    "--columns",
+    default="",
+    show_default=False,
+    metavar="LIST",
+    help="of a CSV file: its columns by name or number, and units, t=time/ms,qx=3,robot_x=mm",
+)
+@click.option("--lost", default="", show_default=False, help="of a CSV file: text or number of lost values")
+@click.option(
+    "--up",
+    type=click.Choice(["z", "y", "-y", "x", "-x", "-z"]),
+    default="z",
+    help="of a CSV file: its axis that points up",
+)
 @click.option(
     "--map",
     "room",
@@ -101,15 +121,24 @@ SITE = "imported"
     help="of a bag: the room, without which its packages and pointers have no positions",
 )
 def command(
-    *, source: Path, recording: Path, overwrite: bool, user: str, mounting: str, room: str | None
+    *,
+    source: Path,
+    recording: Path,
+    overwrite: bool,
+    user: str,
+    mounting: str,
+    columns: str,
+    lost: str,
+    up: str,
+    room: str | None,
 ) -> None:
     """Make a recording of SOURCE, for `pointit export`, `pointit page` and `pointit evaluate`.
 
     SOURCE is a CSV file of an arm (columns t, qw, qx, qy, qz; also robot_x and head_x, y, z of motion
-    capture), one of points on the floor (t, px, py with robot and head), in seconds and metres or with units
-    in the names, as t_ms and robot_x [mm]; or a ROS 2 bag of the ROS toolkit:
-    its folder, or an .mcap or .db3 file. `pointit replay` computes rays from a file of an arm, and the
-    position of a user who follows a robot. Other imports cannot be replayed.
+    capture) or of points on the floor (t, px, py with robot and head), in seconds and metres, z up, where
+    --columns, --lost and --up declare no others; a _motion.tsv of Motion-BIDS beside its _channels.tsv; or a
+    ROS 2 bag of the ROS toolkit: its folder, or an .mcap or .db3 file. `pointit replay` computes rays from a
+    file of an arm, and the position of a user who follows a robot. Other imports cannot be replayed.
 
     Example: pointit import rosbag2_2026_11_21 --map lab.yaml --to session.mcap
     """
@@ -120,32 +149,21 @@ def command(
         def tick(done: int) -> None:
             tell(f"{done} messages")
 
-        if _is_table(source):
-            count = _import_csv(source, recording, user, mounting, overwrite=overwrite, tick=tick)
+        if source.suffix.lower() in TABLES:
+            from pointit.conversion.import_csv import csv_entries  # noqa: PLC0415 - only what is needed is loaded
+            from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - needs an extra
+            from pointit.sim.motion_table import MotionForm  # noqa: PLC0415 - as above
+
+            form = MotionForm.model_validate({"columns": columns, "lost": lost, "up": up})
+            entries = csv_entries(source, user=user, mounting=mounting, form=form, note=_note)
+            count = write_recording(entries, recording, SITE, overwrite=overwrite, tick=tick)
         else:
             count = _import_bag(source, recording, room, overwrite=overwrite, tick=tick)
     click.echo(f"{recording}: {count} entries")
 
 
-def _is_table(source: Path) -> bool:
-    """Return True if `source` is a CSV file by its suffix, or a text file with columns of a motion."""
-    from pointit.sim.motion_table import column_names  # noqa: PLC0415 - only what is needed is loaded
-
-    suffix = source.suffix.lower()
-    return suffix in (".csv", ".tsv") or (suffix == ".txt" and "t" in column_names(source))
-
-
-def _import_csv(
-    source: Path, recording: Path, user: str, mounting: str, *, overwrite: bool, tick: Callable[[int], None]
-) -> int:
-    from pointit.conversion.import_csv import csv_entries  # noqa: PLC0415 - only what is needed is loaded
-    from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - needs an extra
-
-    def note(sentence: str) -> None:
-        click.echo(f"note: {sentence}", err=True)
-
-    entries = csv_entries(source, user=user, mounting=mounting, note=note)
-    return write_recording(entries, recording, SITE, overwrite=overwrite, tick=tick)
+def _note(sentence: str) -> None:
+    click.echo(f"note: {sentence}", err=True)
 
 
 def _import_bag(

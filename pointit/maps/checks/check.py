@@ -89,7 +89,6 @@ def check_map(
         *check_strips(file),
         *check_lamps(file.lamps, person_m, has_heights=not wrong_units),
         *_check_solids(file),
-        *_check_clouds(clouds),
         *check_fences(file.fences),
         *check_things(file, clouds, [*((person_m,) if person_m else ()), *poses_m]),
         *_check_duplicates(file),
@@ -109,15 +108,6 @@ def _check_solids(file: MapFile) -> Iterator[MapFinding]:
         if min(measures) < THINNEST_M:
             yield error(
                 where, f"is {min(measures):g} m small, too little to point at; give its size in metres"
-            )
-
-
-def _check_clouds(clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[MapFinding]:
-    for name, points in clouds.items():
-        extent = float(np.ptp(points, axis=0).max())
-        if len(points) > 1 and extent < THINNEST_M:
-            yield error(
-                f"clouds.{name}", f"all its {len(points)} points are at one place; correct scale, or the file"
             )
 
 

@@ -336,8 +336,8 @@ def _sharp_turns(vertices: Sequence[Vec3]) -> list[tuple[int, float]]:
 
 MAX_HEIGHT_M = 20.0
 """Height in a room above which its unit is probably another, m."""
-MAX_CLOUD_HEIGHT_M = 50.0
-"""Vertical extent of a point cloud above which its unit is probably another, m. A scan may show a facade."""
+MAX_BELOW_FLOOR_M = 0.3
+"""Depth of a point cloud below the floor above which its axes are probably others, m."""
 MAX_WIDTH_M = 1000.0
 """Horizontal extent above which the unit is probably another, m."""
 MIN_DENSITY = 1.5
@@ -349,7 +349,7 @@ _UNITS_M = {"centimetres": 0.01, "millimetres": 0.001}
 
 
 def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[MapFinding]:
-    """Yield a map and clouds with extents of a room in another unit; `clouds` are n x 3, in {W}."""
+    """Yield a map in another unit, clouds below the floor or too high; `clouds` are n x 3, in {W}."""
     centers = [box.center for box in file.boxes.values()]
     centers += [cylinder.center for cylinder in file.cylinders.values()]
     centers += [sphere.center for sphere in file.spheres.values()]
@@ -364,14 +364,15 @@ def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> It
             text = f"{_extent(width_m, height_m)}{sparse}; give positions in metres, if these are {unit}"
             yield warning("map", text)
     for name, points in clouds.items():
-        extent_m = np.ptp(points, axis=0).tolist()
-        width_m, height_m = max(extent_m[:2]), extent_m[2]
-        if height_m > MAX_CLOUD_HEIGHT_M or width_m > MAX_WIDTH_M:
-            unit = _likely_unit(width_m, height_m)
-            scale = (file.clouds[name].scale or 1.0) * _UNITS_M[unit]
+        low_m, high_m = float(points[:, 2].min()), float(np.ptp(points[:, 2]))
+        if low_m < -MAX_BELOW_FLOOR_M:
             yield warning(
-                f"clouds.{name}", f"{_extent(width_m, height_m)}; set scale: {scale:g}, if these are {unit}"
+                f"clouds.{name}",
+                f"reaches {-low_m:.1f} m below the floor; set up to the axis of the file that points up, "
+                "such as up: y, or position",
             )
+        if high_m > MAX_HEIGHT_M:
+            yield warning(f"clouds.{name}", f"is {high_m:.0f} m high; set unit, if it is not in metres")
 
 
 def _extent(width_m: float, height_m: float) -> str:

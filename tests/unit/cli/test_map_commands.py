@@ -46,7 +46,7 @@ def invoke(*arguments: str) -> Result:
 
 @pytest.fixture
 def room(tmp_path: Path) -> Path:
-    (tmp_path / "shelf.xyz").write_text("1 2 0\n1 2.5 1\n")
+    (tmp_path / "shelf.xyz").write_text("x y z\n1 2 0\n1 2.5 1\n")
     path = tmp_path / "room.yaml"
     path.write_text(ROOM, encoding="utf-8")
     return path

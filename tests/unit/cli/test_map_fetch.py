@@ -209,7 +209,7 @@ def test_points_of_a_cloud_lie_beside_the_file_that_is_written(graph: Graph, tmp
     result = fetch("-o", str(path))
     assert result.exit_code == 1
     assert f"clouds.shelf.file: {tmp_path / 'shelf.xyz'}: cannot be read" in result.stderr
-    (tmp_path / "shelf.xyz").write_text("1 2 0\n1 2.5 1\n")
+    (tmp_path / "shelf.xyz").write_text("x y z\n1 2 0\n1 2.5 1\n")
     assert fetch("-o", str(path)).exit_code == 0
 
 

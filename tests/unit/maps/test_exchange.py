@@ -22,8 +22,8 @@ BENT = MapFile.model_validate(
 
 
 NAMES = ("Living room", "Living room", "../x", "..", "Livi\ud800")
-BEYOND = "0,0,0\n1e9,0,0\n2e9,0,0\n"
-LONG = f"0,0,0\n{'1' * 200_000},0,0\n"
+BEYOND = "x,y,z\n0,0,0\n1e9,0,0\n2e9,0,0\n"
+LONG = f"x,y,z\n0,0,0\n{'1' * 200_000},0,0\n"
 INDEX = "x,y,z,pixel\n0,0,0,nan\n0.1,0,0,1\n"
 
 
@@ -40,9 +40,10 @@ def test_csv_begins_with_pixel_0_when_the_strip_runs_backwards() -> None:
     assert exchange.from_csv(exchange.to_csv(BENT))["wall"].line[0] == pytest.approx((0, 2, 1.5), abs=0.02)
 
 
-def test_csv_without_names_is_split_at_gaps() -> None:
+def test_csv_without_strips_is_split_at_gaps() -> None:
     text = (
-        "\n".join(f"{0.1 * n},0,0" for n in range(10))
+        "x,y,z\n"
+        + "\n".join(f"{0.1 * n},0,0" for n in range(10))
         + "\n"
         + "\n".join(f"{5 + 0.1 * n},1,0" for n in range(5))
     )
@@ -56,13 +57,24 @@ def test_csv_of_strips_with_and_without_names_has_all_of_them() -> None:
 
 
 def test_csv_of_index_x_y_z_is_in_the_order_of_the_index() -> None:
-    (strip,) = exchange.from_csv("2,0.2,0,0\n0,0,0,0\n1,0.1,0,0").values()
+    (strip,) = exchange.from_csv("pixel,x,y,z\n2,0.2,0,0\n0,0,0,0\n1,0.1,0,0").values()
     assert strip.line == ((-0.05, 0, 0), (0.25, 0, 0))
 
 
 @pytest.mark.parametrize(
     "text",
-    ["", "a,b\n", "1,2\n", "1,2,nan\n", "x,y,z\n1,2\n", "0,0,0\n", "0,0,0\n0,0,0\n", BEYOND, LONG, INDEX],
+    [
+        "",
+        "a,b\n",
+        "1,2\n",
+        "1,2,nan\n",
+        "x,y,z\n1,2\n",
+        "x,y,z\n0,0,0\n",
+        "x,y,z\n0,0,0\n0,0,0\n",
+        BEYOND,
+        LONG,
+        INDEX,
+    ],
 )
 def test_csv_of_something_else_is_an_error_of_one_sentence(text: str) -> None:
     with pytest.raises(ConfigError):

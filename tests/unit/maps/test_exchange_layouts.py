@@ -218,7 +218,7 @@ def test_two_pitches_and_a_missing_pixel_are_strips_without_detours() -> None:
 
 def test_pixels_at_one_place_are_refused_with_the_remedy() -> None:
     with pytest.raises(ConfigError, match=r"all pixels are at \[1.0, 2.0, 3.0\]; .* as a lamp"):
-        exchange.from_csv("1,2,3\n1,2,3\n")
+        exchange.from_csv("x,y,z\n1,2,3\n1,2,3\n")
 
 
 def test_a_pixel_alone_in_its_strip_is_a_strip_of_one() -> None:

@@ -226,13 +226,6 @@ def test_whether_lamps_are_at_one_bearing_depends_on_where_one_stands(
     assert [each.text.partition(",")[0] for each in findings] == ["all lie in one direction from [0.0"] * told
 
 
-def test_a_cloud_at_one_place_is_found(tmp_path: Path) -> None:
-    (tmp_path / "dot.xyz").write_text("1 2 3\n1 2 3\n")
-    (finding,) = found(tmp_path, LAMPS + "clouds: {dot: {file: dot.xyz}}")
-    assert (finding.severity, finding.where) == ("error", "clouds.dot")
-    assert finding.text.startswith("all its 2 points are at one place")
-
-
 ODD_STRIPS = [("warning", "strips.17"), ("warning", "strips.19")]
 """These two have half as many pixels again, in the toolkit's map too."""
 
@@ -316,8 +309,8 @@ def test_things_that_hide_or_confuse_each_other_are_named(tmp_path: Path) -> Non
 
 def test_the_guides_example_is_in_order(tmp_path: Path) -> None:
     (tmp_path / "shelf.ply").write_text(
-        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
-        "end_header\n1 2 3\n"
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+        "end_header\n1 2 1\n1 2 2\n"
     )
     example = GUIDE.partition('```yaml title="site.yaml"\n')[2].partition("```")[0]
     assert found(tmp_path, example) == []

@@ -9,9 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pointit.geometry.rotation import rotate
 from pointit.maps import cloud_file
-from pointit.maps.cloud_file import read_cloud
+from pointit.maps.cloud_file import read_points
 from pointit.maps.file import load_map_and_clouds
+from pointit.maps.units import UP_AXES
 from pointit.runtime.errors import ConfigError
 
 POINTS = np.array([[0.5, -1.25, 2.0], [3.0, 4.5, -0.125], [100.0, 0.0, 1.75]])
@@ -65,15 +67,14 @@ FORMATS = {
     )
     + POINTS.astype("<f4").tobytes()
     + b"\3aaaabbbbcccc",
-    "plain.xyz": TEXT.encode(),
-    "remarks.XYZ": ("# scanned\n\n" + TEXT.replace("\n", "  # a point\n")).encode(),
-    "columns.txt": TEXT.replace("\n", " 255 0 0\n").encode(),
-    "cloudcompare.asc": ("//X Y Z R\n3\n" + TEXT.replace("\n", " 255\n")).encode(),
-    "counted.pts": ("3\n" + TEXT).encode(),
+    "plain.xyz": f"x y z\n{TEXT}".encode(),
+    "remarks.XYZ": ("# scanned\n\nx y z\n" + TEXT.replace("\n", "  # a point\n")).encode(),
+    "columns.txt": ("X Y Z R G B\n" + TEXT.replace("\n", " 255 0 0\n")).encode(),
+    "cloudcompare.asc": ("//X Y Z R\n" + TEXT.replace("\n", " 255\n")).encode(),
     "table.csv": ("x,y,z,label\n" + TEXT.replace(" ", ",").replace("\n", ",wall\n")).encode(),
     "numbered.csv": ("id;X;Y;Z\n" + "\n".join(f"7;{x};{y};{z}" for x, y, z in POINTS)).encode(),
     "excel.csv": b"\xef\xbb\xbf" + ("x,y,z\n" + TEXT.replace(" ", ",")).replace("\n", "\r\n").encode(),
-    "one_line_end_missing.xyz": TEXT.rstrip().encode(),
+    "one_line_end_missing.xyz": f"# x y z\n{TEXT.rstrip()}".encode(),
 }
 
 
@@ -81,7 +82,7 @@ FORMATS = {
 def test_every_format_gives_the_same_points(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(FORMATS[name])
-    points = read_cloud(path)
+    points = read_points(path)
     assert points.dtype == np.float64
     np.testing.assert_array_equal(points, POINTS)
 
@@ -92,7 +93,8 @@ BROKEN = {
     "endless.ply": (b"ply\nformat ascii 1.0\n", "its header does not end"),
     "negative.ply": (ply("ascii", XYZ, rows=-1), "line 4 of its header|vertex -1"),
     "no_vertex.ply": (ply("ascii", XYZ).replace(b"vertex", b"corner"), "has no element vertex"),
-    "no_z.ply": (ply("ascii", XYZ.replace("float z", "float w")), "have x, y, w, not z once"),
+    "no_z.ply": (
+        ply("ascii", XYZ.replace("float z", "float w")), "have 1 'x', 2 'y', 3 'w'; set columns"),
     "list.ply": (
         ply("binary_little_endian", "property list uchar int near\n" + XYZ) + b"\xff" * 50,
         "is cut off, 0 of 3 points are there"),
@@ -110,10 +112,11 @@ BROKEN = {
         ply("binary_big_endian", XYZ, rows=1) + bytes.fromhex("00000000 7f800001 00000000"),
         "1 of 1 points are not finite"),
     "nan.xyz": (
-        b"1 2 3\n1 nan 3\n4 5 inf\n", "2 of 3 points are not finite, the first is point 2 [1.0, nan, 3.0]"),
-    "remarks.xyz": (b"# nothing\n\n", "no line begins with x, y and z, the first is '# nothing'"),
-    "prose.txt": (b"Dear reader,\nthis is a letter.\n", "no line begins with x, y and z|'Dear reader,'"),
-    "binary_later.xyz": (b"1 2 3\n" * 5000 + b"\xff\xfe", "is not text"),
+        b"x y z\n1 2 3\n1 nan 3\n4 5 inf\n",
+        "2 of 3 points are not finite, the first is point 2 [1.0, nan, 3.0]"),
+    "remarks.xyz": (b"# nothing\n\n", "no line names the columns x, y, z once each, line 1 is 1 'nothing'"),
+    "prose.txt": (b"Dear reader,\nthis is a letter.\n", "no line names the columns|1 'Dear reader'"),
+    "binary_later.xyz": (b"x y z\n" + b"1 2 3\n" * 5000 + b"\xff\xfe", "is not UTF-8 text"),
 }  # fmt: skip
 
 
@@ -123,7 +126,7 @@ def test_a_broken_cloud_is_one_sentence(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:
-        read_cloud(path)
+        read_points(path)
     said = str(caught.value)
     assert said.startswith(f"{path}: ")
     assert "\n" not in said
@@ -135,15 +138,15 @@ def test_a_broken_cloud_is_one_sentence(tmp_path: Path, name: str) -> None:
 def test_a_text_of_too_many_points_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cloud_file, "MAX_POINTS", 2)
     path = tmp_path / "cloud.xyz"
-    path.write_text(TEXT)
+    path.write_text(f"x y z\n{TEXT}")
     with pytest.raises(ConfigError, match="has more points, limit 2; thin it"):
-        read_cloud(path)
+        read_points(path)
 
 
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.xyz")
     with pytest.raises(ConfigError, match=r"pipe\.xyz: is not a file; give"):
-        read_cloud(tmp_path / "pipe.xyz")
+        read_points(tmp_path / "pipe.xyz")
 
 
 @given(st.binary(max_size=300), st.sampled_from([".ply", ".xyz"]))
@@ -157,7 +160,7 @@ def test_no_bytes_are_a_fault(tmp_path_factory: pytest.TempPathFactory, content:
     ):
         path.write_bytes(head + content)
         try:
-            points = read_cloud(path)
+            points = read_points(path)
         except ConfigError:
             continue
         assert points.shape[1] == 3
@@ -166,7 +169,7 @@ def test_no_bytes_are_a_fault(tmp_path_factory: pytest.TempPathFactory, content:
 
 def placed(folder: Path, keys: str) -> NDArray[np.float64]:
     (folder / "scans").mkdir(exist_ok=True)
-    (folder / "scans" / "shelf.xyz").write_text(TEXT)
+    (folder / "scans" / "shelf.xyz").write_text(f"x y z\n{TEXT}")
     path = folder / "site.yaml"
     path.write_text(f"clouds: {{shelf: {{file: scans/shelf.xyz{keys}}}}}")
     room, clouds = load_map_and_clouds(str(path), 0)
@@ -183,19 +186,51 @@ def test_a_cloud_lies_beside_its_map_wherever_one_is(tmp_path: Path, monkeypatch
 
 
 def test_a_cloud_is_scaled_turned_and_moved(tmp_path: Path) -> None:
-    points = placed(tmp_path, ", scale: 0.5, yaw_deg: 90, position: [1, 2, 3]")
+    points = placed(tmp_path, ", unit: 0.5, yaw_deg: 90, position: [1, 2, 3]")
     expected = np.column_stack([1 - POINTS[:, 1] / 2, 2 + POINTS[:, 0] / 2, 3 + POINTS[:, 2] / 2])
     np.testing.assert_allclose(points, expected, atol=1e-12)
 
 
-def test_a_cloud_out_of_the_world_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"clouds.shelf.file: .* a coordinate is 100000000, limit 1e\+06 m"):
-        placed(tmp_path, ", scale: 1000000")
-    (tmp_path / "far.xyz").write_text("1e308 0 -1e308\n")
-    path = tmp_path / "far.yaml"
-    path.write_text("clouds: {far: {file: far.xyz, scale: 100, yaw_deg: 45}}")
-    with pytest.raises(ConfigError, match=r"clouds\.far\.file: .* a coordinate is (inf|nan), limit"):
+def test_a_cloud_is_turned_upright_about_its_origin(tmp_path: Path) -> None:
+    points = placed(tmp_path, ", up: y, origin: [0.5, -1.25, 2]")
+    x, y, z = (POINTS - [0.5, -1.25, 2]).T
+    np.testing.assert_allclose(points, np.column_stack([x, -z, y]), atol=1e-12)
+
+
+@pytest.mark.parametrize("up", UP_AXES)
+def test_the_axis_that_is_declared_points_up_and_no_cloud_is_mirrored(up: str) -> None:
+    sign = -1.0 if up.startswith("-") else 1.0
+    x, y, z = (sign * (axis == up[-1]) for axis in "xyz")
+    assert rotate(UP_AXES[up], (x, y, z)) == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
+    assert np.linalg.norm(UP_AXES[up]) == pytest.approx(1.0)
+
+
+IMPLAUSIBLE = {
+    "a room in millimetres": ("0 0 0\n4200 3100 2600\n", "unit: mm", "longest side is 4200 m"),
+    "a room in kilometres": ("0 0 0\n.0042 .0031 .0026\n", "unit: km", "longest side is 0.0042 m"),
+    "a survey": (
+        "386123.1 5820347.9 36.2\n386127 5820349 38\n", "origin: [386123.1, 5820347.9, 36.2]",
+        "is 5.82035e+06 m from the map's origin, limit 200 m"),
+    "the y axis points up": ("0 0 -5\n4 2.6 1\n", "up: y", "reaches 5.0 m below the floor, limit 3 m"),
+    "no finite extent": ("-1e308 0 0\n1e308 1 1\n", "unit: mm", "longest side is inf m"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", IMPLAUSIBLE)
+def test_a_cloud_that_is_no_room_is_refused_with_the_parameter_that_describes_it(
+    tmp_path: Path, name: str
+) -> None:
+    content, parameter, problem = IMPLAUSIBLE[name]
+    (tmp_path / "scan.xyz").write_text(f"x y z\n{content}")
+    path = tmp_path / "room.yaml"
+    path.write_text("clouds: {scan: {file: scan.xyz}}")
+    with pytest.raises(ConfigError) as caught:
         load_map_and_clouds(str(path), 0)
+    assert problem in str(caught.value)
+    assert f"such as {parameter}" in str(caught.value)
+    if name != "no finite extent":
+        path.write_text(f"clouds: {{scan: {{file: scan.xyz, {parameter}}}}}")
+        assert load_map_and_clouds(str(path), 0)[1]["scan"].shape == (2, 3)
 
 
 def test_a_missing_cloud_is_said_with_the_map_and_the_key(tmp_path: Path) -> None:

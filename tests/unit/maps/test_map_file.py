@@ -331,7 +331,7 @@ BROKEN = [
         "fences.f.outline: the outline crosses itself: the edges from corner 0 and corner 2 meet; list"),
     (FENCE.replace("]]", "]], low: 2, high: 1"), "fences.f: low is 2 m and high 1 m; low must be below high"),
     ("clouds: {c: {file: 3}}", "clouds.c.file: write the path of a .ply or .xyz file"),
-    ("clouds: {c: {file: c.ply, scale: 0}}", "clouds.c.scale: |above 0, not 0"),
+    ("clouds: {c: {file: c.ply, scale: 1}}", "clouds.c.scale: is not known|file, columns, unit, up, origin"),
     (WHOLE.replace("- {from: main, to: side}", "main: side"), "links: write a list"),
     ]  # fmt: skip
 

@@ -96,10 +96,10 @@ def test_a_flag_is_any_word_of_yaml_1_1(word: str, value: object) -> None:
 )
 def test_numbers_are_those_of_yaml_1_2(word: str, pixels: int) -> None:
     text = f"strips: {{a: {{line: {LINE}, pixels: {word}, offset: {word}}}}}\n"
-    text += f"clouds: {{a: {{file: a.xyz, columns: [{word}, 5, z]}}}}\n"
+    text += f"clouds: {{a: {{file: a.xyz, columns: {{x: {word}, y: 5, z: z}}}}}}\n"
     file = parse_map_file(text.encode(), Path("room.yaml"))
     assert (file.strips["a"].pixels, file.strips["a"].offset) == (pixels, pixels)
-    assert file.clouds["a"].columns == (pixels, 5, "z")
+    assert file.clouds["a"].columns == {"x": pixels, "y": 5, "z": "z"}
 
 
 @pytest.mark.parametrize(

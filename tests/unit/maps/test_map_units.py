@@ -68,14 +68,19 @@ def test_a_map_in_another_unit_is_told_its_unit(name: str, factor: float, unit: 
     assert not [each for each in findings if "high, where pointing is difficult" in each.text]
 
 
-@pytest.mark.parametrize(("factor", "scale"), [(1.0, None), (100.0, "0.01"), (1000.0, "0.001")])
-def test_a_cloud_in_another_unit_is_told_its_scale(factor: float, scale: str | None) -> None:
-    corners = np.array([[0.0, 0.0, 0.0], [5.0, 4.0, 2.6], [1.0, 3.0, 1.4]]) * factor
+@pytest.mark.parametrize(
+    ("corner", "texts"),
+    [
+        ((5.0, 4.0, 2.6), []),
+        ((4.0, 2.6, -2.0), ["reaches 2.0 m below the floor; set up to the axis of the file that points up"]),
+        ((150.0, 50.0, 100.0), ["is 100 m high; set unit, if it is not in metres"]),
+    ],
+)
+def test_a_cloud_with_unlikely_axes_or_height_is_a_warning(corner: Vec3, texts: list[str]) -> None:
+    points = np.array([[0.0, 0.0, 0.0], corner, [1.0, 1.0, 0.5]])
     file = MapFile.model_validate({"clouds": {"scan": {"file": "scan.ply"}}})
-    texts = [each.text for each in check_map(file, {"scan": corners}) if each.where == "clouds.scan"]
-    assert [text.partition("; ")[2] for text in texts] == (
-        [f"set scale: {scale}, if these are {'centi' if scale == '0.01' else 'milli'}metres"] if scale else []
-    )
+    found = [each.text for each in check_map(file, {"scan": points}) if each.where == "clouds.scan"]
+    assert [text.partition(", such")[0] for text in found] == texts
 
 
 def lamps_text(count: int) -> str:

@@ -12,6 +12,7 @@ from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas.topics import OBJECTS
 from pointit.services.robot_replay.service import RobotReplay, RobotReplayConfig
 from pointit.services.robot_replay.trajectory import Trajectory
+from pointit.sim.motion_table import MotionForm
 from pointit.sim.recordings import ImuRecording, read_robot_csv
 from tests.support.bench import memory_bench, until
 
@@ -94,8 +95,9 @@ async def test_without_a_start_it_starts_at_once_and_what_is_past_is_left_out(tm
 
 def test_a_robot_needs_no_orientations(tmp_path: Path) -> None:
     path = tmp_path / "robot.csv"
-    path.write_text("t_ms;robot_x_mm;robot_y_mm;robot_z_mm\n0;1000;0;500\n100;1200;0;500\n200;1400,0;0;500\n")
-    report = Trajectory(read_robot_csv(path)).report(1, 0)
+    path.write_text("t;X;Y;Z\n0;1000;0;500\n100;1200;0;500\n200;1400,0;0;500\n")
+    form = MotionForm(columns="t=ms,robot_x=X/mm,robot_y=Y/mm,robot_z=4/mm")
+    report = Trajectory(read_robot_csv(path, form)).report(1, 0)
     assert report.stamp_ns == 100_000_000
     assert report.objects[0].position_m == pytest.approx((1.2, 0.0, 0.5))
     assert report.objects[0].velocity_mps == pytest.approx((2.0, 0.0, 0.0))

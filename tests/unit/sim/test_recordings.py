@@ -39,28 +39,27 @@ def test_rounded_quaternions_are_made_unit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("", ["line 1", "'t'", "missing", "nothing"]),
-        (HEADER + ",qx\n0,1,0,0,0,0\n", ["line 1", "'qx'", "more than once"]),
+        ("", ["no line names the columns t, qx, qy, qz, qw", "set columns"]),
+        (HEADER + ",qx\n0,1,0,0,0,0\n", ["line 1", "6 'qx'", "once each", "such as t=1,qx=2"]),
         (HEADER + "\n", ["line 1", "no samples"]),
-        (HEADER + "\n0,1,0,0,0\n1,1,much,0,0\n", ["line 3", "'qx'", "'much'"]),
-        (HEADER + "\n0,1,0,0,0\n1e13,1,0,0,0\n", ["line 3", "'t'", "1e+13 s", "within 1e+12"]),
-        (HEADER + "\n0,1,0,0,0\n2e9,1,0,0,0\n", ["line 3", "'t'", "2e+09 s long", "in seconds?"]),
-        (HEADER + ROBOT + "\n0,1,0,0,0,1,1e7,3\n", ["line 2", "'robot_y'", "'1e7'", "within 1e+06"]),
+        (HEADER + "\n0,1,0,0,0\n1,1,much,0,0\n", ["line 3", "'qx'", "'much'", "set lost to 'much'"]),
+        (HEADER + "\n0,1,0,0,0\n1,1,5_0,0,0\n", ["line 3", "'qx'", "'5_0'"]),
+        (HEADER + "\n0,1,0,0,0\n1e13,1,0,0,0\n", ["line 3", "'t'", "not within 1e+12"]),
+        (HEADER + "\n0,1,0,0,0\n2e9,1,0,0,0\n", ["line 3", "'t'", "2e+09 s long", "t=ms"]),
+        (HEADER + ROBOT + "\n0,1,0,0,0,1,1e7,3\n", ["line 2", "'robot_y'", "10000000", "1e+06"]),
         (HEADER + "\n0,,0,0,0\n1,nan,nan,nan,nan\n", ["line 2", "'qw' to 'qz'", "missing in all rows"]),
-        (HEADER + "\n,1,0,0,0\n", ["line 2", "'t'", "''"]),
+        (HEADER + "\n,1,0,0,0\n", ["line 2", "set columns"]),
+        (HEADER + "\n0,1,0,0,0\nnan,1,0,0,0\n", ["line 3", "'t'", "nan is not within"]),
         (
             HEADER + "\n0,1,0,0,0\n.1,1,0,0,0\n.1,1,0,0,0\n",
-            ["line 4", "'t'", "stands still", "0.1 after 0.1"],
+            ["line 4", "'t'", "does not increase", "0.1 after 0.1"],
         ),
-        (HEADER + "\n0,02,1,0,0,0\n", ["line 2", "6 cells", "header 5", "separate the cells by semicolons"]),
-        ("t;qw;qx;qy;qz\n0;1,0;0;0;0\n0,1;0.6;0,8;0;0\n", ["line 3", "'qw'", "'0.6'"]),
+        (HEADER + "\n0,02,1,0,0,0\n", ["line 2", "6 cells", "there are 5 columns"]),
         ("t;qw;qx;qy;qz\n0;1.000,0;0;0;0\n", ["line 2", "'qw'", "'1.000,0'"]),
-        ("t [fortnight],qw,qx,qy,qz\n0,1,0,0,0\n", ["line 1", "'t [fortnight]'", "'fortnight'", "ms, us"]),
-        ("t [m],qw,qx,qy,qz\n0,1,0,0,0\n", ["line 1", "'t [m]'", "the unit 'm'"]),
-        ("t,qw [deg],qx,qy,qz\n0,1,0,0,0\n", ["line 1", "'qw [deg]'", "the unit 'deg'"]),
-        ("t_ms,t [s],qw,qx,qy,qz\n0,0,1,0,0,0\n", ["line 1", "'t_ms' and 't [s]'", "rename all but one"]),
-        ("t,yaw_deg,pitch,roll\n0,1,0,0\n", ["line 1", "'qx' is missing", "write quaternions"]),
-        (HEADER + "\n0,1,0,0,0\n\n2,1,0,0,0\n1,1,0,0,0\n", ["line 5", "'t'", "backwards", "1 after 2"]),
+        ("t [ms],qw,qx,qy,qz\n0,1,0,0,0\n", ["line 1", "1 't [ms]'", "set columns"]),
+        ("t,yaw_deg,pitch,roll\n0,1,0,0\n", ["2 'yaw_deg'", "angles are not read"]),
+        (HEADER + "\n0,1,0,0,0\n\n2,1,0,0,0\n1,1,0,0,0\n", ["line 5", "'t'", "increase", "1 after 2"]),
+        (HEADER + "\n0,1,1,0,0\n", ["line 2", "'qw' to 'qz'", "norm 1.41421", "set columns"]),
     ],
 )
 def test_faults_name_file_line_column_and_value(tmp_path: Path, text: str, parts: list[str]) -> None:
@@ -78,7 +77,7 @@ def test_files_that_are_no_text_or_not_there(tmp_path: Path) -> None:
         read_imu_csv(tmp_path / "none.csv")
     binary = tmp_path / "binary.csv"
     binary.write_bytes(b"\xff\xfe\x00\x80")
-    with pytest.raises(ConfigError, match="not a CSV text file"):
+    with pytest.raises(ConfigError, match="is not UTF-8 text; save it as CSV in UTF-8"):
         read_imu_csv(binary)
 
 

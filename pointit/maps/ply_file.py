@@ -9,8 +9,8 @@ from typing import BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.maps.point_files.point_columns import AXES, StatedUnit, named_columns
-from pointit.runtime.config.validation_message import format_value, join_names
+from pointit.maps.text_table import Wanted, column_indices, shown_cells
+from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
 
 
@@ -107,9 +107,6 @@ class PlyHeader:
     vertex: Element
     columns: list[int]
     """Indices of x, y and z among the properties of a vertex."""
-    units: Sequence[StatedUnit]
-    """Units that the names of these properties state."""
-    comments: list[str]
 
     @property
     def is_list_before_points(self) -> bool:
@@ -117,51 +114,38 @@ class PlyHeader:
         return any(each.count_kind for each in self.vertex.properties[: max(self.columns)])
 
 
-def read_ply_header(path: Path, wanted: Sequence[str | int] = ()) -> PlyHeader:
+def read_ply_header(path: Path, wanted: Wanted, remedy: str) -> PlyHeader:
     """Return the header of the PLY at `path`.
 
     Args:
         path: file.
-        wanted: properties of a vertex that are x, y and z, by name, or number from 1. Empty: x, y and z.
+        wanted: properties of a vertex that are x, y and z.
+        remedy: declaration of others, the end of a sentence.
 
     Raises:
-        ConfigError: If it is not a PLY, or its vertices lack x, y or z.
+        ConfigError: If it is not a PLY, or its vertices lack one of them.
         OSError: If it cannot be read.
     """
     with path.open("rb") as file:
-        order, elements, comments = _read_lines(path, file)
+        order, elements = _read_lines(path, file)
         body = file.tell()
     index = next((at for at, each in enumerate(elements) if each.name == "vertex"), None)
     if index is None:
         raise ConfigError(f"{path}: has no element vertex; give a PLY with points")
     vertex = elements[index]
     names = [each.name for each in vertex.properties]
-    try:
-        columns = named_columns(wanted or AXES, names, len(names))
-    except ConfigError as error:
-        if wanted:
-            raise ConfigError(f"{path}: {error}") from error
-        missing = [axis for axis in AXES if [name.lower() for name in names].count(axis) != 1]
-        raise ConfigError(
-            f"{path}: its vertices have {join_names(names) or 'nothing'}, not {join_names(missing)} once; "
-            "export it with x, y and z, or write in the map which they are, such as columns: [px, py, pz]"
-        ) from error
-    for column in columns.indices:
+    indices = column_indices(wanted, names)
+    if indices is None:
+        raise ConfigError(f"{path}: its vertices have {shown_cells(names)}; {remedy}")
+    columns = [indices[axis] for axis in ("x", "y", "z")]
+    for column in columns:
         if vertex.properties[column].count_kind:
             raise ConfigError(f"{path}: {names[column]} is a list; export it with a number x, y and z each")
-    return PlyHeader(
-        order=order,
-        body=body,
-        before=elements[:index],
-        vertex=vertex,
-        columns=list(columns.indices),
-        units=columns.units,
-        comments=comments,
-    )
+    return PlyHeader(order=order, body=body, before=elements[:index], vertex=vertex, columns=columns)
 
 
-def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element], list[str]]:
-    """Return order, elements and comments. Afterwards `file` is at the body."""
+def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element]]:
+    """Return order and elements. Afterwards `file` is at the body."""
     end = _line_end(file)
     if _read_line(file, end).strip() != b"ply":
         raise ConfigError(
@@ -169,20 +153,17 @@ def _read_lines(path: Path, file: BinaryIO) -> tuple[str, list[Element], list[st
         )
     order: str | None = None
     elements: list[Element] = []
-    comments: list[str] = []
     for number in range(2, MAX_HEADER_LINES + 2):
         line = _read_line(file, end)
         words = line.decode(errors="replace").split()
         if not line:
             break
         if words == ["end_header"] and order is not None:
-            return order, elements, comments
+            return order, elements
         try:
             if words[:1] == ["format"]:
                 order = _order(words)
-            elif words[:1] in (["comment"], ["obj_info"]):
-                comments.append(" ".join(words[1:]))
-            else:
+            elif words[:1] not in (["comment"], ["obj_info"]):
                 _parse_line(words, elements)
         except (KeyError, IndexError, ValueError):
             raise ConfigError(

@@ -1,0 +1,265 @@
+"""Text tables of other programs: the line that names their columns, and columns that the user declares.
+
+A line names the columns, in upper or lower case, perhaps behind `#`, `//` or `%`. Lines above it are passed
+over. If all columns are declared by number, the rows begin at the first line with numbers in them.
+Tabs, semicolons, commas or blanks part the cells. Where it is not the comma, numbers may have decimal commas.
+"""
+
+import csv
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
+
+from pointit.maps.units import size_of_unit
+from pointit.runtime.config.validation_message import format_value, join_names
+from pointit.runtime.errors import ConfigError
+
+MAX_HEADER_LINES = 1000
+"""Number of lines in which the line that names the columns is looked for."""
+MAX_SHOWN = 12
+"""Number of cells that a message shows."""
+LOST = frozenset(("", "nan", "-nan", "n/a"))
+"""Cells of lost values, in lower case."""
+COMMENTS = ("#", "//", "%")
+"""Beginnings of lines that are no rows."""
+
+Wanted = Mapping[str, str | int]
+"""Names of columns of a file, or their numbers from 1, by our names."""
+
+_QUOTED = re.compile(r'"[^"]*"')
+
+
+class DeclaredColumn(NamedTuple):
+    """Column of a file for one of our columns, as the user declares it."""
+
+    source: str | int
+    """Its name, or number from 1."""
+    unit: str = ""
+    """Name of its unit, or size in SI units; `""`: metres or seconds."""
+
+
+def parse_columns(text: str, known: Mapping[str, Mapping[str, float]]) -> dict[str, DeclaredColumn]:
+    """Return the columns that `t=time/ms,x=3,y=cm` declares.
+
+    Args:
+        text: `OURS=COLUMN/UNIT` each, `COLUMN` a name or number from 1; either part may be left out.
+        known: our names, each with its units.
+
+    Raises:
+        ConfigError: If it is not such.
+    """
+    columns: dict[str, DeclaredColumn] = {}
+    for part in filter(None, (each.strip() for each in text.split(","))):
+        name, _, value = (each.strip() for each in part.partition("="))
+        if not value or name not in known or name in columns:
+            raise ConfigError(
+                f"columns: {format_value(part)} declares no column; write {join_names(known)} each once, "
+                "such as t=time/ms or x=3"
+            )
+        source, slash, unit = value.rpartition("/")
+        if not slash:
+            source, unit = ("", value) if value in known[name] else (value, "")
+        try:
+            if unit:
+                size_of_unit(unit, {**known[name]})
+        except ValueError:
+            raise ConfigError(
+                f"columns: {format_value(part)} has no known unit; write "
+                f"{join_names(known[name]) or 'none'}, or its size in SI units"
+            ) from None
+        columns[name] = DeclaredColumn(int(source) if source.isdecimal() else source or name, unit)
+    return columns
+
+
+class TextLayout(NamedTuple):
+    """Structure of a table."""
+
+    skip: int
+    """Number of lines before its rows."""
+    delimiter: str
+    width: int
+    """Number of cells of a row."""
+    indices: dict[str, int]
+    """Indices of cells by our names."""
+    names: Sequence[str]
+    """Names of all columns, empty if they are declared by number."""
+    remedy: str
+
+    def check_row(self, line: int, cells: Sequence[str]) -> None:
+        """Check that the row in `line`, from 1, has as many cells as there are columns.
+
+        Raises:
+            ConfigError: If it has not.
+        """
+        if len(cells) != self.width:
+            raise ConfigError(
+                f"line {line}: has {len(cells)} cells ({shown_cells(cells)}), and there are {self.width} "
+                f"columns; correct it, or {self.remedy}"
+            )
+
+
+def find_layout(
+    sample: Sequence[str],
+    wanted: Wanted,
+    *,
+    optional: Sequence[str] = (),
+    anchors: Sequence[str],
+    texts: Collection[str] = (),
+    remedy: str,
+) -> TextLayout:
+    """Return the structure of a table that begins with the lines `sample`.
+
+    Args:
+        sample: first lines of the text.
+        wanted: columns that it must have.
+        optional: our names of columns that are read if a line names them.
+        anchors: those of `wanted` that are never lost in the first row.
+        texts: those that are no numbers.
+        remedy: declaration of columns by number, the end of a sentence.
+
+    Raises:
+        ConfigError: If it has no such columns. Does not name the file.
+    """
+    if all(isinstance(each, int) for each in wanted.values()):
+        return _numbered_layout(sample, wanted, anchors, texts, remedy)
+    nearest: tuple[int, int, Sequence[str]] = (-1, 0, ())
+    for number, line in enumerate(sample, start=1):
+        delimiter = delimiter_of(line)
+        names = split_cells(line.lstrip(" ").lstrip("#/%"), delimiter)
+        while names and not names[-1]:
+            names.pop()
+        indices = column_indices(wanted, names)
+        if indices is None:
+            score = sum(column_indices({name: each}, names) is not None for name, each in wanted.items())
+            nearest = max(nearest, (score, -number, names)) if names else nearest
+            continue
+        more = {
+            name: index for name in optional for index in (column_indices({name: name}, names) or {}).values()
+        }
+        layout = TextLayout(number, delimiter, len(names), more | indices, names, remedy)
+        _check_first_rows(sample, layout, anchors)
+        return layout
+    _, at, cells = nearest
+    if not cells:
+        raise ConfigError(f"no line names the columns {_names_of(wanted)}; {remedy}")
+    raise ConfigError(
+        f"no line names the columns {_names_of(wanted)} once each, line {-at} is {shown_cells(cells)}; "
+        f"{remedy}"
+    )
+
+
+def _numbered_layout(
+    sample: Sequence[str], wanted: Wanted, anchors: Sequence[str], texts: Collection[str], remedy: str
+) -> TextLayout:
+    indices = {name: int(each) - 1 for name, each in wanted.items()}
+    above: list[tuple[int, Sequence[str]]] = []
+    for number, line in enumerate(sample, start=1):
+        delimiter = delimiter_of(line)
+        cells = [] if line.lstrip().startswith(COMMENTS) else split_cells(line, delimiter)
+        are_numbers = {
+            name: 0 <= index < len(cells) and is_number(cells[index], delimiter)
+            for name, index in indices.items()
+            if name not in texts
+        }
+        if not all(
+            is_there or (name not in anchors and indices[name] < len(cells) and is_lost(cells[indices[name]]))
+            for name, is_there in are_numbers.items()
+        ):
+            above.append((number, cells if any(are_numbers.values()) else ()))
+            continue
+        for bad, others in above:
+            if len(others) == len(cells):
+                raise ConfigError(f"line {bad}: {shown_cells(others)} is no row; correct or remove it")
+        if len(cells) > 2 and cells == [str(each) for each in range(len(cells))]:
+            raise ConfigError(f"line {number}: {shown_cells(cells)} numbers the columns; remove it")
+        layout = TextLayout(number - 1, delimiter, len(cells), indices, (), remedy)
+        _check_first_rows(sample, layout, anchors)
+        return layout
+    first = next((cells for line in sample if (cells := split_cells(line, delimiter_of(line)))), ())
+    raise ConfigError(
+        f"no line has numbers in the columns {join_names(map(str, wanted.values()))}, the first line is "
+        f"{shown_cells(first)}; {remedy}"
+    )
+
+
+def _check_first_rows(sample: Sequence[str], layout: TextLayout, anchors: Sequence[str]) -> None:
+    is_first = True
+    for number, line in enumerate(sample[layout.skip :], start=layout.skip + 1):
+        if not line.strip() or line.lstrip().startswith(COMMENTS):
+            continue
+        cells = split_cells(line.partition("#")[0], layout.delimiter, layout.width)
+        layout.check_row(number, cells)
+        if is_first and not any(is_number(cells[layout.indices[name]], layout.delimiter) for name in anchors):
+            names = join_names(anchors)
+            raise ConfigError(
+                f"line {number}: {shown_cells(cells)} has no number for {names}; {layout.remedy}"
+            )
+        is_first = False
+
+
+def column_indices(wanted: Wanted, names: Sequence[str]) -> dict[str, int] | None:
+    """Return the index of each column in `names`, or None if one is not there exactly once."""
+    plain = [name.casefold() for name in names]
+    indices: dict[str, int] = {}
+    for ours, source in wanted.items():
+        if isinstance(source, int):
+            places = [source - 1] if 0 < source <= len(names) else []
+        else:
+            places = [at for at, name in enumerate(plain) if name == source.strip().casefold()]
+        if len(places) != 1:
+            return None
+        indices[ours] = places[0]
+    return indices
+
+
+def delimiter_of(line: str) -> str:
+    """Return the character that parts the cells of `line`."""
+    unquoted = _QUOTED.sub("", line.strip(" \r\n"))
+    return next((each for each in "\t;," if each in unquoted), " ")
+
+
+def split_cells(line: str, delimiter: str, count: int = 0) -> list[str]:
+    """Return the cells of `line` without blanks and quotes around them, and empty ones beyond `count`."""
+    text = line.strip(" \r\n")
+    try:
+        is_plain = delimiter != " " and '"' not in text  # most rows: faster
+        rows = (
+            [text.split(delimiter)]
+            if is_plain
+            else csv.reader([text], delimiter=delimiter, skipinitialspace=True)
+        )
+        cells = [cell.strip().strip("'") for cell in next(iter(rows), [])] if text else []
+    except csv.Error:
+        return []
+    while 0 < count < len(cells) and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def parse_number(text: str, delimiter: str) -> float:
+    """Return the number in `text`, NaN if there is none."""
+    try:
+        return float("?" if "_" in text else text.replace(",", ".") if delimiter != "," else text)
+    except ValueError:
+        return math.nan
+
+
+def is_number(text: str, delimiter: str) -> bool:
+    """Return True if `text` is a finite number."""
+    return math.isfinite(parse_number(text, delimiter))
+
+
+def is_lost(text: str) -> bool:
+    """Return True if `text` stands for a lost value: empty, `NaN` or `n/a`."""
+    return text.lower() in LOST
+
+
+def shown_cells(cells: Sequence[str]) -> str:
+    """Return the numbers and texts of `cells` for a message: `1 'X (m)', 2 'Y (m)'`."""
+    shown = ", ".join(f"{at} {format_value(cell)}" for at, cell in enumerate(cells[:MAX_SHOWN], start=1))
+    return f"{shown} …" if len(cells) > MAX_SHOWN else shown or "empty"
+
+
+def _names_of(wanted: Wanted) -> str:
+    return join_names(map(str, wanted.values()))

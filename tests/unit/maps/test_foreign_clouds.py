@@ -1,0 +1,196 @@
+"""Clouds and tables of pixels as other programs write them: each refusal names a parameter, and it works."""
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from pointit.maps import exchange
+from pointit.maps.file import load_map_and_clouds
+from pointit.maps.light_files.pixel_table import parse_pixel_columns
+from pointit.maps.light_files.strip_fit import first_pixels, no_note
+from pointit.runtime.errors import ConfigError
+
+ROOM = np.array([[0.25, 1.5, 2.0], [4.0, 0.75, 0.0], [3.5, 3.25, 0.5], [1.0, 5.0, 1.0]])
+"""Points of a room, {W}."""
+X, Y, Z = ROOM.T
+Y_UP = np.column_stack([X, Z - 1.4, -Y])
+"""The room in the frame of a phone that is held 1.4 m above the floor."""
+Y_DOWN_MM = np.column_stack([X, 1.2 - Z, Y]) * 1000.0
+"""The room in the optical frame of a camera that stands 1.2 m above the floor."""
+
+
+def lines(
+    points: np.ndarray, delimiter: str = ",", before: str = "", after: str = "", form: str = ".6g"
+) -> str:
+    return "".join(f"{before}{delimiter.join(f'{v:{form}}' for v in point)}{after}\n" for point in points)
+
+
+def binary_ply(points: np.ndarray, comment: str, more: str = "", tail: bytes = b"") -> bytes:
+    head = f"ply\nformat binary_little_endian 1.0\ncomment {comment}\nelement vertex {len(points)}\n"
+    head += f"property float x\nproperty float y\nproperty float z\n{more}end_header\n"
+    return head.encode() + b"".join(struct.pack("<3f", *point) + tail for point in points.tolist())
+
+
+RGBA = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue", "alpha"))
+LIVOX = (
+    "Version,Slot ID,LiDAR Index,Rsvd,Error Code,Timestamp Type,Data Type,Timestamp,X,Y,Z,Reflectivity,Tag,"
+    "Ori_x,Ori_y,Ori_z,Ori_radius,Ori_theta,Ori_phi\n"
+)
+FLOOR_OF_PHONE = {"position": [0, 0, 1.4]}
+CLOUDS: dict[str, tuple[str | bytes, dict[str, Any]]] = {
+    "arkit_phone.ply": (
+        binary_ply(Y_UP, "VCGLIB generated", RGBA, b"\1\2\3\xff"),
+        {"up": "y"} | FLOOR_OF_PHONE,
+    ),
+    "polycam_phone.xyz": (
+        lines(Y_UP, " ", after=" 120 130 140"),
+        {"columns": {"x": 1, "y": 2, "z": 3}, "up": "y"} | FLOOR_OF_PHONE,
+    ),
+    "survey_utm.csv": (
+        "Easting,Northing,Height\n" + lines(ROOM + np.array([386120, 5820345, 34.2]), form=".3f"),
+        {"columns": {"x": "Easting", "y": "Northing", "z": "Height"}, "origin": [386120, 5820345, 34.2]},
+    ),
+    "national_grid.txt": (
+        "x y z\n" + lines(ROOM + np.array([530120, 179345, 11.25]), " ", form=".3f"),
+        {"origin": [530120, 179345, 11.25]},
+    ),
+    "cloudcompare.asc": (
+        "//X Y Z R G B\n4\n" + lines(ROOM, " ", after=" 1 2 3"),
+        {"columns": {"x": 1, "y": 2, "z": 3}},
+    ),
+    "livox_viewer.csv": (
+        LIVOX + lines(ROOM, before="5,7,1,0,0,0,2,100,", after=",10,0,1000,2000,500,0,0,0"),
+        {},
+    ),
+    "cad_mm.pts": (
+        "4\n" + lines(ROOM * 1000, " ", after=" -1022 9 9 9"),
+        {"columns": {"x": 1, "y": 2, "z": 3}, "unit": "mm"},
+    ),
+    "azure_kinect.ply": (
+        binary_ply(Y_DOWN_MM, "unit: mm", RGBA, b"\0" * 4),
+        {"unit": "mm", "up": "-y", "position": [0, 0, 1.2]},
+    ),
+    "excel_german.csv": ("\ufeffX;Y;Z\r\n" + lines(ROOM, ";").replace(".", ",").replace("\n", "\r\n"), {}),
+    "pandas_index.csv": (
+        ",x,y,z\n" + "".join(f"{n},{row}\n" for n, row in enumerate(lines(ROOM).split())),
+        {},
+    ),
+    "pandas_no_names.csv": (
+        "".join(f"{n},{row}\n" for n, row in enumerate(lines(ROOM).split())),
+        {"columns": {"x": 2, "y": 3, "z": 4}},
+    ),
+    "r_row_names.csv": (
+        '"x","y","z"\n' + "".join(f'"{n}",{row}\n' for n, row in enumerate(lines(ROOM).split(), 1)),
+        {"columns": {"x": 2, "y": 3, "z": 4}},
+    ),
+    "paraview.csv": (
+        '"Intensity","Points:0","Points:1","Points:2"\n' + lines(ROOM, before="7,"),
+        {"columns": {"x": "Points:0", "y": "Points:1", "z": "Points:2"}},
+    ),
+    "spreadsheet_cm.csv": (
+        "Position in cm\nX [cm],Y [cm],Z [cm]\n" + lines(ROOM * 100),
+        {"columns": {"x": 1, "y": 2, "z": 3}, "unit": "cm"},
+    ),
+    "gnss_feet.txt": (
+        "# pt north_ft east_ft up_ft\n"
+        + "".join(
+            f"P{n} {y / 0.3048:.5f} {x / 0.3048:.5f} {z / 0.3048:.5f}\n"
+            for n, (x, y, z) in enumerate(ROOM + np.array([900, 0, 0]))
+        ),
+        {
+            "columns": {"x": "east_ft", "y": "north_ft", "z": "up_ft"},
+            "unit": "ft",
+            "origin": [900 / 0.3048, 0, 0],
+        },
+    ),
+}
+"""Content of a file, and the parameters that describe it."""
+UNASKED = {"azure_kinect.ply": ("up",), "gnss_feet.txt": ("unit",)}
+"""Parameters without which these are as plausible: the documents name one, the header shows the other."""
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+def test_a_cloud_is_read_right_or_refused_with_parameters_that_work(tmp_path: Path, name: str) -> None:
+    content, parameters = CLOUDS[name]
+    (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    path = tmp_path / "room.yaml"
+    missing = {**parameters}
+    known = [each for each in ("position", *UNASKED.get(name, ())) if each in missing]
+    entry: dict[str, Any] = {"file": name} | {each: missing.pop(each) for each in known}
+    while missing:
+        path.write_text(yaml.safe_dump({"clouds": {"scan": entry}}))
+        with pytest.raises(
+            ConfigError, match="|".join(f"set {each} in the map" for each in missing)
+        ) as caught:
+            load_map_and_clouds(str(path), 0)
+        named = next(each for each in missing if f"set {each} in the map" in str(caught.value))
+        entry[named] = missing.pop(named)
+    path.write_text(yaml.safe_dump({"clouds": {"scan": entry}}))
+    points = load_map_and_clouds(str(path), 0)[1]["scan"]
+    np.testing.assert_allclose(points, ROOM, atol=0.02 if "utm" in name or "grid" in name else 2e-4)
+
+
+def test_the_origin_that_a_refusal_prints_works(tmp_path: Path) -> None:
+    content, _ = CLOUDS["national_grid.txt"]
+    assert isinstance(content, str)
+    (tmp_path / "scan.txt").write_text(content)
+    path = tmp_path / "room.yaml"
+    path.write_text("clouds: {scan: {file: scan.txt}}")
+    with pytest.raises(ConfigError) as caught:
+        load_map_and_clouds(str(path), 0)
+    path.write_text(f"clouds: {{scan: {{file: scan.txt, {str(caught.value).partition('such as ')[2]}}}}}")
+    points = load_map_and_clouds(str(path), 0)[1]["scan"]
+    assert points.min(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
+
+
+PIXELS: dict[str, tuple[str, str, int | None]] = {
+    "xlights_export": ("x,y,z\n" + lines(ROOM), "", None),
+    "no_names": (lines(ROOM), "x=1,y=2,z=3", None),
+    "camera_of_a_tree_cm": (
+        "index,x,y,z\n" + "".join(f"{n},{row}\n" for n, row in enumerate(lines(ROOM * 100).split())),
+        "pixel=index,x=cm,y=cm,z=cm",
+        None,
+    ),
+    "nodes_from_1_mm": (
+        "Model;Node;X (mm);Y (mm);Z (mm)\n"
+        + "".join(
+            f"tree;{n};{';'.join(row.split(','))}\n" for n, row in enumerate(lines(ROOM * 1000).split(), 1)
+        ),
+        "strip=Model,pixel=Node,x=3/mm,y=4/mm,z=5/mm",
+        1,
+    ),
+    "excel_units_below": (
+        "X;Y;Z\ncm;cm;cm\n" + lines(ROOM * 100, ";").replace(".", ","),
+        "x=1/cm,y=2/cm,z=3/cm",
+        None,
+    ),
+}
+"""Content of a table, and what describes it: columns, and the number of the first pixel."""
+
+
+@pytest.mark.parametrize("name", PIXELS)
+def test_a_table_of_pixels_is_read_right_or_refused_with_parameters_that_work(name: str) -> None:
+    content, columns, first = PIXELS[name]
+    for declared, number, parameter in _declarations(columns, first):
+        if parameter:
+            with pytest.raises(ConfigError, match=f"set {parameter} to"):
+                exchange.from_csv(content, no_note, parse_pixel_columns(declared), number)
+    strips = exchange.from_csv(content, no_note, parse_pixel_columns(columns), first)
+    firsts = first_pixels(strips)
+    found = {
+        firsts[key] + n: at for key, each in strips.items() for n, at in enumerate(exchange.positions(each))
+    }
+    assert sorted(found) == [0, 1, 2, 3]
+    np.testing.assert_allclose([found[n] for n in range(4)], ROOM, atol=0.006)
+
+
+def _declarations(columns: str, first: int | None) -> Sequence[tuple[str, int | None, str]]:
+    """Return declarations of columns and of the first number, and the parameter that each refusal names."""
+    if not columns or columns.startswith("pixel"):
+        return [("", None, "")]
+    return [("", None, "columns"), (columns, None, "first" if first else "")]

@@ -25,6 +25,8 @@ from tests.support.environments import fetched
 from tests.support.pace import Patience
 from tests.support.running_source import running
 
+pytestmark = pytest.mark.index  # npm fetches the peer
+
 TRACKER = Path(__file__).with_name("slimevr_tracker")
 MAC = "A4:E5:7C:B6:01:02"
 POSTURE: Quaternion = (0.5, -0.5, 0.5, -0.5)

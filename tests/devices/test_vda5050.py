@@ -45,6 +45,8 @@ from tests.support.environments import fetched
 from tests.support.mqtt import broker, overheard
 from tests.unit.robot.flight import ROBOT, ROOM, Pilotage
 
+pytestmark = pytest.mark.index  # npm fetches the peer
+
 AGV = Path(__file__).with_name("vda5050_agv")
 TOPICS = "uagv/v2/acme/7"
 PATIENCE_S = 60.0

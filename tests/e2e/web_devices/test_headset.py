@@ -21,6 +21,7 @@ from tests.support.pace import Patience
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.long,
+    pytest.mark.index,
     pytest.mark.parametrize("shared_site", ["shelf"], indirect=True),
 ]
 

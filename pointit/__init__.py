@@ -5,7 +5,15 @@
 """
 
 import importlib
+import os
 from typing import Any
+
+if os.path.isfile(f"{__path__[0]}/services"):  # noqa: PTH113 - `pathlib` takes longer to load than all else here
+    raise ImportError(
+        f"{__path__[0]}: services, schemas and bridges are text files here, not symbolic links: git wrote this "
+        "checkout without links; run `git config core.symlinks true`, then `git checkout -- pointit` (on Windows "
+        "in its developer mode), or install a wheel"
+    )
 
 _HOMES = {
     "PointItError": "pointit.errors",

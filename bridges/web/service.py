@@ -17,8 +17,9 @@ from pointit.bridges.web.model.history import EventHistory
 from pointit.bridges.web.model.map_editor import FloorSeparability, MapEditor
 from pointit.bridges.web.model.people import People, WristMotion
 from pointit.bridges.web.model.site_model import SiteModel
+from pointit.bridges.web.pages.action import ActionContext
 from pointit.bridges.web.pages.latest_values import MAX_KEYS, SlowLink
-from pointit.bridges.web.pages.page_requests import RequestDispatcher, hello_of
+from pointit.bridges.web.pages.page_requests import answer_request, hello_of
 from pointit.bridges.web.pages.page_session import Pages, PageSession
 from pointit.bridges.web.playback.past_page import Visits
 from pointit.bridges.web.playback.recent import Recent
@@ -121,7 +122,7 @@ class Web(Service[WebConfig]):
             wrists=self._wrists,
             now_ns=self.clock.now_ns,
             send=self._people.move,
-            answer=lambda page, ask: self._dispatcher.answer(page, "wrist", ask),
+            answer=lambda page, ask: answer_request(self._actions, page, "wrist", ask),
             changed=self._changed,
             warnings=self.bus,
             greeting=hello_of(
@@ -155,7 +156,7 @@ class Web(Service[WebConfig]):
             changed=self._changed,
         )
         self._lan = Lan(config, self.bus.site, app)
-        self._dispatcher = RequestDispatcher(
+        self._actions = ActionContext(
             bus=self.bus,
             people=self._people,
             wrists=self._wrists,
@@ -214,7 +215,7 @@ class Web(Service[WebConfig]):
 
     async def _open_lan(self) -> None:
         try:
-            log.info("%s", (await self._dispatcher.open_lan())["message"])
+            log.info("%s", (await self._actions.open_lan())["message"])
         except RefusedError as error:  # the page is useful on this machine all the same
             log.error("the page is not open to the local network: %s", error)  # noqa: TRY400 - a sentence
             self.bus.warn("lan", f"the page is not open to the local network: {error}")
@@ -229,7 +230,7 @@ class Web(Service[WebConfig]):
         """Handle a page's request."""
         # a request of the table names robots, too: everybody may stop one that is called like a person
         role = session.role if ask.deed is None else session.rights(ask.name)
-        return await self._dispatcher.answer(session.page, role, ask)
+        return await answer_request(self._actions, session.page, role, ask)
 
     def aim(self, aim: AimAt, session: PageSession) -> None:
         """Point where a page's mouse does."""

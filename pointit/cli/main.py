@@ -74,7 +74,7 @@ class RootGroup(LazyGroup):
         try:
             return super().resolve_command(ctx, args)
         finally:
-            if not gc.isenabled():  # see `pointit.cli.__main__`
+            if not gc.isenabled():  # see `pointit.__main__`
                 gc.freeze()
                 gc.enable()
 
@@ -185,7 +185,7 @@ command = front()
 
 
 def main() -> NoReturn:
-    """Run the command line; entry point of `pointit` and `python -m pointit.cli`."""
+    """Run the command line; entry point of `pointit` and `python -m pointit`."""
     escape_unencodable()
     if len(sys.argv) == 1 and COMPLETE not in os.environ:
         click.echo("`pointit` alone is `pointit run`; `pointit --help` shows all commands", err=True)

@@ -47,6 +47,13 @@ def from_yaw(yaw_rad: float) -> Quaternion:
     return from_axis_angle((0.0, 0.0, 1.0), yaw_rad)
 
 
+def from_roll_pitch_yaw(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
+    """Return the rotation by roll about x, then pitch about y, then yaw about z, all axes fixed."""
+    roll = from_axis_angle((1.0, 0.0, 0.0), roll_rad)
+    pitch = from_axis_angle((0.0, 1.0, 0.0), pitch_rad)
+    return multiply(from_yaw(yaw_rad), multiply(pitch, roll))
+
+
 def from_azimuth_elevation(azimuth_rad: float, elevation_rad: float, roll_rad: float = 0.0) -> Quaternion:
     """Return the rotation whose x axis has that azimuth and elevation, after `roll_rad` about x."""
     return multiply(

@@ -38,13 +38,6 @@ WRAP_NS = 2**32 * 1000
 """Boards that count microseconds in 32 bits restart at 0 after 71 minutes of operation."""
 
 
-def from_roll_pitch_yaw(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """Return the rotation by roll about x, then pitch about y, then yaw about z, all axes fixed."""
-    roll = rotation.from_axis_angle((1.0, 0.0, 0.0), roll_rad)
-    pitch = rotation.from_axis_angle((0.0, 1.0, 0.0), pitch_rad)
-    return rotation.multiply(rotation.from_yaw(yaw_rad), rotation.multiply(pitch, roll))
-
-
 class ArmFrame:
     """Converts world_from_sensor to world_from_arm, with a settable mounting and yaw origin."""
 

@@ -5,10 +5,10 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from pointit.geometry.rotation import Quaternion
+from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.runtime.config.plugins import PluginConfig, PluginGroup
 from pointit.schemas.base import QuaternionXyzw
-from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
 
 MountingName = Literal[

@@ -6,11 +6,10 @@ import numpy as np
 from pydantic import Field
 
 from pointit.geometry import rotation
-from pointit.geometry.rotation import Quaternion
+from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.runtime.clock import Clock, ticks
 from pointit.runtime.config.config import Config
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.sources import Deliver, ImuSource, Reading
 
 

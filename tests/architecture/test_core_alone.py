@@ -53,7 +53,7 @@ class Build:
         return python("-S", *arguments, cwd=self.folder, env=environment)
 
     def pointit(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        return self.python("-m", "pointit.cli", *arguments)
+        return self.python("-m", "pointit", *arguments)
 
     def refusal(self, *arguments: str) -> str:
         """Return the one sentence with which a command is refused."""

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,8 @@ DEVICES = {
         "robot": "drivers/sim_driver.py drivers/vda5050.py robot_driver.py",
         "selector": "selection_methods.py roles.py store.py",
         "web": """
-            devices/devices.py pages/page_requests.py server/metrics_server.py server/app.py
+            devices/devices.py pages/action.py pages/arm_actions.py pages/page_requests.py
+            pages/site_actions.py server/metrics_server.py server/app.py
             server/certificate.py server/lan.py server/link_file.py pages/page_session.py
             model/history.py model/people.py wrists/phone.py server/listener.py
             playback/file_past.py playback/past_page.py playback/server.py model/map_editor.py
@@ -75,6 +77,17 @@ def test_the_package_links_to_the_rooms_beside_it() -> None:
         assert (ROOT / "pointit" / name).readlink() == Path("..", name)
         done = python("-c", f"import {name}")
         assert f"this is `pointit.{name}`" in done.stderr, "one module under two names"
+
+
+def test_a_checkout_without_symbolic_links_says_so_in_a_sentence(tmp_path: Path) -> None:
+    links = [f"pointit/{name}" for name in sources.LINKS]
+    git = ("git", "-c", "core.symlinks=false", "checkout-index", f"--prefix={tmp_path}/")
+    subprocess.run([*git, "pointit/__init__.py", "pointit/__main__.py", *links], cwd=ROOT, check=True)
+    assert (tmp_path / "pointit/services").read_text() == "../services"
+    done = python("-m", "pointit", "list", cwd=tmp_path)
+    (sentence,) = [line for line in done.stderr.splitlines() if line.startswith("ImportError: ")]
+    assert "are text files here, not symbolic links" in sentence
+    assert "`git config core.symlinks true`, then `git checkout -- pointit`" in sentence
 
 
 def test_the_package_is_typed_and_every_room_a_package() -> None:

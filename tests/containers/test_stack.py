@@ -172,7 +172,7 @@ def test_credentials_that_are_carried_away_join_from_there(stack: Stack, tmp_pat
     told: list[str] = []
 
     def well() -> bool:  # a busy machine may be late for a while, of which doctor warns
-        done = python("-m", "pointit.cli", "doctor", "--only", "pui", "--credentials", str(tmp_path / name))
+        done = python("-m", "pointit", "doctor", "--only", "pui", "--credentials", str(tmp_path / name))
         told[:] = [done.stderr, done.stdout]
         return done.returncode == 0
 

@@ -230,7 +230,7 @@ async def test_the_command_line_takes_the_authority(tmp_path: Path) -> None:
         await until(lambda: is_listening(port), what="the broker")
         options = ["--no-view", "--no-web", "--duration", "9", "--mqtt", f"mqtts://localhost:{port}"]
         run = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "pointit.cli", "run", "shelf", *options),
+            *(sys.executable, "-m", "pointit", "run", "shelf", *options),
             *("--mqtt-ca-file", str(authority)),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,

@@ -265,7 +265,7 @@ async def test_a_run_that_is_killed_leaves_no_lamp_lit(port: int) -> None:
             shown.update(heard)
             return [topic for topic, payload in shown.items() if payload != OFF]
 
-        run = await asyncio.create_subprocess_exec(sys.executable, "-m", "pointit.cli", *arguments)
+        run = await asyncio.create_subprocess_exec(sys.executable, "-m", "pointit", *arguments)
         try:
             await until(lambda: len(lit()) >= 2, what="lit lamps")
         finally:

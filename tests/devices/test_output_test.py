@@ -99,7 +99,7 @@ def test_steps_of_the_named_strip_are_lit_and_told(
 
 def test_enter_goes_on_to_the_next_step(receiver: socket.socket) -> None:
     keyboard, terminal = pty.openpty()
-    command = [sys.executable, "-m", "pointit.cli", "output", "test", "scenario_3", *output_of(receiver)]
+    command = [sys.executable, "-m", "pointit", "output", "test", "scenario_3", *output_of(receiver)]
     with subprocess.Popen(command, stdin=terminal, stdout=subprocess.PIPE, text=True) as process:
         os.close(terminal)
         assert process.stdout is not None
@@ -129,7 +129,7 @@ def test_nothing_to_test_is_told(arguments: list[str], message: str) -> None:
 
 
 def test_interrupted_test_leaves_the_strips_dark(receiver: socket.socket) -> None:
-    command = [sys.executable, "-m", "pointit.cli", "output", "test", "scenario_3", *output_of(receiver)]
+    command = [sys.executable, "-m", "pointit", "output", "test", "scenario_3", *output_of(receiver)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         while not any(lit := receiver.recv(2000)[HEADER:]):
             pass

@@ -20,7 +20,7 @@ PATIENCE_S = 120.0
 
 
 def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "pointit.cli", "study", *arguments]
+    return [sys.executable, "-m", "pointit", "study", *arguments]
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ class Host:
         return ["ip", "netns", "exec", self.namespace, *named, *command]
 
     def pointit(self, commands: Commands, *arguments: str, environment: Mapping[str, str]) -> Command:
-        program = [sys.executable, "-m", "pointit.cli"]
+        program = [sys.executable, "-m", "pointit"]
         return commands.run(self.arguments(*program, *without_page(arguments)), environment)
 
 

@@ -164,7 +164,7 @@ def test_two_processes_write_the_same_bytes_whatever_the_order_of_their_sets(tmp
     outputs = [tmp_path / f"{seed}.mcap" for seed in (1, 2)]
     for seed, output in enumerate(outputs, 1):
         subprocess.run(
-            [sys.executable, "-m", "pointit.cli", "replay", RECORDINGS / "lamps.mcap", "--to", output],
+            [sys.executable, "-m", "pointit", "replay", RECORDINGS / "lamps.mcap", "--to", output],
             env={**os.environ, "PYTHONHASHSEED": str(seed)},
             check=True,
             capture_output=True,

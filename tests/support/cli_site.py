@@ -65,7 +65,7 @@ class Site:
             await process.communicate()
 
     def command(self, *arguments: str) -> contextlib.AbstractAsyncContextManager[asyncio.subprocess.Process]:
-        return self.python("-m", "pointit.cli", *arguments)
+        return self.python("-m", "pointit", *arguments)
 
     async def pointit(self, *arguments: str, code: int | None = None, progress: bool = False) -> Ended:
         """Run `pointit …` to its end, with `code` if that is given.

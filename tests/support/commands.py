@@ -157,7 +157,7 @@ class Commands:
 
     def start_program(self, *arguments: str, environment: Mapping[str, str] | None = None) -> Command:
         """Start `pointit …` as a shell does, for tests of its start, its end or its command line."""
-        return self.run([sys.executable, "-m", "pointit.cli", *without_page(arguments)], environment)
+        return self.run([sys.executable, "-m", "pointit", *without_page(arguments)], environment)
 
     def run(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> Command:
         return self._start(arguments, environment, is_forked=False)

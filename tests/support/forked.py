@@ -108,4 +108,4 @@ def _command(
         os.dup2(file, number)
         os.close(file)
     sys.argv = ["pointit", *arguments]
-    runpy.run_module("pointit.cli", run_name="__main__", alter_sys=True)
+    runpy.run_module("pointit", run_name="__main__", alter_sys=True)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 BEGIN = (
     "from pointit.runtime.service.process import exit_with_parent; exit_with_parent(); "
-    "from pointit.cli.__main__ import begin; begin()"
+    "from pointit.__main__ import begin; begin()"
 )
 """Program of the process. It ends when its standard input closes, so no child survives a killed parent."""
 STOP_TIMEOUT_S = 3.0

@@ -23,8 +23,8 @@ COMMANDS = {
     "bare python": ("-c", ""),
     "import pointit": ("-c", "import pointit"),
     "its connect": ("-c", "import pointit; pointit.connect"),
-    "pointit --help": ("-m", "pointit.cli", "--help"),
-    "pointit run --help": ("-m", "pointit.cli", "run", "--help"),
+    "pointit --help": ("-m", "pointit", "--help"),
+    "pointit run --help": ("-m", "pointit", "run", "--help"),
 }
 """Programs to start, by name, as arguments of Python."""
 
@@ -63,7 +63,7 @@ def _run(scenario: str) -> dict[str, float]:
         began_s = time.time()
         child = subprocess.Popen(
             [
-                *(sys.executable, "-m", "pointit.cli", "run", scenario),
+                *(sys.executable, "-m", "pointit", "run", scenario),
                 *("--duration", str(RUN_S), "--no-view", "--summary", str(summary)),
             ],
             stdout=subprocess.DEVNULL,

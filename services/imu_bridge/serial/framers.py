@@ -27,10 +27,9 @@ from collections.abc import Sequence
 from typing import ClassVar, Final
 
 from pointit.geometry import rotation
-from pointit.geometry.rotation import Quaternion
+from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
-from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading, Reconnected, Signal
 
 QUATERNION: Final = 0

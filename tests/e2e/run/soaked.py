@@ -12,7 +12,7 @@ from asyncio.base_events import BaseEventLoop
 
 import psutil
 
-from pointit.cli.__main__ import begin
+from pointit.__main__ import begin
 
 loops: list[BaseEventLoop] = []
 run_forever = BaseEventLoop.run_forever

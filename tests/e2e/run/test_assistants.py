@@ -72,7 +72,7 @@ async def test_a_rover_goes_where_a_person_points_and_a_lost_site_comes_back(
     run = ("run", str(hall), "--no-view", "--seed", "1", "--listen", endpoint)
     server = StdioServerParameters(
         command=sys.executable,
-        args=["-m", "pointit.cli", "mcp", "--connect", endpoint],
+        args=["-m", "pointit", "mcp", "--connect", endpoint],
         env={**os.environ, "NO_COLOR": "1"},
     )
     async with Client(server) as client:

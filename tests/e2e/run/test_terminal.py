@@ -28,7 +28,7 @@ PATIENCE_S = 30.0
 ADOPT = """
 import fcntl, os, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-os.execv(sys.executable, [sys.executable, "-m", "pointit.cli", *sys.argv[1:]])
+os.execv(sys.executable, [sys.executable, "-m", "pointit", *sys.argv[1:]])
 """
 """Makes the pseudo-terminal the one that Ctrl-C comes from."""
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from pointit.cli.people.calibrate_mounting import angle_between
 from pointit.geometry import rotation
-from pointit.geometry.rotation import Quaternion
+from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import ImuSample, SetMounting
 from pointit.schemas.topics import IMU, SET_MOUNTING
-from pointit.services.imu_bridge.arm_frame import MOUNTINGS, from_roll_pitch_yaw
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.serial.detection import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge

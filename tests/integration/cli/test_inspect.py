@@ -63,7 +63,7 @@ async def test_echo_says_what_it_waits_for_and_who_is_missing(site: Site) -> Non
 async def test_a_reader_that_has_enough_ends_echo_quietly(site: Site) -> None:
     site.feed_imu("anna")
     echo = shlex.join(
-        [sys.executable, "-m", "pointit.cli", "topic", "echo", "users/anna/imu", "--connect", site.endpoint]
+        [sys.executable, "-m", "pointit", "topic", "echo", "users/anna/imu", "--connect", site.endpoint]
     )
     pipeline = await asyncio.create_subprocess_exec(
         "bash",

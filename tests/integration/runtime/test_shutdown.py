@@ -211,7 +211,7 @@ def test_a_thread_that_does_not_end_is_cut_off() -> None:
 LATE = """
 import asyncio, os, signal
 from pointit.runtime.service.process import run_until_shutdown
-signal.signal(signal.SIGINT, signal.SIG_DFL)  # as pointit.cli does
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # as `pointit` does
 
 async def work():
     asyncio.get_running_loop().call_soon(os.kill, os.getpid(), signal.SIGINT)
@@ -233,7 +233,7 @@ def test_ctrl_c_once_more_does_not_stop_the_summary() -> None:
 @pytest.mark.parametrize("number", SIGNALS)
 def test_the_router_says_where_it_listens_and_ends_on_a_signal(number: int) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with process("-m", "pointit.cli", "router", "--listen", endpoint) as router:
+    with process("-m", "pointit", "router", "--listen", endpoint) as router:
         assert router.stdout is not None
         assert endpoint in router.stdout.readline()
         assert ended(router, number) == (0, True)

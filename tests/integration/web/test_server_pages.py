@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 import pointit.schemas as models
-from pointit.bridges.web.pages import page_requests as answers
+from pointit.bridges.web.pages import action
 from pointit.bridges.web.playback.recent import RecentPast
 from pointit.bridges.web.server import app
 from pointit.bridges.web.wrists import pairing
@@ -261,7 +261,7 @@ async def test_a_phone_is_paired_over_the_local_network_only(monkeypatch: pytest
         drawn_by.append(threading.current_thread() is threading.main_thread())
         return pairing.offer(url, fingerprint)
 
-    monkeypatch.setattr(answers, "offer", drawn)
+    monkeypatch.setattr(action, "offer", drawn)
     async with (
         memory_bench() as bench,
         serving(bench, lan_address="127.0.0.1", lan_port=0) as server,

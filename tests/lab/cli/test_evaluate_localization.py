@@ -18,7 +18,7 @@ from tests.support.invoked import printed
 from tests.support.pace import slowness
 from tests.support.published_recordings import Stand, write_acts, write_motion, write_simulated, write_track
 
-COMMAND = ("-m", "pointit.cli", "evaluate", "localization", "--jobs", "2")
+COMMAND = ("-m", "pointit", "evaluate", "localization", "--jobs", "2")
 
 
 def invoke(*arguments: str) -> tuple[str, str]:

@@ -16,7 +16,7 @@ from pointit.cli.people.calibrate_mounting import format_result
 from pointit.cli.people.pose import LatestTruth
 from pointit.forearm.true_pose import PoseError
 from pointit.geometry import rotation, vector
-from pointit.geometry.rotation import Quaternion
+from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     Anchor,
@@ -27,7 +27,6 @@ from pointit.schemas import (
     UserPose,
     topics,
 )
-from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from tests.support import there
 from tests.support.bench import memory_bench
 

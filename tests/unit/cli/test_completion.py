@@ -83,7 +83,7 @@ def test_the_shell_gets_what_it_asks_for_without_heavy_modules(words: str) -> No
     script = (
         "import atexit, sys; sys.argv = ['pointit']\n"
         "atexit.register(lambda: print(*sys.modules, file=sys.stderr))\n"
-        "from pointit.cli.__main__ import begin; begin()"
+        "from pointit.__main__ import begin; begin()"
     )
     completed(words.removeprefix("pointit "))  # remembers it
     variables = {COMPLETE: "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(len(words.split(" ")) - 1)}
@@ -128,7 +128,7 @@ def test_bash_completes_with_the_installed_line(home: Path, monkeypatch: pytest.
     CliRunner().invoke(command, ["completion", "bash"])
     program = home / "bin" / "pointit"
     program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m pointit.cli "$@"\n')
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m pointit "$@"\n')
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(program.parent), prepend=os.pathsep)
     script = "source ~/.bashrc; COMP_WORDS=('pointit' topic e) COMP_CWORD=2; _pointit_completion 'pointit'"

@@ -120,7 +120,7 @@ def test_a_service_without_a_terminal_loads_no_rich() -> None:
 
 def test_garbage_is_collected_again_once_the_command_is_loaded() -> None:
     script = (
-        "import atexit, gc, sys; from pointit.cli.__main__ import begin\n"
+        "import atexit, gc, sys; from pointit.__main__ import begin\n"
         "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 1000, file=sys.stderr))\n"
         "begin()"
     )
@@ -171,7 +171,7 @@ def test_a_service_that_needs_an_extra_says_so(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize(("name", "lacks"), [("foxglove", "foxglove"), ("web", "starlette")])
 def test_the_help_of_a_service_teaches_before_its_extra_is_installed(name: str, lacks: str) -> None:
-    script = f"import sys; sys.modules[{lacks!r}] = None; from pointit.cli.__main__ import begin; begin()"
+    script = f"import sys; sys.modules[{lacks!r}] = None; from pointit.__main__ import begin; begin()"
 
     def run(option: str) -> tuple[int, str, str]:
         done = python("-c", script, "service", "run", name, option)
@@ -193,7 +193,7 @@ def test_underscores_do_for_hyphens() -> None:
 
 def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
     words = "service run pointing --user anna --stale-after-s soon"
-    done = python("-m", "pointit.cli", *words.split())
+    done = python("-m", "pointit", *words.split())
     assert done.returncode == 2
     assert done.stderr.startswith("Error: --stale-after-s: stale_after_s: ")
     assert "'soon'" in done.stderr

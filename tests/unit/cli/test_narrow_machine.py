@@ -41,7 +41,7 @@ def homeless(monkeypatch: pytest.MonkeyPatch) -> None:
 def run(*arguments: str | Path, page: str, **more: str) -> tuple[int, bytes, str]:
     """Return exit code, output and log of a command whose output is encoded as `page`."""
     environment: Mapping[str, str] = {**os.environ, "PYTHONIOENCODING": page, **more}
-    done = python("-m", "pointit.cli", *arguments, env=environment, encoding="latin-1")
+    done = python("-m", "pointit", *arguments, env=environment, encoding="latin-1")
     return done.returncode, done.stdout.encode("latin-1"), done.stderr
 
 

@@ -130,7 +130,7 @@ def test_a_list_before_a_pager_is_as_wide_as_the_terminal() -> None:
     leader, terminal = pty.openpty()
     try:
         fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
-        command = [sys.executable, "-m", "pointit.cli", "list"]
+        command = [sys.executable, "-m", "pointit", "list"]
         out = subprocess.run(command, stdout=subprocess.PIPE, stderr=terminal, check=True).stdout.decode()
     finally:
         os.close(leader)

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pointit.geometry import rotation, vector
-from pointit.geometry.rotation import Quaternion
+from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.runtime.clock import WallClock
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Health, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.topics import HEALTH, IMU, SET_MOUNTING
-from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame, from_roll_pitch_yaw
+from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.imu_bridge.simulated import SimulatedConfig

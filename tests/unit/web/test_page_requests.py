@@ -10,21 +10,17 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from pointit.bridges.web import wire
+from pointit.bridges.web.pages.arm_actions import Press, Speak, SpokenWord, StepBeside, Tremor
 from pointit.bridges.web.pages.page_requests import (
     ACTIONS,
     OPERATORS,
     REQUESTS,
     Call,
-    MapEdits,
     PageAction,
-    Press,
-    Speak,
-    SpokenWord,
-    StepBeside,
-    Tremor,
     hello_of,
     parse_request,
 )
+from pointit.bridges.web.pages.site_actions import MapEdits
 from pointit.bridges.web.wire import Ask, Role
 from pointit.maps.edit import edited
 from pointit.runtime.errors import PointItError, RefusedError
@@ -115,9 +111,9 @@ def test_a_name_must_be_one(name: str) -> None:
 
 def test_deeds_have_parameters() -> None:
     press = parse_request(ask(deed="press", name="anna", gesture="hold"), "operator")
-    assert press == PageAction(action=BY_NAME["press"], user="anna", extras=Press(gesture="hold"))
+    assert press == PageAction(action=BY_NAME["press"], user="anna", parameters=Press(gesture="hold"))
     tremor = parse_request(ask(deed="tremor", name="anna", rms_deg=1), "operator")
-    assert tremor == PageAction(action=BY_NAME["tremor"], user="anna", extras=Tremor(rms_deg=1.0))
+    assert tremor == PageAction(action=BY_NAME["tremor"], user="anna", parameters=Tremor(rms_deg=1.0))
 
 
 def test_lists_of_a_query_are_those_of_its_strict_model() -> None:
@@ -126,7 +122,7 @@ def test_lists_of_a_query_are_those_of_its_strict_model() -> None:
     assert call.query == SetSpeed(speed_mps=1.0, belts=("a", "b"))
     spoken = parse_request(ask(deed="speak", name="anna", words=[SAID]), "operator")
     assert isinstance(spoken, PageAction)
-    assert spoken.extras == Speak(words=(SpokenWord(text="stop", start_s=1.0, end_s=0.5),))
+    assert spoken.parameters == Speak(words=(SpokenWord(text="stop", start_s=1.0, end_s=0.5),))
 
 
 JSON = st.recursive(
@@ -159,7 +155,7 @@ def test_whatever_is_asked_is_understood_or_refused(
         assert isinstance(meant.query, meant.request.query)
     else:
         assert role in meant.action.roles
-        assert isinstance(meant.extras, meant.action.extras)
+        assert isinstance(meant.parameters, meant.action.extras)
 
 
 CLIENT = Path(wire.__file__).with_name("client")
@@ -206,7 +202,7 @@ def test_what_is_none_of_it_is_not(text: str) -> None:
 
 def test_a_step_is_to_the_left_or_right() -> None:
     action = parse_request(Ask(id=1, deed="step", name="anna", query={"by": -1}), "wrist")
-    assert action == PageAction(action=BY_NAME["step"], user="anna", extras=StepBeside(by=-1))
+    assert action == PageAction(action=BY_NAME["step"], user="anna", parameters=StepBeside(by=-1))
     for query in ({}, {"by": 0}, {"by": 2}, {"by": "right"}):
         with pytest.raises(RefusedError, match="step: "):
             parse_request(Ask(id=1, deed="step", name="anna", query=query), "operator")
@@ -220,6 +216,6 @@ def test_lists_in_edits_of_a_map_reach_its_file(tmp_path: Path) -> None:
     edit = {"op": "set", "section": "lamps", "name": "desk", "key": "position", "value": [1, 2, 0.75]}
     action = parse_request(Ask(id=1, deed="check_map", query={"edits": [edit], "digest": "x"}), "operator")
     assert isinstance(action, PageAction)
-    assert isinstance(action.extras, MapEdits)
-    written = edited(path.read_bytes(), action.extras.edits, path)
+    assert isinstance(action.parameters, MapEdits)
+    written = edited(path.read_bytes(), action.parameters.edits, path)
     assert written == b"lamps:\n  desk: {position: [1, 2, 0.75]}\n"

@@ -86,7 +86,7 @@ def with_parent() -> list[str]:
 
 def _command(program: Program) -> list[str]:
     if program == "pointit":
-        return [sys.executable, "-m", "pointit.cli", "router", "--most-connections", "1000"]
+        return [sys.executable, "-m", "pointit", "router", "--most-connections", "1000"]
     if shutil.which(program) is None:
         raise ConfigError(
             "--router zenohd: zenohd is not in PATH; install it (`cargo install zenohd`, or "

@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from pointit.geometry import rotation
-from pointit.geometry.rotation import Quaternion
+from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.schemas import Feedback
-from pointit.services.imu_bridge.arm_frame import from_roll_pitch_yaw
 from pointit.services.imu_bridge.serial import framers
 from pointit.services.imu_bridge.serial.framers import LONGEST, Bno085Framer, WitMotionFramer, Ximu3Framer
 from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading, Signal

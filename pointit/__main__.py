@@ -1,4 +1,4 @@
-"""`python -m pointit.cli`, and the entry point of the command `pointit`."""
+"""`python -m pointit`, and the entry point of the command `pointit`."""
 
 import gc
 import os

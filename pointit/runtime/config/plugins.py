@@ -21,6 +21,8 @@ from pointit.runtime.errors import ConfigError
 
 OURS = ("pointit", "pointit-lab")
 """This project's packages. Other packages cannot use their names."""
+_SETUP = Path(__file__).parents[3] / "scripts" / "setup"
+"""Program of a checkout that installs it."""
 P = TypeVar("P")
 
 
@@ -132,7 +134,8 @@ class InstalledGroup(Generic[P]):
         for entry in _all_entry_points(_folders()).select(name=name):
             if entry.group.startswith("pointit.") and not entry.group.endswith(".fake_devices"):
                 return f"{name!r} of {_package(entry)} is of another kind, {entry.group}"
-        return f"another one comes from a package with an entry point {name!r} of {self.group}"
+        place = ", or is in pyproject.toml: then run scripts/setup" if _SETUP.is_file() else ""
+        return f"another one comes from a package with an entry point {name!r} of {self.group}{place}"
 
     def label(self, name: str) -> str:
         """Return the name of an object in messages, with its package, without importing it."""

@@ -16,8 +16,8 @@ R = TypeVar("R", bound=Reply)
 ANY = "*"
 """Stands for every name of a placeholder when subscribing."""
 
-STALE_PERIODS = 10
-"""A topic is stale when nothing came for this many of its nominal periods."""
+MAX_AGE_PERIODS = 10
+"""Largest age of the newest message of a topic, in its nominal periods."""
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,63}\Z")
 """Valid values of a placeholder."""
@@ -107,7 +107,7 @@ class Topic(_Keyed, Generic[M]):
     @property
     def stale_after_s(self) -> float | None:
         """Return the age (s) from which the newest message counts as stale."""
-        return None if self.rate_hz is None else STALE_PERIODS / self.rate_hz
+        return None if self.rate_hz is None else MAX_AGE_PERIODS / self.rate_hz
 
 
 @dataclass(frozen=True, kw_only=True)

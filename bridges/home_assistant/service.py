@@ -33,7 +33,7 @@ RETRY_S = 2.0
 CHECK_PERIOD_S = 0.5
 SETTLE_S = 3.0
 """Time for an entity to reach the state of its thing, s. Then the thing gets the state of the entity."""
-HOVER_TIMEOUT_S = 1.0
+MAX_HOVER_AGE_S = 1.0
 """Time without a message after which nobody hovers, s. There are 5 a second at least."""
 MAX_NAMES = 10
 """Number of entities that a warning names."""
@@ -221,7 +221,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             self._commands.wake(self._things[name][1].entity)
 
     def _hovered_entities(self) -> set[str]:
-        oldest_s = self._loop.time() - HOVER_TIMEOUT_S
+        oldest_s = self._loop.time() - MAX_HOVER_AGE_S
         names = {name for name, received_s in self._hovers.values() if received_s >= oldest_s}
         return {action.entity for name, (_thing, action) in self._things.items() if name in names}
 

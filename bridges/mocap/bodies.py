@@ -66,7 +66,7 @@ def body_sample(
     return BodySample(number, (x, y, z), turn, error_m, is_tracked, measured=None)
 
 
-HOLD_NS = NS_PER_S // 5
+MAX_BODY_AGE_NS = NS_PER_S // 5
 """Time for which an unseen body keeps its position and speed, ns."""
 UNSEEN_NS = 2 * NS_PER_S
 """Time after which it is reported."""
@@ -156,7 +156,7 @@ class Bodies:
     def current(self, now_ns: int) -> Iterator[tuple[BodyPose, Vec3]]:
         """Yield the bodies that are seen, with their velocities. `now_ns`: time of the newest frame."""
         for track in self._tracks.values():
-            if track.pose is not None and 0 <= now_ns - track.pose.stamp_ns <= HOLD_NS:
+            if track.pose is not None and 0 <= now_ns - track.pose.stamp_ns <= MAX_BODY_AGE_NS:
                 yield track.pose, track.velocity_mps
 
     def objects(self, now_ns: int) -> tuple[TrackedObject, ...]:
@@ -274,7 +274,7 @@ def _has_jumped(last: BodyPose, pose: BodyPose, since_s: float) -> bool:
 
 def _follow(track: _Track, pose: BodyPose) -> None:
     poses = track.poses
-    if poses and not 0 < pose.stamp_ns - poses[-1].stamp_ns <= HOLD_NS:
+    if poses and not 0 < pose.stamp_ns - poses[-1].stamp_ns <= MAX_BODY_AGE_NS:
         poses.clear()
     track.pose = pose
     poses.append(pose)

@@ -75,7 +75,7 @@ SILENCE_NS = 3 * NS_PER_S
 """Time without frames or an answer after which that is reported."""
 REPORT_NS = 10 * NS_PER_S
 """Time for which a fault is reported after it was last seen."""
-MAX_AGE_S = 2.0
+MAX_FRAME_AGE_S = 2.0
 """Age at which a frame is none of now: Motive plays a recording."""
 MAX_FUTURE_S = 0.5
 """Time by which a frame may seem to be of the future, s."""
@@ -215,9 +215,9 @@ class NatNetSession:
             return
         stamp_ns, sigma_s = self._stamp(frame, now_ns)
         age_s = (now_ns - stamp_ns) / NS_PER_S
-        if not -MAX_FUTURE_S <= age_s <= MAX_AGE_S:
+        if not -MAX_FUTURE_S <= age_s <= MAX_FRAME_AGE_S:
             self._frame_fault = (
-                f"its frames are {age_s:.1f} s old, at most {MAX_AGE_S:g} s are accepted: change from a "
+                f"its frames are {age_s:.1f} s old, at most {MAX_FRAME_AGE_S:g} s are accepted: change from a "
                 "recording to the live view in Motive"
             )
             return

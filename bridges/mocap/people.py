@@ -9,7 +9,7 @@ from pointit.forearm.forearm_yaw import ForearmYaw
 from pointit.forearm.true_pose import PERSON, PERSON_FRAME, PoseError, TruePose
 from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, UserPose
 
-FRESH_NS = NS_PER_S // 2
+MAX_HEAD_AGE_NS = NS_PER_S // 2
 """Age at which a head's position is none of now."""
 TRUE_HEAD_NS = NS_PER_S // 20
 """Time before the newest frame at which a head that is not in it is no truth of that frame, ns."""
@@ -151,4 +151,4 @@ class WornBodies:
 
     def _fresh_head(self, worn: _Worn, now_ns: int) -> BodyPose | None:
         head = worn.head_pose
-        return head if head is not None and abs(now_ns - head.stamp_ns) <= FRESH_NS else None
+        return head if head is not None and abs(now_ns - head.stamp_ns) <= MAX_HEAD_AGE_NS else None

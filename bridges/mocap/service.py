@@ -17,7 +17,7 @@ from pointit.schemas.topics import IMU, MAP, OBJECTS, POSE
 
 RATE_HZ = 25.0
 """Rate of the objects, Hz."""
-FRESH_NS = NS_PER_S // 2
+MAX_FRAME_AGE_NS = NS_PER_S // 2
 """Time without frames after which all objects have left, ns."""
 POSE_TICKS = 3
 """Number of these periods between two poses of a person."""
@@ -88,7 +88,7 @@ class Mocap(Service[MocapConfig]):
                 count += 1
 
     def _publish(self, now_ns: int) -> None:
-        is_fresh = now_ns - self._used_ns < FRESH_NS
+        is_fresh = now_ns - self._used_ns < MAX_FRAME_AGE_NS
         people = self._worn_bodies.objects(now_ns, self._stamp_ns)
         objects = (*self._bodies.objects(self._stamp_ns), *people) if is_fresh else ()
         if objects or self._had_objects:

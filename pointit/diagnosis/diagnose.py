@@ -24,7 +24,7 @@ from pointit.services.registry import person_of
 GRACE_S = 3.0
 """Uptime within which a service need not have received its inputs, nor written its outputs, s."""
 
-STALE_S = 1.0
+MAX_INPUT_AGE_S = 1.0
 """Minimum age of an input that has ended, s. A busy machine makes pauses, which end."""
 
 PAUSES = (CURSOR, HOVER)
@@ -97,7 +97,7 @@ def _is_old(key: KeyHealth | None, topic: AnyTopic, seen: Observation, uptime_s:
         return False
     if key.age_s is None:
         return uptime_s > GRACE_S
-    return key.age_s > max(topic.stale_after_s / min(seen.speed, 1.0), STALE_S)
+    return key.age_s > max(topic.stale_after_s / min(seen.speed, 1.0), MAX_INPUT_AGE_S)
 
 
 def _span_s(seen: Observation, instance: str) -> float:

@@ -133,7 +133,7 @@ SETTLE_S = 0.4
 """Time after the last deictic word for which rays are awaited, s."""
 LOOK_S = 0.2
 """Time in which the robots that are there are found, s."""
-OLDEST_S = 8.0
+MAX_UTTERANCE_AGE_S = 8.0
 """Age of an utterance from which it is not followed."""
 MAX_WAITING = 4
 """Number of utterances that may wait for an earlier one; further ones are refused."""
@@ -291,7 +291,7 @@ class Interpreter:
     def _check_command(self, speech: Speech, command: Command) -> None:
         """Check the age of the words, and that they name all that the verb needs."""
         age_s = (self._clock.now_ns() - speech.words[-1].end_ns) / NS_PER_S
-        if age_s > OLDEST_S and command.verb != "stop":
+        if age_s > MAX_UTTERANCE_AGE_S and command.verb != "stop":
             raise NotUnderstood(f"that was said {age_s:.0f} s ago: say it again")
         if problem := self._verbs[command.verb].problem(self._context, command, ()):
             raise NotUnderstood(problem)

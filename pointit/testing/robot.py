@@ -28,7 +28,7 @@ from pointit.testing.devices import FakeDevice
 from pointit.testing.trial import CheckFailedError, DeviceHarness, Suite, Trial, absent, called, connected
 
 __all__ = [
-    "OLDEST_S",
+    "MAX_POSE_AGE_S",
     "REPORTS",
     "ROBOT_SUITE",
     "SLOWEST_HZ",
@@ -209,7 +209,7 @@ class RobotTrial(Trial):
 
 
 ROBOT_SUITE = Suite[RobotHarness]()
-OLDEST_S = 2.0
+MAX_POSE_AGE_S = 2.0
 """Greatest age of a pose when it is reported, s."""
 REPORTS = 10
 SLOWEST_HZ = 5.0
@@ -239,7 +239,7 @@ async def reports(harness: RobotHarness) -> None:
             if not all(map(math.isfinite, numbers)):
                 raise CheckFailedError(f"it reported {report}, which has a value that is no number")
             age_s = (now_ns - report.stamp_ns) / NS_PER_S
-            if not -0.1 <= age_s <= OLDEST_S:
+            if not -0.1 <= age_s <= MAX_POSE_AGE_S:
                 raise CheckFailedError(f"the stamp of a report was {age_s:.1f} s old by the given clock")
         span_s = (trial.reports[-1][0] - trial.reports[0][0]) / NS_PER_S
         if span_s * SLOWEST_HZ > len(trial.reports):

@@ -67,7 +67,7 @@ class IdentificationSettings:
     """Standard deviation of such a place about a robot, per axis on the floor."""
     chosen: float = 0.9
     """Probability from which a robot is chosen."""
-    stale_s: float = 1.0
+    max_age_s: float = 1.0
     """Robots whose newest report is older are no candidates, and rays older than this identify none."""
 
 
@@ -249,14 +249,14 @@ class RobotIdentifier:
 
     def identify(self, now_ns: int) -> Identification:
         """Return the probabilities at `now_ns`; those of none if there are no recent rays, or no pose."""
-        stale_ns = round(self._settings.stale_s * NS_PER_S)
+        max_age_ns = round(self._settings.max_age_s * NS_PER_S)
         tracks = {
             robot: track
             for robot, track in self._tracks.items()
-            if track.places and abs(now_ns - track.places[-1][0]) <= stale_ns
+            if track.places and abs(now_ns - track.places[-1][0]) <= max_age_ns
         }
         pose = self._pose
-        is_recent = bool(self._rays) and abs(now_ns - self._rays[-1].stamp_ns) <= stale_ns
+        is_recent = bool(self._rays) and abs(now_ns - self._rays[-1].stamp_ns) <= max_age_ns
         if not tracks or pose is None or not is_recent:
             return Identification()
         blocks = _blocks(self._rays, pose, self._settings.block_s)

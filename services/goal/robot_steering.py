@@ -153,7 +153,7 @@ class TakenRobot:
 
 Output = Goal | Feedback | Steering
 
-SILENT_NS = 2 * NS_PER_S
+MAX_ROBOT_AGE_NS = 2 * NS_PER_S
 """Time without a report of a robot's process after which its user loses it and no user can choose it, s."""
 TICK_NS = NS_PER_S // 5
 """Time between two checks for missing answers."""
@@ -481,7 +481,7 @@ class RobotSteering:
 
 
 def _is_recent(came_ns: int, now_ns: int) -> bool:
-    return abs(now_ns - came_ns) <= SILENT_NS
+    return abs(now_ns - came_ns) <= MAX_ROBOT_AGE_NS
 
 
 def _mean(places_m: list[Vec3]) -> Vec3:

@@ -17,7 +17,7 @@ from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Hover, Lamp
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.config import LedDriverConfig, StateLampConfig
 
-FRESH_NS = 3 * NS_PER_S
+MAX_LOCALIZATION_AGE_NS = 3 * NS_PER_S
 """Age after which a localization by lamps counts as ended, ns. Active ones are published once a second."""
 MAX_PEOPLE = 64
 """Limit of people. Beyond it the one silent for longest is forgotten."""
@@ -91,7 +91,7 @@ class LampQueue:
         return LampService(tuple(leases), targets)
 
     def _timeout_ns(self, localization: Localization) -> int:
-        return FRESH_NS if localization.lamps else self._silence_ns
+        return MAX_LOCALIZATION_AGE_NS if localization.lamps else self._silence_ns
 
 
 HOVERED = 0.3

@@ -93,7 +93,7 @@ def decide(
 
 M = TypeVar("M", bound=Message)
 
-GONE_S = 3.0
+MAX_REPORT_AGE_S = 3.0
 """Time after the last list of a tracker, or report of a robot, after which what it told is gone, s."""
 CHEST_M = 1.2
 """Height of a person's middle, m."""
@@ -175,7 +175,11 @@ class Room:
 
 
 def _recent(messages: Mapping[str, M], now_ns: int) -> dict[str, M]:
-    return {name: each for name, each in messages.items() if abs(now_ns - each.stamp_ns) <= GONE_S * NS_PER_S}
+    return {
+        name: each
+        for name, each in messages.items()
+        if abs(now_ns - each.stamp_ns) <= MAX_REPORT_AGE_S * NS_PER_S
+    }
 
 
 def _raised(place_m: Vec3, by_m: float) -> Vec3:

@@ -40,7 +40,7 @@ from pointit.services.localizer.tracking import LandingDetector, PoseTracker
 RECENT_NS = NS_PER_S // 2
 """Time over which rays are averaged."""
 
-FRESH_RAY_S = 0.3
+MAX_RAY_AGE_S = 0.3
 """Largest age of the newest ray."""
 
 MIN_RAYS = 5
@@ -82,7 +82,7 @@ class HeadingWindow:
     def mean(self, now_ns: int) -> Mean | Refusal:
         """Return the mean of the newest rays, or a refusal if they have no direction."""
         rays = self._rays
-        if len(rays) < MIN_RAYS or rays[-1][0] < now_ns - round(FRESH_RAY_S * NS_PER_S):
+        if len(rays) < MIN_RAYS or rays[-1][0] < now_ns - round(MAX_RAY_AGE_S * NS_PER_S):
             return Refusal("no rays come; check that the IMU is on and sends, then point and ask again")
         mean = ray_math.mean([ray for _, ray in rays])
         if mean is None or mean.spread_rad > MAX_SPREAD_RAD:
@@ -103,7 +103,7 @@ class HeadingWindow:
         return mean
 
 
-FRESH_S = 2.0
+MAX_POSE_AGE_S = 2.0
 """Age up to which the tracker's last pose is valid."""
 
 
@@ -131,7 +131,7 @@ class ExternalPose:
 
     def is_fresh(self, now_ns: int) -> bool:
         """Return True if the tracker currently provides the pose."""
-        return self.pose is not None and self.age_s(now_ns) <= FRESH_S
+        return self.pose is not None and self.age_s(now_ns) <= MAX_POSE_AGE_S
 
     def busy_reason(self, user: str, now_ns: int) -> str:
         """Return the reason why the localizer is inactive, or `""` if it may act."""

@@ -94,7 +94,7 @@ def queue_timeout_message(user: str, ahead: Collection[str], limit_s: float) -> 
 MIN_RAYS = 10
 """Rays that an anchor needs."""
 
-FRESH_S = 1.0
+MAX_ROBOT_AGE_S = 1.0
 """Age of a report at which a robot's place is unknown."""
 
 STANDS_MPS = 0.1
@@ -197,7 +197,7 @@ class KnownRobots:
     def target(self, robot: str, now_ns: int) -> Lamp | Refusal:
         """Return the place of `robot`, or a refusal if it is unknown or moves."""
         seen = self._seen.get(robot)
-        if seen is None or now_ns - seen.stamp_ns > FRESH_S * NS_PER_S:
+        if seen is None or now_ns - seen.stamp_ns > MAX_ROBOT_AGE_S * NS_PER_S:
             return Refusal(f"robot {robot} is not tracked now; start its tracker, or point at a lamp")
         if math.hypot(*seen.robot.velocity_mps) > STANDS_MPS:
             return Refusal(f"robot {robot} moves; let it stand, then point at it")

@@ -50,7 +50,7 @@ Array = NDArray[np.float64]
 CHECK_S = 0.5
 """Time between two comparisons."""
 
-FRESH_S = 1.0
+MAX_STAMP_DIFFERENCE_S = 1.0
 """Objects of trackers whose stamps differ by more are not compared."""
 
 STAYS_S = 2.0
@@ -62,7 +62,7 @@ SIGMA_M = 0.05
 GATE = 2.0
 """Number of standard deviations of the distance up to which two positions are the same place."""
 
-STALE_NS = 2 * NS_PER_S
+MAX_OBJECT_AGE_NS = 2 * NS_PER_S
 """Age at which an object's position is unknown, ns."""
 
 
@@ -106,7 +106,7 @@ class DuplicateFinder:
         if self._checked_ns is not None and abs(now_ns - self._checked_ns) < CHECK_S * NS_PER_S:
             return
         self._checked_ns = now_ns
-        fresh_ns = FRESH_S * NS_PER_S
+        fresh_ns = MAX_STAMP_DIFFERENCE_S * NS_PER_S
         there = {
             name: newest
             for name, newest in sorted(self._newest.items())
@@ -191,12 +191,12 @@ class Tracked:
             raise WorkspaceError(f"no object {object_id!r} is known: use the id of one that is tracked now")
         seen_ns, tracked = min(known, key=lambda pair: abs(stamp_ns - pair[0]))
         late_ns = stamp_ns - seen_ns
-        if late_ns < -STALE_NS:
+        if late_ns < -MAX_OBJECT_AGE_NS:
             raise WorkspaceError(
                 f"object {object_id!r} is tracked by a clock {-late_ns / NS_PER_S:.1f} s ahead of the "
                 "person's rays: set the clocks alike, or point first"
             )
-        if late_ns > STALE_NS:
+        if late_ns > MAX_OBJECT_AGE_NS:
             raise WorkspaceError(
                 f"object {object_id!r} was last seen {late_ns / NS_PER_S:.1f} s ago: look for it"
             )

@@ -33,7 +33,7 @@ from pointit.services.robot.steering import (
 )
 from pointit.services.robot.stop_reason import StopReason
 
-CLAIM_AGE_S = 2.0
+MAX_CLAIM_AGE_S = 2.0
 """Maximum age of a user's choice of the robot, and maximum lead of its stamp, s."""
 MOVING_MPS = 0.05
 """A slower robot counts as standing, m/s."""
@@ -252,7 +252,7 @@ class RobotPilot:
             self._free()
         if self.user:
             return
-        age_ns = round(CLAIM_AGE_S * NS_PER_S)
+        age_ns = round(MAX_CLAIM_AGE_S * NS_PER_S)
         span_ns = (max(self._since_ns, now_ns - age_ns), now_ns + age_ns)
         wanted = self._owners.candidate(*span_ns)
         problem = ""

@@ -152,7 +152,7 @@ def verdict_of(stop: StopReason | None) -> Verdict:
 ANSWER_S = 3.0
 """Time without an answer to an order after which a robot is reported as silent, s."""
 
-GOAL_AGE_S = 2.0
+MAX_GOAL_AGE_S = 2.0
 """Maximum age of a goal, and maximum lead of its stamp, s."""
 
 UNREACHABLE = "the robot cannot go where you point: point at the floor"
@@ -191,11 +191,11 @@ class CommandPlanner:
         if goal.stamp_ns <= self._goal_ns.get(user, 0):
             return
         age_s = (now_ns - goal.stamp_ns) / NS_PER_S
-        if age_s < -GOAL_AGE_S:
+        if age_s < -MAX_GOAL_AGE_S:
             self.problem = f"the goal is {-age_s:.1f} s ahead of the robot's clock: synchronize the clocks"
             return
         self._goal_ns[user] = goal.stamp_ns
-        if age_s > GOAL_AGE_S:
+        if age_s > MAX_GOAL_AGE_S:
             self.problem = f"the goal came {age_s:.1f} s late: point there again, and look for a slow link"
         else:
             self._goal = goal

@@ -93,7 +93,7 @@ def _seems(appearance: ObservedAppearance, before: Status) -> Status:
     return before if before in ("mine", "theirs") else "theirs"
 
 
-FRESH_S = 1.0
+MAX_LIST_AGE_S = 1.0
 """Maximum age, or lead, of a tracker's list of which the objects are visible, s."""
 MAX_DELAYED = 4096
 """Limit of delayed messages, which bounds memory."""
@@ -170,7 +170,7 @@ class Sight:
 
     def objects(self, now_ns: int) -> list[SeenObject]:
         """Return all visible objects."""
-        fresh_ns = round(FRESH_S * NS_PER_S)
+        fresh_ns = round(MAX_LIST_AGE_S * NS_PER_S)
         oldest_ns, newest_ns = now_ns - self.delay_ns - fresh_ns, now_ns + fresh_ns
         for name in [n for n, (stamp, _) in self._trackers.items() if not oldest_ns <= stamp <= newest_ns]:
             del self._trackers[name]
@@ -180,7 +180,7 @@ class Sight:
 
     def find(self, object_id: str, now_ns: int) -> SeenObject | None:
         """Return the visible object `object_id`, or None."""
-        fresh_ns = round(FRESH_S * NS_PER_S)
+        fresh_ns = round(MAX_LIST_AGE_S * NS_PER_S)
         for stamp, things in self._trackers.values():
             thing = things.get(object_id)
             if thing is not None and -fresh_ns <= now_ns - stamp <= self.delay_ns + fresh_ns:
@@ -189,7 +189,7 @@ class Sight:
 
     def robots(self, now_ns: int) -> dict[str, RobotState]:
         """Return the robots in the room by name. Only what is visible of one counts: kind, place, speed."""
-        fresh_ns = round(FRESH_S * NS_PER_S)
+        fresh_ns = round(MAX_LIST_AGE_S * NS_PER_S)
         oldest_ns, newest_ns = now_ns - self.delay_ns - fresh_ns, now_ns + fresh_ns
         return {
             name: state for name, state in self._robots.items() if oldest_ns <= state.stamp_ns <= newest_ns

@@ -13,7 +13,7 @@ ROUND = 4
 """Number of looks from one look at all things to the next. Others are at the goal only."""
 ON_M = 0.05
 """Distance beside a thing at which a cursor is on it, m."""
-STILL_S = 0.5
+MAX_CURSOR_AGE_S = 0.5
 """Age of a frame up to which its cursor is current, s."""
 ROBOT_LAG_S = 0.8
 """Time after a movement of the hand within which a robot that follows it is not where the hand points, s."""
@@ -131,7 +131,7 @@ class Perception:
 
     def _under_cursor(self, now_ns: int) -> str:
         cursor, at_ns = self.cursor, self._cursor_ns
-        if not 0 <= now_ns - at_ns < STILL_S * NS_PER_S:
+        if not 0 <= now_ns - at_ns < MAX_CURSOR_AGE_S * NS_PER_S:
             return ""
         if cursor is None:
             return self._answering_id

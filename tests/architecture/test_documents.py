@@ -110,7 +110,9 @@ def test_pages_for_maintainers_stay_short(pages: str, most: int) -> None:
 
 def test_the_path_of_a_sample_has_one_file_a_step() -> None:
     text = (ROOT / "docs/explanation/architecture.md").read_text(encoding="utf-8")
-    steps = re.findall(r"(?m)^\| \d+\. .*$", text.partition("## The path of a sample")[2].partition("\n## ")[0])
+    steps = re.findall(
+        r"(?m)^\| \d+\. .*$", text.partition("## The path of a sample")[2].partition("\n## ")[0]
+    )
     assert 10 <= len(steps) <= 20
     assert [step for step in steps if len(re.findall(r"\]\([^)]+\.py\)", step)) != 1] == []
 

@@ -92,7 +92,7 @@ DEFAULT_PROFILE = UserProfile(stamp_ns=0)
 
 POINTS_NS = NS_PER_S // 2
 """A person without a cursor for this long does not point."""
-TRACKED_NS = NS_PER_S
+MAX_TRACKER_AGE_NS = NS_PER_S
 """A tracker silent for this long tracks nothing."""
 STEEP_RAD = math.radians(60.0)
 """Elevation of an arm, up or down, from which its azimuth does not tell where the person faces."""
@@ -254,7 +254,7 @@ class ConversionState:
     def tracked(self) -> Iterator[TrackedObject]:
         """Yield the objects of all trackers that are not silent, once their numbers are settled."""
         for received_ns, message in self._tracked.values():
-            if self.now_ns - received_ns <= TRACKED_NS:
+            if self.now_ns - received_ns <= MAX_TRACKER_AGE_NS:
                 for item in message.objects:
                     if self.uids.is_settled(item.id):
                         yield item
@@ -265,7 +265,7 @@ class ConversionState:
         return {
             name: state
             for name, (received_ns, state) in self._robots.items()
-            if self.now_ns - received_ns <= TRACKED_NS
+            if self.now_ns - received_ns <= MAX_TRACKER_AGE_NS
         }
 
     def plan(self, robot: str) -> RobotPlan | None:

@@ -196,7 +196,7 @@ class SiteObservation:
         return finding.code != "empty" or not self._is_over
 
 
-MODEL_SILENT_S = 3.0
+MAX_TRACKER_AGE_S = 3.0
 """A tracker without messages for this long (s) counts as gone; it sends 25 a second."""
 
 MISSED_S = 86_400.0
@@ -250,7 +250,9 @@ class Trackers:
     def silent(self, now_s: float) -> list[Key]:
         """Return the keys of trackers that have fallen silent, each once."""
         gone = [
-            tracker for tracker, received_s in self._received_s.items() if now_s - received_s > MODEL_SILENT_S
+            tracker
+            for tracker, received_s in self._received_s.items()
+            if now_s - received_s > MAX_TRACKER_AGE_S
         ]
         for tracker in gone:
             del self._received_s[tracker]

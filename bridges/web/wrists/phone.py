@@ -60,7 +60,7 @@ MAX_WAITING = 64
 MAX_ASKS = 8
 """Maximum number of open requests of one phone."""
 
-FRESH_S = 2.0
+MAX_CUE_AGE_S = 2.0
 """Queued messages older than this (s) are not sent: late cues are useless."""
 
 RATE_HZ = 240.0
@@ -121,7 +121,7 @@ class PhoneConnection:
     def drain(self) -> list[str]:
         """Empty the queue, and return its messages as JSON, oldest first."""
         now_s = time.monotonic()
-        fresh = [text for when_s, text in self._waiting if now_s - when_s <= FRESH_S]
+        fresh = [text for when_s, text in self._waiting if now_s - when_s <= MAX_CUE_AGE_S]
         self._waiting.clear()
         self.woken.clear()
         return fresh

@@ -82,7 +82,7 @@ ANYWHERE_M = 1e4
 ANY_YAW_RAD = 10.0 * math.pi
 """Standard deviations of a position and of a yaw of which nothing is known."""
 
-OLDEST_REST_S = 60.0
+MAX_REST_AGE_S = 60.0
 """Age up to which rests count: rates change slowly."""
 
 
@@ -296,7 +296,7 @@ class DriftFilter:
         A raised arm creeps at a rate that is constant for one person, which is estimated, too.
 
         Args:
-            stamp_ns: middle of the rest; up to `OLDEST_REST_S` old.
+            stamp_ns: middle of the rest; up to `MAX_REST_AGE_S` old.
             yaw_rate_radps: of {H} in {W}: minus the rate at which the IMU turned.
             sigma_radps: its standard deviation, > 0.
             is_raised: True unless the arm hangs.
@@ -309,7 +309,7 @@ class DriftFilter:
         usable = math.isfinite(yaw_rate_radps) and math.isfinite(sigma_radps)
         if not usable or abs(yaw_rate_radps) > settings.max_rate_radps + allowed:
             return AnchorResult(accepted=False, reason="the arm turned faster than any IMU drifts; rest it")
-        if stamp_ns < state.stamp_ns - OLDEST_REST_S * NS_PER_S:
+        if stamp_ns < state.stamp_ns - MAX_REST_AGE_S * NS_PER_S:
             return AnchorResult(accepted=False, reason="the rest is more than a minute old; check the clocks")
         state.advance(stamp_ns)
         slope = np.zeros((len(state.means), 1, 5))

@@ -21,7 +21,7 @@ UNDERSTOOD_NS = 3 * NS_PER_S // 5
 """Time from the beginning of a name to the first press that can mean it, ns."""
 RECENT_NS = 2 * NS_PER_S // 5
 """Time for which a press can still mean an object that is no longer hovered, ns: pressing moves the arm."""
-SILENT_NS = NS_PER_S
+MAX_CURSOR_AGE_NS = NS_PER_S
 """Time without cursors after which nothing is announced any more, ns."""
 FOCUS_RAD = math.radians(12.0)
 """Angle by which the ray has to turn before it decides again, after a step."""
@@ -106,7 +106,9 @@ class Announcer:
         `acts` returns True if selecting an object has an effect.
         """
         # pages and phones forget somebody who leaves
-        self._is_due |= self._cursor is not None and cursor.stamp_ns - self._cursor.stamp_ns > SILENT_NS
+        self._is_due |= (
+            self._cursor is not None and cursor.stamp_ns - self._cursor.stamp_ns > MAX_CURSOR_AGE_NS
+        )
         self._cursor = cursor
         if self._focus is None:
             return progress
@@ -129,7 +131,7 @@ class Announcer:
         Return the object and the time, ns. The object is `""` if the person does not point or there is none.
         """
         cursor = self._cursor
-        if cursor is None or cursor.direction is None or abs(stamp_ns - cursor.stamp_ns) > SILENT_NS:
+        if cursor is None or cursor.direction is None or abs(stamp_ns - cursor.stamp_ns) > MAX_CURSOR_AGE_NS:
             return "", 0
         object_id = neighbour(objects, cursor, self._hovered, by)
         if object_id:
@@ -170,9 +172,13 @@ class Announcer:
         return self._send(stamp_ns, object_id, label)
 
     def is_silent(self, now_ns: int) -> bool:
-        """Return True if something is announced and no cursor came for `SILENT_NS`."""
+        """Return True if something is announced and no cursor came for `MAX_CURSOR_AGE_NS`."""
         cursor = self._cursor
-        return bool(self._announced.object_id) and cursor is not None and now_ns - cursor.stamp_ns > SILENT_NS
+        return (
+            bool(self._announced.object_id)
+            and cursor is not None
+            and now_ns - cursor.stamp_ns > MAX_CURSOR_AGE_NS
+        )
 
     def confirmed(self, press_ns: int) -> str:
         """Return the object that a press means: its name could be understood, and it was hovered until now.

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.schemas import Environment, Lamp, LampLeases, Localization, PointingRay, SetPose
-from pointit.services.led_driver.lamps import FRESH_NS, LampQueue
+from pointit.services.led_driver.lamps import MAX_LOCALIZATION_AGE_NS, LampQueue
 from pointit.services.localizer import static_targets
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
@@ -236,7 +236,7 @@ def test_every_wait_ends_despite_losses_and_crashes(
             case _:
                 pass
         world.run(data.draw(st.sampled_from([0.0, 0.1, 0.7, 2.0])))
-    served_s = len(people) * (LASTS_S + DELAY_S + 1.0) + FRESH_NS / S
+    served_s = len(people) * (LASTS_S + DELAY_S + 1.0) + MAX_LOCALIZATION_AGE_NS / S
     world.run_out(served_s)
     assert all(player.asked_ns is None or player.core is None or not player.waits for player in people)
     # a second is lost; who is not heard for three has ended for led-driver

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import pointit.schemas as models
 from pointit.bridges.ros2.graph.backend import Qos
 from pointit.bridges.ros2.outbound.values import LAST_S, MAX_TEXT
-from pointit.bridges.ros2.routing.conversion_state import TRACKED_NS
+from pointit.bridges.ros2.routing.conversion_state import MAX_TRACKER_AGE_NS
 from pointit.bridges.ros2.routing.routes import Routes, routes
 from pointit.geometry import rotation, vector
 from pointit.runtime.clock import WallClock
@@ -191,11 +191,11 @@ def test_packages_of_all_trackers_are_listed_as_shares_of_their_belts(table: Rou
     listed = {each.uid: (each.position.name, each.position.position, each.type) for each in value.packages}
     assert listed == {12: ("part_a", 0.5, 1), 7: ("part_b", 0.5, 0), 4: ("strip_0", 1.0, 1)}
     assert {each.uid: each.length for each in value.packages}[12] == pytest.approx(0.3)
-    scene.take("conveyor", objects(package(2)), NOW_NS + TRACKED_NS + 1)
+    scene.take("conveyor", objects(package(2)), NOW_NS + MAX_TRACKER_AGE_NS + 1)
     (value,) = row.convert(objects(), "conveyor", scene)
     assert [each.uid for each in value.packages] == [2], "the other tracker is silent"
     thing = models.Thing(id="19-2", center_m=(0.0, 1.0, 0.0), size_m=(0.3, 0.3, 0.3), strip="0")
-    scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS + TRACKED_NS + 1)
+    scene.take("", ROOM.model_copy(update={"things": (thing,)}), NOW_NS + MAX_TRACKER_AGE_NS + 1)
     (value,) = row.convert(objects(), "conveyor", scene)
     assert not value.packages, "a thing of the map is none"
 

@@ -289,7 +289,7 @@ async def test_old_chimes_are_not_told(
 ) -> None:
     await posted(phone)
     bench.phones.feedback("anna", Feedback(stamp_ns=0, cue="selected", text="late"))
-    monkeypatch.setattr(phone_connection, "FRESH_S", -1.0)
+    monkeypatch.setattr(phone_connection, "MAX_CUE_AGE_S", -1.0)
     assert await posted(phone, TURN) == []
     monkeypatch.undo()
     assert await posted(phone, TURN) == []

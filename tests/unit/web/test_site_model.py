@@ -9,6 +9,7 @@ from pointit.bridges.web.model import site_model as module
 from pointit.bridges.web.model.site_model import (
     GRACE_S,
     LEFT_S,
+    MAX_TRACKER_AGE_S,
     MISSED_S,
     WINDOW_S,
     WITH_WRITER,
@@ -19,7 +20,6 @@ from pointit.bridges.web.model.site_model import (
     keys_of_person,
     keys_of_service,
 )
-from pointit.bridges.web.model.site_model import MODEL_SILENT_S as TRACKER_SILENT_S
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import Status
@@ -222,9 +222,9 @@ def test_a_silent_tracker_is_gone_once() -> None:
     trackers = Trackers()
     trackers.add("conveyor", 0.0)
     trackers.add("robot", 2.0)
-    assert trackers.silent(TRACKER_SILENT_S) == []
-    assert trackers.silent(TRACKER_SILENT_S + 0.1) == [(OBJECTS, "conveyor")]
-    assert trackers.silent(TRACKER_SILENT_S + 0.2) == []
+    assert trackers.silent(MAX_TRACKER_AGE_S) == []
+    assert trackers.silent(MAX_TRACKER_AGE_S + 0.1) == [(OBJECTS, "conveyor")]
+    assert trackers.silent(MAX_TRACKER_AGE_S + 0.2) == []
 
 
 def deployment(*instances: str, scenario: str = "") -> Deployment:

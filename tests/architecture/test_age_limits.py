@@ -39,7 +39,7 @@ def value_s(file: str, name: str) -> float:
     owners: list[Any] = [
         kind
         for _, kind in inspect.getmembers(module, inspect.isclass)
-        if kind.__module__ == module.__name__ and name in kind.__dict__.get("__annotations__", {})
+        if kind.__module__ == module.__name__ and name in inspect.get_annotations(kind)
     ]
     (owner,) = owners
     return owner.model_fields[name].default if issubclass(owner, BaseModel) else getattr(owner, name)

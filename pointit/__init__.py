@@ -8,11 +8,11 @@ import importlib
 import os
 from typing import Any
 
-if os.path.isfile(f"{__path__[0]}/services"):  # noqa: PTH113 - `pathlib` takes longer to load than all else here
+if os.path.isfile(f"{__path__[0]}/services"):  # noqa: PTH113 - `pathlib` takes longer than all else here
     raise ImportError(
-        f"{__path__[0]}: services, schemas and bridges are text files here, not symbolic links: git wrote this "
-        "checkout without links; run `git config core.symlinks true`, then `git checkout -- pointit` (on Windows "
-        "in its developer mode), or install a wheel"
+        f"{__path__[0]}: services, schemas and bridges are text files here, not symbolic links: git wrote "
+        "this checkout without links; on Windows, switch on its developer mode; then run "
+        "`git config core.symlinks true`, then `git checkout -- pointit`, or install a wheel"
     )
 
 _HOMES = {

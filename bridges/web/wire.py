@@ -65,7 +65,7 @@ Mover = Literal["own", "mouse", "phone", "headset"]
 """Mover of a person's wrist: their own device or the simulation, a page's mouse or headset, a phone."""
 
 Deed = Annotated[str, Field(max_length=64)]
-"""Name of an action of this server that a page can request: a row of `pages/arm_actions.py` or `site_actions.py`,
+"""Name of an action of this server: a row of `pages/arm_actions.py` or `pages/site_actions.py`,
 which the schema for the client lists."""
 
 LATEST_MS = 9e12

@@ -217,8 +217,8 @@ class NatNetSession:
         age_s = (now_ns - stamp_ns) / NS_PER_S
         if not -MAX_FUTURE_S <= age_s <= MAX_FRAME_AGE_S:
             self._frame_fault = (
-                f"its frames are {age_s:.1f} s old, at most {MAX_FRAME_AGE_S:g} s are accepted: change from a "
-                "recording to the live view in Motive"
+                f"its frames are {age_s:.1f} s old, at most {MAX_FRAME_AGE_S:g} s are accepted: change from "
+                "a recording to the live view in Motive"
             )
             return
         is_timed = self._clock is None or self._clock.time_ns(0, now_ns) is not None

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from pointit.schemas.base import Count, Id, Many, Message, SchemaModel
 from pointit.schemas.errors import KeyNameError
+from pointit.schemas.problems import OTHER, Problem
 from pointit.schemas.table_types import check_name
 
 RUN = "run."
@@ -92,7 +93,7 @@ class Figure(SchemaModel):
 class Health(Message):
     """One service's own account, once a second."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     max_bytes: ClassVar[int] = 64 * 1024
 
@@ -107,8 +108,14 @@ class Health(Message):
     latency: Annotated[Quantiles | None, Field(description="from capture to its output")] = None
     errors: Annotated[int, Field(ge=0, description="handlers that raised, since the start")] = 0
     status: Literal["ok", "degraded"] = "ok"
-    warnings: Annotated[Many[str], Field(description="problems and their remedies")] = ()
+    warnings: Annotated[Many[str], Field(description="sentences of the problems that are warnings")] = ()
     figures: Annotated[Many[Figure], Field(description="further metrics of the service")] = ()
+    problems: Annotated[Many[Problem], Field(description="empty if the writer knows none of this field")] = ()
+
+    @property
+    def all_problems(self) -> tuple[Problem, ...]:
+        """Return the problems, also those of writers that have sentences only."""
+        return self.problems or tuple(Problem(code=OTHER, sentence=each) for each in self.warnings)
 
 
 class Configuration(Message):

@@ -85,6 +85,11 @@ def check_name(name: str, what: str = "name") -> str:
     return name
 
 
+def fill_key(key: str, user: str = "") -> str:
+    """Return the key pattern `key` as people read it: with `user`, and `*` for every other placeholder."""
+    return _PLACEHOLDER.sub(lambda found: (found[1] == "user" and user) or ANY, key)
+
+
 def valid_name(text: str) -> str:
     """Return a name like `text` that can stand in a key, `""` if it has neither letters nor digits."""
     plain = "".join(each for each in unicodedata.normalize("NFKD", text) if not unicodedata.combining(each))

@@ -436,8 +436,8 @@ class LogLine:
 
 @dataclass(slots=True)
 class _Account:
-    warnings: dict[str, str]
-    """By text without numbers, which may change every second."""
+    warnings: dict[tuple[str, ...], str]
+    """Sentences by the identity of the problem."""
     errors: int
     lost: int
     invalid: int
@@ -494,18 +494,18 @@ class EventLog:
 
     def _health(self, health: Health, instance: str) -> Iterator[tuple[LogLevel, str]]:
         now = _Account(
-            {_NUMBER.sub("#", sentence): sentence for sentence in health.warnings},
+            {each.identity: each.sentence for each in health.all_problems if each.severity == "warning"},
             health.errors,
             sum(key.lost for key in health.keys),
             sum(key.invalid for key in health.keys),
         )
         before = self._health_counts.get(instance, _Account({}, 0, 0, 0))
         self._health_counts[instance] = now
-        for kind, sentence in now.warnings.items():
-            if kind not in before.warnings:
+        for identity, sentence in now.warnings.items():
+            if identity not in before.warnings:
                 yield LogLevel.Warning, sentence
-        for kind, sentence in before.warnings.items():
-            if kind not in now.warnings:
+        for identity, sentence in before.warnings.items():
+            if identity not in now.warnings:
                 yield LogLevel.Info, f"no longer: {sentence}"
         if now.errors > before.errors:
             yield LogLevel.Error, f"{now.errors - before.errors} handlers failed; see its log"

@@ -252,9 +252,10 @@ class EntityCommands:
                     "actions",
                     f"Home Assistant did not run {call.domain}.{call.service} on {entity} "
                     f"({str(error) or 'no answer'}): correct {parameter}",
+                    entity,
                 )
             else:
-                self._bus.clear("actions")
+                self._bus.clear("actions", entity)
             return True
         is_slow = self._slow_calls[entity] >= MAX_SLOW_CALLS
         if entity in self._hovered() and entity not in self._acted and not is_slow:

@@ -284,10 +284,10 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             ("entities", missing, "not in Home Assistant", "correct `home_assistant` in the map or site"),
             ("unavailable", unavailable, "unavailable in Home Assistant", "look into the integration there"),
         )
-        for topic, entries, problem, remedy in remedies:
+        for code, entries, problem, remedy in remedies:
             more = f" and {len(entries) - MAX_NAMES} more" if len(entries) > MAX_NAMES else ""
             listed = ", ".join(entries[:MAX_NAMES]) + more
-            self.bus.warn(topic, f"{problem}: {listed}; {remedy}" if entries else "")
+            self.bus.warn(code, f"{problem}: {listed}; {remedy}" if entries else "")
 
 
 def _content(path: Path) -> bytes:

@@ -455,11 +455,11 @@ class FetchRequest:
 class _IgnoredWarnings:
     """Ignores warnings: those of so short a connection are in the error."""
 
-    def warn(self, topic: str, sentence: str) -> None:
-        log.debug("%s: %s", topic, sentence)
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
+        log.debug("%s %s: %s", code, subject, sentence)
 
-    def clear(self, topic: str) -> None:
-        log.debug("%s: well", topic)
+    def clear(self, code: str, subject: str = "") -> None:
+        log.debug("%s %s: well", code, subject)
 
 
 async def fetched(

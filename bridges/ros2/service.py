@@ -54,7 +54,7 @@ class Ros2(Service[Ros2Config]):
         for name, why in unusable.items():
             left_out = ", ".join(route.name for route in self._table.all if route.type == name)
             sentence = f"without {left_out}: type {name} cannot be used: {why}"
-            self.bus.warn(f"type {name}", sentence)
+            self.bus.warn("type", sentence, name)
             log.warning("%s", sentence)
         self._table = _only(self._table, lambda route: route.type not in unusable)
 

@@ -21,6 +21,7 @@ from collections.abc import Callable, Mapping
 
 from pointit.access.rights import max_rate_hz
 from pointit.runtime.link.link import ROOM
+from pointit.schemas.problems import DENIED, Problem
 
 REJECTION_FILTER = (
     "zenoh_link_tls=warn,zenoh_link_quic=warn"
@@ -146,7 +147,7 @@ class RecentDenials:
         self._messages: dict[tuple[str, str], tuple[str, float]] = {}
         """By identity (`SITE/NAME`) and kind, the oldest first: message, and time at which it was true, s."""
 
-    def add(self, sentences: Mapping[str, str], now_s: float, kind: str = "") -> None:
+    def add(self, sentences: Mapping[str, str], now_s: float, kind: str = DENIED) -> None:
         """Add messages by identity and forget old ones.
 
         Each replaces the earlier one of the same identity and kind: a repeated message, such as that an
@@ -157,11 +158,11 @@ class RecentDenials:
             self._messages[name, kind] = (sentence, now_s)
         self._messages = {key: entry for key, entry in self._messages.items() if now_s - entry[1] <= RECENT_S}
 
-    def of(self, site: str) -> tuple[str, ...]:
-        """Return the messages for `site`, the newest first: those of its identities and of unknown ones."""
+    def of(self, site: str) -> tuple[Problem, ...]:
+        """Return the problems for `site`, the newest first: those of its identities and of unknown ones."""
         there = [
-            sentence
-            for (name, _), (sentence, _) in reversed(self._messages.items())
+            Problem(code=kind, sentence=sentence, subject=name.rpartition("/")[2])
+            for (name, kind), (sentence, _) in reversed(self._messages.items())
             if name.startswith(f"{site}/") or "/" not in name
         ]
         return tuple(there[:MAX_MESSAGES])

@@ -52,7 +52,7 @@ class PrintedHealth(NullHealth):
     """Prints each new warning."""
 
     def __init__(self) -> None:
-        self._warnings: dict[str, str] = {}
+        self._warnings: dict[tuple[str, str], str] = {}
 
     def warn(self, topic: str, sentence: str) -> None:
         """Print a warning unless it was the last one of its topic."""
@@ -120,18 +120,18 @@ class PrintedWarnings(NullHealth):
         """Create without warnings. `well`: the sentence that is printed when there are none any more."""
         self._well = well
         self._as_json = as_json
-        self._warnings: dict[str, str] = {}
+        self._warnings: dict[tuple[str, str], str] = {}
 
-    def warn(self, topic: str, sentence: str) -> None:
-        """Set the warning of a topic, or clear it by `""`."""
-        if self._warnings.get(topic, "") == sentence:
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
+        """Set the warning of a code and subject, or clear it by `""`."""
+        if self._warnings.get((code, subject), "") == sentence:
             return
-        self._warnings[topic] = sentence
+        self._warnings[code, subject] = sentence
         self.tell()
 
-    def clear(self, topic: str) -> None:
-        """Clear the warning of a topic."""
-        self.warn(topic, "")
+    def clear(self, code: str, subject: str = "") -> None:
+        """Clear the warning of a code and subject."""
+        self.warn(code, "", subject)
 
     def tell(self) -> None:
         """Print the warnings, or that all is well."""

@@ -4,7 +4,6 @@ Each explanation takes the symptoms that no deeper cause has explained, and retu
 explains is not a problem of its own.
 """
 
-import re
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +20,19 @@ from pointit.diagnosis.missing_services import (
 from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, StoppedProcess, row_of
 from pointit.diagnosis.symptoms import latency_s
 from pointit.runtime.bus.contract import AnyTopic
-from pointit.runtime.link.link import AGAIN, LOST, Outage, find_outage
+from pointit.runtime.link.link import AGAIN, Outage, find_outage
+from pointit.schemas.problems import (
+    CLOCK,
+    CLOCK_LIMIT,
+    DENIED,
+    INVALID,
+    LATE,
+    NOBODY,
+    ROUTER_LOST,
+    SILENCING,
+    TWICE,
+    UNWRITABLE,
+)
 from pointit.schemas.system import split_instance
 from pointit.services.registry import person_of
 
@@ -69,24 +80,17 @@ def find_mass_outage(findings: Sequence[Finding], seen: Observation) -> Finding 
 
 def _outage(findings: Sequence[Finding], seen: Observation) -> Outage | None:
     gone = {each.service for each in findings if each.code in GONE}
-    warnings = [each.sentence for each in findings if each.code == "warning"]
-    return find_outage(seen.present | seen.expected.keys() | gone, gone, warnings)
+    lost_router = next((each.subject for each in findings if each.problem == ROUTER_LOST), "")
+    return find_outage(seen.present | seen.expected.keys() | gone, gone, lost_router)
 
 
 def _finding(sentence: str, remedy: str) -> Finding:
     return Finding("error", "unreachable", "", sentence, remedy)
 
 
-DISORDERED = re.compile(
-    r"came later than others before them|were older than those before them|"
-    r"IMU samples made no ray, the last is"
-)
-"""Warnings about the times of messages."""
-
-
 def find_consequences(services: Collection[str], seen: Observation) -> Callable[[Finding], bool]:
     """Return a test for symptoms of others that follow if `services` do nothing, or do it wrongly."""
-    written = {topic for each in services for topic in _topics(each, "writes")}
+    written = {topic.key for each in services for topic in _topics(each, "writes")}
     names = {split_instance(each)[0] for each in services}
     affected = _readers(services, seen)
 
@@ -97,10 +101,8 @@ def find_consequences(services: Collection[str], seen: Observation) -> Callable[
             return False
         if each.code in ("stale", "slow"):
             return True
-        is_mentioned = any(topic.key in each.sentence for topic in written) or any(
-            re.search(rf"\b{re.escape(name)}\b", each.sentence) for name in names
-        )
-        return each.code == "warning" and (is_mentioned or bool(DISORDERED.search(each.sentence)))
+        is_concerned = each.topic in written or each.subject in names or each.problem == LATE
+        return each.code == "warning" and is_concerned
 
     return follows
 
@@ -126,19 +128,6 @@ def _readers(services: Collection[str], seen: Observation) -> set[str]:
 def _topics(instance: str, way: str) -> tuple[AnyTopic, ...]:
     row = row_of(split_instance(instance)[0])
     return () if row is None else getattr(row, way)
-
-
-CLOCK = re.compile(r"the clock of machine (?P<host>\S+) is ")
-UNWRITABLE = re.compile(r"cannot be written|disk is full|No space left on device")
-"""Warnings about files."""
-RIGHTS = re.compile(
-    r"this identity \((?P<own>[^)]+)\) may (?:not|do nothing)\b|^(?:[^\s/]+/)?(?P<denied>[\w.-]+) may not\b"
-)
-"""Warnings about what an identity lacks: of its own process, and of the router."""
-INVALID = re.compile(
-    r"were invalid and were dropped, the last of (?P<writer>.*?) \((?P<reason>.*)\): look at"
-)
-TWICE = re.compile(r" runs twice: here and as ")
 
 
 PASSING = ("slow", "stale", "silent", "starved")
@@ -172,29 +161,33 @@ def explain(symptoms: Symptoms, seen: Observation) -> list[Finding]:
             left: list[Finding] = []
             for each in unexplained:
                 if each not in (cause.finding, cause.symptom):
-                    (explained_findings if cause.explains(each) else left).append(each)
+                    if not cause.explains(each):
+                        left.append(each)
+                    elif cause.finding.severity == "note":  # nothing is wrong
+                        explained_findings.append(replace(each, severity="note"))
+                    else:
+                        explained_findings.append(each)
             unexplained = left
     return [*findings, *unexplained, *(replace(each, follows=True) for each in explained_findings)]
 
 
 def may_pass(finding: Finding) -> bool:
     """Return True if a short load can cause `finding`: it counts if it lasts."""
-    return finding.code in PASSING or bool(DISORDERED.search(finding.sentence))
+    return finding.code in PASSING or finding.problem == LATE
 
 
 def _lost_router(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     if finding := find_lost_router(symptoms, seen):
         yield Cause(
-            finding,
-            lambda each: each.code in (*GONE, "stale", "no-cursor") or bool(LOST.search(each.sentence)),
+            finding, lambda each: each.code in (*GONE, "stale", "no-cursor") or each.problem == ROUTER_LOST
         )
 
 
 def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_host: dict[str, list[Finding]] = defaultdict(list)
     for each in symptoms:
-        if found := CLOCK.search(each.sentence):
-            by_host[found["host"]].append(each)
+        if each.problem in (CLOCK, CLOCK_LIMIT):
+            by_host[each.subject].append(each)
     hosts = {health.host for name in seen.reports if (health := seen.newest(name))}
     for reporter in {"", *(each.service for group in by_host.values() for each in group)}:
         health = seen.newest(reporter)
@@ -202,10 +195,10 @@ def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
             first, *others = by_host.values()  # the clock that is wrong is the reporter's
             by_host = {"": [*first, *(each for group in others for each in group)]}
     for cause in by_host.values():
-        is_far = any(word in cause[0].sentence for word in ("refused", "too old"))
+        is_far = cause[0].problem == CLOCK_LIMIT
 
         def explains(each: Finding, symptoms: Symptoms = symptoms, *, is_far: bool = is_far) -> bool:
-            is_late = each.code in ("stale", "slow", "no-cursor") or bool(DISORDERED.search(each.sentence))
+            is_late = each.code in ("stale", "slow", "no-cursor") or each.problem == LATE
             return each in symptoms or (is_late and (is_far or each.code == "slow"))
 
         yield replace(_first_of(cause, cause[0].code), explains=explains)
@@ -214,7 +207,7 @@ def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_host: dict[str, list[Finding]] = defaultdict(list)
     for each in symptoms:
-        if each.code == "warning" and UNWRITABLE.search(each.sentence):
+        if each.problem == UNWRITABLE:
             health = seen.newest(each.service)
             by_host[health.host if health else ""].append(each)
     yield from (_first_of(group, "disk") for group in by_host.values())
@@ -223,9 +216,8 @@ def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_name: dict[str, list[Finding]] = defaultdict(list)
     for each in symptoms:
-        found = RIGHTS.search(each.sentence) if each.code == "warning" else None
-        if found and (found["own"] or is_router(each.service)):
-            by_name[found["own"] or found["denied"]].append(each)
+        if each.problem == DENIED:
+            by_name[each.subject].append(each)
     for name, group in by_name.items():
         own = sorted(group, key=lambda each: is_router(each.service))
         services = {each.service for each in group}
@@ -261,6 +253,20 @@ def _gone(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
             yield Cause(each, find_consequences({each.service}, seen))
 
 
+def _unwritten(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    """Explain inputs that never come by what their writer says of its device: that is the error, not they."""
+    for each in symptoms:
+        if each.problem in SILENCING and (stale := [of for of in symptoms if _waits_for(of, each.service)]):
+            follow = find_consequences({each.service}, seen)
+            is_idle = each.problem == NOBODY
+            finding = replace(each, severity="note" if is_idle else "error")
+            yield _also(Cause(finding, stale.__contains__, each), follow)
+
+
+def _waits_for(finding: Finding, writer: str) -> bool:
+    return finding.code == "stale" and writer in finding.services and writer != finding.service
+
+
 def _no_cursor(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for each in symptoms:
         if each.code == "no-cursor":
@@ -274,11 +280,10 @@ def _process_cause(finding: Finding, seen: Observation) -> Cause:
 
 
 def _duplicates(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    twice = [each for each in symptoms if each.code == "twice" or TWICE.search(each.sentence)]
     by_remark: dict[str, list[Finding]] = defaultdict(list)
-    for each in twice:
-        pids = re.search(r"processes (.*)$", each.sentence)
-        by_remark[pids[1] if pids else ""].append(each)
+    for each in symptoms:
+        if each.problem == TWICE:
+            by_remark[each.subject if each.code == "twice" else ""].append(each)
     if len(by_remark) > 1:  # the services' own words on it
         first = next(key for key in by_remark if key)
         by_remark[first] += by_remark.pop("", [])
@@ -292,22 +297,18 @@ def _duplicates(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 def _invalid(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     """Explain messages that several services drop by what writes them."""
     del seen
-    invalid = [each for each in symptoms if INVALID.search(each.sentence) or _is_invalid_counter(each)]
-    reasons = {each.topic: found for each in invalid if (found := INVALID.search(each.sentence))}
+    invalid = [each for each in symptoms if each.problem == INVALID]
+    words = {each.topic: each for each in invalid if each.code == "warning"}
     by_writer: dict[str, list[Finding]] = defaultdict(list)
     for each in invalid:
-        by_writer[reasons[each.topic]["writer"] if each.topic in reasons else each.topic].append(each)
+        by_writer[words[each.topic].subject if each.topic in words else each.topic].append(each)
     for group in by_writer.values():
         group.sort(key=lambda each: (SEVERITIES.index(each.severity), each.code == "warning"))
         cause = _first_of(group, group[0].code)
-        if cause.finding.code != "warning" and (reason := reasons.get(cause.finding.topic)):
-            remedy = f"look at what writes them, the last of {reason['writer']} ({reason['reason']}): "
-            cause = replace(cause, finding=replace(cause.finding, remedy=remedy + cause.finding.remedy))
+        if cause.finding.code != "warning" and (told := words.get(cause.finding.topic)):
+            remedy = f"{told.service} {told.sentence}; {cause.finding.remedy}"
+            cause = replace(cause, finding=replace(cause.finding, remedy=remedy))
         yield cause
-
-
-def _is_invalid_counter(each: Finding) -> bool:
-    return each.code in ("failing", "failed") and "were invalid" in each.sentence
 
 
 def _late(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
@@ -352,8 +353,8 @@ def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 EXPLANATIONS: tuple[Explanation, ...] = (
-    _lost_router, _clock, _disk, _rights, _stopped, _starved, _ended, _mass, _gone, _no_cursor, _duplicates,
-    _invalid, _late, _same_words,
+    _lost_router, _clock, _disk, _rights, _stopped, _starved, _ended, _mass, _gone, _unwritten, _no_cursor,
+    _duplicates, _invalid, _late, _same_words,
 )  # fmt: skip
 """From the deepest causes to the nearest."""
 

@@ -16,7 +16,9 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import Health, KeyHealth
+from pointit.schemas.problems import CLOCK, CLOCK_LIMIT
 from pointit.schemas.system import instance_of, split_instance
+from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
 from pointit.services.registry import person_of
@@ -55,7 +57,8 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             else:
                 remedy = _look_at(seen, writers[0])
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
-            sentence = f"its input {topic.key} {age}, though {' and '.join(writers)} should write it"
+            key_name = fill_key(topic.key, person_of(instance) or person_of(writers[0]))
+            sentence = f"its input {key_name} {age}, though {' and '.join(writers)} should write it"
             yield Finding(
                 "error", "stale", instance, sentence, remedy, topic=topic.key, services=(instance, *writers)
             )
@@ -156,11 +159,15 @@ def find_clock_skew(seen: Observation) -> Iterator[Finding]:
                     report.health.host, report.health.stamp_ns, report.arrived_ns, report.received_s
                 )
     keeper = seen.newest("keeper")
-    warning_text = " ".join(keeper.warnings) if keeper is not None else ""
+    told = {
+        each.subject for each in (keeper.all_problems if keeper else ()) if each.code in (CLOCK, CLOCK_LIMIT)
+    }
     for skew in skew_monitor.skews(seen.now_s):
-        if f"the clock of machine {skew.host} " not in warning_text:
+        if skew.host not in told:
             severity: Severity = "error" if skew.exceeds_limit else "warning"
-            yield Finding(severity, "clock", "", skew.sentence(seen.host), REMEDY)
+            problem = CLOCK_LIMIT if skew.exceeds_limit else CLOCK
+            sentence = skew.sentence(seen.host)
+            yield Finding(severity, "clock", "", sentence, REMEDY, problem=problem, subject=skew.host)
 
 
 def is_about(instance: str, name: str) -> bool:

@@ -12,6 +12,7 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
+from pointit.schemas.problems import OTHER
 from pointit.schemas.system import RUN, instance_of, split_instance
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ACCOUNTS, ANY
@@ -188,6 +189,7 @@ Code = Literal[
     "failing",
     "failed",
     "warning",
+    "idle",
     "degraded",
     "slow",
     "clock",
@@ -213,6 +215,16 @@ class Finding:
     """Key of the topic that is late, invalid or lost, or `""`."""
     services: tuple[str, ...] = ()
     """Instances with the problem, if there are several."""
+    problem: str = ""
+    """Code of the service's problem (`schemas.problems`), or `""`."""
+    subject: str = ""
+    """Machine, identity, writer or process that it is about, or `""`."""
+
+    @property
+    def identity(self) -> tuple[str, ...]:
+        """Return what stays the same while its sentence counts on."""
+        sentence = self.sentence if self.problem == OTHER else ""
+        return (self.code, self.service, self.problem, self.subject, self.topic, sentence)
 
     @property
     def instances(self) -> tuple[str, ...]:

@@ -8,7 +8,9 @@ from pointit.diagnosis.observation import BUSY_START_S, DiagnosisReport, Finding
 from pointit.geometry import floor_sigma
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.schemas import Health, UserPose
+from pointit.schemas.problems import INVALID, TWICE, UNCERTAIN
 from pointit.schemas.system import split_instance
+from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import one_line, round_beyond
 from pointit.schemas.topics import TOPICS, Delivery
 from pointit.services.localizer.config import LocalizerConfig
@@ -46,8 +48,6 @@ def figure(health: Health, name: str) -> float | None:
 
 SLOW_S = 0.1
 """Latency from capture to output, 99th percentile, above which pointing feels detached from the hand, s."""
-UNCERTAIN = "uncertain"
-"""Word in the localizer's own warnings about the pose."""
 
 
 def latency_s(health: Health | None) -> float:
@@ -64,12 +64,22 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
         yield from _twice(seen, instance, reports)
         yield from _counters(instance, reports[0].health, health)
         yield from _certainty(instance, health)
-        for sentence in map(one_line, health.warnings):
-            remedy = "" if _says_what_to_do(sentence) else "look at its log, which has details"
-            text = f"says: “{sentence}”" if person_of(instance) else sentence
-            topic = next((row.key for row in TOPICS if row.key in sentence), "")
-            yield Finding("warning", "warning", instance, text, remedy, topic=topic)
-        if health.status == "degraded" and not health.warnings:
+        for problem in health.all_problems:
+            sentence, subject = one_line(problem.sentence), one_line(problem.subject, LONGEST_HOST)
+            is_note = problem.severity == "note"
+            remedy = "" if is_note or _says_what_to_do(sentence) else "look at its log, which has details"
+            text = f"says: “{sentence}”" if person_of(instance) and not is_note else sentence
+            yield Finding(
+                problem.severity,
+                "idle" if is_note else "warning",
+                instance,
+                text,
+                remedy,
+                topic=one_line(problem.topic),
+                problem=problem.code,
+                subject=subject,
+            )
+        if health.status == "degraded" and not health.all_problems:
             sentence = "reports itself as degraded without a reason"
             yield Finding("warning", "degraded", instance, sentence, "look at its log")
         late_s = sorted(latency_s(each.health) for each in reports if each.health.uptime_s >= BUSY_START_S)
@@ -100,7 +110,8 @@ def _twice(seen: Observation, instance: str, reports: Sequence[DiagnosisReport])
     if len(ages_s) > 1 and min(ages_s.values()) > watched_s:
         pids = " and ".join(f"{pid} on {one_line(host, LONGEST_HOST) or '?'}" for host, pid in sorted(ages_s))
         remedy = "end all but one, or give each person their own --user"
-        yield Finding("error", "twice", instance, f"runs more than once: processes {pids}", remedy)
+        sentence = f"runs more than once: processes {pids}"
+        yield Finding("error", "twice", instance, sentence, remedy, problem=TWICE, subject=pids)
 
 
 def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
@@ -109,18 +120,24 @@ def _counters(instance: str, first: Health, last: Health) -> Iterator[Finding]:
     for key in last.keys:
         old = before.get((key.key, key.direction), key)
         pattern = one_line(key.key)
-        invalid = f"messages on {pattern} were invalid, and were dropped"
+        shown = fill_key(pattern, person_of(instance))
+        invalid = f"messages on {shown} were invalid, and were dropped"
         other_version = "a writer of another version? `pointit --version` on both machines"
         lost = "the network loses more than can be fetched again: look at the link between the machines"
         # for other topics only the newest counts
         is_event = any(row.key == pattern and row.delivery is Delivery.EVENT for row in TOPICS)
-        dropped = f"events on {pattern} were dropped: it reads too slowly"
-        for finding in (
-            *_counter(instance, key.invalid, old.invalid, invalid, other_version),
-            *_counter(instance, key.lost, old.lost, f"events on {pattern} never arrived", lost),
-            *_counter(instance, key.dropped * is_event, old.dropped, dropped, "is its machine overloaded?"),
+        dropped = f"events on {shown} were dropped: it reads too slowly"
+        for problem, findings in (
+            (INVALID, _counter(instance, key.invalid, old.invalid, invalid, other_version)),
+            ("lost", _counter(instance, key.lost, old.lost, f"events on {shown} never arrived", lost)),
+            (
+                "dropped",
+                _counter(
+                    instance, key.dropped * is_event, old.dropped, dropped, "is its machine overloaded?"
+                ),
+            ),
         ):
-            yield replace(finding, topic=pattern)
+            yield from (replace(each, topic=pattern, problem=problem) for each in findings)
     yield from _counter(
         instance, last.errors, first.errors, "of its handlers' calls failed", "its log has the traceback"
     )
@@ -130,7 +147,7 @@ def _certainty(instance: str, health: Health) -> Iterator[Finding]:
     """Find a pose that is uncertain, and the remedy."""
     where_m, yaw_deg = figure(health, POSITION_SIGMA), figure(health, YAW_SIGMA)
     age_s = figure(health, ANCHOR_AGE)
-    if any(UNCERTAIN in sentence for sentence in health.warnings):
+    if any(each.code == UNCERTAIN for each in health.all_problems):
         return  # it reports this itself, with a remedy
     who = split_instance(instance)[1] or "NAME"
     point = f"have them point at one lamp: `pointit person anchor {who}`, or press the button twice"

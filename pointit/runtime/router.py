@@ -40,8 +40,8 @@ from pointit.runtime.zenoh.connections import Connections
 from pointit.runtime.zenoh.declarations import encoding_of
 from pointit.runtime.zenoh.session import CLOSE_TIMEOUT_S, close_session, open_cancellable, open_session
 from pointit.schemas import Figure, Health, encode
+from pointit.schemas.problems import Problem
 from pointit.schemas.table_types import NAME
-from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE
 
 CHUNK_BYTES = 256 * 1024
@@ -222,8 +222,8 @@ class RouterHealthPublisher:
         self._seq = 0
         self._token = session.liveliness().declare_token(f"{self._root}/{SERVICE_ALIVE.at(self._instance)}")
 
-    def report(self, warnings: Sequence[str], refused: int, sessions: int) -> None:
-        """Publish the warnings, the number of refused attempts, and the number of connections."""
+    def report(self, problems: Sequence[Problem], refused: int, sessions: int) -> None:
+        """Publish the problems, the number of refused attempts, and the number of connections."""
         self._seq += 1
         health = Health(
             stamp_ns=time.time_ns(),
@@ -233,8 +233,9 @@ class RouterHealthPublisher:
             pid=os.getpid(),
             host=socket.gethostname(),
             uptime_s=time.monotonic() - self._began_s,
-            status="degraded" if warnings else "ok",
-            warnings=tuple(map(hide_secrets, warnings)),
+            status="degraded" if problems else "ok",
+            warnings=tuple(each.without_secrets().sentence for each in problems),
+            problems=tuple(each.without_secrets() for each in problems),
             figures=(
                 Figure(name="refused", value=float(refused)),
                 Figure(name="sessions", value=float(sessions)),
@@ -342,7 +343,7 @@ class Router:
         self._begin(await _open(config))
 
     def report(
-        self, of_site: Callable[[str], Sequence[str]], refused: int, sessions: Mapping[str, int]
+        self, of_site: Callable[[str], Sequence[Problem]], refused: int, sessions: Mapping[str, int]
     ) -> None:
         """Publish warnings, refused attempts and connections to each site, once a second."""
         for site, account in self._health_publishers.items():

@@ -346,7 +346,7 @@ class TrialHealth:
 
     def __init__(self) -> None:
         self.warnings: dict[str, str] = {}
-        """Present warnings by topic."""
+        """Present warnings by code, or code and subject."""
         self._foreign_folder = ""
         self._thread = threading.get_ident()
 
@@ -362,17 +362,18 @@ class TrialHealth:
                 f"`{self._foreign_folder}` was called from another thread than the event loop's"
             )
 
-    def warn(self, topic: str, sentence: str) -> None:
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Show a warning until it is cleared, by `clear` or `""`."""
         self.note_thread("health.warn")
+        key = f"{code} {subject}".rstrip()
         if sentence:
-            self.warnings[topic] = sentence
+            self.warnings[key] = sentence
         else:
-            self.warnings.pop(topic, None)
+            self.warnings.pop(key, None)
 
-    def clear(self, topic: str) -> None:
+    def clear(self, code: str, subject: str = "") -> None:
         """Clear a warning."""
-        self.warn(topic, "")
+        self.warn(code, "", subject)
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:  # noqa: ARG002 - as the bus
         """Store a metric."""

@@ -20,6 +20,7 @@ from pointit.schemas import (
     SetSpeed,
     topics,
 )
+from pointit.schemas.problems import UNWRITABLE
 from pointit.services.conveyor_sim.config import ConveyorSimConfig
 from pointit.services.conveyor_sim.feeding import NoRoomError, UnknownLaneError, check_schedule
 from pointit.services.conveyor_sim.persistence import PlantPersistence, discard, fingerprint
@@ -220,7 +221,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             self._events.put(event)
         if events:
             self._persistence.mark_published(now_ns)
-        self.bus.warn("kept", self._persistence.problem)
+        self.bus.warn(UNWRITABLE, self._persistence.problem)
 
     def _report(self, plant: Plant, now_ns: int) -> None:
         self._advance(plant, now_ns)

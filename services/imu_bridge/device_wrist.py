@@ -176,7 +176,7 @@ class WristMonitor:
             else "",
         )
         is_low = self.battery is not None and self.battery < LOW_BATTERY
-        yield "wrist battery", f"the battery of {label} is at {self.battery:.0%}: charge it" if is_low else ""
+        yield "wrist-battery", f"the battery of {label} is at {self.battery:.0%}: charge it" if is_low else ""
 
 
 CLOCK: "OptionalPart[type[CaptureClock]]" = OptionalPart(
@@ -347,7 +347,7 @@ class DeviceWrist:
         """Yield the warnings. `is_explained`: the source itself reports why nothing comes."""
         yield "readings", f"{self._plugin} {self._problem}" if self._problem else ""
         yield "fusion", f"{self._plugin} {self._no_fusion}" if self._no_fusion else ""
-        yield "clock", self._clock_warning(now_s)
+        yield "device-clock", self._clock_warning(now_s)
         if self._fusion is not None:
             yield "drift", self._fusion.warning(self._label)
         yield from self.monitor.warnings(now_s, is_explained=is_explained)

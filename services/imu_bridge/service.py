@@ -11,7 +11,7 @@ from pointit.runtime.bus.instrumented import steady_time
 from pointit.runtime.clock import Timer
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile
-from pointit.runtime.service.plugin_guard import NullHealth, PluginGuard, guard_of, warning_topics
+from pointit.runtime.service.plugin_guard import NullHealth, PluginGuard, guard_of, part_of
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     WRIST_PATIENCE_S,
@@ -26,6 +26,7 @@ from pointit.schemas import (
     WristSample,
     topics,
 )
+from pointit.schemas.problems import NO_DATA, NOBODY, UNWRITABLE
 from pointit.services.imu_bridge.arm_frame import ArmFrame, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.device_wrist import DeviceWrist, SensorSample
@@ -36,8 +37,6 @@ from pointit.services.imu_bridge.stored_mounting import PURPOSE, MountingSelecti
 log = logging.getLogger(__name__)
 REPORT_S = 1.0
 """Time between two reports on the device, s."""
-EXPLANATIONS = ("link", "port", "silent", "sensor", "sensors", "number")
-"""Topics of sources' warnings with the reason that nothing comes."""
 
 
 class ImuBridge(Service[ImuBridgeConfig]):
@@ -78,7 +77,6 @@ class ImuBridge(Service[ImuBridgeConfig]):
             itertools.count(1) for _ in range(3)
         )
         self._guard = guard_of(SOURCES, config.source, self.bus)
-        self._explanations = [warning_topics(config.source) + topic for topic in EXPLANATIONS]
         self._wrist = DeviceWrist(
             f"{self.user}'s wrist ({config.source})",
             self._guard.label,
@@ -169,9 +167,16 @@ class ImuBridge(Service[ImuBridgeConfig]):
         self._show_warnings()
 
     def _show_warnings(self) -> None:
-        is_explained = any(map(self.bus.has_warning, self._explanations))
+        part = part_of(self.config.source)
+        is_explained = any(self.bus.has_warning(code, part) for code in NO_DATA)
         for topic, message in self._wrist.warnings(self._time_s(), is_explained=is_explained):
             self.bus.warn(topic, message)
+        is_idle = self.config.source == "page" and not self._has_page and not self._others
+        sentence = (
+            f"nobody moves the arm of {self.user} yet: take it in the page, by mouse or phone, or with a "
+            "headset"
+        )
+        self.bus.warn(NOBODY, sentence if is_idle else "", severity="note")
 
     @property
     def _has_page(self) -> bool:
@@ -285,9 +290,10 @@ class ImuBridge(Service[ImuBridgeConfig]):
             else:
                 await asyncio.to_thread(self._state.erase)
         except ConfigError as error:
-            self.bus.warn("state", f"the person's mounting is used, but will be lost at the end: {error}")
+            self.bus.warn(UNWRITABLE, f"the person's mounting is used, but will be lost at the end: {error}")
             return str(error)
         self.bus.clear("state")
+        self.bus.clear(UNWRITABLE)
         return ""
 
 

@@ -13,6 +13,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
+from pointit.schemas.problems import CLOCK, CLOCK_LIMIT, UNWRITABLE
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.retained_states import FILE, KeeperConfig, RetainedStates, read, retained, write
 from pointit.services.service_plugin import add_all_rows
@@ -93,9 +94,12 @@ class Keeper(Service[KeeperConfig]):
     def _compare_clocks(self) -> None:
         skewed = {skew.host: skew for skew in self._skews.skews(asyncio.get_running_loop().time())}
         for host in self._skewed_hosts - skewed.keys():
-            self.bus.clear(f"clock of {host}")
+            self.bus.clear(CLOCK, host)
+            self.bus.clear(CLOCK_LIMIT, host)
         for host, skew in skewed.items():
-            self.bus.warn(f"clock of {host}", f"{skew.sentence(self._skews.here)}; {REMEDY}")
+            code, other = (CLOCK_LIMIT, CLOCK) if skew.exceeds_limit else (CLOCK, CLOCK_LIMIT)
+            self.bus.warn(code, f"{skew.sentence(self._skews.here)}; {REMEDY}", host)
+            self.bus.clear(other, host)
         self._skewed_hosts = set(skewed)
 
     async def _expire(self) -> None:
@@ -128,11 +132,11 @@ class Keeper(Service[KeeperConfig]):
                     self._on_write_error(error)
                 else:
                     self._written = changes
-                    self.bus.clear("file")
+                    self.bus.clear(UNWRITABLE)
             await asyncio.sleep(self.config.file.write_every_s)
 
     def _on_write_error(self, error: ConfigError) -> None:
-        self.bus.warn("file", f"states would not outlive a restart of the keeper: {error}")
+        self.bus.warn(UNWRITABLE, f"states would not outlive a restart of the keeper: {error}")
 
     def _restore(self) -> None:
         try:

@@ -131,9 +131,9 @@ class LedDriver(Service[LedDriverConfig]):
         try:
             self._lights.content.set_profile(user, profile)
         except UnknownColormapError as error:
-            self.bus.warn(f"profile {user}", f"profile of {user}: {error}; the cursor's colour is shown")
+            self.bus.warn("profile", f"profile of {user}: {error}; the cursor's colour is shown", user)
         else:
-            self.bus.clear(f"profile {user}")
+            self.bus.clear("profile", user)
         self._schedule_frame()
         if self._lights.things.lamps:
             self._look_at_lamps_in(0.0)

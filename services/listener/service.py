@@ -61,7 +61,7 @@ class Listener(Service[ListenerConfig]):
     def _on_cursor(self, cursor: Cursor, _user: str) -> None:
         self._memory.add(cursor)
         if self._recogniser_clock.compare(self._memory, self.clock.now_ns()):
-            self.bus.warn("clock", self._recogniser_clock.problem)
+            self.bus.warn("recogniser-clock", self._recogniser_clock.problem)
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if not present:
@@ -69,7 +69,7 @@ class Listener(Service[ListenerConfig]):
 
     def _on_speech(self, speech: Speech, _user: str) -> None:
         self._recogniser_clock.on_speech(speech, self.clock.now_ns())
-        self.bus.warn("clock", self._recogniser_clock.problem)
+        self.bus.warn("recogniser-clock", self._recogniser_clock.problem)
 
     async def _find(self, query: FindReferents, user: str) -> Referents:
         now_ns = self.clock.now_ns()

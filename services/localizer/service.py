@@ -31,6 +31,7 @@ from pointit.schemas import (
     UserPose,
     topics,
 )
+from pointit.schemas.problems import UNCERTAIN
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.estimation.estimator import Refusal
 from pointit.services.localizer.outputs import Output, WithdrawPose
@@ -124,7 +125,7 @@ class Localizer(Service[LocalizerConfig]):
     def _show(self, now_ns: int) -> None:
         for name, value, unit in self._pose_manager.figures(now_ns):
             self.bus.set_metric(name, value, unit)
-        self.bus.warn("pose", self._pose_manager.problem(now_ns))
+        self.bus.warn(UNCERTAIN, self._pose_manager.problem(now_ns))
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._emit(self._pose_manager.on_map(environment, self.clock.now_ns()))
@@ -173,13 +174,14 @@ class Localizer(Service[LocalizerConfig]):
             return True
         if ahead_ns <= MAX_AHEAD_NS * self.clock.speed:
             self._ahead.discard(key)
-            self.bus.clear(f"future {key}")
+            self.bus.clear("future", key)
             return True
         self._ahead.add(key)
         self.bus.warn(
-            f"future {key}",
+            "future",
             f"{key} is stamped {ahead_ns / NS_PER_S:.1f} s ahead of this machine's clock and left out: "
             "synchronize the clocks of the machines",
+            key,
         )
         return False
 
@@ -247,8 +249,8 @@ class Localizer(Service[LocalizerConfig]):
 
     def _publish_progress(self, progress: Localization) -> None:
         self._progress.put(progress.model_copy(update={"seq": self._next(topics.LOCALIZATION.key)}))
-        topic = "anchor" if progress.purpose == "anchor" else "localization"
-        self.bus.warn(topic, progress.reason if progress.phase == "refused" else "")
+        purpose = "anchor" if progress.purpose == "anchor" else "localization"
+        self.bus.warn("refused", progress.reason if progress.phase == "refused" else "", purpose)
 
     def _next(self, key: str) -> int:
         self._sent[key] += 1

@@ -9,6 +9,7 @@ from pointit.geometry.one_euro import OneEuro
 from pointit.runtime.config.config import Config
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, ImuSample, UserPose, UserProfile
+from pointit.schemas.problems import LATE
 from pointit.schemas.topics import IMU, POSE, PROFILE, RAY
 from pointit.services.pointing.pointer import Pointer
 
@@ -133,9 +134,12 @@ class Pointing(Service[PointingConfig]):
         if verdict == "fresh":
             self._is_warned = False
             self.bus.clear("samples")
+            self.bus.clear(LATE)
         elif verdict != "repeated" or now_ns - self._fresh_ns > self.config.stale_after_s * NS_PER_S:
             self._is_warned = True
-            self.bus.warn("samples", self._problem(now_ns - sample.stamp_ns))
+            code, other = ("samples", LATE) if verdict in ("no direction", "repeated") else (LATE, "samples")
+            self.bus.warn(code, self._problem(now_ns - sample.stamp_ns))
+            self.bus.clear(other)
 
     def _show_metrics(self, now_ns: int) -> None:
         freshness = self._pointer.freshness

@@ -196,8 +196,8 @@ class Pui(Service[PuiConfig]):
 
     def _on_lost(self, user: str) -> None:
         self._persons.pop(user, None)
-        self.bus.clear(f"pose of {user}")
-        self.bus.clear(f"misses of {user}")
+        self.bus.clear("no-pose", user)
+        self.bus.clear("misses", user)
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         self._room.tracked.on_objects(tracker, objects)
@@ -206,7 +206,7 @@ class Pui(Service[PuiConfig]):
         self._duplicate_finder.on_objects(tracker, objects)
         duplicates = self._duplicate_finder.duplicates
         more = f" ({len(duplicates) - 1} more: `pointit track`)" if len(duplicates) > 1 else ""
-        self.bus.warn("objects of two trackers", f"{duplicates[0].sentence}{more}" if duplicates else "")
+        self.bus.warn("duplicate-objects", f"{duplicates[0].sentence}{more}" if duplicates else "")
 
     async def _on_workspace(self, query: SetWorkspace, user: str) -> Done:
         person = self._persons.get(user)
@@ -298,24 +298,25 @@ class Pui(Service[PuiConfig]):
             f"{user} has pointed past everything for a minute ({person.passing.hint}): localize again (hold "
             f"the button); if that does not help, `pointit person calibrate mounting {user}`"
         )
-        self.bus.warn(f"misses of {user}", hint)
+        self.bus.warn("misses", hint, user)
 
     def _on_presence(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         # their state stays: it is published once, and some of their services may still run
         person = self._persons.get(user)
         if person is not None and not present and self._share.serves(user):
             self._put(person.clear(self.clock.now_ns()), user)
-            self.bus.clear(f"pose of {user}")
-            self.bus.clear(f"misses of {user}")
+            self.bus.clear("no-pose", user)
+            self.bus.clear("misses", user)
 
     def _judge(self, user: str, *, warn: bool = True) -> None:
         """Warn in health if rays of `user` give no cursor for lack of a pose."""
         if not self._person(user).lacks_pose:
-            self.bus.clear(f"pose of {user}")
+            self.bus.clear("no-pose", user)
         elif warn:
             self.bus.warn(
-                f"pose of {user}",
+                "no-pose",
                 f"{user} points but no pose is known: start their localizer, or press the button to localize",
+                user,
             )
 
     def _put(self, cursor: Cursor | None, user: str) -> None:

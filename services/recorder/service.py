@@ -3,7 +3,6 @@
 import asyncio
 import functools
 import logging
-import re
 import tempfile
 import time
 from typing import ClassVar
@@ -14,6 +13,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Message
+from pointit.schemas.problems import UNWRITABLE
 from pointit.schemas.topics import ANY, IMU, PRESENCES, RAY, SERVICE_ALIVE, TOPICS, WRIST, Presence
 from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.sink import Arrival, Pseudonyms, Sink
@@ -71,7 +71,7 @@ class Recorder(Service[RecorderConfig]):
         )
         self._sink = Sink(path.resolve(), head, Pseudonyms() if config.pseudonyms else None)
         self._began_s = time.monotonic()
-        self._reported: set[str] = set()
+        self._reported: set[tuple[str, str]] = set()
         self._others: set[str] = set()
         self._alone_s: float | None = self._began_s if self.IS_COMMAND else None
         """Monotonic time since which no other service is there. None if there is one, or it was reported."""
@@ -114,14 +114,13 @@ class Recorder(Service[RecorderConfig]):
         sink = self._sink
         self.bus.set_metric("recorded", float(sink.entries), "messages")
         self.bus.set_metric("size", sink.size / 1e6, "MB")
-        self._warn("file", sink.problem)
+        self._warn(UNWRITABLE, sink.problem)
         for cause, count in list(sink.left_out.items()):
-            self._warn(cause, f"{count} messages are not in the recording: {cause}")
-        problem = self.bus.problem
-        kind = re.sub(r"\d+", "", problem)  # without the seconds, which count up
-        if problem and kind not in self._reported:
-            self._reported.add(kind)
-            log.warning("not everything is recorded: %s", problem)
+            self._warn("left-out", f"{count} messages are not in the recording: {cause}", cause)
+        for each in self.bus.problems:
+            if (each.code, each.subject) not in self._reported:
+                self._reported.add((each.code, each.subject))
+                log.warning("not everything is recorded: %s", each.sentence)
         if self._alone_s is not None and time.monotonic() - self._alone_s >= ALONE_S:
             self._alone_s = None
             log.warning(
@@ -130,12 +129,12 @@ class Recorder(Service[RecorderConfig]):
                 " any more" if self.has_received else "",
             )
 
-    def _warn(self, topic: str, sentence: str) -> None:
+    def _warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Show `sentence` in health, and log it if it is a new kind of trouble."""
-        if sentence and topic not in self._reported:
+        if sentence and (code, subject) not in self._reported:
             log.error("%s", sentence)
-            self._reported.add(topic)
-        self.bus.warn(topic, sentence)
+            self._reported.add((code, subject))
+        self.bus.warn(code, sentence, subject)
 
     def _on_message(self, topic: AnyTopic, message: Message | Undecoded, name: str) -> None:
         self._should_record(name)

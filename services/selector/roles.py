@@ -23,6 +23,7 @@ from pointit.schemas import (
     UndoSelection,
     topics,
 )
+from pointit.schemas.problems import UNWRITABLE
 from pointit.schemas.topics import CLAIM, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.methods.pointer import MakeMethod, is_by_angle, is_ours
@@ -110,7 +111,7 @@ class SiteRole:
 
     def _maintain_journal(self, now_ns: int) -> None:
         self._journal.maintain(now_ns, is_selected=self.engine.has_selected)
-        self._bus.warn("journal", self._journal.problem)
+        self._bus.warn(UNWRITABLE, self._journal.problem, "journal")
 
     def _on_conveyor(self, state: ConveyorState, _name: str) -> None:
         self._put(self.engine.on_conveyor(state))
@@ -217,7 +218,7 @@ class ShardRole:
 
     def _warn(self) -> None:
         problem = f"{NO_ARBITER}: start it, or mend the network" if not self.engine.has_arbiter else ""
-        self._bus.warn("arbiter", problem)
+        self._bus.warn("arbiter", problem, "selector")
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self.engine.on_selection(selection)

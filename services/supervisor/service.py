@@ -27,6 +27,7 @@ from pointit.schemas import (
     UserProfile,
     topics,
 )
+from pointit.schemas.problems import UNWRITABLE
 from pointit.services.supervisor.config import ProfileConfig, SupervisorConfig
 from pointit.services.supervisor.life_cycle import LAST_WORD_PURPOSE, Cancel, LifeCycle, Output, Start
 from pointit.services.supervisor.pose_restore import PoseRestorer
@@ -104,7 +105,7 @@ class Supervisor(Service[SupervisorConfig]):
         try:
             before = self._stored_last.read()
         except ConfigError as error:
-            self.bus.warn("last word", f"the last interaction is not resumed: {error}")
+            self.bus.warn("last-word", f"the last interaction is not resumed: {error}")
             return
         if before is not None:
             self._cycle.resume_from(before, self._began_ns)
@@ -118,9 +119,10 @@ class Supervisor(Service[SupervisorConfig]):
             try:
                 await asyncio.to_thread(self._stored_last.write, self._last)
             except ConfigError as error:
-                self.bus.warn("last word", f"after a restart the person has to press again: {error}")
+                self.bus.warn(UNWRITABLE, f"after a restart the person has to press again: {error}")
             else:
-                self.bus.clear("last word")
+                self.bus.clear("last-word")
+                self.bus.clear(UNWRITABLE)
 
     def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if instance == f"{topics.START_LOCALIZATION.server}.{self.user}":
@@ -181,11 +183,12 @@ class Supervisor(Service[SupervisorConfig]):
         try:
             await self.bus.call(topics.SET_POSE, place, self.user)
         except RequestError as error:
-            self.bus.warn("place", f"the restarted localizer did not accept the person's pose: {error}")
+            sentence = f"the restarted localizer did not accept the person's pose: {error}"
+            self.bus.warn("place", sentence, "localizer")
             self._restorer.renew(self.clock.now_ns())
             self._moved.set()
         else:
-            self.bus.clear("place")
+            self.bus.clear("place", "localizer")
 
     async def _run_deadlines(self) -> None:
         while True:
@@ -223,9 +226,10 @@ class Supervisor(Service[SupervisorConfig]):
             else:
                 await asyncio.to_thread(self._offset_file.write, self._offset)
         except ConfigError as error:
-            self.bus.warn("offset", f"the person's pointing offset is not stored: {error}")
+            self.bus.warn(UNWRITABLE, f"the person's pointing offset is not stored: {error}", "offset")
             return str(error)
         self.bus.clear("offset")
+        self.bus.clear(UNWRITABLE, "offset")
         return ""
 
     def _read_offset(self) -> PointingOffset | None:

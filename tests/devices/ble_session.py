@@ -36,8 +36,8 @@ class Warnings(Health):
         super().__init__()
         self.all: list[str] = []
 
-    def warn(self, topic: str, sentence: str) -> None:
-        super().warn(topic, sentence)
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
+        super().warn(code, sentence, subject)
         if sentence:
             self.all.append(sentence)
 

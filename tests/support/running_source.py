@@ -19,13 +19,13 @@ class Health(NullHealth):
         self.warnings: dict[str, str] = {}
         self.metrics: dict[str, float] = {}
 
-    def warn(self, topic: str, sentence: str) -> None:
-        self.warnings.pop(topic, None)
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
+        self.clear(code, subject)
         if sentence:
-            self.warnings[topic] = sentence
+            self.warnings[f"{code} {subject}".rstrip()] = sentence
 
-    def clear(self, topic: str) -> None:
-        self.warnings.pop(topic, None)
+    def clear(self, code: str, subject: str = "") -> None:
+        self.warnings.pop(f"{code} {subject}".rstrip(), None)
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         del unit

@@ -36,12 +36,12 @@ class BackendWarnings:
         """Replace all permanent warnings by these, by subject."""
         for about in [each for each in self._standing if each not in sentences]:
             del self._standing[about]
-            self._warnings.clear(about)
+            self._warnings.clear("graph", about)
         for about, sentence in sentences.items():
             before = self._standing.get(about)
             if before != sentence:
                 self._standing[about] = sentence
-                self._warnings.warn(about, sentence)
+                self._warnings.warn("graph", sentence, about)
                 if before is None:
                     log.warning("%s", sentence)
 
@@ -52,7 +52,7 @@ class BackendWarnings:
             log.warning("%s", sentence)
         else:
             timer.cancel()
-        self._warnings.warn(about, sentence)
+        self._warnings.warn("graph", sentence, about)
         self._passing[about] = self._loop.call_later(QUIET_S, self._fade, about)
 
     def show_losses(self, topic: str, oversized: int, overrun: int, max_bytes: int) -> None:
@@ -69,13 +69,13 @@ class BackendWarnings:
         if about not in self._held:
             log.warning("%s", sentence)
         self._held.add(about)
-        self._warnings.warn(about, sentence)
+        self._warnings.warn("graph", sentence, about)
 
     def clear(self, about: str) -> None:
         """Clear a held warning, if there is one."""
         if about in self._held:
             self._held.discard(about)
-            self._warnings.clear(about)
+            self._warnings.clear("graph", about)
 
     def close(self) -> None:
         """Clear all warnings."""
@@ -88,7 +88,7 @@ class BackendWarnings:
 
     def _fade(self, about: str) -> None:
         del self._passing[about]
-        self._warnings.clear(about)
+        self._warnings.clear("graph", about)
 
 
 Handler = Callable[[Graph], None]

@@ -1,7 +1,6 @@
 """Findings of a health report as lines of ROS's log, when they begin and when they end."""
 
 import collections
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -30,10 +29,10 @@ MAX_SERVICES = 1000
 LONG_S = 1e9
 """Observation time for `diagnose`: a restarted service does not run twice."""
 
-_NUMBER = re.compile(r"(?<!\w)\d+(?:[.,]\d+)*")
-
 Line = tuple[int, str]
 """Level and text."""
+Identity = tuple[str, ...]
+"""That of a finding."""
 
 
 @dataclass(slots=True)
@@ -41,6 +40,8 @@ class _Report:
     """A finding that was sent and is not over."""
 
     level: int
+    text: str
+    """As last worded."""
     missed: int = 0
     """Reports in a row without it."""
 
@@ -54,41 +55,27 @@ class _Service:
     spent: int = 0
     """Reports until the full burst is available again."""
     last: Health | None = None
-    reports: dict[str, _Report] = field(default_factory=dict[str, _Report])
-    """By message, as last worded."""
+    reports: dict[Identity, _Report] = field(default_factory=dict[Identity, _Report])
 
     def hear(self, health: Health) -> Iterator[Line]:
         """Yield lines about findings that are over or new by this report."""
         self.spent = max(self.spent - 1, 0)
         now = _findings(self.name, health, self.last)
         self.last = health
-        self._match(now)
-        for sentence in [each for each, report in self.reports.items() if report.missed >= OVER_REPORTS]:
-            if self._may():
-                del self.reports[sentence]
-                yield INFO, f"over: {sentence}"
-        for sentence, level in now.items():
-            report = self.reports.get(sentence)
-            has_room = len(self.reports) < MAX_REPORTS if report is None else level > report.level
+        for identity, report in list(self.reports.items()):
+            if line := now.get(identity):
+                report.missed, report.text = 0, line[1]
+                continue
+            report.missed += 1
+            if report.missed >= OVER_REPORTS and self._may():
+                del self.reports[identity]
+                yield INFO, f"over: {report.text}"
+        for identity, (level, text) in now.items():
+            known = self.reports.get(identity)
+            has_room = len(self.reports) < MAX_REPORTS if known is None else level > known.level
             if has_room and self._may():
-                self.reports[sentence] = _Report(level)
-                yield level, sentence
-
-    def _match(self, now: dict[str, int]) -> None:
-        """Count missing findings. Messages that differ in numbers only, as growing counts, are the same."""
-        reworded: collections.defaultdict[str, list[str]] = collections.defaultdict(list)
-        for sentence in now:
-            if sentence not in self.reports:
-                reworded[_NUMBER.sub("0", sentence)].append(sentence)
-        for sentence in [each for each in self.reports if each not in now]:
-            worded = reworded.get(_NUMBER.sub("0", sentence))
-            if worded:
-                self.reports[worded.pop(0)] = self.reports.pop(sentence)
-            else:
-                self.reports[sentence].missed += 1
-        for sentence in now:
-            if sentence in self.reports:
-                self.reports[sentence].missed = 0
+                self.reports[identity] = _Report(level, text)
+                yield level, text
 
     def _may(self) -> bool:
         """Return True, and count the line, if one more may be sent."""
@@ -135,15 +122,15 @@ class Rosout:
         self._gone.clear()
 
 
-def _findings(name: str, health: Health, before: Health | None) -> dict[str, int]:
-    """Return the level of each finding of `name` by a report and the one `before` it."""
+def _findings(name: str, health: Health, before: Health | None) -> dict[Identity, Line]:
+    """Return the line of each finding of `name` by a report and the one `before` it."""
     reports = [DiagnosisReport(received_s=LONG_S, health=health)]
     if before is not None and (before.host, before.pid) == (health.host, health.pid):
         reports.insert(0, DiagnosisReport(received_s=LONG_S, health=before))
     seen = Observation(began_s=0.0, now_s=LONG_S, present=frozenset({name}), reports={name: reports})
-    found: dict[str, int] = {}
+    found: dict[Identity, Line] = {}
     for each in diagnose(seen):  # the worst first
         if each.service == name and each.severity in LEVELS:
             output = f"{each.sentence}; {each.remedy}" if each.remedy else each.sentence
-            found.setdefault(values.text(output), LEVELS[each.severity])
+            found.setdefault(each.identity, (LEVELS[each.severity], values.text(output)))
     return found

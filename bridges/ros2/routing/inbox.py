@@ -150,7 +150,7 @@ class Inbox:
         rows: tuple[InboundRoute | ServiceRoute, ...] = (*self._routes, *self._services)
         for route in rows:
             if "{" in route.ros:
-                self._site.bus.clear(_subject(route, self._site.state, user))
+                self._site.bus.clear("message", _subject(route, self._site.state, user))
         for route in self._routes:
             if route.forgets is not None:
                 route.forgets(user)
@@ -166,7 +166,7 @@ class Inbox:
         for at in route.into:
             if at.at(name) in self._publishers:
                 self._publishers.pop(at.at(name))[1].close()
-        self._site.bus.clear(_subject(route, self._site.state, name))
+        self._site.bus.clear("message", _subject(route, self._site.state, name))
 
     def publish(self, output: BusOutput) -> None:
         """Publish on our bus."""
@@ -239,7 +239,7 @@ class Inbox:
         try:
             value = state.types.decode(route.type, cdr, max_bytes=route.max_bytes)
         except ValueError as error:
-            self._site.bus.warn(subject, f"what came {subject} was dropped: {error}")
+            self._site.bus.warn("message", f"what came {subject} was dropped: {error}", subject)
             return
         taken = route.convert(value, name, state, now_ns=clock.now_ns(), wall_ns=self._wall.now_ns())
         self._take(taken, subject)
@@ -267,7 +267,7 @@ class Inbox:
         if len(accepted) < len(outputs):
             is_well = False
             self._site.bus.warn(
-                subject, f"what came {subject} was dropped: {MAX_ASKED} wishes are open already"
+                "message", f"what came {subject} was dropped: {MAX_ASKED} wishes are open already", subject
             )
         self._open += len(accepted)
 
@@ -277,7 +277,7 @@ class Inbox:
             finally:
                 self._open -= len(accepted)
             if is_well and not any(isinstance(each, str) for each in replies):
-                self._site.bus.clear(subject)
+                self._site.bus.clear("message", subject)
 
         self._run(ask)
 
@@ -292,7 +292,7 @@ class Inbox:
             reply: Reply = await self._site.bus.call(output.at, output.what, output.name)  # pyrefly: ignore[bad-argument-type, bad-specialization]  # a row of both kinds
         except (BusError, RequestError) as error:
             sentence = f"what came {subject} was not done: {error}"
-            self._site.bus.warn(subject, sentence)
+            self._site.bus.warn("message", sentence, subject)
             return sentence
         return reply
 
@@ -310,7 +310,7 @@ class Inbox:
             value = types.decode(types.request_of(route.type), cdr, max_bytes=route.max_bytes)
         except ValueError as error:
             sentence = f"what came {subject} was refused: {error}"
-            self._site.bus.warn(subject, sentence)
+            self._site.bus.warn("message", sentence, subject)
             if not route.has_result:
                 raise RefusedError(sentence) from error
             return types.encode(response, types.make(response))
@@ -324,7 +324,7 @@ class Inbox:
             else:
                 reply = await self._ask(request, subject)
                 if not isinstance(reply, str):
-                    self._site.bus.clear(subject)
+                    self._site.bus.clear("message", subject)
         finally:  # also when this is cancelled: the route may wait for the result
             answer = route.response(value, None if isinstance(reply, str) else reply, context)
         if isinstance(reply, str) and not route.has_result:
@@ -332,7 +332,7 @@ class Inbox:
         return types.encode(response, answer)
 
     def _warn(self, subject: str, warned: list[ConversionWarning]) -> None:
-        self._site.bus.warn(subject, "; ".join(each.sentence for each in warned[:3]))
+        self._site.bus.warn("message", "; ".join(each.sentence for each in warned[:3]), subject)
 
 
 def _subject(route: InboundRoute | ServiceRoute, state: ConversionState, name: str) -> str:

@@ -69,7 +69,7 @@ class _Line:
         for later in self._later:
             later.cancel()
         self._hide()
-        self._site.bus.clear(self.ros)
+        self._site.bus.clear("message", self.ros)
 
     def _open(self) -> None:
         kind = self._site.state.types.kind(self.route.type)
@@ -121,11 +121,11 @@ class _Line:
             cdrs = tuple([encode(self.route.type, value) for value in values])
         except ValueError as error:
             self._is_refused = True
-            self._site.bus.warn(self.ros, f"{self.ros} could not be sent to ROS: {error}")
+            self._site.bus.warn("message", f"{self.ros} could not be sent to ROS: {error}", self.ros)
             return
         if self._is_refused:
             self._is_refused = False
-            self._site.bus.clear(self.ros)
+            self._site.bus.clear("message", self.ros)
         if self.route.on_change:
             key = self._key_of(name)
             if cdrs == self._sent.get(key):

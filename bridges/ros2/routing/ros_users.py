@@ -80,7 +80,7 @@ class RosUsers:
         if leaders and user in self._site.state.ros_users:
             self._dismiss(user, leaders[0])
         elif not leaders and user not in self._site.state.ros_users:
-            self._site.bus.clear(_context(user))
+            self._site.bus.clear("ros-user", user)
             self._admit(user)
 
     def close(self) -> None:
@@ -106,9 +106,10 @@ class RosUsers:
         self._show_again(user)
         self._leave(user)
         self._site.bus.warn(
-            _context(user),
+            "ros-user",
             f"{user} is named in `people`, whose nodes are all ROS nodes, and has {leader} here: ROS is not "
             "heard for them; end either of the two",
+            user,
         )
 
     def _show_again(self, user: str) -> None:
@@ -160,7 +161,3 @@ class RosUsers:
         token = self._tokens.pop(user, None)
         if token is not None:
             token.close()
-
-
-def _context(user: str) -> str:
-    return f"ROS-only user {user}"

@@ -441,7 +441,7 @@ class Devices:
 
     def _set_problem(self, running: _Running, problem: str) -> None:
         running.problem = problem
-        self.bus.warn(f"device {running.device.id}", problem and f"{running.device.label}: {problem}")
+        self.bus.warn("device", problem and f"{running.device.label}: {problem}", running.device.id)
         self.changed()
 
     def _arguments(self, device: ConnectedDevice) -> tuple[str, ...]:
@@ -466,7 +466,7 @@ class Devices:
         if running is not None and running.task is not None:
             running.task.cancel()
             await asyncio.wait({running.task})
-        self.bus.clear(f"device {device_id}")
+        self.bus.clear("device", device_id)
 
     def _is_on(self, running: _Running) -> bool:
         if running.device.kind == "light":

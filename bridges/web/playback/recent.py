@@ -3,7 +3,6 @@
 import bisect
 import functools
 import math
-import re
 import zlib
 from array import array
 from collections import deque
@@ -114,8 +113,6 @@ KINDS: tuple[LaneKind, ...] = (
 ROBOT = ROBOT_STATE.writers[0]
 """Service of a robot, one instance each."""
 
-NUMBERS = re.compile(r"\d+([.,]\d+)*")
-
 LaneKey = tuple[LaneKind, str]
 Item = tuple[int, int, str]
 """Start and end, ns, and text."""
@@ -126,8 +123,8 @@ class Lanes:
 
     def __init__(self) -> None:
         self._items: dict[LaneKey, deque[Item]] = {}
-        self._open: dict[tuple[LaneKind, str, str], tuple[int, str]] = {}
-        """Start and text of intervals without an end yet, by kind, user and instance."""
+        self._open: dict[tuple[LaneKind, str, str], tuple[int, str, object]] = {}
+        """Start, text and identity of intervals without an end yet, by kind, user and instance."""
         self._until_ns: dict[str, float] = {}
         """When each person left, or infinity while they are present."""
         self._gone: deque[tuple[int, str]] = deque(maxlen=MAX_ITEMS)
@@ -142,15 +139,17 @@ class Lanes:
         if isinstance(body, Interaction):
             self._set("interaction", name, "", "" if body.state == "idle" else body.state, at_ns)
         elif isinstance(body, RobotState):
-            self._set("robot", name, instance_of(ROBOT, name), _robot(body), at_ns)
+            state = (body.user, body.phase, bool(body.reason))
+            self._set("robot", name, instance_of(ROBOT, name), _robot(body), at_ns, state)
         elif isinstance(body, Hover):
             if body.object_id or ("hover", name, "") in self._open:
                 self._set("hover", name, "", self._called(body.object_id), at_ns)
         elif isinstance(body, SelectionEvent):
             self._on_event(body, at_ns)
         elif isinstance(body, Health):
-            text = f"{name}: {'; '.join(body.warnings)}" if body.warnings else ""
-            self._set("warnings", body.user, name, text, at_ns)
+            problems = [each for each in body.all_problems if each.severity == "warning"]
+            text = f"{name}: {'; '.join(each.sentence for each in problems)}" if problems else ""
+            self._set("warnings", body.user, name, text, at_ns, [each.identity for each in problems])
         elif isinstance(body, TrackedObjects):
             self._objects[name] = body
         elif isinstance(body, Deployment):
@@ -171,7 +170,7 @@ class Lanes:
     def lanes(self, began_ns: int, until_ns: int) -> tuple[Lane, ...]:
         """Return the lanes with items between `began_ns` and `until_ns`, those of people first."""
         items = {key: list(each) for key, each in self._items.items()}
-        for (kind, user, _), (start_ns, text) in self._open.items():
+        for (kind, user, _), (start_ns, text, _identity) in self._open.items():
             items.setdefault((kind, user), []).append((start_ns, until_ns, text))
 
         def from_start(at_ns: int) -> float:
@@ -228,21 +227,24 @@ class Lanes:
             kind = next((each.kind for each in every if each.id == object_id), "")
         return kind if kind == object_id else f"{kind} {object_id.rpartition('-')[2]}".strip()
 
-    def _set(self, kind: LaneKind, user: str, instance: str, text: str, at_ns: int) -> None:
-        """End the interval that is open, and begin another one if `text` is not empty."""
-        key = (kind, user, instance)
+    def _set(
+        self, kind: LaneKind, user: str, instance: str, text: str, at_ns: int, identity: object = None
+    ) -> None:
+        """End the interval that is open, and begin another one if `text` is not empty.
+
+        `identity` stays the same while only figures of `text` change. None: it is `text`.
+        """
+        key, identity = (kind, user, instance), identity or text
         before = self._open.get(key)
         if before is not None:
-            if kind in ("robot", "warnings") and NUMBERS.sub("", before[1]) == NUMBERS.sub("", text):
-                return  # the same with other figures
-            if before[1] == text:
+            if before[2] == identity:
                 return
             del self._open[key]
             self._put(kind, user, (before[0], at_ns, before[1]))
         if text:
             if len(self._open) >= MAX_LANES:
                 del self._open[next(iter(self._open))]
-            self._open[key] = (at_ns, text[:MAX_TEXT])
+            self._open[key] = (at_ns, text[:MAX_TEXT], identity)
 
     def _close(self, user: str, instance: str, at_ns: int) -> None:
         """End the open intervals of a service that has gone, or without one those of a person who has."""

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import site_folder, write_atomically
+from pointit.schemas.problems import UNWRITABLE
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +47,7 @@ def announced_link(bus: ServiceBus, link: str) -> Generator[None]:
     except ConfigError as error:
         sentence = f"no page can be opened: the link cannot be saved ({error}); set operator_token"
         log.error("%s", sentence)  # noqa: TRY400 - a sentence
-        bus.warn("link file", sentence)
+        bus.warn(UNWRITABLE, sentence, "link file")
         yield
         return
     log.info("who may control opens %s, a file that holds the link", path)

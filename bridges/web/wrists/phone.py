@@ -116,7 +116,7 @@ class PhoneConnection:
     def clear(self) -> None:
         """Clear the queue: the phone reconnects."""
         self._waiting.clear()
-        self._host.warnings.clear(self._topic)
+        self._host.warnings.clear("phone", self.phone.user)
 
     def drain(self) -> list[str]:
         """Empty the queue, and return its messages as JSON, oldest first."""
@@ -131,9 +131,10 @@ class PhoneConnection:
         if not self._bucket.take(time.monotonic()):
             self.dropped += 1
             self._host.warnings.warn(
-                self._topic,
+                "phone",
                 f"the phone of {self.phone.user} sends more than {RATE_HZ:.0f} messages a second, "
                 f"{self.dropped} were dropped in all; load its page again",
+                self.phone.user,
             )
             return None
         try:
@@ -155,9 +156,10 @@ class PhoneConnection:
         """Count a malformed message, and warn of it."""
         self.malformed += 1
         self._host.warnings.warn(
-            self._topic,
+            "phone",
             f"the phone of {self.phone.user} has sent malformed messages ({what[:MAX_TOLD]}), "
             f"{self.malformed} such messages in all; load its page again",
+            self.phone.user,
         )
 
     async def end(self) -> None:
@@ -166,10 +168,6 @@ class PhoneConnection:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-
-    @property
-    def _topic(self) -> str:
-        return f"phone of {self.phone.user}"
 
     def _turn(self, turn: Turn) -> WristSample | None:
         phone, wrists = self.phone, self._host.wrists

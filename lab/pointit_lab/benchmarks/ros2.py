@@ -42,11 +42,11 @@ ROUTES = "routes: {pointing_ray: {rate_hz: 1000}, rotation_in: {rate_hz: 1000}}\
 class StderrWarnings:
     """Prints warnings of the peer's node."""
 
-    def warn(self, topic: str, sentence: str) -> None:
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Print `sentence`."""
-        print(f"{topic}: {sentence}", file=sys.stderr)
+        print(f"{code} {subject}: {sentence}", file=sys.stderr)
 
-    def clear(self, topic: str) -> None:
+    def clear(self, code: str, subject: str = "") -> None:
         """Do nothing."""
 
 

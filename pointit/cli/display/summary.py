@@ -224,7 +224,7 @@ def figures(monitor: Monitor) -> Text:
     ]
     text = Text(" · ".join(parts))
     silent = {name for name, at_s in received_s.items() if now_s - at_s > SILENT_S}
-    if outage := find_outage(received_s, silent, monitor.warnings()):
+    if outage := find_outage(received_s, silent, monitor.lost_router):
         text.append(f"  {outage.sentence}; {outage.remedy}", style="red")
     elif ill:
         text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")

@@ -31,6 +31,7 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.base import Rgb
+from pointit.schemas.problems import ROUTER_LOST
 from pointit.schemas.text import one_line
 from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.registry import RECORDER
@@ -315,6 +316,12 @@ class Monitor:
     def warnings(self) -> list[str]:
         """Return the services' last warnings, each prefixed with the instance."""
         return [f"{name}: {said}" for name, health in list(self.health.items()) for said in health.warnings]
+
+    @property
+    def lost_router(self) -> str:
+        """Return the address of the router that a service has lost, or `""`."""
+        problems = (each for health in list(self.health.values()) for each in health.problems)
+        return next((each.subject for each in problems if each.code == ROUTER_LOST), "")
 
     def refusal(self, user: str) -> str:
         """Return the reason of a person's last refusal, or `""` once they try again."""

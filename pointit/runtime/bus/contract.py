@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from pointit.schemas.base import Message, Query, Reply
+from pointit.schemas.problems import Problem
 from pointit.schemas.topics import ANY, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -225,6 +226,11 @@ class Bus(Protocol):
     @property
     def problem(self) -> str:
         """Return a message if the bus itself has a problem, else `""`."""
+        ...
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """Return the problems of the bus itself, with their codes."""
         ...
 
     @property

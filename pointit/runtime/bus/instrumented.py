@@ -23,7 +23,9 @@ from pointit.runtime.bus.timeliness import MAX_LEAD_NS, STREAMS, LateMessageFilt
 from pointit.runtime.clock import Clock, is_virtual
 from pointit.runtime.errors import BusClosedError
 from pointit.schemas import NS_PER_S, Message, Quantiles, Query, Reply, ServedRequest
+from pointit.schemas.problems import INVALID, LATE, MAX_SUBJECT, Problem
 from pointit.schemas.system import DURATION_BOUNDS_S
+from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import Delivery, Request
 
@@ -161,30 +163,39 @@ class TopicMeter:
         """Return the sum of one of the counters of `SubscriptionStats` over all readers."""
         return sum(getattr(reader.traffic, counter) for reader in self._readers)
 
-    def warnings(self, now_s: float) -> Iterator[str]:
-        """Yield one warning each for recent messages that were out of order, late or invalid."""
+    def problems(self, now_s: float, user: str) -> Iterator[Problem]:
+        """Yield one problem each for recent messages that were out of order, late or invalid.
+
+        `user`: the person whose service reads them, or `""`.
+        """
+        key, shown = self.topic.key, fill_key(self.topic.key, user)
         old = sum(reader.order.refused for reader in self._readers)
         if self._old.holds(old, now_s):
-            yield (
-                f"{old} messages on {self.topic.key} were older than those before them and were left out: "
+            sentence = (
+                f"{old} messages on {shown} were older than those before them and were left out: "
                 "is a recording played on this site, or do two write the same?"
             )
+            yield Problem(code=LATE, sentence=sentence, topic=key)
         invalid = self.total("invalid")
         if self._invalid.holds(invalid, now_s):
             bad = next((each.traffic for each in self._readers if each.traffic.last_error_name), None)
             if bad is not None:
-                yield (
-                    f"{invalid} messages on {self.topic.key} were invalid and were dropped, the last of "
+                sentence = (
+                    f"{invalid} messages on {shown} were invalid and were dropped, the last of "
                     f"{bad.last_error_name} ({bad.last_error}): look at what writes them there"
+                )
+                yield Problem(
+                    code=INVALID, sentence=sentence, topic=key, subject=bad.last_error_name[:MAX_SUBJECT]
                 )
         late = sum(reader.lateness.refused for reader in self._readers)
         if self._late.holds(late, now_s):
             by_s = max(reader.lateness.by_s for reader in self._readers)
-            yield (
-                f"{late} messages on {self.topic.key} came later than others before them, the last by "
+            sentence = (
+                f"{late} messages on {shown} came later than others before them, the last by "
                 f"{by_s:.1f} s, and were left out: check the link to their writer, which is slow or "
                 "loses much"
             )
+            yield Problem(code=LATE, sentence=sentence, topic=key)
 
 
 M = TypeVar("M", bound=Message)

@@ -25,6 +25,7 @@ from pointit.runtime.bus.contract import (
 from pointit.runtime.bus.mailbox import Dispatcher, Mailbox, TapMailbox
 from pointit.runtime.errors import BusClosedError, NoAnswerError, PointItError, RefusedError
 from pointit.schemas import Message, Query, Reply
+from pointit.schemas.problems import Problem
 from pointit.schemas.text import hide_secrets
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic
 
@@ -32,6 +33,7 @@ log = logging.getLogger(__name__)
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
+
 R = TypeVar("R", bound=Reply)
 T = TypeVar("T")
 
@@ -327,8 +329,13 @@ class MemoryBus(Participant):
 
     @property
     def problem(self) -> str:
-        """Return `""`: this bus works or is closed."""
-        return ""
+        """Return one message of all problems, or `""`."""
+        return "; ".join(each.sentence for each in self.problems)
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """Return none: this bus works or is closed."""
+        return ()
 
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""

@@ -39,7 +39,7 @@ from pointit.runtime.bus.instrumented import (
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.schemas import NS_PER_S, Figure, Health, KeyHealth, Message, Query, Reply
-from pointit.schemas.text import hide_secrets
+from pointit.schemas.problems import MAX_CODE, MAX_SUBJECT, Problem, Severity
 from pointit.schemas.topics import ANY, SERVED, Presence, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -70,7 +70,8 @@ class ServiceBus:
         self._declared: dict[Declaration, None] = {}
         self._publishers: list[Publisher[Any]] = []
         self._tokens: dict[Declaration, None] = {}
-        self._warnings: dict[str, str] = {}
+        self._problems: dict[tuple[str, str], Problem] = {}
+        """By code and subject."""
         self._figures: dict[tuple[str, str], Figure] = {}
         self._errors = 0
         """Number of calls of watchers and timers that raised."""
@@ -206,6 +207,11 @@ class ServiceBus:
         return self._bus.problem
 
     @property
+    def problems(self) -> tuple[Problem, ...]:
+        """Return the problems of the bus itself."""
+        return self._bus.problems
+
+    @property
     def is_closed(self) -> bool:
         """Return True if the bus below is closed."""
         return self._bus.is_closed
@@ -225,20 +231,22 @@ class ServiceBus:
             self._publishers.clear()
             self._declared.clear()
 
-    def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` (problem and remedy) in health until `clear(topic)`. `""` also clears it."""
+    def warn(self, code: str, sentence: str, subject: str = "", *, severity: Severity = "warning") -> None:
+        """Show `sentence` (problem and remedy) in health until `clear(code, subject)`. `""` also clears it."""
         if sentence:
-            self._warnings[topic] = sentence
+            self._problems[code, subject] = Problem(
+                code=code[:MAX_CODE], sentence=sentence, subject=subject[:MAX_SUBJECT], severity=severity
+            )
         else:
-            self._warnings.pop(topic, None)
+            self._problems.pop((code, subject), None)
 
-    def clear(self, topic: str) -> None:
-        """Clear the warning about `topic`."""
-        self._warnings.pop(topic, None)
+    def clear(self, code: str, subject: str = "") -> None:
+        """Clear the warning."""
+        self._problems.pop((code, subject), None)
 
-    def has_warning(self, topics: str) -> bool:
-        """Return True if a warning about a topic with the prefix `topics` is shown."""
-        return any(topic.startswith(topics) for topic in self._warnings)
+    def has_warning(self, code: str, subject: str = "") -> bool:
+        """Return True if that warning is shown."""
+        return (code, subject) in self._problems
 
     def set_metric(self, name: str, value: float | None, unit: str = "", part: str = "") -> None:
         """Show a metric, as in `("drift", 0.4, "°/min")`, of the service or a `part`. None removes it."""
@@ -280,9 +288,10 @@ class ServiceBus:
             meter.count = 0
         self._seq += 1
         self._latency.per_s = NS_PER_S * self._clock.speed
-        trouble = (self.problem,) if self.problem else ()
-        drop_warnings = (each for meter in self._meters.values() for each in meter.warnings(now_s))
-        warnings = tuple(map(hide_secrets, (*trouble, *drop_warnings, *self._warnings.values())))
+        dropped = (each for meter in self._meters.values() for each in meter.problems(now_s, self._user))
+        told = (*self._bus.problems, *dropped, *self._problems.values())
+        problems = tuple(each.without_secrets() for each in told)
+        warnings = tuple(each.sentence for each in problems if each.severity == "warning")
         return Health(
             stamp_ns=time.time_ns(),
             seq=self._seq,
@@ -298,6 +307,7 @@ class ServiceBus:
             errors=errors,
             status="degraded" if warnings else "ok",
             warnings=warnings,
+            problems=problems,
             figures=self._shown_metrics(),
         )
 

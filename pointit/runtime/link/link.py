@@ -7,7 +7,7 @@ It holds `link.json` (site, addresses, name, role), the authority's certificate 
 import datetime as dt
 import os
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -242,8 +242,6 @@ AGAIN = (
     "is its process stopped (`kill -CONT PID`), or its machine off or cut off? Else start it again where it "
     "ran, with `pointit run` or `pointit router`; the services come back by themselves"
 )
-LOST = re.compile(re.escape(ROUTER_LOST.partition("{where}")[0]) + r"(?P<where>.+?) lost \d+ s ago")
-"""A service's warning that it has lost the router."""
 
 
 @dataclass(frozen=True)
@@ -254,15 +252,16 @@ class Outage:
     remedy: str
 
 
-def find_outage(known: Collection[str], gone: Collection[str], warnings: Iterable[str]) -> Outage | None:
+def find_outage(known: Collection[str], gone: Collection[str], lost_router: str) -> Outage | None:
     """Return the outage if the router is lost or most of the site vanished together, else None.
 
-    `known`: instances that run or should run; `gone`: those of them that left, are absent or silent.
+    `known`: instances that run or should run; `gone`: those of them that left, are absent or silent;
+    `lost_router`: the address of the router that a service has lost, or `""`.
     """
     majority = f"{len(gone)} of {len(known)} services are"
     is_majority = len(gone) >= MANY and 2 * len(gone) > len(known)
-    if lost := next(filter(None, map(LOST.search, warnings)), None):
-        sentence = f"the router at {lost['where']} does not answer: "
+    if lost_router:
+        sentence = f"the router at {lost_router} does not answer: "
         sentence += f"{majority} out of reach" if is_majority else "nothing arrives from other machines"
         return Outage(sentence, AGAIN)
     if not is_majority:

@@ -22,6 +22,7 @@ from pointit.runtime.clock import Clock, WallClock
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import StateFile, state_directory
+from pointit.schemas.problems import EVENT_LOOP
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -29,11 +30,11 @@ T = TypeVar("T", bound=BaseModel)
 class WarningSink(Protocol):
     """Shows and clears warnings of a part of a service, such as `ServiceBus`."""
 
-    def warn(self, topic: str, sentence: str) -> None:
-        """Show `sentence` (problem and remedy) until `clear(topic)`. `""` also clears it."""
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
+        """Show `sentence` (problem and remedy) until `clear(code, subject)`. `""` also clears it."""
         ...
 
-    def clear(self, topic: str) -> None:
+    def clear(self, code: str, subject: str = "") -> None:
         """Clear the warning."""
         ...
 
@@ -58,13 +59,13 @@ class PluginHealth:
         self._health = health
         self._part = part
 
-    def warn(self, topic: str, sentence: str) -> None:
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Show a warning until it is cleared, by `clear` or `""`."""
-        self._health.warn(self._topic(topic), str(sentence))  # pyrefly: ignore[unnecessary-type-conversion]  # of a plug-in
+        self._health.warn(code, str(sentence), part_of(self._part, subject))  # pyrefly: ignore[unnecessary-type-conversion]  # of a plug-in
 
-    def clear(self, topic: str) -> None:
+    def clear(self, code: str, subject: str = "") -> None:
         """Clear a warning."""
-        self._health.clear(self._topic(topic))
+        self._health.clear(code, part_of(self._part, subject))
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         """Show a metric, with the plug-in's name if another part of the service has one of this name."""
@@ -74,22 +75,19 @@ class PluginHealth:
         """Record the age of captured data when its effect becomes visible."""
         self._health.reached(latency_s)
 
-    def _topic(self, topic: str) -> str:
-        return warning_topics(self._part) + topic
 
-
-def warning_topics(part: str) -> str:
-    """Return the prefix of the warning topics of the plug-in `part`."""
-    return f"plug-in {part}: "
+def part_of(plugin: str, subject: str = "") -> str:
+    """Return the subject of the warnings of `plugin` about its `subject`."""
+    return f"plug-in {plugin} {subject}".rstrip()
 
 
 class NullHealth:
     """Health sink that discards all entries."""
 
-    def warn(self, topic: str, sentence: str) -> None:
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Discard a warning."""
 
-    def clear(self, topic: str) -> None:
+    def clear(self, code: str, subject: str = "") -> None:
         """Discard the end of a warning."""
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
@@ -218,13 +216,13 @@ class PluginGuard:
             result = function()
         except Exception as error:  # code of others, which may raise anything
             sentence = f"{topic} failed ({describe(error)}): update or remove it"
-            self._sink.warn(topic, sentence)
+            self._sink.warn("plug-in", sentence, topic)
             now_s, before_s = time.monotonic(), self._logged_s.get(topic)
             if before_s is None or now_s - before_s >= LOG_PERIOD_S:
                 self._logged_s[topic] = now_s
                 log.exception("%s", sentence, exc_info=error if before_s is None else None)
             return None
-        self._sink.clear(topic)
+        self._sink.clear("plug-in", topic)
         return result
 
     def failed(self, error: BaseException | None) -> float:
@@ -234,14 +232,14 @@ class PluginGuard:
         how = "ended by itself" if error is None else f"failed ({describe(error)})"
         times = f", {self._failures} times now" if self._failures > 1 else ""
         self.problem = f"{self.label} {how}{times}; it is started again after {wait_s:g} s"
-        self._sink.warn(self.label, self.problem)
+        self._sink.warn("plug-in", self.problem, self.label)
         log.error("%s", self.problem, exc_info=error if self._failures == 1 else None)
         return wait_s
 
     def clear(self) -> None:
         """Clear the warning after the plug-in has recovered."""
         self._failures, self.problem = 0, ""
-        self._sink.clear(self.label)
+        self._sink.clear("plug-in", self.label)
 
 
 def describe(error: BaseException) -> str:
@@ -324,11 +322,11 @@ class StallWatch:
         )
         with contextlib.suppress(RuntimeError):  # the loop was closed meanwhile
             for sink in sinks:
-                self._loop.call_soon_threadsafe(self._report, sink, sentence)
+                self._loop.call_soon_threadsafe(self._report, sink, sentence, who)
 
-    def _report(self, sink: WarningSink, sentence: str) -> None:
-        sink.warn("event loop", sentence)
-        self._loop.call_later(SHOWN_S, sink.clear, "event loop")
+    def _report(self, sink: WarningSink, sentence: str, label: str) -> None:
+        sink.warn(EVENT_LOOP, sentence, label)
+        self._loop.call_later(SHOWN_S, sink.clear, EVENT_LOOP, label)
 
 
 def find_blocking_package(frame: FrameType | None, packages: Container[str]) -> tuple[str, str] | None:

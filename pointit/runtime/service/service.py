@@ -27,6 +27,7 @@ from pointit.runtime.service.plugin_guard import (
     watch_for_stalls,
 )
 from pointit.schemas import Configuration, Environment, Health
+from pointit.schemas.problems import TWICE
 from pointit.schemas.system import check_user, instance_of
 from pointit.schemas.topics import CONFIGURATION, HEALTH, SERVICE_ALIVE, USER_ALIVE
 
@@ -272,7 +273,7 @@ async def _wait_for_restart(
     try:
         health = own_bus.account(HEALTH)
         own_bus.announce(SERVICE_ALIVE, launch.instance)
-        own_bus.warn(guard.label, guard.problem)
+        own_bus.warn("plug-in", guard.problem, guard.label)
         with contextlib.suppress(BusClosedError):
             for _ in range(round(wait_s / HEALTH_PERIOD_S)):
                 health.put(own_bus.report())
@@ -297,7 +298,7 @@ async def _report(
     """Publish health until the bus is closed, or until a restart is due: then return True."""
     with contextlib.suppress(BusClosedError):  # closed by its owner: no error
         while not clock.needs_restart():
-            own_bus.warn("twice", takeover.duplicate_instance_warning())
+            own_bus.warn(TWICE, takeover.duplicate_instance_warning())
             own_bus.warn("plug-in", "" if guard is None else guard.problem)
             health.put(own_bus.report())
             await asyncio.sleep(HEALTH_PERIOD_S)

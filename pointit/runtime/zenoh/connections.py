@@ -120,7 +120,7 @@ class LinkWatch:
         self._why = ""
         self._suspicion_timer: asyncio.Task[None] | None = None
         self._loop = asyncio.get_running_loop()
-        self._where = " or ".join(link.connect)
+        self.where = " or ".join(link.connect)
         self._lost_s: float | None = None
         self._connections = Connections(session, link.connect, self._on_change, one=True)
 
@@ -134,7 +134,7 @@ class LinkWatch:
         """Return one sentence while the router is lost."""
         if self._lost_s is None:
             return ""
-        lost = ROUTER_LOST.format(where=self._where, ago_s=self._loop.time() - self._lost_s)
+        lost = ROUTER_LOST.format(where=self.where, ago_s=self._loop.time() - self._lost_s)
         return f"{lost}: {self._why}" if self._why else lost
 
     def close(self) -> None:
@@ -148,11 +148,11 @@ class LinkWatch:
         if self._connections:
             self._lost_s = None
             self._end_suspicion()
-            log.info("router at %s is back", self._where)
+            log.info("router at %s is back", self.where)
             self._on_back()
         else:
             self._lost_s = self._loop.time()
-            log.warning("router at %s is lost; trying again until it is back", self._where)
+            log.warning("router at %s is lost; trying again until it is back", self.where)
             if self._link.credentials is not None:
                 self._suspicion_timer = self._loop.create_task(self._ask_why(), name="refusal")
 

@@ -21,6 +21,7 @@ from pointit.runtime.link.link import JOIN, ROOM, VERBS, Credentials, Link
 from pointit.runtime.zenoh.session import close_session, open_session
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Query, Reply
+from pointit.schemas.problems import DENIED, Problem
 from pointit.schemas.topics import ANY, REQUESTS, Request, topic_of
 
 log = logging.getLogger(__name__)
@@ -79,9 +80,10 @@ class PermissionProbe:
         self._task = self._loop.create_task(self._run(), name="self-test")
 
     @property
-    def problem(self) -> str:
-        """Return one sentence for each kind of right that is known to be denied, else `""`."""
-        return "; ".join(self._sentences())
+    def problems(self) -> tuple[Problem, ...]:
+        """Return one problem for each kind of right that is known to be denied."""
+        name = self._credentials.link.name
+        return tuple(Problem(code=DENIED, sentence=each, subject=name) for each in self._sentences())
 
     def add(self, verb: str, key: str) -> None:
         """Schedule a test of a right, unless it was tested already."""
@@ -162,14 +164,14 @@ class PermissionProbe:
             if self._is_up():  # otherwise `retest` follows when it is back
                 self._is_due.set()
             return
-        before = self.problem
+        before = self._sentences()
         self._is_unknown_identity = not arrived
         self._denied = (self._denied - rights) | (rights - arrived)
         self._denials = self._denials + 1 if self._denied else 0
         for sentence in self._sentences():
             if sentence not in before:
                 log.warning("%s", sentence)
-        if before and not self.problem:
+        if before and not self._sentences():
             log.info("%s may do now what it needs", self._credentials.description)
 
     async def _arrived(self, rights: Iterable[Right]) -> set[Right] | None:
@@ -266,10 +268,9 @@ class RestrictedBus(ZenohBus):
         self._probe = PermissionProbe(session, credentials, self._second, lambda: self.connected)
 
     @property
-    def problem(self) -> str:
-        """Return a message if the router is lost, a right is denied or queries are rejected, else `""`."""
-        denied = self._probe.problem if self.connected else ""
-        return denied or super().problem
+    def problems(self) -> tuple[Problem, ...]:
+        """Return that the router is lost, rights are denied or queries are rejected."""
+        return (self.connected and self._probe.problems) or super().problems
 
     @property
     def is_restricted(self) -> bool:

@@ -61,6 +61,7 @@ from pointit.runtime.zenoh.subscribers import (
     recall_for_others,
 )
 from pointit.schemas import DecodeError, Environment, Message, Query, Reply, SchemaError, encode
+from pointit.schemas.problems import MAX_SUBJECT, ROUTER_LOST, Problem
 from pointit.schemas.table_types import NAME
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import ACCOUNTS, ANY, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
@@ -268,10 +269,12 @@ class ZenohBus(MemoryBus):
         return self.link.site
 
     @property
-    def problem(self) -> str:
-        """Return a message if the router is lost or queries are rejected, else `""`."""
-        lost = "" if self._watch is None else self._watch.problem
-        return lost or self._turned_away.problem(time.monotonic())
+    def problems(self) -> tuple[Problem, ...]:
+        """Return that the router is lost, or else that queries are rejected."""
+        if self._watch is not None and (lost := self._watch.problem):
+            return (Problem(code=ROUTER_LOST, sentence=lost, subject=self._watch.where[:MAX_SUBJECT]),)
+        rejected = self._turned_away.problem(time.monotonic())
+        return (Problem(code="rejected", sentence=rejected),) if rejected else ()
 
     def publisher(self, topic: Topic[M], name: str = "") -> MemoryPublisher[M]:
         """Declare a writer of `topic.at(name)`."""

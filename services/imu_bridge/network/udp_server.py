@@ -182,10 +182,10 @@ class _Problem(NullHealth):
 
     sentence = ""
 
-    def warn(self, topic: str, sentence: str) -> None:  # noqa: ARG002 - the protocol's signature
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:  # noqa: ARG002 - the protocol's signature
         self.sentence = sentence
 
-    def clear(self, topic: str) -> None:  # noqa: ARG002 - the protocol's signature
+    def clear(self, code: str, subject: str = "") -> None:  # noqa: ARG002 - the protocol's signature
         self.sentence = ""
 
 

@@ -29,13 +29,13 @@ class OutputHealth:
         self._address = address
         self._limited_s = -LIMIT_SHOWN_S
 
-    def warn(self, topic: str, sentence: str) -> None:
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Show a warning, which begins with the address, until it is cleared, by `clear` or `""`."""
-        self._health.warn(f"{topic} {self._address}", f"{self._address}: {sentence}" if sentence else "")
+        self._health.warn(code, f"{self._address}: {sentence}" if sentence else "", subject or self._address)
 
-    def clear(self, topic: str) -> None:
+    def clear(self, code: str, subject: str = "") -> None:
         """Clear a warning."""
-        self._health.clear(f"{topic} {self._address}")
+        self._health.clear(code, subject or self._address)
 
     def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
         """Show a metric. None removes it."""

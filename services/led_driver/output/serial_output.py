@@ -172,7 +172,7 @@ class SerialOutput:
 
     def _on_port_change(self, why: str) -> None:
         if why:
-            self._account.warn(f"port {self._config.port}", f"LED controller: {why}")
+            self._account.warn("port", f"LED controller: {why}")
             self._took_s.clear()
             self._busy_s.clear()
             self.light_s = 0.0

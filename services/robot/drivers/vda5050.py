@@ -192,7 +192,7 @@ class Agv:
             )
         else:
             problem = self._unreadable[name].describe(topic, message) if name in self._unreadable else ""
-        self._around.health.warn(name, problem)
+        self._around.health.warn("message", problem, name)
         if isinstance(message, AgvConnection):
             self._on_connection(message)
         elif message is not None and name in self._timestamps:

@@ -28,11 +28,11 @@ class Side:
         self.asked: list[str] = []
         self.graph_now: Graph | None = None
 
-    def warn(self, topic: str, sentence: str) -> None:
-        self.now[topic] = sentence
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
+        self.now[subject or code] = sentence
 
-    def clear(self, topic: str) -> None:
-        self.now.pop(topic, None)
+    def clear(self, code: str, subject: str = "") -> None:
+        self.now.pop(subject or code, None)
 
     async def join(self, node: str, domain: int) -> None:
         config = BackendConfig.model_validate({"kind": "dds", "node": node, "domain_id": domain})

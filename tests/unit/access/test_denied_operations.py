@@ -24,6 +24,7 @@ from pointit.access.denied_operations import (
     RecentDenials,
 )
 from pointit.access.rights import LATEST_HZ, MAX_RATE_HZ
+from pointit.schemas.problems import DENIED
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
 HEAD = f"\x1b[2m2030-01-01T00:00:00Z\x1b[0m \x1b[35mTRACE\x1b[0m  rx-0 ThreadId(07) {TARGET}"
@@ -404,17 +405,22 @@ def test_any_line_is_taken(lines: list[str]) -> None:
     refused.take_sentences(1.0)
 
 
+def shown_to(recent: RecentDenials, site: str) -> tuple[str, ...]:
+    return tuple(each.sentence for each in recent.of(site))
+
+
 def test_an_operator_is_shown_the_newest_of_each_for_a_while() -> None:
     recent = RecentDenials()
     recent.add({"lab/anna": "lab/anna may not a", "hall/ben": "hall/ben may not b"}, 0.0)
     recent.add({"": "somebody", "lab/carla": "lab/carla may not c"}, 1.0)
     recent.add({"lab/anna": "lab/anna may not d"}, 2.0)
-    assert recent.of("lab") == ("lab/anna may not d", "lab/carla may not c", "somebody")
-    assert recent.of("hall") == ("somebody", "hall/ben may not b")
+    assert shown_to(recent, "lab") == ("lab/anna may not d", "lab/carla may not c", "somebody")
+    assert shown_to(recent, "hall") == ("somebody", "hall/ben may not b")
     recent.add({}, 1.5 + RECENT_S)
-    assert recent.of("lab") == ("lab/anna may not d",)
+    assert shown_to(recent, "lab") == ("lab/anna may not d",)
     recent.add({f"lab/x{number}": "x" for number in range(100)}, 40.0)
     assert len(recent.of("lab")) == MAX_MESSAGES
+    assert {(each.code, each.subject[:1]) for each in recent.of("lab")} == {(DENIED, "x")}
 
 
 def test_a_repeated_sentence_hides_none_of_another_kind() -> None:
@@ -422,4 +428,4 @@ def test_a_repeated_sentence_hides_none_of_another_kind() -> None:
     recent.add({"lab/anna": "lab/anna may not a"}, 0.0, "refused")
     for now_s in range(3):
         recent.add({"lab/anna": "lab/anna is cut off"}, now_s, "excess")
-    assert recent.of("lab") == ("lab/anna is cut off", "lab/anna may not a")
+    assert shown_to(recent, "lab") == ("lab/anna is cut off", "lab/anna may not a")

@@ -39,6 +39,8 @@ from pointit.schemas import (
     UserPose,
     topics,
 )
+from pointit.schemas.problems import ROUTER_LOST as LOST
+from pointit.schemas.problems import Problem
 from tests.support import there
 from tests.support.bench import until
 from tests.unit.cli_run.drawn import BLUE, DARK, FRAME, RED, cursor, frame, monitor_of, shown, strip
@@ -310,9 +312,11 @@ def test_what_services_say_is_wrong_is_told_with_their_names() -> None:
 
 def test_a_lost_router_is_one_sentence_instead_of_every_service_by_name() -> None:
     monitor = monitor_of()
-    lost = ROUTER_LOST.format(where="tcp/10.0.0.1:7447", ago_s=5)
+    where = "tcp/10.0.0.1:7447"
+    lost = Problem(code=LOST, sentence=ROUTER_LOST.format(where=where, ago_s=5), subject=where)
     for name in ("pui", "selector", "keeper", "pointing.anna"):
-        monitor.health[name], monitor.heard_s[name] = health(name, lost), time.monotonic()
+        report = health(name, lost.sentence).model_copy(update={"problems": (lost,)})
+        monitor.health[name], monitor.heard_s[name] = report, time.monotonic()
     text = figures(monitor).plain
     assert "the router at tcp/10.0.0.1:7447 does not answer: nothing arrives from other machines; " in text
     assert "look at" not in text

@@ -6,6 +6,7 @@ from typing import Any
 
 from pointit.diagnosis.observation import DiagnosisReport, Observation, StoppedProcess
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health, KeyHealth, Quantiles
+from pointit.schemas.problems import Problem
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, DEPLOYMENT, HOVER, IMU, MAP, POSE, RAY, Topic
 from pointit.services.registry import person_of
@@ -45,7 +46,7 @@ class Process:
     ahead_s: float = 0.0
     period_s: float = 1.0
     """Time between its reports."""
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Problem, ...] = ()
     """Warnings of each of its services."""
     is_present: bool = True
     silence_s: float = 0.0
@@ -61,7 +62,7 @@ class Site:
     """Ages of the newest message by instance, topic and direction, where it is not fresh. None: never."""
     invalid: dict[tuple[str, Topic[Any]], int] = field(default_factory=dict[Any, int])
     """Growth of the number of invalid messages in each report, by instance and topic."""
-    warnings: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    warnings: dict[str, tuple[Problem, ...]] = field(default_factory=dict[str, tuple[Problem, ...]])
     options: dict[str, Any] = field(default_factory=dict[str, Any])
     """Further fields of the observation."""
 
@@ -104,7 +105,7 @@ class Site:
             seq=number, user=person_of(instance), pid=process.pid, host=process.host, keys=tuple(keys),
             latency=late,
             uptime_s=max(process.uptime_s - (NOW_S - at_s), 0.0),
-            warnings=(*process.warnings, *self.warnings.get(instance, ())),
+            problems=(*process.warnings, *self.warnings.get(instance, ())),
         )  # fmt: skip
         return DiagnosisReport(received_s=at_s, health=health, arrived_ns=stamp_ns)
 

@@ -10,7 +10,9 @@ from pointit.diagnosis.causes import unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_healthy
 from pointit.diagnosis.observation import Finding, StoppedProcess
 from pointit.runtime.link.link import ROUTER_LOST
-from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY
+from pointit.schemas.problems import DENIED, INVALID, LATE, NOBODY, TWICE, UNWRITABLE, Problem
+from pointit.schemas.problems import ROUTER_LOST as LOST
+from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY, Topic
 from tests.unit.diagnosis.fault_sites import (
     DEPLOYMENTS,
     SHARED,
@@ -23,19 +25,28 @@ from tests.unit.diagnosis.fault_sites import (
 )
 
 AT = ("tcp/127.0.0.1:7447",)
-LATE = (
-    "40 messages on {key} came later than others before them, the last by 0.5 s, and were left out: "
-    "check the link to their writer, which is slow or loses much"
-)
-OLD = (
-    "9 messages on {key} were older than those before them and were left out: is a recording played on this "
-    "site, or do two write the same?"
-)
 FULL = "/state/{name} cannot be written (database or disk is full); later ones are lost: make room there"
 MAY_NOT = (
     "this identity ({name}) may not write users/ben/ray: use credentials of ben, or have them added with "
     "`pointit site user add ben`"
 )
+
+
+def late(topic: Topic[Any]) -> Problem:
+    sentence = f"40 messages on {topic.key} came later than others before them: check the link"
+    return Problem(code=LATE, sentence=sentence, topic=topic.key)
+
+
+def full(name: str) -> Problem:
+    return Problem(code=UNWRITABLE, sentence=FULL.format(name=name), subject=name)
+
+
+def denied(name: str) -> Problem:
+    return Problem(code=DENIED, sentence=MAY_NOT.format(name=name), subject=name)
+
+
+def other(sentence: str) -> Problem:
+    return Problem(code="battery", sentence=sentence)
 
 
 def change(site: Site, name: str, **fields: Any) -> Site:
@@ -57,9 +68,9 @@ def starved(kind: str, site: Site) -> Site:
     name = {"one process": "run", "--processes": "pui", "router": "site"}[kind]
     change(site, name, latency_s=0.4, period_s=1.3)
     site.warnings = {
-        "pui": (LATE.format(key=RAY.key),),
-        "selector": (LATE.format(key=CURSOR.key),),
-        "led-driver": (LATE.format(key=CURSOR.key), LATE.format(key=HOVER.key)),
+        "pui": (late(RAY),),
+        "selector": (late(CURSOR),),
+        "led-driver": (late(CURSOR), late(HOVER)),
     }
     for reader, topic in (("selector", CURSOR), ("led-driver", HOVER)):
         site.ages_s[reader, topic, "in"] = 1.2
@@ -73,7 +84,8 @@ def disconnected(kind: str, site: Site) -> Site:
         site.ages_s["user-sim.user1", IMU, "out"] = site.ages_s["pointing.user1", RAY, "out"] = 30.0
         site.ages_s["localizer.user1", RAY, "in"] = 30.0
     elif kind == "--processes":  # everybody but the observer's own
-        lost = (ROUTER_LOST.format(where=AT[0], ago_s=7.0),)
+        sentence = ROUTER_LOST.format(where=AT[0], ago_s=7.0)
+        lost = (Problem(code=LOST, sentence=sentence, subject=AT[0]),)
         site.processes = {"web": Process(7, "desk", ("web",), ("pointit", "dashboard"), warnings=lost)}
     else:
         site.end("anna")
@@ -86,11 +98,10 @@ def duplicated(kind: str, site: Site) -> Site:
     second = ("pui",) if kind != "router" else first.services
     site.processes["second"] = replace(first, pid=99, services=second)
     for service in second:
-        site.warnings[service] = (
-            f"{service} runs twice: here and as process 99 on desk; end one of the two",
-        )
-    site.warnings["selector"] = (*site.warnings.get("selector", ()), OLD.format(key=CURSOR.key))
-    site.warnings["led-driver"] = (*site.warnings.get("led-driver", ()), OLD.format(key=CURSOR.key))
+        sentence = f"{service} runs twice: here and as process 99 on desk; end one of the two"
+        site.warnings[service] = (Problem(code=TWICE, sentence=sentence, subject="process 99 on desk"),)
+    site.warnings["selector"] = (*site.warnings.get("selector", ()), late(CURSOR))
+    site.warnings["led-driver"] = (*site.warnings.get("led-driver", ()), late(CURSOR))
     return site
 
 
@@ -103,19 +114,20 @@ def has_wrong_rights(kind: str, site: Site) -> Site:
         )
     elif kind == "--processes":
         for name in (*SHARED, *services_of("user1")):
-            change(site, name, warnings=(MAY_NOT.format(name="operator"),))
+            change(site, name, warnings=(denied("operator"),))
     else:
-        change(site, "ben", warnings=(MAY_NOT.format(name="cleo"),))
-        site.warnings["router"] = ("hall/cleo may not write users/ben/ray (200 times): refused",)
+        change(site, "ben", warnings=(denied("cleo"),))
+        sentence = "hall/cleo may not write users/ben/ray (200 times): refused"
+        site.warnings["router"] = (Problem(code=DENIED, sentence=sentence, subject="cleo"),)
     return site
 
 
 def has_wrong_clock(kind: str, site: Site) -> Site:
     if kind == "router":
         change(site, "anna", ahead_s=-3.0)
-        site.warnings["pui"] = (LATE.format(key=RAY.key),)
-        sentence = "9 IMU samples made no ray, the last is 3.0 s old: look for a slow link, or synchronize "
-        site.warnings["pointing.anna"] = (f"{sentence}the clocks",)
+        site.warnings["pui"] = (late(RAY),)
+        sentence = "9 IMU samples made no ray, the last is 3.0 s old: look for a slow link"
+        site.warnings["pointing.anna"] = (Problem(code=LATE, sentence=sentence),)
         site.ages_s["pui", RAY, "in"] = 20.0
     else:  # the observer's own machine is another than the site's
         site.options["host"] = "tablet"
@@ -127,9 +139,8 @@ def has_wrong_clock(kind: str, site: Site) -> Site:
 def has_full_disk(kind: str, site: Site) -> Site:
     del kind
     for name in ("selector", "conveyor-sim"):
-        site.warnings[name] = (FULL.format(name=f"{name}.sqlite"),)
-    reason = "/state/keeper/states: cannot be written (No space left on device)"
-    site.warnings["keeper"] = (f"states would not outlive a restart of the keeper: {reason}",)
+        site.warnings[name] = (full(f"{name}.sqlite"),)
+    site.warnings["keeper"] = (full("states"),)
     return site
 
 
@@ -252,7 +263,8 @@ def test_services_that_do_not_report_are_one_process_that_is_silent() -> None:
 
 def test_what_the_router_alone_refuses_is_a_matter_of_rights_with_a_remedy() -> None:
     site = router_with_people()
-    site.warnings["router"] = ("hall/cleo may not write health/pointing.dora: refused",)
+    sentence = "hall/cleo may not write health/pointing.dora: refused"
+    site.warnings["router"] = (Problem(code=DENIED, sentence=sentence, subject="cleo"),)
     (finding,) = problems(diagnose(site.seen()))
     assert (finding.code, finding.service) == ("denied", "router")
     assert "those of cleo" in finding.remedy
@@ -264,8 +276,8 @@ def test_two_faults_are_two_findings() -> None:
     assert {each.code for each in problems(diagnose(site.seen()))} == {"disk", "absent"}
     independent = router_with_people()
     independent.end("anna")
-    independent.warnings["imu-bridge.ben"] = ("the battery of the wrist is at 5 %; charge it",)
-    independent.warnings["pointing.ben"] = ("the battery of the wrist is at 5 %; charge it",)
+    independent.warnings["imu-bridge.ben"] = (other("the battery of the wrist is at 5 %; charge it"),)
+    independent.warnings["pointing.ben"] = (other("the battery of the wrist is at 5 %; charge it"),)
     assert len(problems(diagnose(independent.seen()))) == 2
 
 
@@ -284,9 +296,9 @@ def test_invalid_messages_are_one_finding_that_names_their_writer() -> None:
     site = one_process()
     for reader in ("pointing.user1", "localizer.user1", "supervisor.user1"):
         site.invalid[reader, IMU] = 50
-        reason = "user1 (orientation_xyzw: not of length 1): look at what writes them there"
-        sentence = f"300 messages on {IMU.key} were invalid and were dropped, the last of {reason}"
-        site.warnings[reader] = (sentence,)
+        sentence = "300 messages were dropped, the last of user1 (orientation_xyzw: not of length 1)"
+        told = Problem(code=INVALID, sentence=sentence, topic=IMU.key, subject="user1")
+        site.warnings[reader] = (told,)
     (finding,) = problems(diagnose(site.seen()))
     assert (finding.code, finding.severity) == ("failing", "error")
     assert "user1 (orientation_xyzw: not of length 1)" in finding.remedy
@@ -314,3 +326,38 @@ def test_messages_that_were_invalid_are_one_note() -> None:
         seen = replace(seen, reports={**seen.reports, reader: told})
     (finding,) = problems(diagnose(seen))
     assert (finding.code, finding.severity) == ("failed", "note")
+
+
+def has_no_sample(problem: Problem) -> list[Finding]:
+    """The wrist of user1 has never sent anything."""
+    site = one_process()
+    site.processes["wrist"] = replace(site.processes["run"], pid=77, services=("imu-bridge.user1",))
+    run = site.processes["run"]
+    site.processes["run"] = replace(
+        run, services=tuple(each for each in run.services if "user-sim" not in each)
+    )
+    site.deployments.clear()
+    for reader in ("pointing", "localizer", "supervisor"):
+        site.ages_s[f"{reader}.user1", IMU, "in"] = None
+    site.ages_s["localizer.user1", RAY, "in"] = site.ages_s["pui", RAY, "in"] = None
+    site.warnings["imu-bridge.user1"] = (problem,)
+    return diagnose(site.seen())
+
+
+def test_an_arm_that_nobody_moves_yet_is_no_fault() -> None:
+    told = Problem(code=NOBODY, sentence="nobody moves the arm of user1 yet: take it", severity="note")
+    findings = has_no_sample(told)
+    assert is_healthy(findings)
+    (finding,) = problems(findings)
+    assert (finding.code, finding.severity, finding.service) == ("idle", "note", "imu-bridge.user1")
+    assert all("{" not in each.sentence for each in findings)
+
+
+def test_a_device_that_is_not_there_is_the_error_and_what_never_came_follows() -> None:
+    told = Problem(code="port", sentence="/dev/ttyUSB7 is not there: plug the device in", subject="serial")
+    findings = has_no_sample(told)
+    (finding,) = problems(findings)
+    assert (finding.severity, finding.service) == ("error", "imu-bridge.user1")
+    assert "/dev/ttyUSB7 is not there" in finding.sentence
+    assert {each.service for each in findings if each.follows} >= {"pointing.user1", "supervisor.user1"}
+    assert all("{" not in each.sentence for each in findings)

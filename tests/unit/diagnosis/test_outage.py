@@ -6,10 +6,12 @@ from pointit.diagnosis.diagnose import diagnose, filter_findings, is_healthy
 from pointit.diagnosis.observation import Finding, Observation
 from pointit.runtime.link.link import ROUTER_LOST
 from pointit.schemas import ExpectedService
+from pointit.schemas.problems import ROUTER_LOST as LOST_CODE
+from pointit.schemas.problems import Problem
 from tests.unit.diagnosis.test_diagnose import deployment, health, observation
 
 WHERE = "tcp/10.0.0.1:7447"
-LOST = ROUTER_LOST.format(where=WHERE, ago_s=12.3)
+LOST = Problem(code=LOST_CODE, sentence=ROUTER_LOST.format(where=WHERE, ago_s=12.3), subject=WHERE)
 SERVICES = ("pui", "selector", "led-driver", "conveyor-sim", "keeper")
 EXPECTED = deployment(*(ExpectedService(service=name, command=("python",)) for name in SERVICES))
 
@@ -21,7 +23,7 @@ def told(findings: Sequence[Finding]) -> Finding:
 
 
 def test_the_loss_of_the_router_is_one_sentence_with_its_address_and_one_remedy() -> None:
-    seen = observation(health("web", warnings=(LOST,), status="degraded"), deployments=EXPECTED)
+    seen = observation(health("web", problems=(LOST,), status="degraded"), deployments=EXPECTED)
     findings = diagnose(seen)
     outage = told(findings)
     assert findings[0] is outage
@@ -33,7 +35,7 @@ def test_the_loss_of_the_router_is_one_sentence_with_its_address_and_one_remedy(
 
 
 def test_services_of_the_observers_own_process_are_not_out_of_reach() -> None:
-    here = [health(name, warnings=(LOST,), status="degraded") for name in SERVICES]
+    here = [health(name, problems=(LOST,), status="degraded") for name in SERVICES]
     findings = diagnose(observation(*here, deployments=EXPECTED))
     outage = told(findings)
     assert (outage.severity, is_healthy(findings)) == ("warning", False)

@@ -7,6 +7,7 @@ import pytest
 from pointit.diagnosis.diagnose import diagnose, find_clock_skew, is_healthy
 from pointit.diagnosis.observation import DiagnosisReport, Observation, present_writers, silence_reason
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
+from pointit.schemas.problems import Problem
 from pointit.schemas.topics import CLOCK, CURSOR, IMU, MAP, POSE, RAY, SELECTION
 from tests.unit.diagnosis.test_diagnose import WELL, health, key, observation, only
 
@@ -61,8 +62,8 @@ def test_a_missing_shard_is_named_with_its_command() -> None:
 NOW_NS = 1_700_000_000 * NS_PER_S
 
 
-def reports(instance: str, host: str, ahead_s: float, *warnings: str) -> Sequence[DiagnosisReport]:
-    who = {"service": instance, "instance": instance, "pid": 1, "host": host, "warnings": warnings}
+def reports(instance: str, host: str, ahead_s: float, *problems: Problem) -> Sequence[DiagnosisReport]:
+    who = {"service": instance, "instance": instance, "pid": 1, "host": host, "problems": problems}
 
     def report(second: int) -> DiagnosisReport:
         now_ns = NOW_NS + second * NS_PER_S
@@ -101,7 +102,7 @@ def test_a_clock_apart_is_found(ahead_s: float, severity: str, words: str) -> No
 
 
 def test_what_the_keeper_has_said_is_not_said_twice() -> None:
-    warning = "the clock of machine pi is 80 ms behind the clock of server: ..."
+    warning = Problem(code="clock", sentence="the clock of machine pi is 80 ms behind", subject="pi")
     site = seen(keeper=reports("keeper", "server", 0.0, warning), sim=reports("sim", "pi", -0.08))
     assert not list(find_clock_skew(site))
 

@@ -4,14 +4,16 @@ from foxglove.messages import LogLevel
 
 from pointit.bridges.foxglove.scene import HISTORY, EventLog, LogLine
 from pointit.schemas import Feedback, Health, Interaction, Localization, RobotState, SelectionEvent
+from pointit.schemas.problems import Problem
 from pointit.schemas.system import KeyHealth
 from tests.integration.foxglove.protobuf import read
 
 
 def health(*warnings: str, errors: int = 0, lost: int = 0, invalid: int = 0) -> Health:
     keys = (KeyHealth(key="map", direction="in", rate_hz=1.0, lost=lost, invalid=invalid),)
+    problems = tuple(Problem(code="silent", sentence=each) for each in warnings)
     return Health(
-        stamp_ns=1, service="pui", instance="pui", pid=1, warnings=warnings, errors=errors, keys=keys
+        stamp_ns=1, service="pui", instance="pui", pid=1, problems=problems, errors=errors, keys=keys
     )
 
 

@@ -26,6 +26,7 @@ from pointit.runtime.errors import RefusedError
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import topics
 from pointit.schemas.catalogue.catalogue import example
+from pointit.schemas.problems import ROUTER_LOST, Problem
 from pointit.services.recorder.config import RecorderConfig
 from pointit.services.recorder.service import Recorder
 from tests.support.bench import until
@@ -215,8 +216,12 @@ def unpacked(path: Path) -> bytes:
 
 async def test_a_lost_router_is_said_once(site: Site, monkeypatch: Patch, caplog: Caplog) -> None:
     seconds = itertools.count()
-    problem = property(lambda _bus: f"router at tcp/127.0.0.1:7447 lost {next(seconds)} s ago; trying again")
-    monkeypatch.setattr(MemoryBus, "problem", problem)
+
+    def problems(_bus: MemoryBus) -> tuple[Problem, ...]:
+        sentence = f"router at tcp/127.0.0.1:7447 lost {next(seconds)} s ago; trying again"
+        return (Problem(code=ROUTER_LOST, sentence=sentence, subject="tcp/127.0.0.1:7447"),)
+
+    monkeypatch.setattr(MemoryBus, "problems", property(problems))
     monkeypatch.setattr("pointit.services.recorder.service.REPORT_S", 0.001)
     async with site.recorded():
         await until(lambda: next(seconds) > 50)

@@ -24,12 +24,12 @@ class Shown:
         self.now: dict[str, str] = {}
         self.ever: list[str] = []
 
-    def warn(self, topic: str, sentence: str) -> None:
-        self.now[topic] = sentence
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
+        self.now[subject or code] = sentence
         self.ever.append(sentence)
 
-    def clear(self, topic: str) -> None:
-        self.now.pop(topic, None)
+    def clear(self, code: str, subject: str = "") -> None:
+        self.now.pop(subject or code, None)
 
 
 class Around(Shown):

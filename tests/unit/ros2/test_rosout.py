@@ -22,6 +22,7 @@ from pointit.bridges.ros2.outbound.values import MAX_TEXT
 from pointit.bridges.ros2.routing.route_types import OutboundRoute
 from pointit.bridges.ros2.routing.routes import routes
 from pointit.schemas import NS_PER_S, Health, KeyHealth
+from pointit.schemas.problems import LATE, Problem
 from pointit.schemas.topics import HEALTH
 from tests.support.bench import START_NS, until
 from tests.unit.ros2.graph_of_one import Bench
@@ -102,9 +103,13 @@ def test_counts_that_grow_are_nothing_new_and_what_is_over_is_told_as_it_was_wor
     def lost(count: int) -> str:
         return f"{count} messages of user1 came {count / 10} s late: look at the link"
 
-    assert log.says(health(lost(1))) == [(WARN, lost(1))]
-    assert [log.says(health(lost(count))) for count in range(2, 50)] == [[]] * 48
-    assert log.says(health(), OVER_REPORTS) == [(INFO, f"over: {lost(49)}")]
+    def report(count: int, user: str = "user1") -> Health:
+        return health(problems=(Problem(code=LATE, sentence=lost(count), subject=user),))
+
+    assert log.says(report(1)) == [(WARN, lost(1))]
+    assert [log.says(report(count)) for count in range(2, 50)] == [[]] * 48
+    assert log.says(report(50, "user2")) == [(WARN, lost(50))], "another subject is another problem"
+    assert log.says(health(), OVER_REPORTS) == [(INFO, f"over: {lost(49)}"), (INFO, f"over: {lost(50)}")]
 
 
 def test_names_with_digits_are_names_and_what_two_say_alike_is_said_of_both(log: Log) -> None:

@@ -214,7 +214,7 @@ async def test_what_is_closed_is_forgotten_but_still_counted(bench: Bench, now_s
         left += await come_and_go()
         report = bench.view.report()
         assert report.errors == times
-        assert report.warnings[0].startswith(f"{times} messages on users/{{user}}/imu were older")
+        assert report.warnings[0].startswith(f"{times} messages on users/anna/imu were older")
     gc.collect()
     assert not [ref() for ref in left if ref() is not None]
 
@@ -343,7 +343,9 @@ async def test_a_played_recording_is_left_out_and_reported(bench: Bench, now_s: 
     assert seen == list(range(10))
     report = bench.view.report()
     assert report.status == "degraded"
-    assert report.warnings[0].startswith("10 messages on users/{user}/imu were older than those before them")
+    assert report.warnings[0].startswith("10 messages on users/anna/imu were older than those before them")
+    (problem,) = report.problems
+    assert (problem.code, problem.topic, problem.sentence) == ("late", IMU.key, report.warnings[0])
     now_s[0] += 4.0
     assert bench.view.report().warnings
     now_s[0] += 2.0
@@ -383,7 +385,7 @@ async def test_messages_too_late_to_act_on_are_dropped_and_reported(bench: Bench
     assert acts == [*range(10), 20], "the last one need not be in time"
     report = bench.view.report()
     assert report.status == "degraded"
-    assert report.warnings[0].startswith("10 messages on users/{user}/imu came later than others before them")
+    assert report.warnings[0].startswith("10 messages on users/anna/imu came later than others before them")
     assert "the last by 1.8 s" in report.warnings[0]
     now_s[0] += 6.0
     assert not bench.view.report().warnings

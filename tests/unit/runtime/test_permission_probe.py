@@ -104,10 +104,10 @@ async def test_a_late_answer_ends_the_denial(what: str) -> None:
     try:
         test.add("writes", "users/anna/imu")
         test.add("reads", "map")
-        await until(lambda: bool(test.problem), what="it to be denied")
-        assert ("nothing" in test.problem) == (what == "@may")
+        await until(lambda: bool(test.problems), what="it to be denied")
+        assert ("may do nothing" in test.problems[0].sentence) == (what == "@may")
         router.denied = lambda _key: False
-        await until(lambda: not test.problem, what="it to be granted")
+        await until(lambda: not test.problems, what="it to be granted")
         done = router.tests
         await asyncio.sleep(3 * max(restricted_bus.RETRY_S))
         assert router.tests == done, "it is tested on"
@@ -160,7 +160,7 @@ async def test_it_is_tested_until_it_is_closed() -> None:
     test = self_test_at(router)
     test.add("writes", "users/anna/imu")
     await until(lambda: router.tests >= 4, what="more tests")
-    assert "may not write users/anna/imu" in test.problem
+    assert "may not write users/anna/imu" in test.problems[0].sentence
     await test.close()
     done = router.tests
     await asyncio.sleep(3 * max(restricted_bus.RETRY_S))

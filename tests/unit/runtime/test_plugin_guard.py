@@ -28,11 +28,11 @@ class Sink:
         self.shown: dict[str, str] = {}
         self.last = ""
 
-    def warn(self, topic: str, sentence: str) -> None:
-        self.shown[topic] = self.last = sentence
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
+        self.shown[subject or code] = self.last = sentence
 
-    def clear(self, topic: str) -> None:
-        self.shown.pop(topic, None)
+    def clear(self, code: str, subject: str = "") -> None:
+        self.shown.pop(subject or code, None)
 
 
 @pytest.fixture

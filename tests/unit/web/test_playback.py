@@ -33,6 +33,7 @@ from pointit.schemas import (
     UserPose,
     topics,
 )
+from pointit.schemas.problems import Problem
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE
 from tests.support.recorded import write_recording
@@ -61,7 +62,8 @@ def event(seconds: float, what: str, user: str = "anna", kind: str = "red") -> S
 
 def health(seconds: float, *warnings: str, user: str = "") -> Health:
     stamp_ns = at(seconds)
-    return Health(stamp_ns=stamp_ns, service="any", instance="any", user=user, pid=1, warnings=warnings)
+    problems = tuple(Problem(code="lost", sentence=each) for each in warnings)
+    return Health(stamp_ns=stamp_ns, service="any", instance="any", user=user, pid=1, problems=problems)
 
 
 @pytest.fixture(scope="module")

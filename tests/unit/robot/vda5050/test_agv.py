@@ -288,9 +288,11 @@ def test_an_agv_without_a_place_or_a_connection_is_lost_and_comes_back(
 
 def test_messages_of_another_kind_are_said_and_dropped(bench: AgvBench) -> None:
     bench.hear("state", b"{}")
-    assert bench.health.warnings["state"].startswith("uagv/v2/acme/7/state: a message is not one of VDA 5050")
+    assert bench.health.warnings["message state"].startswith(
+        "uagv/v2/acme/7/state: a message is not one of VDA 5050"
+    )
     bench.hear("state", bench.virtual.state())
-    assert "state" not in bench.health.warnings
+    assert "message state" not in bench.health.warnings
 
 
 names = st.sampled_from(["state", "visualization", "connection", "order", ""])

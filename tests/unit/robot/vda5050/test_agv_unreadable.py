@@ -27,7 +27,7 @@ def test_unreadable_fields_are_named_in_health_and_the_agv_is_steered(bench: Agv
         bench.change(batteryState={"batteryCharge": charge}, errors=None, lastNodeSequenceId=None)
         bench.run(0.1)
     assert bench.reports[-1].battery is None
-    assert bench.health.warnings["state"] == (
+    assert bench.health.warnings["message state"] == (
         "uagv/v2/acme/7/state: batteryCharge is -1; correct it at the AGV, or update its software to keep "
         "VDA 5050"
     )
@@ -36,7 +36,7 @@ def test_unreadable_fields_are_named_in_health_and_the_agv_is_steered(bench: Agv
     bench.run(3.0)
     assert bench.outcomes(path)[-1] == ("done", "")
     assert bench.reports[-1].battery == 1.0
-    assert "state" not in bench.health.warnings
+    assert "message state" not in bench.health.warnings
 
 
 @pytest.mark.parametrize("header", [{"headerId": 0}, {"headerId": None}, {"timestamp": None}])
@@ -55,7 +55,7 @@ def test_an_agv_without_a_counter_is_steered(header: dict[str, object]) -> None:
 def test_an_agv_whose_emergency_stop_cannot_be_read_gets_no_order(bench: AgvBench) -> None:
     bench.change(safetyState=None)
     bench.run(0.1)
-    assert "safetyState is missing" in bench.health.warnings["state"]
+    assert "safetyState is missing" in bench.health.warnings["message state"]
     order = bench.tell(Follow, FAR)
     bench.run(1.0)
     assert bench.outcomes(order)[-1][0] == "refused"
@@ -77,7 +77,7 @@ def test_an_agv_without_a_position_says_so(bench: AgvBench) -> None:
     bench.virtual.extra = {"agvPosition": {"x": "?", "y": 1.0}}
     bench.hear("state", bench.virtual.state())
     assert bench.lost[-1].startswith("the AGV reports no agvPosition")
-    assert "x is '?'" in bench.health.warnings["state"]
+    assert "x is '?'" in bench.health.warnings["message state"]
 
 
 def test_an_agv_that_loses_its_position_and_states_none_is_not_where_it_was(bench: AgvBench) -> None:
@@ -100,7 +100,7 @@ def test_a_heading_in_degrees_is_named_and_the_position_is_used(bench: AgvBench)
     where = {"x": 2.0, "y": 3.0, "theta": 90.0, "mapId": "hall", "positionInitialized": True}
     bench.hear("visualization", json.dumps({"headerId": 900, "agvPosition": where}).encode())
     assert bench.reports[-1].position_m == (2.0, 3.0, 0.0)
-    assert "theta is 90.0" in bench.health.warnings["visualization"]
+    assert "theta is 90.0" in bench.health.warnings["message visualization"]
 
 
 @pytest.mark.parametrize("prefix", ["/plant/uagv/2.0", "/plant/uagv/2.0/"])

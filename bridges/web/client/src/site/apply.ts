@@ -2,7 +2,7 @@
 
 import { decode } from "@msgpack/msgpack";
 import type { Item } from "./batch";
-import { Episodes, note } from "./log";
+import { Episodes, note, problemsOf } from "./log";
 import type { Robot } from "./robots";
 import { noteChange } from "./things";
 import { emptyPerson, siteNow, type SiteEvent, type LogLine, type Person, type Site } from "./site";
@@ -57,7 +57,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
     robot.heardAt = at;
     if (!before) return;
     if (message.user !== before.user) note(site, "info", name, message.user ? `${message.user} steers it` : "nobody steers it");
-    if (message.reason && message.reason !== before.reason && keeper.warned.isNew(name, message.reason, at)) note(site, "warning", name, message.reason);
+    if (message.reason && (!before.reason || message.phase !== before.phase)) note(site, "warning", name, message.reason);
   },
   "robots/{robot}/plan": (keeper, message, name) => void (keeper.robot(name).plan = message),
   map: ({ site }, message) => {
@@ -80,7 +80,7 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "strips/frame": ({ site }, message) => void (site.strips = message),
   "conveyor/state": ({ site }, message) => void (site.conveyor = message),
   "health/{service}": ({ site, warned }, message, name, at) => {
-    for (const warning of message.warnings) if (warned.isNew(name, warning, at)) note(site, "warning", name, warning);
+    for (const problem of problemsOf(message)) if (problem.severity === "warning" && warned.isNew(name, problem, at)) note(site, "warning", name, problem.sentence);
     site.health.set(name, message);
   },
   "deployment/{name}": ({ site }, message, name) => void site.deployments.set(name, message),

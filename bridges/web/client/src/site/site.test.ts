@@ -185,11 +185,13 @@ test("the log is bounded, filtered by words, newest first", () => {
 
 test("a warning that stands on is told once, whatever its figures; one that comes back is told again", () => {
   const episodes = new Episodes();
-  const isNew = (at: number, warning: string, service = "imu"): boolean => episodes.isNew(service, warning, at);
+  const isNew = (at: number, sentence: string, service = "imu", code = "late"): boolean =>
+    episodes.isNew(service, { code, sentence, severity: "warning", subject: "", topic: "" }, at);
   assert.equal(isNew(0, "12.5 of 100 samples are late"), true);
   for (let at = 1000; at < 30_000; at += 1000) assert.equal(isNew(at, `${at / 7} of 100 samples are late`), false);
   assert.equal(isNew(30_000, "3 of 100 samples are late", "ray"), true);
   assert.equal(isNew(60_000, "12.5 of 100 samples are late"), true);
+  assert.deepEqual([1, 1, 2].map((n) => isNew(60_000, `${n} of an older release`, "imu", "other")), [true, false, true]);
 });
 
 test("an object is called by its kind and the end of its id", () => {
@@ -211,7 +213,7 @@ test("buttons that fired are not counted as a person's own", () => {
 
 const health = (user: string, key: string, rate: number): Health => ({
   errors: 1, figures: [], host: "", instance: "", latency: null, pid: 1, seq: 0, service: "", stamp_ns: 0, status: "ok",
-  step: null, uptime_s: 0, user, warnings: [],
+  problems: [], step: null, uptime_s: 0, user, warnings: [],
   keys: [{ age_s: 0, direction: "out", dropped: 2, invalid: 0, key, lost: 1, rate_hz: rate }],
 });
 

@@ -1,0 +1,59 @@
+"""Problems that services report in their health, and the codes by which diagnosis finds causes."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pointit.schemas.base import SchemaModel
+from pointit.schemas.text import hide_secrets
+
+CLOCK, CLOCK_LIMIT, DENIED, INVALID, LATE = "clock", "clock-limit", "denied", "invalid", "late"
+NOBODY, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
+UNWRITABLE, EVENT_LOOP, OTHER = "unwritable", "event-loop", "other"
+NO_DATA = ("link", "port", "silent", "sensor", "sensors", "number")
+"""Codes of a source from which nothing comes."""
+SILENCING = (*NO_DATA, "connection", "silence", NOBODY)
+"""Codes of a service that writes nothing because of its device."""
+CODES = {
+    CLOCK: "the clock of machine `subject` is ahead or behind",
+    CLOCK_LIMIT: "the same, by so much that messages are refused",
+    DENIED: "identity `subject` lacks a right",
+    INVALID: "messages on `topic`, the last of writer `subject`, could not be decoded",
+    LATE: "messages on `topic` came late, or after newer ones",
+    NOBODY: "nobody moves the arm yet",
+    ROUTER_LOST: "the router at `subject` does not answer",
+    TWICE: "process `subject` has the same name",
+    UNCERTAIN: "the pose of the person is uncertain",
+    UNWRITABLE: "file `subject` cannot be written",
+    EVENT_LOOP: "`subject` blocks the event loop of its process",
+    OTHER: "a sentence of a writer of an older release",
+    **dict.fromkeys(SILENCING[:-1], "nothing comes from the device, or over its connection"),
+}
+"""Meaning of each code by which diagnosis finds causes. All other codes are their service's own."""
+
+Severity = Literal["warning", "note"]
+MAX_CODE, MAX_SUBJECT = 64, 256
+"""Maximum lengths, characters."""
+
+
+class Problem(SchemaModel):
+    """A problem of a service. Programs match code, subject and topic, people read the sentence."""
+
+    code: Annotated[str, Field(min_length=1, max_length=MAX_CODE)]
+    sentence: Annotated[str, Field(description="the problem and its remedy")]
+    subject: Annotated[
+        str, Field(max_length=MAX_SUBJECT, description="machine, identity, writer, process or part, or empty")
+    ] = ""
+    topic: Annotated[str, Field(max_length=MAX_SUBJECT, description="its key pattern, or empty")] = ""
+    severity: Annotated[Severity, Field(description="note: nothing is wrong, but nothing happens")] = (
+        "warning"
+    )
+
+    @property
+    def identity(self) -> tuple[str, ...]:
+        """Return what stays the same while its sentence counts on. Without a code, each sentence is another."""
+        return (self.code, self.subject, self.topic, self.sentence if self.code == OTHER else "")
+
+    def without_secrets(self) -> "Problem":
+        """Return it with a sentence that may be published."""
+        return self.model_copy(update={"sentence": hide_secrets(self.sentence)})

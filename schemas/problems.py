@@ -10,6 +10,7 @@ from pointit.schemas.text import hide_secrets
 CLOCK, CLOCK_LIMIT, DENIED, INVALID, LATE = "clock", "clock-limit", "denied", "invalid", "late"
 NOBODY, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
 UNWRITABLE, EVENT_LOOP, OTHER = "unwritable", "event-loop", "other"
+EXCESS, STUCK = "excess", "stuck"
 NO_DATA = ("link", "port", "silent", "sensor", "sensors", "number")
 """Codes of a source from which nothing comes."""
 SILENCING = (*NO_DATA, "connection", "silence", NOBODY)
@@ -26,10 +27,12 @@ CODES = {
     UNCERTAIN: "the pose of the person is uncertain",
     UNWRITABLE: "file `subject` cannot be written",
     EVENT_LOOP: "`subject` blocks the event loop of its process",
+    EXCESS: "identity `subject` writes more than is permitted",
+    STUCK: "identity `subject` does not read what the router sends to it",
     OTHER: "a sentence of a writer of an older release",
     **dict.fromkeys(SILENCING[:-1], "nothing comes from the device, or over its connection"),
 }
-"""Meaning of each code by which diagnosis finds causes. All other codes are their service's own."""
+"""Meaning of each code that means the same in every service. All others are their service's own."""
 
 Severity = Literal["warning", "note"]
 MAX_CODE, MAX_SUBJECT = 64, 256
@@ -51,7 +54,7 @@ class Problem(SchemaModel):
 
     @property
     def identity(self) -> tuple[str, ...]:
-        """Return what stays the same while its sentence counts on. Without a code, each sentence is another."""
+        """Return what stays the same while its sentence counts on (of older releases: the sentence)."""
         return (self.code, self.subject, self.topic, self.sentence if self.code == OTHER else "")
 
     def without_secrets(self) -> "Problem":

@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -280,14 +280,17 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 unavailable.append(f"{entity} {use}")
         if self.config.speaker and not any(each.startswith("tts.") for each in self._states):
             missing.append("any text-to-speech entity, for `speaker` (add one there, e.g. Piper)")
-        remedies = (
-            ("entities", missing, "not in Home Assistant", "correct `home_assistant` in the map or site"),
-            ("unavailable", unavailable, "unavailable in Home Assistant", "look into the integration there"),
-        )
-        for code, entries, problem, remedy in remedies:
-            more = f" and {len(entries) - MAX_NAMES} more" if len(entries) > MAX_NAMES else ""
-            listed = ", ".join(entries[:MAX_NAMES]) + more
-            self.bus.warn(code, f"{problem}: {listed}; {remedy}" if entries else "")
+        names = _listed(missing)
+        remedy = "correct `home_assistant` in the map or site"
+        self.bus.warn("entities", names and f"not in Home Assistant: {names}; {remedy}")
+        names = _listed(unavailable)
+        remedy = "look into the integration there"
+        self.bus.warn("unavailable", names and f"unavailable in Home Assistant: {names}; {remedy}")
+
+
+def _listed(entries: Sequence[str]) -> str:
+    more = f" and {len(entries) - MAX_NAMES} more" if len(entries) > MAX_NAMES else ""
+    return ", ".join(entries[:MAX_NAMES]) + more
 
 
 def _content(path: Path) -> bytes:

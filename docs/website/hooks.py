@@ -29,6 +29,7 @@ SOURCES = {
     "pointit/cli/commands.py": "reference/commands.md",
     "pointit/launch/scenarios": "reference/scenarios.md",
     "pointit/plugins": "reference/plug-ins.md",
+    "schemas/problems.py": "reference/problems.md",
     "services": "reference/parameters.md",
 }
 """Sources of generated pages, and these pages. Links to a source work without the site, too."""

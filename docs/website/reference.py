@@ -22,11 +22,14 @@ from pointit.maps.file import load_map, shipped_maps
 from pointit.plugins import GROUPS
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.schemas import Message
+from pointit.schemas import problems as problem_codes
 from pointit.schemas.base import Query
 from pointit.schemas.topics import REQUESTS, TOPICS
 from pointit.services.registry import PROCESSES
 
 ROOT = Path(__file__).parents[2]
+SOURCES = ("pointit", "schemas", "services", "bridges")
+"""Folders of the product."""
 WIDTH = 100
 """Columns of the help texts."""
 
@@ -223,6 +226,59 @@ def plug_ins() -> Iterator[str]:
         yield table(("name", "what it is"), rows)
 
 
+def problems() -> Iterator[str]:
+    """Yield the codes of the problems that services report."""
+    yield "# Codes of problems"
+    yield (
+        "Each service publishes its `problems` once a second in `health/{service}`: code, sentence, subject, "
+        "topic and severity. `pointit doctor` finds causes by code, subject and topic. The sentence is for "
+        "people and may change with every release."
+    )
+    yield table(
+        ("code", "meaning"), ((f"`{code}`", meaning) for code, meaning in problem_codes.CODES.items())
+    )
+    yield "## Codes of single services"
+    yield "Each stands for one problem of the services or rooms that report it. The sentence has the remedy."
+    rooms = {code: sorted(places) for code, places in sorted(codes_in_use().items())}
+    own = ((f"`{code}`", ", ".join(each)) for code, each in rooms.items() if code not in problem_codes.CODES)
+    yield table(("code", "reported by"), own)
+
+
+def codes_in_use() -> dict[str, set[str]]:
+    """Return the rooms that report each code, from the calls of `warn` and of `Problem` in the product.
+
+    Raises:
+        TypeError: If a call makes up its code.
+    """
+    rooms: dict[str, set[str]] = {}
+    for path in (each for name in SOURCES for each in sorted((ROOT / name).rglob("*.py"))):
+        room = "/".join(path.relative_to(ROOT).with_suffix("").parts[:2])
+        for code in _codes(ast.parse(path.read_text(encoding="utf-8")), path):
+            rooms.setdefault(code, set()).add(room)
+    return rooms
+
+
+def _codes(tree: ast.AST, path: Path) -> Iterator[str]:
+    for call in ast.walk(tree):
+        stated: list[ast.expr] = []
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute):
+            stated = call.args[:1] if call.func.attr in ("warn", "_warn") and len(call.args) > 1 else []
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Problem":
+            stated = [each.value for each in call.keywords if each.arg == "code"]
+        elif isinstance(call, ast.FunctionDef) and call.name in ("warnings", "problems"):  # they yield pairs
+            pairs = (each.value for each in ast.walk(call) if isinstance(each, ast.Yield))
+            stated = [each.elts[0] for each in pairs if isinstance(each, ast.Tuple)]
+        for node in (part for each in stated for part in ast.walk(each)):
+            if isinstance(node, ast.JoinedStr | ast.BinOp):
+                raise ValueError(
+                    f"{path}:{node.lineno}: a code is a constant; put what varies into `subject`"
+                )
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+            elif isinstance(node, ast.Name) and isinstance(code := getattr(problem_codes, node.id, 0), str):
+                yield code
+
+
 def modules() -> Iterator[str]:
     """Yield every module of the product, by folder, with the first sentence of its docstring."""
     yield "# Modules"
@@ -230,7 +286,7 @@ def modules() -> Iterator[str]:
         "Every module with the first sentence of its docstring. "
         "[Architecture](../explanation/architecture.md) has the folders in order, and the way of the data."
     )
-    for source in (ROOT / name for name in ("pointit", "schemas", "services", "bridges")):
+    for source in (ROOT / name for name in SOURCES):
         folders: dict[Path, list[Path]] = {}
         for path in sorted(source.rglob("*.py")):
             folders.setdefault(path.parent, []).append(path)
@@ -271,6 +327,7 @@ PAGES: dict[str, Callable[[], Iterator[str]]] = {
     "reference/modules.md": modules,
     "reference/commands.md": commands,
     "reference/plug-ins.md": plug_ins,
+    "reference/problems.md": problems,
     "reference/scenarios.md": scenarios,
 }
 """Generated pages, by path below `docs`."""

@@ -93,13 +93,12 @@ class Keeper(Service[KeeperConfig]):
 
     def _compare_clocks(self) -> None:
         skewed = {skew.host: skew for skew in self._skews.skews(asyncio.get_running_loop().time())}
-        for host in self._skewed_hosts - skewed.keys():
-            self.bus.clear(CLOCK, host)
-            self.bus.clear(CLOCK_LIMIT, host)
-        for host, skew in skewed.items():
-            code, other = (CLOCK_LIMIT, CLOCK) if skew.exceeds_limit else (CLOCK, CLOCK_LIMIT)
-            self.bus.warn(code, f"{skew.sentence(self._skews.here)}; {REMEDY}", host)
-            self.bus.clear(other, host)
+        for host in self._skewed_hosts | skewed.keys():
+            skew = skewed.get(host)
+            sentence = f"{skew.sentence(self._skews.here)}; {REMEDY}" if skew is not None else ""
+            is_far = skew is not None and skew.exceeds_limit
+            self.bus.warn(CLOCK_LIMIT, sentence if is_far else "", host)
+            self.bus.warn(CLOCK, "" if is_far else sentence, host)
         self._skewed_hosts = set(skewed)
 
     async def _expire(self) -> None:

@@ -137,9 +137,12 @@ class Pointing(Service[PointingConfig]):
             self.bus.clear(LATE)
         elif verdict != "repeated" or now_ns - self._fresh_ns > self.config.stale_after_s * NS_PER_S:
             self._is_warned = True
-            code, other = ("samples", LATE) if verdict in ("no direction", "repeated") else (LATE, "samples")
-            self.bus.warn(code, self._problem(now_ns - sample.stamp_ns))
-            self.bus.clear(other)
+            sentence, is_late = (
+                self._problem(now_ns - sample.stamp_ns),
+                verdict not in ("no direction", "repeated"),
+            )
+            self.bus.warn(LATE, sentence if is_late else "")
+            self.bus.warn("samples", "" if is_late else sentence)
 
     def _show_metrics(self, now_ns: int) -> None:
         freshness = self._pointer.freshness

@@ -140,7 +140,7 @@ class Lanes:
             self._set("interaction", name, "", "" if body.state == "idle" else body.state, at_ns)
         elif isinstance(body, RobotState):
             state = (body.user, body.phase, bool(body.reason))
-            self._set("robot", name, instance_of(ROBOT, name), _robot(body), at_ns, state)
+            self._set("robot", name, instance_of(ROBOT, name), _robot(body), at_ns, identity=state)
         elif isinstance(body, Hover):
             if body.object_id or ("hover", name, "") in self._open:
                 self._set("hover", name, "", self._called(body.object_id), at_ns)
@@ -149,7 +149,7 @@ class Lanes:
         elif isinstance(body, Health):
             problems = [each for each in body.all_problems if each.severity == "warning"]
             text = f"{name}: {'; '.join(each.sentence for each in problems)}" if problems else ""
-            self._set("warnings", body.user, name, text, at_ns, [each.identity for each in problems])
+            self._set("warnings", body.user, name, text, at_ns, identity=[each.identity for each in problems])
         elif isinstance(body, TrackedObjects):
             self._objects[name] = body
         elif isinstance(body, Deployment):
@@ -228,7 +228,7 @@ class Lanes:
         return kind if kind == object_id else f"{kind} {object_id.rpartition('-')[2]}".strip()
 
     def _set(
-        self, kind: LaneKind, user: str, instance: str, text: str, at_ns: int, identity: object = None
+        self, kind: LaneKind, user: str, instance: str, text: str, at_ns: int, *, identity: object = None
     ) -> None:
         """End the interval that is open, and begin another one if `text` is not empty.
 

@@ -232,7 +232,7 @@ class ServiceBus:
             self._declared.clear()
 
     def warn(self, code: str, sentence: str, subject: str = "", *, severity: Severity = "warning") -> None:
-        """Show `sentence` (problem and remedy) in health until `clear(code, subject)`. `""` also clears it."""
+        """Show `sentence` (problem, remedy) in health until `clear(code, subject)`. `""` also clears it."""
         if sentence:
             self._problems[code, subject] = Problem(
                 code=code[:MAX_CODE], sentence=sentence, subject=subject[:MAX_SUBJECT], severity=severity

@@ -54,7 +54,7 @@ class Problem(SchemaModel):
 
     @property
     def identity(self) -> tuple[str, ...]:
-        """Return what stays the same while its sentence counts on (of older releases: the sentence)."""
+        """Return the key of the problem, without figures that change with time."""
         return (self.code, self.subject, self.topic, self.sentence if self.code == OTHER else "")
 
     def without_secrets(self) -> "Problem":

@@ -270,9 +270,7 @@ def _codes(tree: ast.AST, path: Path) -> Iterator[str]:
             stated = [each.elts[0] for each in pairs if isinstance(each, ast.Tuple)]
         for node in (part for each in stated for part in ast.walk(each)):
             if isinstance(node, ast.JoinedStr | ast.BinOp):
-                raise TypeError(
-                    f"{path}:{node.lineno}: a code is a constant; put what varies into `subject`"
-                )
+                raise TypeError(f"{path}:{node.lineno}: a code is a constant; put what varies into `subject`")
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 yield node.value
             elif isinstance(node, ast.Name) and isinstance(code := getattr(problem_codes, node.id, 0), str):

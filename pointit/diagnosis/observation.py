@@ -222,7 +222,7 @@ class Finding:
 
     @property
     def identity(self) -> tuple[str, ...]:
-        """Return what stays the same while its sentence counts on."""
+        """Return the key of the finding, without figures that change with time."""
         sentence = self.sentence if self.problem == OTHER else ""
         return (self.code, self.service, self.problem, self.subject, self.topic, sentence)
 

@@ -54,11 +54,11 @@ class PrintedHealth(NullHealth):
     def __init__(self) -> None:
         self._warnings: dict[tuple[str, str], str] = {}
 
-    def warn(self, topic: str, sentence: str) -> None:
+    def warn(self, code: str, sentence: str, subject: str = "") -> None:
         """Print a warning unless it was the last one of its topic."""
-        if sentence and self._warnings.get(topic) != sentence:
+        if sentence and self._warnings.get((code, subject)) != sentence:
             say(sentence, err=True)
-        self._warnings[topic] = sentence
+        self._warnings[code, subject] = sentence
 
 
 def setup_options(function: F) -> F:

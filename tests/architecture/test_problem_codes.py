@@ -48,6 +48,8 @@ def test_no_reader_takes_a_sentence_apart() -> None:
             continue
         for node in ast.walk(tree(path)):
             searched: list[ast.expr] = []
+            if not isinstance(node, ast.expr):
+                continue
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 is_search = node.func.attr in (
                     "search",

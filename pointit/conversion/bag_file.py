@@ -8,8 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pointit.recording.container import DAMAGED, MAX_RECORD_BYTES, DamagedError, read, records, unpack
-from pointit.recording.library import Chunk, Opcode, ZstdDecompressor, ZstdError
+from pointit.recording.container import (
+    DAMAGED,
+    MAX_RECORD_BYTES,
+    Chunk,
+    DamagedError,
+    Opcode,
+    ZstdDecompressor,
+    ZstdError,
+    read,
+    records,
+    unpack,
+)
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy

@@ -155,7 +155,7 @@ def test_whatever_is_asked_is_understood_or_refused(
         assert isinstance(meant.query, meant.request.query)
     else:
         assert role in meant.action.roles
-        assert isinstance(meant.parameters, meant.action.extras)
+        assert isinstance(meant.parameters, meant.action.parameters)
 
 
 CLIENT = Path(wire.__file__).with_name("client")

@@ -87,7 +87,7 @@ def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
     return f"no writer is present ({' or '.join(topic.writers)}); {advice}"
 
 
-PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.(?:cli|services\.\w+|bridges\.\w+)")
+PROGRAM = re.compile(r"(?:.*/)?pointit(?:\.exe)?|pointit\.services")
 """Name of the program or module by which a process is one of PointIt."""
 CONTINUE = "continue it: `kill -CONT {pid}`, or `fg` in its terminal"
 """Remedy of a stopped process."""
@@ -111,13 +111,12 @@ class StoppedProcess:
     def may_run(self, instance: str, deployment: str = "") -> bool:
         """Return True if it runs `instance`, which belongs to `deployment` (`""`: that is unknown)."""
         program, *rest = self.arguments
-        module = program.rpartition(".")[2] if program.startswith(("pointit.s", "pointit.b")) else ""
+        if program == "pointit.services":
+            rest = ["service", "run", *rest]
         words = [word for word in rest if not word.startswith("-")]
-        if not module and rest[:2] == ["service", "run"]:
-            module = "".join(words[2:3])
-        if module:
+        if rest[:2] == ["service", "run"]:
             which = self._option("--user") or self._option("--name")
-            return instance == instance_of(module.replace("_", "-"), which)
+            return instance == instance_of("".join(words[2:3]), which)
         if rest[:2] == ["person", "add"]:
             return (
                 instance.partition(".")[2] == (words[2:] or [""])[0] or deployment == (words[2:] or [""])[0]

@@ -24,15 +24,15 @@ REASONS = {
 """Words behind `no-run: `."""
 UNRUN = {
     "deploy/README.md": 7, "docs/explanation/limits.md": 1, "docs/how-to/assistants.md": 2,
-    "docs/how-to/contribute.md": 1, "docs/how-to/conveyor.md": 1, "docs/how-to/export.md": 2,
+    "docs/how-to/contribute.md": 1, "docs/how-to/conveyor.md": 1, "docs/how-to/export.md": 3,
     "docs/how-to/home-assistant.md": 2,
     "docs/how-to/measure.md": 13, "docs/how-to/motion-capture.md": 1, "docs/how-to/observe.md": 1,
     "docs/how-to/page.md": 1,
     "docs/how-to/put-that-there.md": 1, "docs/how-to/replay.md": 1, "docs/how-to/ros2.md": 3,
-    "docs/how-to/ros4hri.md": 2, "docs/how-to/scan-details.md": 5, "docs/how-to/scan.md": 2,
+    "docs/how-to/ros4hri.md": 2, "docs/how-to/scan-details.md": 6, "docs/how-to/scan.md": 2,
     "docs/how-to/study.md": 1, "docs/how-to/study-report.md": 3, "docs/index.md": 1,
     "docs/how-to/strips.md": 2, "docs/how-to/without-lights.md": 2, "docs/how-to/wrist.md": 3,
-    "docs/how-to/wrists.md": 3,
+    "docs/how-to/wrists.md": 4, "docs/how-to/wrists-network.md": 1,
     "docs/how-to/write-a-plug-in.md": 1, "docs/reference/maps.md": 1, "docs/reference/ros2.md": 1,
     "docs/tutorial/wrist.md": 3,
 }  # fmt: skip

@@ -10,7 +10,7 @@ from pointit.schemas.text import hide_secrets
 CLOCK, CLOCK_LIMIT, DENIED, INVALID, LATE = "clock", "clock-limit", "denied", "invalid", "late"
 NOBODY, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
 UNWRITABLE, EVENT_LOOP, OTHER = "unwritable", "event-loop", "other"
-EXCESS, STUCK = "excess", "stuck"
+CLOCK_CLAIM, EXCESS, STUCK = "clock-claim", "excess", "stuck"
 NO_DATA = ("link", "port", "silent", "sensor", "sensors", "number")
 """Codes of a source from which nothing comes."""
 SILENCING = (*NO_DATA, "connection", "silence", NOBODY)
@@ -18,6 +18,7 @@ SILENCING = (*NO_DATA, "connection", "silence", NOBODY)
 CODES = {
     CLOCK: "the clock of machine `subject` is ahead or behind",
     CLOCK_LIMIT: "the same, by so much that messages are refused",
+    CLOCK_CLAIM: "only one person's services say that the clock of machine `subject` is wrong",
     DENIED: "identity `subject` lacks a right",
     INVALID: "messages on `topic`, the last of writer `subject`, could not be decoded",
     LATE: "messages on `topic` came late, or after newer ones",

@@ -61,7 +61,7 @@ from pointit.schemas import (
     UserProfile,
 )
 from pointit.schemas.topics import ANNOUNCED, SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
-from pointit.services.registry import SHOWN
+from pointit.services.registry import SHOWN, person_of
 
 log = logging.getLogger(__name__)
 
@@ -325,7 +325,7 @@ class Web(Service[WebConfig]):
             case SelectionEvent():
                 self._history.add(message)
             case Health():
-                self._link.hear(message, self._wall.now_ns(), self._now_s())
+                self._link.hear(message, self._wall.now_ns(), self._now_s(), person_of(name))
             case Environment():
                 self._wrists.room(message)
                 self._separability.set_room(message)

@@ -151,24 +151,48 @@ Explanation = Callable[[Symptoms, Observation], Iterator[Cause]]
 
 
 def explain(symptoms: Symptoms, seen: Observation) -> list[Finding]:
-    """Return the causes, the symptoms without a cause, and with `follows` those that have one."""
+    """Return the causes, the symptoms without a cause, and with `follows` those that have one.
+
+    The report of a person's service is a claim, which may be forged. First all that others report and
+    presence shows is explained, then each person's symptoms by what is left of them.
+    """
     findings: list[Finding] = []
     explained_findings: list[Finding] = []
     unexplained = list(symptoms)
-    for explanation in EXPLANATIONS:
-        for cause in explanation(tuple(unexplained), seen):
+    people = sorted({_claimant(each) for each in symptoms} - {""})
+    for person, explanation in [
+        *(("", each) for each in EXPLANATIONS),
+        *((person, each) for person in people for each in OF_ONE_PERSON),
+    ]:
+        considered = tuple(each for each in unexplained if _claimant(each) == person)
+        for cause in explanation(considered, seen):
             findings.append(cause.finding)
+            of_person = person or person_of(cause.finding.service)
             left: list[Finding] = []
             for each in unexplained:
-                if each not in (cause.finding, cause.symptom):
-                    if not cause.explains(each):
-                        left.append(each)
-                    elif cause.finding.severity == "note":  # nothing is wrong
-                        explained_findings.append(replace(each, severity="note"))
-                    else:
-                        explained_findings.append(each)
+                if each in (cause.finding, cause.symptom):
+                    continue
+                is_other = of_person and of_person not in (_claimant(each), person_of(each.service))
+                if is_other or not cause.explains(each):
+                    left.append(each)
+                elif cause.finding.severity == "note":  # nothing is wrong
+                    explained_findings.append(replace(each, severity="note"))
+                else:
+                    explained_findings.append(each)
             unexplained = left
     return [*findings, *unexplained, *(replace(each, follows=True) for each in explained_findings)]
+
+
+def _claimant(symptom: Finding) -> str:
+    """Return the person whose services alone claim `symptom`, or write the input that is missing, or `""`.
+
+    What is gone is seen by its presence, which is not a claim.
+    """
+    if symptom.code in GONE:
+        return ""
+    writers = {person_of(each) for each in symptom.services if each != symptom.service}
+    is_theirs = symptom.code == "stale" and len(writers) == 1
+    return person_of(symptom.service) or (writers.pop() if is_theirs else "")
 
 
 def may_pass(finding: Finding) -> bool:
@@ -188,7 +212,7 @@ def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for each in symptoms:
         if each.problem in (CLOCK, CLOCK_LIMIT):
             by_host[each.subject].append(each)
-    hosts = {health.host for name in seen.reports if (health := seen.newest(name))}
+    hosts = {health.host for name in seen.reports if not person_of(name) and (health := seen.newest(name))}
     for reporter in {"", *(each.service for group in by_host.values() for each in group)}:
         health = seen.newest(reporter)
         if len(by_host) > 1 and by_host.keys() >= hosts - {health.host if health else seen.host}:
@@ -199,18 +223,24 @@ def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
         def explains(each: Finding, symptoms: Symptoms = symptoms, *, is_far: bool = is_far) -> bool:
             is_late = each.code in ("stale", "slow", "no-cursor") or each.problem == LATE
-            return each in symptoms or (is_late and (is_far or each.code == "slow"))
+            is_claim = each.problem in (CLOCK, CLOCK_LIMIT) and bool(person_of(each.service))
+            return each in symptoms or is_claim or (is_late and (is_far or each.code == "slow"))
 
         yield replace(_first_of(cause, cause[0].code), explains=explains)
 
 
 def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_host: dict[str, list[Finding]] = defaultdict(list)
+    host_of = {name: health.host for name in seen.reports if (health := seen.newest(name))}
     for each in symptoms:
         if each.problem == UNWRITABLE:
-            health = seen.newest(each.service)
-            by_host[health.host if health else ""].append(each)
-    yield from (_first_of(group, "disk") for group in by_host.values())
+            by_host[host_of.get(each.service, "")].append(each)
+    for host, group in by_host.items():
+
+        def is_same(each: Finding, host: str = host) -> bool:
+            return each.problem == UNWRITABLE and host_of.get(each.service, "") == host
+
+        yield _also(_first_of(group, "disk"), is_same)
 
 
 def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
@@ -227,7 +257,8 @@ def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
             cause = replace(cause, finding=replace(cause.finding, remedy=remedy))
 
         def is_of_service(each: Finding, name: str = name) -> bool:
-            return each.code in GONE and split_instance(each.service)[1] == name
+            is_same = each.problem == DENIED and each.subject == name
+            return is_same or (each.code in GONE and split_instance(each.service)[1] == name)
 
         yield _also(_also(cause, follow), is_of_service)
 
@@ -357,6 +388,10 @@ EXPLANATIONS: tuple[Explanation, ...] = (
     _duplicates, _invalid, _late, _same_words,
 )  # fmt: skip
 """From the deepest causes to the nearest."""
+OF_ONE_PERSON: tuple[Explanation, ...] = (
+    _clock, _disk, _rights, _starved, _unwritten, _duplicates, _invalid, _late, _same_words,
+)  # fmt: skip
+"""The same for what one person's services claim."""
 
 
 def _also(cause: Cause, follows: Callable[[Finding], bool]) -> Cause:

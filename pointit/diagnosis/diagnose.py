@@ -16,7 +16,7 @@ from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import Health, KeyHealth
-from pointit.schemas.problems import CLOCK, CLOCK_LIMIT
+from pointit.schemas.problems import CLOCK, CLOCK_CLAIM, CLOCK_LIMIT
 from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import one_line
@@ -57,7 +57,8 @@ def stale_inputs(seen: Observation) -> Iterator[Finding]:
             else:
                 remedy = _look_at(seen, writers[0])
             age = "never came" if key.age_s is None else f"is {key.age_s:.1f} s old"
-            key_name = fill_key(topic.key, person_of(instance) or person_of(writers[0]))
+            people = set(map(person_of, writers))
+            key_name = fill_key(topic.key, person_of(instance) or (people.pop() if len(people) == 1 else ""))
             sentence = f"its input {key_name} {age}, though {' and '.join(writers)} should write it"
             yield Finding(
                 "error", "stale", instance, sentence, remedy, topic=topic.key, services=(instance, *writers)
@@ -141,7 +142,14 @@ def diagnose(seen: Observation, is_sure: Callable[[Finding], bool] = lambda _: T
         *stale_inputs(seen),
     )
     findings = explain([each for each in symptoms if is_sure(each)], seen)
-    return sorted(findings, key=lambda finding: (SEVERITIES.index(finding.severity), finding.service))
+    return sorted(
+        findings,
+        key=lambda finding: (
+            SEVERITIES.index(finding.severity),
+            bool(person_of(finding.service)),
+            finding.service,
+        ),
+    )
 
 
 def is_healthy(findings: Sequence[Finding]) -> bool:
@@ -152,22 +160,25 @@ def is_healthy(findings: Sequence[Finding]) -> bool:
 def find_clock_skew(seen: Observation) -> Iterator[Finding]:
     """Find machines with clock skew relative to ours, unless a keeper has reported it."""
     skew_monitor = ClockSkewMonitor(seen.host, window_s=seen.now_s - seen.began_s + 1.0)
-    for reports in seen.reports.values():
+    for instance, reports in seen.reports.items():
         for report in reports:
-            if report.arrived_ns is not None and report.health.host:
-                skew_monitor.on_report(
-                    report.health.host, report.health.stamp_ns, report.arrived_ns, report.received_s
-                )
+            if report.arrived_ns is not None and (host := report.health.host):
+                stamps_ns = report.health.stamp_ns, report.arrived_ns
+                skew_monitor.on_report(host, *stamps_ns, report.received_s, person_of(instance))
     keeper = seen.newest("keeper")
-    told = {
-        each.subject for each in (keeper.all_problems if keeper else ()) if each.code in (CLOCK, CLOCK_LIMIT)
+    stated = {
+        each.subject
+        for each in (keeper.all_problems if keeper else ())
+        if each.code in (CLOCK, CLOCK_CLAIM, CLOCK_LIMIT)
     }
     for skew in skew_monitor.skews(seen.now_s):
-        if skew.host not in told:
+        if skew.host not in stated:
             severity: Severity = "error" if skew.exceeds_limit else "warning"
             problem = CLOCK_LIMIT if skew.exceeds_limit else CLOCK
+            claimants = (each for each in sorted(seen.reports) if person_of(each) == skew.claimant)
+            service = next(claimants, "") if skew.claimant else ""
             sentence = skew.sentence(seen.host)
-            yield Finding(severity, "clock", "", sentence, REMEDY, problem=problem, subject=skew.host)
+            yield Finding(severity, "clock", service, sentence, REMEDY, problem=problem, subject=skew.host)
 
 
 def is_about(instance: str, name: str) -> bool:

@@ -172,6 +172,8 @@ Python loads them all at once, which takes a busy machine a minute and more.
 """
 
 Severity = Literal["error", "warning", "note"]
+"""Error: something that the site needs does not work. Warning: it works worse, or not for long. Note: it is
+over, or nobody uses it yet. A site with notes only is healthy."""
 Code = Literal[
     "unreachable",
     "empty",

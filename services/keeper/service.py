@@ -13,7 +13,8 @@ from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Health, Message
-from pointit.schemas.problems import CLOCK, CLOCK_LIMIT, UNWRITABLE
+from pointit.schemas.problems import CLOCK, CLOCK_CLAIM, CLOCK_LIMIT, UNWRITABLE
+from pointit.schemas.system import split_instance
 from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE
 from pointit.services.keeper.retained_states import FILE, KeeperConfig, RetainedStates, read, retained, write
 from pointit.services.service_plugin import add_all_rows
@@ -85,20 +86,22 @@ class Keeper(Service[KeeperConfig]):
         self._retained.take(topic, name, message, self.clock.now_ns())
         self._changed.set()
 
-    def _on_health(self, health: Health, _instance: str) -> None:
+    def _on_health(self, health: Health, instance: str) -> None:
         if health.host:
-            self._skews.on_report(
-                health.host, health.stamp_ns, self._wall.now_ns(), asyncio.get_running_loop().time()
-            )
+            now_s = asyncio.get_running_loop().time()
+            person = split_instance(instance)[1]  # its owner may forge it
+            self._skews.on_report(health.host, health.stamp_ns, self._wall.now_ns(), now_s, person)
 
     def _compare_clocks(self) -> None:
         skewed = {skew.host: skew for skew in self._skews.skews(asyncio.get_running_loop().time())}
         for host in self._skewed_hosts | skewed.keys():
             skew = skewed.get(host)
             sentence = f"{skew.sentence(self._skews.here)}; {REMEDY}" if skew is not None else ""
-            is_far = skew is not None and skew.exceeds_limit
+            is_claim = skew is not None and bool(skew.claimant)
+            is_far = skew is not None and skew.exceeds_limit and not is_claim
+            self.bus.warn(CLOCK_CLAIM, sentence if is_claim else "", host)
             self.bus.warn(CLOCK_LIMIT, sentence if is_far else "", host)
-            self.bus.warn(CLOCK, "" if is_far else sentence, host)
+            self.bus.warn(CLOCK, "" if is_far or is_claim else sentence, host)
         self._skewed_hosts = set(skewed)
 
     async def _expire(self) -> None:

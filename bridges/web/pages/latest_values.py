@@ -57,10 +57,10 @@ class SlowLink:
     def __init__(self, host: str) -> None:
         self._monitor = ClockSkewMonitor(host, WINDOW_S)
 
-    def hear(self, health: Health, arrived_ns: int, now_s: float) -> None:
+    def hear(self, health: Health, arrived_ns: int, now_s: float, person: str) -> None:
         """Process a report that arrived at `arrived_ns` (own clock, Unix ns); `now_s` is monotonic."""
         if health.host:
-            self._monitor.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
+            self._monitor.on_report(health.host, health.stamp_ns, arrived_ns, now_s, person)
 
     def sentence(self, now_s: float) -> str:
         """Return a warning with its remedy, or `""` if there is no delay."""
@@ -68,7 +68,7 @@ class SlowLink:
             f"messages of {skew.host} reach {self._monitor.here} {-skew.ahead_s:.1f} s late, so the page is "
             "behind: the link between the two machines is slow or full, or their clocks differ"
             for skew in self._monitor.skews(now_s)
-            if skew.ahead_s <= -LAG_S
+            if skew.ahead_s <= -LAG_S and not skew.claimant
         )
 
 

@@ -353,7 +353,8 @@ def _rates(health: Health | None, direction: str) -> str:
     keys: list[KeyHealth] = [
         key for key in (health.keys if health else ()) if key.direction == direction and key.rate_hz > 0
     ]
-    return ", ".join(f"{key.key.rpartition('/')[2]} {key.rate_hz:.0f}" for key in keys)
+    names = ([part for part in key.key.split("/") if "{" not in part][-1] for key in keys)
+    return ", ".join(f"{name} {key.rate_hz:.0f}" for name, key in zip(names, keys, strict=True))
 
 
 def _figures(health: Health) -> str:

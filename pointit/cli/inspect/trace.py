@@ -400,7 +400,7 @@ class Tracer:
 
     def _on_health(self, health: Health, process: str, arrived_ns: int, now_s: float) -> None:
         self._reports[health.instance] = (process, health)
-        self._skews.on_report(health.host, health.stamp_ns, arrived_ns, now_s)
+        self._skews.on_report(health.host, health.stamp_ns, arrived_ns, now_s, health.user)
 
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         self._tick = tick

@@ -12,7 +12,7 @@ to itself take. A link that delays everything by `APART_S` and more looks like a
 
 import collections
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pointit.schemas import NS_PER_S
@@ -186,6 +186,8 @@ class ClockSkew:
     host: str
     ahead_s: float
     """Lower bound if positive. If negative, the clock is behind by at most this."""
+    claimant: str = ""
+    """The person whose services alone say that they run there, or `""`."""
 
     @property
     def exceeds_limit(self) -> bool:
@@ -202,46 +204,62 @@ class ClockSkew:
             if self.exceeds_limit
             else "latency figures of what crosses the two are wrong by as much"
         )
-        return f"the clock of machine {self.host} is {by} {way} the clock of {here}{unless}: {what}"
+        clock = f"the clock of machine {self.host}"
+        clock = f"the services of {self.claimant} say that {clock}" if self.claimant else clock
+        return f"{clock} is {by} {way} the clock of {here}{unless}: {what}"
 
 
 class ClockSkewMonitor:
-    """Estimates clock skew by host from the stamps and arrival times of reports."""
+    """Estimates clock skew by host from the stamps and arrival times of reports.
+
+    A person's services may forge both: what only one person's say of a machine is their claim, and of the
+    machines of others nothing.
+    """
 
     def __init__(self, here: str, window_s: float = WINDOW_S) -> None:
         """Set the name of this machine, and the time for which a report counts."""
         self.here = here
         self._window_s = window_s
-        self._late: dict[str, collections.deque[tuple[float, float]]] = {}
-        """Arrivals of reports (s, monotonic) with their delays since their stamps (s), by host."""
+        self._late: dict[tuple[str, str], collections.deque[tuple[float, float]]] = {}
+        """Arrivals of reports (s, monotonic) with their delays since their stamps (s), by host and person."""
 
-    def on_report(self, host: str, stamp_ns: int, arrived_ns: int, now_s: float) -> None:
-        """Add a report with its stamp and arrival (wall time, Unix ns). `now_s` is the monotonic time."""
-        host = one_line(host, LONGEST_HOST)
-        late = self._late.get(host)
+    def on_report(self, host: str, stamp_ns: int, arrived_ns: int, now_s: float, person: str = "") -> None:
+        """Add a report with its stamp and arrival (wall time, Unix ns). `now_s` is the monotonic time.
+
+        `person`: whose service it is of, or `""`.
+        """
+        key = one_line(host, LONGEST_HOST), person
+        late = self._late.get(key)
         if late is None:
             if len(self._late) >= MAX_HOSTS:
                 self._late.pop(min(self._late, key=lambda name: self._late[name][-1][0]))
-            late = self._late[host] = collections.deque(maxlen=4096)
+            late = self._late[key] = collections.deque(maxlen=4096)
         late.append((now_s, (arrived_ns - stamp_ns) / 1e9))
 
     def skews(self, now_s: float) -> Iterator[ClockSkew]:
         """Yield the machines whose clocks differ from this one's by `APART_S` and more."""
-        for host, late in list(self._late.items()):
+        for key, late in list(self._late.items()):
             while late and now_s - late[0][0] > self._window_s:
                 late.popleft()
             if not late:
-                del self._late[host]
-        own = min((value for _, value in self._late.get(self.here, ())), default=0.0)
-        for host, late in sorted(self._late.items()):
-            if host == self.here:
-                continue
-            values = sorted(value for _, value in late)
-            behind_s = values[0] - max(0.0, own)
-            if values[0] <= -APART_S and len(values) >= MIN_AHEAD:
-                yield ClockSkew(host=host, ahead_s=-values[0])
-            elif behind_s >= APART_S and _is_sure([value - max(0.0, own) for value in values]):
-                yield ClockSkew(host=host, ahead_s=-behind_s)
+                del self._late[key]
+        own = max(0.0, min((value for _, value in self._late.get((self.here, ""), ())), default=0.0))
+        by_host: dict[str, list[ClockSkew]] = collections.defaultdict(list)
+        for (host, person), late in sorted(self._late.items()):
+            is_known = bool(person) and (host, "") in self._late  # a shared service tells it
+            ahead_s = _ahead_s(sorted(value for _, value in late), own)
+            if host != self.here and ahead_s and not is_known:
+                by_host[host].append(ClockSkew(host=host, ahead_s=ahead_s, claimant=person))
+        for skews in by_host.values():  # what two people say is no claim of one
+            yield replace(skews[0], claimant="") if len(skews) > 1 else skews[0]
+
+
+def _ahead_s(values: list[float], own_s: float) -> float:
+    """Return by how much the clock with the sorted delays `values` is ahead, s, 0 if that is not sure."""
+    behind_s = values[0] - own_s
+    if values[0] <= -APART_S and len(values) >= MIN_AHEAD:
+        return -values[0]
+    return -behind_s if behind_s >= APART_S and _is_sure([value - own_s for value in values]) else 0.0
 
 
 def _is_sure(values: list[float]) -> bool:

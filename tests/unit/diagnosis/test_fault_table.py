@@ -124,11 +124,9 @@ def has_wrong_rights(kind: str, site: Site) -> Site:
 
 def has_wrong_clock(kind: str, site: Site) -> Site:
     if kind == "router":
-        change(site, "anna", ahead_s=-3.0)
-        site.warnings["pui"] = (late(RAY),)
+        change(site, "anna", ahead_s=-3.0)  # what pui says of late rays does not say whose they are
         sentence = "9 IMU samples made no ray, the last is 3.0 s old: look for a slow link"
         site.warnings["pointing.anna"] = (Problem(code=LATE, sentence=sentence),)
-        site.ages_s["pui", RAY, "in"] = 20.0
     else:  # the observer's own machine is another than the site's
         site.options["host"] = "tablet"
         for name in site.processes:
@@ -158,7 +156,7 @@ FAULTS: dict[str, tuple[Callable[[str, Site], Site], set[str], dict[str, str]]] 
     "starved": (starved, {"starved"}, {"one process": "process 10 of machine desk"}),
     "disconnected": (disconnected, {"stale", "unreachable", "absent"}, {"router": "pointing.anna"}),
     "duplicated": (duplicated, {"twice"}, {}),
-    "wrong rights": (has_wrong_rights, {"denied"}, {"router": "this identity (cleo)"}),
+    "wrong rights": (has_wrong_rights, {"denied"}, {"router": "hall/cleo may not write"}),
     "wrong clock": (has_wrong_clock, {"clock"}, {"router": "machine laptop-anna"}),
     "full disk": (has_full_disk, {"disk"}, {}),
 }
@@ -339,7 +337,7 @@ def has_no_sample(problem: Problem) -> list[Finding]:
     site.deployments.clear()
     for reader in ("pointing", "localizer", "supervisor"):
         site.ages_s[f"{reader}.user1", IMU, "in"] = None
-    site.ages_s["localizer.user1", RAY, "in"] = site.ages_s["pui", RAY, "in"] = None
+    site.ages_s["localizer.user1", RAY, "in"] = None
     site.warnings["imu-bridge.user1"] = (problem,)
     return diagnose(site.seen())
 

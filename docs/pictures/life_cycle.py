@@ -14,7 +14,8 @@ HEAD = """# Life cycle of an interaction
 [`supervisor/transitions.py`](../../services/supervisor/transitions.py).
 [`supervisor/life_cycle.py`](../../services/supervisor/life_cycle.py)
 runs it for each person. An arrow shows its events, with conditions in brackets.
-`before` is the stage that preceded the attempt.
+`before` is the stage that preceded the attempt. Cues, effects and the transitions that stay in a stage are in
+the table.
 """
 
 STAGES: Mapping[Stage, str] = {
@@ -73,22 +74,6 @@ def page() -> str:
             "```mermaid",
             *diagram(),
             "```",
-            "",
-            *table(
-                ("stage", "event", "if", "next stage", "cue", "effects"),
-                (
-                    (
-                        stage,
-                        _listed(row.events),
-                        _listed(row.conditions),
-                        row.then,
-                        row.cue,
-                        _listed(row.effects),
-                    )
-                    for stage, rows in TABLE.items()
-                    for row in rows
-                ),
-            ),
             "",
             *legend("stage", get_args(Stage), STAGES),
             *legend("event", get_args(Event), EVENTS),

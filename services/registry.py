@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from pointit.runtime.config.plugins import installed_entry_points
+from pointit.runtime.config.installed import installed_entry_points
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import import_room, remedy
 from pointit.schemas import topics

@@ -111,7 +111,9 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "topic",
             "see messages, their rates and their fields",
             TOPIC,
-            ours("list", "show the topic table: keys, messages, rates, writers", "inspect.topics"),
+            ours(
+                "list", "show the topic table: keys, messages, rates, writers", "inspect.listings:list_topics"
+            ),
             ours("echo", "print messages as they arrive", "inspect.topics:echo"),
             ours("hz", "measure rates against the nominal ones", "inspect.topics:hz"),
             ours("schema", "show the fields of a message; write or check the catalogue", "inspect.schema"),

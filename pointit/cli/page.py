@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import click
 
 from pointit.cli.common.output import interruptible, progress
-from pointit.cli.common.panels import Added, PanelCommand, RunPart
+from pointit.cli.common.panels import PanelCommand
+from pointit.cli.common.run_part import Added, RunPart
 from pointit.cli.common.site_link import site_options
 from pointit.launch.page import (
     EVERYWHERE,

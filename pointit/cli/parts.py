@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from pointit.runtime.host.extras import OptionalPart
 
 if TYPE_CHECKING:  # the listings need none of them
-    from pointit.cli.common.panels import RunPart
+    from pointit.cli.common.run_part import RunPart
     from pointit.cli.display.summary import DisplayPart, LiveView
 
 PersonCheck: TypeAlias = Callable[[str], None]

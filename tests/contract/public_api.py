@@ -22,7 +22,7 @@ from pointit.api.site import Site
 from pointit.api.sync_site import SyncFeed, SyncLatest, SyncNewest, SyncSite, SyncTracker
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import WallClock
-from pointit.runtime.config.plugins import InstalledGroup
+from pointit.runtime.config.installed import InstalledGroup
 
 LISTING = Path(__file__).with_name("public_api.txt")
 CHANGELOG = Path(__file__).parents[2] / "CHANGELOG.md"

@@ -237,7 +237,7 @@ def load(package: str, name: str) -> click.Command:
     Raises:
         ConfigError: If the package is not installed, or its command cannot be imported.
     """
-    from pointit.runtime.config.plugins import InstalledGroup  # noqa: PLC0415 - takes as long as the help
+    from pointit.runtime.config.installed import InstalledGroup  # noqa: PLC0415 - takes as long as the help
     from pointit.runtime.errors import ConfigError  # noqa: PLC0415 - as above
     from pointit.runtime.host.extras import remedy  # noqa: PLC0415 - as above
 

@@ -1,19 +1,15 @@
-"""Options of commands: their panels in a help, their types, and panels of `run` that optional rooms bring."""
+"""Options of commands: their panels in a help, and their types."""
 
 import copy
 import inspect
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import pairwise
 from typing import Any
 
 import click
-
-from pointit.launch.plan.launches import Choices
-from pointit.launch.plan.plan import Beside, MakeWatcher, Scenario
 
 
 class Finite(click.FloatRange):
@@ -132,35 +128,3 @@ class PanelCommand(click.Command):
                 formatter.write_dl([rows.pop(name) for name in names if name in rows])
         with formatter.section("Other options" if self.panels else "Options"):
             formatter.write_dl(list(rows.values()))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Added:
-    """Outcome of the options for one run."""
-
-    beside: Sequence[Beside] = ()
-    services: Sequence[str] = ()
-    """Names of services that it puts there, for `--set`."""
-    settings: Sequence[str] = ()
-    """Parameters of services, as in `--set`, which wins over them."""
-    notes: Sequence[str] = ()
-    """Sentences to print at the start."""
-    closing_note: str = ""
-    """Sentence to print below the summary."""
-    watchers: Sequence[MakeWatcher] = ()
-    """Factories of further observers of each scenario of the run."""
-    moves_wrists: bool = False
-    """People may point with it, so that each gets an imu-bridge."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunPart:
-    """A panel of options of `run`."""
-
-    heading: str
-    names: Sequence[str]
-    """Names of the options."""
-    options: Callable[[Any], Any]
-    """Adds the options to a command."""
-    add: Callable[[Scenario, Choices, Mapping[str, Any]], Added]
-    """Checks the values of the options of `run`; raises PointItError. Returns what they put beside it."""

@@ -1,4 +1,4 @@
-"""Listings of scenarios, maps, plug-ins and services: `pointit list`, and `list` below each noun."""
+"""Listings of topics, scenarios, maps, plug-ins and services: `pointit list`, and `list` below each noun."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +9,8 @@ from pointit.cli.common.lazy import UnknownNameError, declared
 from pointit.cli.common.output import OutputSection, json_option, show
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError
-from pointit.services.registry import PROCESSES, Process, names
+from pointit.schemas import topics as table
+from pointit.services.registry import PROCESSES, Process, add_installed, names
 
 
 def services() -> OutputSection:
@@ -39,6 +40,54 @@ def _service_row(row: Process) -> dict[str, Any]:
         "serves": [request.key for request in row.serves],
         "about": row.about,
     }
+
+
+def topics() -> OutputSection:
+    """Return the topics."""
+    return OutputSection(
+        name="topics",
+        about="keys below pointit/<site>, see them with `pointit topic echo KEY`",
+        rows=tuple(
+            {
+                "key": topic.key,
+                "message": topic.message.schema_name(),
+                "delivery": topic.delivery.value,
+                "rate_hz": topic.rate_hz,
+                "writers": topic.writers,
+                "about": topic.about,
+            }
+            for topic in table.TOPICS
+        ),
+        roomy=frozenset({"message", "writers"}),
+    )
+
+
+def requests() -> OutputSection:
+    """Return the requests."""
+    return OutputSection(
+        name="requests",
+        about="requests, and the service that replies to each",
+        rows=tuple(
+            {
+                "key": request.key,
+                "query": request.query.schema_name(),
+                "reply": request.reply.schema_name(),
+                "server": request.server,
+                "about": request.about,
+            }
+            for request in table.REQUESTS
+        ),
+        roomy=frozenset({"query", "reply"}),
+    )
+
+
+def presence() -> OutputSection:
+    """Return the tokens that exist as long as their owners."""
+    return OutputSection(
+        name="presence",
+        about="tokens that exist as long as their owners",
+        rows=tuple({"key": token.key, "about": token.about} for token in table.PRESENCES),
+    )
 
 
 def scenarios() -> OutputSection:
@@ -163,3 +212,17 @@ list_services = _listing(
     "List the services with what they read, write and serve.\n\n"
     "Those of scope user belong to a person and need --user; those of scope site are shared by all.",
 )
+
+
+@click.command("list")
+@json_option
+def list_topics(*, as_json: bool) -> None:
+    """Show the topic table: every key with its message, delivery, rate and writers.
+
+    latest: the newest replaces older ones; event: in order, none lost silently; state: late joiners get the
+    last value. A rate of - means on change.
+
+    Example: pointit topic list --json
+    """
+    add_installed()
+    show([topics(), requests(), presence()], as_json=as_json)

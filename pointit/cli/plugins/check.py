@@ -18,7 +18,7 @@ import click
 from pointit.cli.common import lazy
 from pointit.commands import UnknownNameError, json_option, nearest, print_json, remedy, replaced_file
 from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, ServicePlugin
-from pointit.runtime.config.plugins import OURS
+from pointit.runtime.config.installed import OURS
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.selector.config import SelectorConfig
 from pointit.testing import SUITES, Harness, checks, run_checks

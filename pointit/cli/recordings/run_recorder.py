@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.panels import Added, RunPart
+from pointit.cli.common.run_part import Added, RunPart
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Scenario
 from pointit.launch.recorder import RunRecorder, recorder_launch

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.panels import Added, RunPart
+from pointit.cli.common.run_part import Added, RunPart
 from pointit.cli.display.summary import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reactions, reactions_in

@@ -8,7 +8,6 @@ from itertools import chain, permutations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from pointit.geometry import vector
 from pointit.geometry.solids import BoxSolid
@@ -301,6 +300,8 @@ def _at_one_place(places: NDArray[np.float64]) -> list[tuple[int, int]]:
     earlier = first[inverse.reshape(-1)]
     found = {int(index): int(earlier[index]) for index in np.flatnonzero(earlier != np.arange(len(places)))}
     if len(distinct) > 1:
+        from scipy.spatial import KDTree  # noqa: PLC0415 - the page loads this module
+
         nearest = KDTree(distinct).query(distinct, k=[2])  # the first one is the lamp itself
         away_m, near = (np.asarray(each).reshape(-1) for each in nearest)
         for row in np.flatnonzero(away_m < SAME_PLACE_M):

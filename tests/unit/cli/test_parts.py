@@ -4,7 +4,7 @@ import inspect
 
 import pytest
 
-from pointit.cli.common.panels import RunPart
+from pointit.cli.common.run_part import RunPart
 from pointit.cli.display.summary import DisplayPart
 from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS, PERSON_CHECKS, RUN_PARTS
 from pointit.launch.parts import WATCHERS

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from pointit.cli.common.output import interruptible, progress
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.remembered_options import maps
 from pointit.runtime.errors import ConfigError
 
@@ -81,7 +82,7 @@ SITE = "imported"
 TABLES = (".csv", ".tsv", ".txt")
 
 
-@click.command("import")
+@click.command("import", cls=PanelCommand, usual=("recording", "columns", "lost", "up", "mounting", "room"))
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option(
     "--to",

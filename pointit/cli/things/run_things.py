@@ -150,8 +150,7 @@ def mqtt_options(function: Any) -> Any:
         default="",
         show_default=False,
         metavar="TOPIC",
-        help="discovery prefix of Home Assistant's MQTT integration  [default: variable "
-        "MQTT_DISCOVERY_PREFIX, or homeassistant]",
+        help="its discovery prefix  [default: variable MQTT_DISCOVERY_PREFIX, or homeassistant]",
     )
     return broker(authority(prefix(function)))
 

@@ -11,6 +11,7 @@ import click
 from pointit.api.feed import check_things, is_reaction
 from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.output import OutputSection, Row, json_option, say, show
+from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import TIMEOUT_S, AtSite, join_site, quiet, site_options
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reaction, Reactions, reactions_in
@@ -116,7 +117,7 @@ async def _try(thing: str, user: str, *, on: bool | None, **at: Unpack[AtSite]) 
     return 0
 
 
-@click.command("react", params=site_options())
+@click.command("react", params=site_options(), cls=PanelCommand, usual=("mqtt", "connect", "credentials"))
 @click.argument("on", nargs=-1, metavar="[FILE.yaml|THING=PROGRAM|THING=URL]...")
 @mqtt_options
 def react_to_things(

@@ -115,7 +115,11 @@ async def open_cancellable(config: zenoh.Config, *, runtime: str = RUNTIME) -> z
     """
     if runtime:
         os.environ.setdefault("ZENOH_RUNTIME", runtime)
-    return await in_daemon_thread(lambda: zenoh.open(config), "zenoh-open", discard=zenoh.Session.close)
+    return await in_daemon_thread(lambda: zenoh.open(config), "zenoh-open", discard=_close)
+
+
+def _close(session: zenoh.Session) -> None:
+    session.close()
 
 
 async def close_session(session: zenoh.Session, *, patience_s: float = CLOSE_TIMEOUT_S) -> None:

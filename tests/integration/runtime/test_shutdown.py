@@ -156,7 +156,7 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(end: str, code: int) 
 
 STUBBORN = """
 import asyncio, os, sys
-from pointit.runtime.service import shutdown as ending
+from pointit.runtime.service import process as ending
 ending.END_TIMEOUT_S = 0.5
 os.getloadavg = lambda: (float(sys.argv[1]) * os.cpu_count(), 0.0, 0.0)
 
@@ -189,7 +189,7 @@ def test_a_task_that_does_not_end_is_cut_off_later_on_a_crowded_machine(
 
 THREAD = """
 import asyncio, threading
-from pointit.runtime.service import shutdown as ending
+from pointit.runtime.service import process as ending
 ending.END_TIMEOUT_S = 0.5
 
 async def work():

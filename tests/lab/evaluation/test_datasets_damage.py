@@ -45,14 +45,18 @@ def refused(read: Callable[[], object], path: Path) -> str:
     return said
 
 
-@pytest.mark.parametrize("write", [write_motion, write_track])
+@pytest.mark.parametrize(
+    ("write", "remedy"), [(write_motion, "set columns to its unit"), (write_track, "in seconds")]
+)
 @pytest.mark.parametrize("factor", [1e6, 1e3, 1.0 / 3600.0], ids=["us", "ms", "h"])
-def test_times_in_other_units_are_refused(tmp_path: Path, write: Callable[..., Path], factor: float) -> None:
+def test_times_in_other_units_are_refused(
+    tmp_path: Path, write: Callable[..., Path], remedy: str, factor: float
+) -> None:
     path = write(tmp_path, STAND, duration_s=40.0)
     scaled(path, factor, "t")
     said = refused(lambda: read_trials(tmp_path), path)
     assert "column 't'" in said
-    assert "in seconds" in said, "the remedy says which unit is expected"
+    assert remedy in said
 
 
 def test_time_goes_forwards(tmp_path: Path) -> None:
@@ -64,8 +68,8 @@ def test_time_goes_forwards(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("write", "columns", "said"),
     [
-        (write_motion, ["robot_x"], "robot_x_m, … if they are in metres"),
-        (write_motion, ["robot", "head"], "name them head_x_mm, head_y_mm, head_z_mm"),
+        (write_motion, ["robot_x"], "robot_x=robot_x/mm"),
+        (write_motion, ["robot", "head"], "robot_x=robot_x/mm"),
         (write_track, ["head_x"], "line 2: robot"),
         (write_track, ["px", "py"], "columns 'px', 'py': half of the points on the floor"),
     ],

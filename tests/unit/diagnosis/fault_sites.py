@@ -163,7 +163,8 @@ def processes() -> Site:
             "desk",
             (name,),
             (
-                f"pointit.services.{split_instance(name)[0].replace('-', '_')}",
+                "pointit.services",
+                split_instance(name)[0],
                 *(("--user", person_of(name)) if person_of(name) else ()),
                 *("--site", "lab"),
             ),

@@ -190,7 +190,7 @@ def test_commands_in_all_texts_are_those_of_the_help() -> None:
     wrong = {name: words for name, text in read.items() if (words := misspelt(text))}
     assert wrong == {}
     assert len(read) > 500
-    assert "`pointit topic echo KEY`" in read["pointit/cli/inspect/topics.py"]
+    assert "`pointit topic echo KEY`" in read["pointit/cli/inspect/listings.py"]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`pointit topic list`, `echo` and `hz`: the topic table, messages as they arrive, and their rates."""
+"""`pointit topic echo` and `pointit topic hz`: messages as they arrive, and their rates."""
 
 import asyncio
 import contextlib

@@ -188,7 +188,7 @@ def _raised(place_m: Vec3, by_m: float) -> Vec3:
 
 @dataclass(frozen=True, kw_only=True)
 class ReferentModel(TimingModel):
-    """Constants of the model, fitted on other simulated people than `pointit evaluate referents` reports."""
+    """Constants, fitted on other people than those of `docs/decisions/finished-experiments.md`."""
 
     sideways_rad: float = math.radians(4.2)
     """Standard deviation of people's aim sideways after a usual way of the arm (pointing.md §3)."""
@@ -397,7 +397,7 @@ WORDS = 24
 """Number of deictic words whose gestures decide."""
 TYPICAL_S = -0.2
 """Median time from a word to the arrival of the arm, s, with a clock that is right. It scatters by 0.08 s, of
-people simulated as in `pointit evaluate referents`."""
+simulated people (docs/decisions/finished-experiments.md)."""
 EARLIEST_S, LATEST_S = -0.42, 0.03
 """Range of that median beyond which a clock is named, s: of simulated ones that are right less than 1 of 60,
 of those that are 0.5 s off 9 of 10."""

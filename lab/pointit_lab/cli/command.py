@@ -79,11 +79,6 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
     metavar="FILE",
     help="score this recorded session instead of the sets; may be repeated",
 )
-@click.option(
-    "--memory",
-    is_flag=True,
-    help="instead: following for 2 and 3 s with the bias that other localizations of the person told",
-)
 @JOBS
 def localization(
     *,
@@ -94,7 +89,6 @@ def localization(
     json_file: Path | None,
     brief: bool,
     baselines: bool,
-    memory: bool,
     jobs: int,
 ) -> None:
     """Evaluate poses of people: errors, stated sigma and time of our solver and of two baselines.
@@ -111,19 +105,14 @@ def localization(
     if recordings:
         from pointit_lab.cli.sessions import evaluate_sessions  # noqa: PLC0415 - SciPy is wanted only here
 
-        if sets or memory:
-            option = "--set" if sets else "--memory"
-            raise ConfigError(f"{option}: not of recordings; leave it out with --recording")
+        if sets:
+            raise ConfigError("--set: not of recordings; leave it out with --recording")
         evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
-        return
-    if memory:
-        _evaluate_memory(data, sets, subjects, json_file, brief=brief)
         return
     from pointit_lab.cli.table import print_over_people  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
     from pointit_lab.evaluation.localization.localization import BASELINE_TRIALS, localization_rows  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above
-    from pointit_lab.evaluation.localization.priors import prior_rows  # noqa: PLC0415 - as above
 
     check_sets(sets, list(SETS))
     check_writable(json_file)
@@ -139,59 +128,16 @@ def localization(
                 jobs=jobs,
                 tick=lambda done, _: tell_progress("localizations", done),
             )
-            priors = prior_rows(
-                reading.trials, baselines=baselines, tick=lambda done: tell_progress("priors", done)
-            )
-        rows = arranged([*rows, *priors.rows])
+        rows = arranged(rows)
         over = {name: over_people([row for row in rows if row.set == name], OURS) for name in sets_of(rows)}
         written = {name: [each.as_json() for each in of_set] for name, of_set in over.items() if of_set}
         if write_json({**document(rows), "over_people": written}, json_file):
             return
-        remarks = [*_localization_remarks(rows, BASELINE_TRIALS), *priors.remarks]
         screen = evaluation_console()
-        print_rows(screen, shown(rows, brief=brief), remarks)
+        print_rows(screen, shown(rows, brief=brief), _localization_remarks(rows, BASELINE_TRIALS))
         for name, of_set in over.items():
             if of_set:
                 print_over_people(screen, f"{name}, over people", of_set, OURS)
-
-
-def _evaluate_memory(
-    data: Path | None,
-    sets: tuple[str, ...],
-    subjects: tuple[str, ...],
-    json_file: Path | None,
-    *,
-    brief: bool,
-) -> None:
-    from pointit_lab.cli.table import print_over_people  # noqa: PLC0415 - SciPy is wanted only here
-    from pointit_lab.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - as above
-    from pointit_lab.evaluation.localization.memory import OTHERS, REMARK, WITHOUT, memory_rows  # noqa: PLC0415 - as above
-    from pointit_lab.evaluation.localization.over_people import over_people  # noqa: PLC0415 - as above
-
-    check_sets(sets, list(SETS))
-    check_writable(json_file)
-    with interruptible():
-        reading = read_trials(recordings_folder(data), sets, subjects)
-        for note in reading.notes:
-            click.echo(f"note: {note}", err=True)
-        with progress() as tell_progress:
-            rows = memory_rows(
-                [each for each in reading.followed if not subjects or each.subject in subjects],
-                tick=lambda done: tell_progress("localizations", done),
-            )
-        if not rows:
-            raise ConfigError("--memory: nobody is localized twice; give longer recordings of following")
-        is_other = {row.solver: row.solver in (OTHERS, WITHOUT) for row in rows}
-        own = over_people([row for row in rows if not is_other[row.solver]], OURS)
-        others = over_people([row for row in rows if is_other[row.solver]], WITHOUT)
-        written = [each.as_json() for each in (*own, *others)]
-        if write_json({**document(rows), "over_people": {"memory": written}}, json_file):
-            return
-        screen = evaluation_console()
-        print_rows(screen, shown(rows, brief=brief), [REMARK])
-        for of_set, reference in ((own, OURS), (others, WITHOUT)):
-            if of_set:
-                print_over_people(screen, "memory, over people", of_set, reference)
 
 
 @click.command("pointing")
@@ -208,8 +154,7 @@ def pointing(
 
     Systematic error: people point without a cursor; some pointings serve as anchors, the rest is measured
     (vr_eyefinger, proximity_feedback). Drift: yaw error after some time, with anchors in between
-    (proximity_feedback; simulated_drift, whose true yaw is known). Landings of reaches in place of later
-    anchors: with drift (proximity_feedback) and without (vr_arm_pointing).
+    (proximity_feedback; simulated_drift, whose true yaw is known).
 
     Example: pointit evaluate pointing --data recordings --json rows.json
     """

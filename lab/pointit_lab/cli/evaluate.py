@@ -4,8 +4,8 @@ from pointit.cli.common.lazy import command, group
 
 EVALUATE = """Measure the accuracy of the estimates on recordings of people, compared with known baselines.
 
-The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`,
-`things`, `referents`, `robots` and `scan` need none: they simulate.
+The recordings are not part of PointIt; give their folder by --data or POINTIT_DATA. `selection`
+and `things` need none: they simulate.
 
 Example: pointit evaluate localization --data recordings --only-ours
 """
@@ -38,21 +38,6 @@ evaluate = group(
             "things",
             "simulated people point at things: right, wrong, unintended",
             "pointit_lab.cli.things:things",
-        ),
-        command(
-            "referents",
-            "simulated people speak and point: right, asked back, wrong",
-            "pointit_lab.cli.referents:referents",
-        ),
-        command(
-            "robots",
-            "simulated people steer robots: landing error, time, identification",
-            "pointit_lab.cli.robots:robots",
-        ),
-        command(
-            "scan",
-            "simulated rooms are photographed and scanned: errors, stated sigma",
-            "pointit_lab.cli.scan:scan",
         ),
     ),
 )

@@ -154,13 +154,6 @@ _COLUMNS = (
         cell=lambda row: None if row.times_plain is None else ", ".join(map(_interval, row.times_plain)),
         note="`to plain`: median and p90 of yaw as multiples of those of `re-anchored` (95 % over people).",
     ),
-    _Column(
-        name="slope",
-        rank=22,
-        cell=lambda row: None if row.slope is None else f"{row.slope:.2f} ± {row.slope_sigma:.2f}",
-        note="`slope`: change of a measurement with the drift; 0: it tells nothing. `yaw °` is then the "
-        "scatter about it (of `rest`: °/s).",
-    ),
     *_spread("pitch °", lambda row: row.pitch_deg, 2, (6, 7, 18)),
     *_spread("angle °", lambda row: row.angle_deg, 2, (8, 9), "`angle °`: between ray and target."),
     *_spread("ms", lambda row: row.solve_ms, 2, (5, 21), "`ms`: processor time of a solve."),

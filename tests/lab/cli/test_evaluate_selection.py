@@ -1,4 +1,4 @@
-"""`pointit evaluate selection` and `robots`: what people read, what programs read, what is refused."""
+"""`pointit evaluate selection`: what people read, what programs read, what is refused."""
 
 import json
 from collections.abc import Sequence
@@ -7,12 +7,9 @@ from pathlib import Path
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit_lab.cli.robots import robots
 from pointit_lab.cli.selection import METHODS, selection
-from pointit_lab.evaluation.robots import choice
 from pointit_lab.evaluation.selection import condition as selection_condition
 from pointit_lab.evaluation.selection import method as selection_method
-from tests.lab.evaluation.test_robot_evaluation import write
 from tests.support.invoked import printed
 
 
@@ -84,37 +81,3 @@ def test_mistakes_are_told_before_the_work(arguments: tuple[str, ...], complaint
 
 def test_the_methods_that_are_offered_are_those_there_are() -> None:
     assert set(METHODS) == set(selection_method.METHODS)
-
-
-def fly(*arguments: str) -> tuple[str, str]:
-    return printed(robots, *arguments, "--people", "1", "--jobs", "1", env={"COLUMNS": "160"})
-
-
-def test_flights_stand_beside_those_of_recorded_people(tmp_path: Path) -> None:
-    (tmp_path / "hri_landing").mkdir()
-    write(tmp_path / "hri_landing", {}, {"move": 1, "mode": "joystick"})
-    out, _ = fly("--bench", "landing", "--data", str(tmp_path))
-    lines = [line.split() for line in out.splitlines()]
-    assert ["exact", "pose", "simulated", "1", "0"] in [line[:5] for line in lines]
-    assert ["recorded", "people,", "joystick", "1", "0"] in [line[:5] for line in lines]
-    assert "identification" not in out
-
-
-def test_rates_of_identification_for_programs() -> None:
-    out, err = fly("--bench", "identification", "--json", "-")
-    found = json.loads(out)
-    assert found["flights"] == []
-    assert {rate["set"] for rate in found["identification"]} == {"simulated"}
-    assert "no people of motion_relloc and proximity_waypoints to compare with: give --data DIR" in err
-
-
-def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--data"):
-        fly("--bench", "landing", "--data", str(tmp_path / "none"))
-
-
-def test_reliability_of_the_choice_of_a_robot_by_layout_and_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "LAYOUTS", (("lone", 1), ("row", 2)))
-    out, _ = fly("--bench", "choice")
-    starts = [line.split()[:1] for line in out.splitlines()]
-    assert [start for start in starts if start in (["lone"], ["2"], ["all"])] == [["lone"], ["2"], ["all"]]

@@ -28,7 +28,7 @@ from pointit_lab.evaluation.honesty.targets import (
 from tests.support.data import data_file
 from tests.support.invoked import printed
 
-GUIDE = Path(__file__).parents[3] / "docs/how-to/measure.md"
+DECISION = Path(__file__).parents[3] / "docs/decisions/certain-poses.md"
 
 
 def test_what_misses_the_targets_is_named() -> None:
@@ -145,10 +145,10 @@ def test_limits_become_only_tighter() -> None:
 
 
 def test_known_misses_are_told() -> None:
-    """Conditions whose limits permit that more than 10 % are confidently wrong are in the guide, by set."""
+    """Conditions whose limits permit that more than 10 % are confidently wrong are on the decision's page."""
     cells = [
         [cell.strip() for cell in line.strip("|").split("|")]
-        for line in GUIDE.read_text(encoding="utf-8").splitlines()
+        for line in DECISION.read_text(encoding="utf-8").splitlines()
         if line.startswith("|")
     ]
     told = {(row[0].strip("`"), row[1]): row[-1] for row in cells if len(row) > 2}

@@ -1,7 +1,7 @@
-"""Offsets of people and what is known of them before."""
+"""Offsets of people, and the baselines of localization."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
@@ -13,15 +13,12 @@ from pointit.services.localizer.estimation.estimator import Pointings
 from pointit_lab.evaluation.datasets import read_trials
 from pointit_lab.evaluation.datasets.vr_eyefinger import read_wall_trials
 from pointit_lab.evaluation.localization import baselines
-from pointit_lab.evaluation.localization.localization import OURS, localization_rows
-from pointit_lab.evaluation.localization.priors import PEOPLE, person_biases, prior_rows
-from pointit_lab.evaluation.localization.trial import FollowRecording, LocalizationTrial
+from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.pointing.offset import offset_rows
 from pointit_lab.evaluation.recordings.row import ALL, Row
 from tests.support import there
 from tests.support.data import data_file
 from tests.support.published_recordings import Stand, write_motion
-from tests.unit.localizer.person import EYES_M, Person, pointings
 
 HEADER = (
     "subject,session,feedback,tar_x,tar_y,index_x,index_y,index_z,efrc_dir_x,efrc_dir_y,efrc_dir_z,t_confirm"
@@ -152,48 +149,6 @@ def test_recorded_people() -> None:
     # the scatter within these people alone allows 1.74 deg
     found = pitch_deg(one(rows, "1 anchor", "pitch", name=floor))
     assert found < 1.06 * pitch_deg(one(rows, "1 anchor", "bound", name=floor)) < 1.06 * 1.8
-
-
-RATE_HZ = 25.0
-
-
-def recording(person: str, name: str, bias_deg: float, seed: int) -> FollowRecording:
-    """12 s of following a robot on a circle of 0.6 m; the elevation errs for seconds at a time."""
-    times_s = np.arange(300) / RATE_HZ
-    angles = math.tau * times_s / 12.0
-    way = [(2.5 + 0.6 * math.cos(a), 0.6 * math.sin(a), 0.9) for a in angles.tolist()]
-    stands = Person(0.3, -0.2, 0.7, math.radians(bias_deg))
-    rays = pointings(stands, way, each=1, rate_hz=RATE_HZ, noise_rad=math.radians(1.0), seed=seed)
-    return FollowRecording(
-        set="s", subject=person, pointings=rays, heads_m=np.tile([0.3, -0.2, EYES_M], (len(rays), 1)),
-        eye_height_m=EYES_M, yaw_rad=0.7, name=name,
-    )  # fmt: skip
-
-
-def trials(*recordings: FollowRecording) -> Iterator[LocalizationTrial]:
-    for each in recordings:
-        yield from each.trials((1, 2, 10))
-
-
-def median_m(rows: list[Row], solver: str) -> float:
-    (row,) = (
-        row for row in rows if (row.solver, row.subject) == (solver, "a") and row.condition.startswith("1 s")
-    )
-    return there(row.position_m).median
-
-
-@pytest.mark.long
-def test_the_prior_of_a_person_is_that_of_all_others() -> None:
-    biases = {"a": 11.0, "b": 13.0, "c": 12.0, "d": 12.5}
-    told = list(trials(*(recording(name, "1", bias, 0) for name, bias in biases.items())))
-    found = person_biases(told)
-    assert {name: math.degrees(found["s", name]) for name in biases} == pytest.approx(biases, abs=0.5)
-    priors = prior_rows(told, baselines=True, tick=lambda _done: None)
-    assert {row.solver for row in priors.rows} == {PEOPLE}
-    alone = localization_rows(told, baselines=False, jobs=1, tick=lambda _done, _of: None)
-    assert median_m(priors.rows, PEOPLE) < 0.8 * median_m(alone, OURS)
-    assert "of the 4 here +12." in priors.remarks[-1]
-    assert prior_rows(told, baselines=False, tick=lambda _done: None).rows == []
 
 
 def window(folder: Path, stand: Stand) -> LocalizationTrial:

@@ -13,8 +13,13 @@ from pointit_lab.evaluation.selection.condition import CONVEYOR, Condition, cond
 from pointit_lab.evaluation.selection.difference import FEWEST, Difference, differences_of
 from pointit_lab.evaluation.selection.method import METHODS, selector_config
 from pointit_lab.evaluation.selection.plot import check_plot, plot
-from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionTrialRow, TimeSpread
-from pointit_lab.evaluation.selection.score import Score, figures_of
+from pointit_lab.evaluation.selection.row import (
+    Score,
+    SelectionMetrics,
+    SelectionTrialRow,
+    TimeSpread,
+    figures_of,
+)
 from tests.support import there
 
 

@@ -11,7 +11,7 @@ from pointit.schemas import NS_PER_S, Cursor, PointingRay, SelectionEvent
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.user_sim.eyes import Eyes, Kind, SeenCursor, Span
 from pointit_lab.evaluation.selection.condition import CONVEYOR, LAB, VR, Condition, conditions
-from pointit_lab.evaluation.selection.score import Score
+from pointit_lab.evaluation.selection.row import Score
 from pointit_lab.evaluation.selection.selection import SelectionTrial, TrialRecorder, run, selection_rows
 from pointit_lab.evaluation.selection.stage import stage_of
 from pointit_lab.evaluation.selection.world import START_NS, USUAL

@@ -8,7 +8,6 @@ import numpy as np
 from scipy import stats
 
 from pointit_lab.evaluation.recordings.row import MetricSpread
-from pointit_lab.evaluation.robots.identification import share
 from pointit_lab.evaluation.selection.difference import Interval
 
 EVERY = "all"
@@ -150,8 +149,8 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         within_2_sigma=_mean([each.in_place for each in judged]),
         yaw_within_2_sigma=_mean(yaws),
         square=_median([each.square for each in judged]),
-        wrong=share(sum(each.is_wrong for each in judged), len(judged)) if judged else None,
-        far=share(sum(each.error_m > FAR_M for each in judged), len(judged)) if judged else None,
+        wrong=_share(sum(each.is_wrong for each in judged), len(judged)) if judged else None,
+        far=_share(sum(each.error_m > FAR_M for each in judged), len(judged)) if judged else None,
         miss_m=_median([each.miss_m for each in judged if each.miss_m is not None]),
         miss_sigma_m=_median([each.miss_sigma_m for each in judged if each.miss_sigma_m is not None]),
         right=_mean([each.right for each in judged if each.right is not None]),
@@ -160,6 +159,12 @@ def _row(name: str, condition: str, duration: str, group: Sequence[Judged]) -> H
         without_one=_without_one(judged, lambda each: each.in_place),
         wrong_without_one=_without_one(judged, lambda each: each.is_wrong),
     )
+
+
+def _share(hits: int, count: int) -> Interval:
+    """Return `hits` of `count` with its 95 % interval."""
+    ends = stats.binomtest(hits, count).proportion_ci(method="wilson")
+    return Interval(value=hits / count, low=float(ends.low), high=float(ends.high))
 
 
 def _median(values: Sequence[float]) -> float | None:

@@ -15,25 +15,22 @@ Simulated: seeded people with a drifting IMU, whose true yaw is known.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import product
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from pointit.services.localizer.drift.state import DriftSettings
 from pointit_lab.evaluation.datasets import proximity_feedback
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
 from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
-from pointit_lab.evaluation.pointing.drift_innovation import innovation_rows
-from pointit_lab.evaluation.pointing.drift_ratio import PLAIN, ratios
 from pointit_lab.evaluation.pointing.drift_simulated import normal_row, simulated_rows
 from pointit_lab.evaluation.pointing.drift_solvers import (
+    PLAIN,
     SOLVERS,
     DriftTrial,
     YawEstimate,
-    filtered,
     predictable,
+    ratios,
 )
 from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
@@ -50,20 +47,10 @@ CONDITIONS = (
 )
 """Name, times of the anchors and time of the predicted hold, s."""
 
-LEFT_OUT = "pointit, left out"
-"""`pointit, rests` with the settings that the other people chose."""
-
 CHAINS_REMARK = (
     f"`{CHAINED}` of {proximity_feedback.NAME}: the runs of each of four people chained in every order, n "
     "counts chains; the last anchor is mostly 45 s before the hold that is told."
 )
-
-ANCHOR_SIGMA_DEG = (2.0, 2.5, 3.0, 3.5)
-
-RATE_WALK_DEGPS = (0.005, 0.01, 0.02)
-
-RARE_SHARE = (0.02, 0.05, 0.1)
-"""Values that are tried; the rest of the settings is kept."""
 
 
 def drift_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
@@ -95,26 +82,19 @@ def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> 
         condition: predictable(chains if condition == CHAINED else runs, anchors_s, told_s)
         for condition, anchors_s, told_s in CONDITIONS
     }
-    tick("drift: settings chosen by the others")
-    others = left_out(predicted)
     for condition, some in predicted.items():
         tick(f"drift: {condition}")
-        rows += _rows(condition, some, others[condition], sigma_rad)
-    return rows + innovation_rows(trials, runs)
+        rows += _rows(condition, some, sigma_rad)
+    return rows
 
 
-def _rows(
-    condition: str,
-    trials: Sequence[DriftTrial],
-    others: Sequence[tuple[DriftTrial, YawEstimate]],
-    sigma_rad: float,
-) -> list[Row]:
+def _rows(condition: str, trials: Sequence[DriftTrial], sigma_rad: float) -> list[Row]:
     """Return a row for each person and solver, and for all people together."""
     rows: list[Row] = []
     by_solver = {
         name: [(one, solver(one.course, one.anchors, one.told)) for one in trials]
         for name, solver in SOLVERS.items()
-    } | {LEFT_OUT: others}
+    }
     for name, estimates in by_solver.items():
         rows += _solver_rows(condition, name, estimates, by_solver[PLAIN], sigma_rad)
     if trials:
@@ -151,56 +131,3 @@ def _solver_rows(
             )
         )
     return rows
-
-
-def candidates() -> Iterator[DriftSettings]:
-    """Yield the settings that are tried."""
-    for anchor_deg, walk_degps, rare in product(ANCHOR_SIGMA_DEG, RATE_WALK_DEGPS, RARE_SHARE):
-        yield DriftSettings(
-            anchor_sigma_rad=math.radians(anchor_deg),
-            rate_walk_radps=math.radians(walk_degps),
-            rare_share=rare,
-        )
-
-
-def left_out(trials: Mapping[str, Sequence[DriftTrial]]) -> dict[str, list[tuple[DriftTrial, YawEstimate]]]:
-    """Return each trial's prediction with the settings that others chose, by condition.
-
-    The settings are those of the least error: absolute, averaged over conditions of each person, then over
-    people.
-
-    Args:
-        trials: by condition.
-    """
-    estimates = [
-        {
-            name: [(one, filtered(one.course, one.anchors, one.told, settings)) for one in some]
-            for name, some in trials.items()
-        }
-        for settings in candidates()
-    ]
-    people = {one.course.subject for some in trials.values() for one in some}
-    best = {
-        person: min(
-            estimates, key=lambda each: np.mean([_error_rad(each, other) for other in people - {person}])
-        )
-        for person in people
-        if len(people) > 1
-    }
-    return {
-        name: [
-            best[one.course.subject][name][index]
-            for index, one in enumerate(some)
-            if one.course.subject in best
-        ]
-        for name, some in trials.items()
-    }
-
-
-def _error_rad(estimates: Mapping[str, Sequence[tuple[DriftTrial, YawEstimate]]], person: str) -> float:
-    """Return the person's mean absolute error, averaged over conditions."""
-    errors = [
-        [abs(one.error_rad(guess)) for one, guess in some if one.course.subject == person]
-        for some in estimates.values()
-    ]
-    return float(np.mean([np.mean(some) for some in errors if some]))

@@ -6,14 +6,11 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from scipy.stats import linregress
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.vector import Vec3
-from pointit.schemas import NS_PER_S, PointingRay
+from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
-from pointit.services.localizer.estimation.estimator import Mean
-from pointit.services.localizer.tracking import LandingDetector
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial
 
 EYE_M = 1.64
@@ -35,12 +32,8 @@ class CourseHold:
     """Mean of the rays, unit."""
     spread_rad: float
     samples: int
-    rate_radps: float
-    """Rate of yaw within the hold, by least squares."""
     rest: RestYawRate | None
     """Result of `RestDetector`, with the time of the hold."""
-    landing_mean: Mean | None = None
-    """Landing of the reach before the hold, as the localizer detects it."""
 
     @property
     def yaw_rad(self) -> float:
@@ -49,16 +42,12 @@ class CourseHold:
 
     def turned(self, yaw_rad: float, later_s: float) -> "CourseHold":
         """Return this hold, later and with an IMU whose yaw origin was turned by `yaw_rad` in {W}."""
-        rest, landing, later_ns = self.rest, self.landing_mean, round(later_s * NS_PER_S)
-        if landing is not None:
-            direction = vector.rotate_z(landing.direction, -yaw_rad)
-            landing = replace(landing, direction=direction, stamp_ns=landing.stamp_ns + later_ns)
+        rest, later_ns = self.rest, round(later_s * NS_PER_S)
         return replace(
             self,
             at_s=self.at_s + later_s,
             direction_h=vector.rotate_z(self.direction_h, -yaw_rad),
             rest=rest and replace(rest, stamp_ns=rest.stamp_ns + later_ns),
-            landing_mean=landing,
         )
 
 
@@ -138,7 +127,6 @@ def _hold(trial: FloorTrial) -> CourseHold | None:
     elevations = np.arctan2(-EYE_M, level)
     # the middle of the hold, whatever single samples do
     azimuth, elevation = float(np.median(azimuths)), float(np.median(elevations))
-    rate = float(linregress(stretch.times_s, azimuths).slope)
     rest_detector = RestDetector()
     rests = [
         rest_detector.add(rotation.from_azimuth_elevation(float(a), float(e)), round(float(t) * NS_PER_S))
@@ -152,21 +140,5 @@ def _hold(trial: FloorTrial) -> CourseHold | None:
         direction_h=vector.direction(azimuth, elevation),
         spread_rad=float(np.median(about)),
         samples=len(azimuths),
-        rate_radps=-rate,
         rest=next((rest for rest in rests if rest is not None), None),
-        landing_mean=_landing(trial),
     )
-
-
-def _landing(trial: FloorTrial) -> Mean | None:
-    """Return the landing of the trial's reach without a cursor, or None if there is none."""
-    detector = LandingDetector()
-    for phase in ("open_loop_reach", "open_loop_hold"):
-        stretch = trial.phases.get(phase)
-        if stretch is None:
-            continue
-        for time_s, (x, y) in zip(stretch.times_s.tolist(), stretch.points_m.tolist(), strict=True):
-            direction = vector.direction(math.atan2(y, x), math.atan2(-EYE_M, math.hypot(x, y)))
-            stamp_ns = round(time_s * NS_PER_S)
-            detector.add(PointingRay(stamp_ns=stamp_ns, origin_m=(0.0, 0.0, EYE_M), direction=direction))
-    return detector.take()

@@ -13,7 +13,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, Fix
 from pointit.services.localizer.drift.rest_detection import RestDetector
-from pointit_lab.evaluation.pointing.drift_ratio import PLAIN, ratios
+from pointit_lab.evaluation.pointing.drift_solvers import PLAIN, ratios
 from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Predictors of a later hold's yaw from earlier anchors: the filter, and simpler baselines."""
+"""Predictors of a later hold's yaw from earlier anchors, and their errors beside plain re-anchoring."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,6 +10,7 @@ from pointit.geometry import vector
 from pointit.schemas import NS_PER_S
 from pointit.services.localizer.drift.filter import DriftFilter, DriftPose, DriftSettings, Fix
 from pointit_lab.evaluation.pointing.drift_courses import EYE_M, HoldSequence
+from pointit_lab.evaluation.selection.difference import Interval
 
 PLACE_SIGMA_M = 0.05
 """Sigma of the recorded people's position."""
@@ -72,34 +73,12 @@ def _re_anchored(holds: HoldSequence, anchors: Sequence[int], known_holds: int) 
     return YawEstimate(holds.holds[anchors[-1]].yaw_rad)
 
 
-def _rate_of_holds(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
-    last = holds.holds[anchors[-1]]
-    rate = float(np.mean([hold.rate_radps for hold in holds.holds[:known_holds]]))
-    return YawEstimate(last.yaw_rad + rate * (holds.holds[known_holds].at_s - last.at_s))
-
-
-def _constant_rate(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
-    first, last = holds.holds[0], holds.holds[anchors[-1]]
-    if first is last:
-        return YawEstimate(last.yaw_rad)
-    rate = math.remainder(last.yaw_rad - first.yaw_rad, math.tau) / (last.at_s - first.at_s)
-    return YawEstimate(last.yaw_rad + rate * (holds.holds[known_holds].at_s - last.at_s))
-
-
 def _filter(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
     return filtered(holds, anchors, known_holds, DriftSettings(), rests=False)
 
 
 def _filter_and_rests(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
     return filtered(holds, anchors, known_holds, DriftSettings())
-
-
-def _filter_and_landings(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
-    return filtered(holds, anchors[:1], known_holds, DriftSettings(), landings=True)
-
-
-def _filter_and_first(holds: HoldSequence, anchors: Sequence[int], known_holds: int) -> YawEstimate:
-    return filtered(holds, anchors[:1], known_holds, DriftSettings())
 
 
 def filtered(
@@ -109,12 +88,8 @@ def filtered(
     settings: DriftSettings,
     *,
     rests: bool = True,
-    landings: bool = False,
 ) -> YawEstimate:
-    """Return the prediction of `DriftFilter` with these settings, with or without rests and landings.
-
-    Landings are those of the holds between the first and the predicted one.
-    """
+    """Return the prediction of `DriftFilter` with these settings, with or without rests."""
     first = holds.holds[0]
     level = math.cos(vector.elevation(first.direction_h))
     drift = DriftFilter(
@@ -137,17 +112,6 @@ def filtered(
                 spread_rad=hold.spread_rad,
                 samples=hold.samples,
             )
-        landing = hold.landing_mean
-        if landings and number and landing is not None:
-            drift.update_anchor(
-                landing.stamp_ns,
-                hold.target_m,
-                landing.origin_m,
-                landing.direction,
-                spread_rad=landing.spread_rad,
-                sigma_rad=landing.sigma_rad,
-                samples=landing.samples,
-            )
         rest = hold.rest
         if rests and rest is not None:
             drift.update_rest_rate(
@@ -160,11 +124,52 @@ def filtered(
 SOLVERS: dict[str, Solver] = {
     "raw": _raw,
     "re-anchored": _re_anchored,
-    "re-anchored, rate of holds": _rate_of_holds,
-    "re-anchored, constant rate": _constant_rate,
     "pointit": _filter,
     "pointit, rests": _filter_and_rests,
-    "pointit, first anchor, rests": _filter_and_first,
-    "pointit, first anchor, rests, landings": _filter_and_landings,
 }
-"""Predictors by name; `raw` sets the yaw once at the start. Landings are anchors in place of later holds."""
+"""Predictors by name; `raw` sets the yaw once at the start."""
+
+
+PLAIN = "re-anchored"
+"""Solver whose yaw is that of the last anchor."""
+
+RESAMPLED = 1000
+"""Number of bootstrap samples; people are drawn, with all their trials (Efron 1979)."""
+
+MIN_PEOPLE = 3
+"""Smallest number of people for an interval."""
+
+
+def ratios(
+    people: Sequence[str], errors: Sequence[float], plain: Sequence[float]
+) -> tuple[Interval, Interval] | None:
+    """Return the ratios of median and of p90 with 95 % intervals, or None of fewer than `MIN_PEOPLE`.
+
+    Args:
+        people: n names, who each trial is of.
+        errors: n yaw errors.
+        plain: n yaw errors of `PLAIN` in the same trials.
+    """
+    names = list(dict.fromkeys(people))
+    if len(names) < MIN_PEOPLE:
+        return None
+    sizes = np.abs(np.array([errors, plain], dtype=np.float64))
+    trials = [np.flatnonzero(np.array(people) == name) for name in names]
+    grid = np.full((2, len(names), max(map(len, trials))), np.nan)
+    for row, mine in enumerate(trials):
+        grid[:, row, : len(mine)] = sizes[:, mine]
+    drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLED, len(names)))
+    resampled = np.sort(grid[:, drawn].reshape(2, RESAMPLED, -1))  # nan last
+    last = np.isfinite(resampled).sum(axis=2, keepdims=True) - 1
+    both: list[Interval] = []
+    for share in (0.5, 0.9):
+        ours, others = np.quantile(sizes, share, axis=1)
+        below, rest = np.divmod(share * last, 1.0)  # as `np.nanquantile` does, which takes a row at a time
+        smallest, next_ = (
+            np.take_along_axis(resampled, np.minimum(below.astype(np.int64) + more, last), axis=2)[:, :, 0]
+            for more in (0, 1)
+        )
+        redrawn = smallest + rest[:, :, 0] * (next_ - smallest)
+        low, high = np.quantile(redrawn[0] / redrawn[1], (0.025, 0.975))
+        both.append(Interval(value=float(ours / others), low=float(low), high=float(high)))
+    return both[0], both[1]

@@ -4,14 +4,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
-from pointit_lab.evaluation.datasets import proximity_feedback, vr_arm_pointing, vr_eyefinger
+from pointit_lab.evaluation.datasets import proximity_feedback, vr_eyefinger
 from pointit_lab.evaluation.pointing import drift_simulated
 from pointit_lab.evaluation.pointing.drift import drift_rows
-from pointit_lab.evaluation.pointing.landings import landing_rows
 from pointit_lab.evaluation.pointing.offset import offset_rows
 from pointit_lab.evaluation.recordings.row import Row, arranged
 
-RECORDED = (vr_eyefinger.NAME, proximity_feedback.NAME, vr_arm_pointing.NAME)
+RECORDED = (vr_eyefinger.NAME, proximity_feedback.NAME)
 """Folders with recordings of people who point without a cursor."""
 
 SETS = (*RECORDED, drift_simulated.NAME)
@@ -35,7 +34,7 @@ def pointing_rows(
     recorded = [name for name in wanted if name in RECORDED]
     if recorded and not any((recordings / name).is_dir() for name in recorded):
         raise ConfigError(f"{recordings}: has none of the folders {', '.join(recorded)}")
-    measured = (*offset_rows(recordings, tick), *drift_rows(recordings, tick), *landing_rows(recordings))
+    measured = (*offset_rows(recordings, tick), *drift_rows(recordings, tick))
     rows = [row for row in measured if row.set in wanted]
     known = dict.fromkeys(row.subject for row in rows)
     for subject in subjects:

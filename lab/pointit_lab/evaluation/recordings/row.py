@@ -56,9 +56,6 @@ class Row:
     share_above_1m: float | None = None
     misled: float | None = None
     """Share of stated poses that were off by more than 1 m with a sigma below 0.5 m."""
-    slope: float | None = None
-    """Change of a measurement per change of what it measures; 0: it tells nothing."""
-    slope_sigma: float | None = None
     within_2_sigma: float | None = None
     """Share of true errors of the position within the stated 2 sigma."""
     yaw_within_2_sigma: float | None = None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit_lab.evaluation.selection.condition import Condition
-from pointit_lab.evaluation.selection.score import Score
+from pointit_lab.evaluation.selection.row import Score
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,7 @@ from pointit_lab.evaluation.selection.condition import Condition
 from pointit_lab.evaluation.selection.difference import Difference, differences_of
 from pointit_lab.evaluation.selection.human import Humans
 from pointit_lab.evaluation.selection.method import selector_config
-from pointit_lab.evaluation.selection.row import SelectionTrialRow
-from pointit_lab.evaluation.selection.score import Score, figures_of
+from pointit_lab.evaluation.selection.row import Score, SelectionTrialRow, figures_of
 from pointit_lab.evaluation.selection.stage import TrialSetup, stage_of
 from pointit_lab.evaluation.selection.world import START_NS, USUAL, Rates, World
 

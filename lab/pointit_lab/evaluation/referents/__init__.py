@@ -1,1 +1,0 @@
-"""Referents of words of people who point: simulated speakers, the model and simpler rules."""

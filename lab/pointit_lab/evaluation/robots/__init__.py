@@ -1,1 +1,0 @@
-"""Robots: landing, identification, localization by following."""

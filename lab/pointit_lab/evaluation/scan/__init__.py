@@ -1,1 +1,0 @@
-"""Scans of rooms: simulated rooms and cameras, and how far off a scan is."""

@@ -1,8 +1,6 @@
 """Sightings: positions of objects in messages of ROS, each by the chain of transforms of its frame. Pure.
 
 Unlike tf2 it does not interpolate: of each frame the newest transform counts, and an old one is refused.
-
-Unlike tf2 it does not interpolate: of each frame the newest transform counts, and an old one is refused.
 """
 
 import math
@@ -244,8 +242,8 @@ READERS: dict[str, Reader] = {
 def sigma(covariance: Any) -> float | str | None:
     """Return 1 sigma along the worst direction by a pose covariance of 36 numbers, m, or the rejection.
 
-    None if it is unknown: all 0, or -1 or NaN at the beginning. A coordinate whose variance is huge, negative
-    or NaN is not measured, and left out.
+    None if it is unknown: all 0, or -1 at the beginning, as sensor_msgs/Imu defines them, or NaN there. A
+    coordinate whose variance is huge, negative or NaN is not measured, and left out.
     """
     place = np.asarray(covariance, dtype=float).reshape(6, 6)[:3, :3]
     variances = np.diag(place)

@@ -200,7 +200,7 @@ def stated_velocity(seen: Sighting, own_frame: str, pose: Pose, lookup: FrameLoo
     """Return the velocity in a message, the reason why it is unusable, or None if there is none.
 
     A twist is in the message's child frame. This is the object's own frame, with the pose of the message,
-    unless it is the frame of the pose, a frame of the map, or by its name a frame fixed to the ground.
+    unless it is the frame of the pose, a frame of the map, or fixed to the ground by REP 105.
 
     Args:
         seen: the object.

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import ValidationError
 
@@ -53,6 +53,8 @@ ROUNDED = 1e-3
 STATE_OF = {theirs: ours for ours, theirs in STATES.items()}
 
 Taken = Iterator[Entry]
+Stamps = Literal["header", "bag"]
+"""What states the time of capture."""
 
 
 class UnusableError(Exception):
@@ -73,7 +75,8 @@ class BagRoute:
 class BagMessages:
     """Converts message after message; knows those before."""
 
-    def __init__(self, room: Environment | None) -> None:
+    def __init__(self, room: Environment | None, stamps: Stamps) -> None:
+        self._stamps = stamps
         self._lines: dict[str, tuple[SurfaceKind, str, Polyline]] = {}
         self._counts: dict[tuple[str, str], int] = {}
         self._down: set[str] = set()
@@ -92,7 +95,7 @@ class BagMessages:
     def rotation(self, value: Any, user: str, time_ns: int) -> Taken:
         """Convert a geometry_msgs/QuaternionStamped of an arm."""
         turned = _sound(checks.quaternion(value.quaternion, f"the arm of {user}"))
-        stamp_ns = _stamp_ns(value.header, time_ns)
+        stamp_ns = self._stamp_ns(value.header, time_ns)
         yield self._say(time_ns, topics.IMU, user, ImuSample(stamp_ns=stamp_ns, orientation_xyzw=turned))
 
     def button(self, value: Any, user: str, time_ns: int) -> Taken:
@@ -108,7 +111,7 @@ class BagMessages:
         origin_m = _sound(checks.place(value.pose.position, what))
         turned = _sound(checks.quaternion(value.pose.orientation, what))
         way = vector.normalized(rotation.rotate(turned, AHEAD))
-        stamp_ns = _stamp_ns(value.header, time_ns)
+        stamp_ns = self._stamp_ns(value.header, time_ns)
         message = PointingRay(stamp_ns=stamp_ns, origin_m=origin_m, direction=way)
         yield self._say(time_ns, topics.RAY, user, message)
 
@@ -146,7 +149,7 @@ class BagMessages:
 
     def packages(self, value: Any, _: str, time_ns: int) -> Taken:
         """Convert a conveyor_msgs/PackageList."""
-        stamp_ns = _stamp_ns(value.header, time_ns)
+        stamp_ns = self._stamp_ns(value.header, time_ns)
         objects: list[TrackedObject] = []
         before, self._before = self._before, {}
         for each in value.packages:
@@ -208,7 +211,11 @@ class BagMessages:
         what = f"the pose of {user}"
         position_m = _sound(checks.place(at, what))
         yaw_rad = _sound(checks.heading(_sound(checks.quaternion(turned, what)), what))
-        pose_fields = {"stamp_ns": _stamp_ns(header, time_ns), "position_m": position_m, "yaw_rad": yaw_rad}
+        pose_fields = {
+            "stamp_ns": self._stamp_ns(header, time_ns),
+            "position_m": position_m,
+            "yaw_rad": yaw_rad,
+        }
         return self._say(
             time_ns, topics.POSE, user, UserPose.model_validate({**pose_fields, "method": method})
         )
@@ -222,6 +229,23 @@ class BagMessages:
         if not abs(share - 0.5) <= 0.5 + ROUNDED:
             raise UnusableError(f"the place {share:g} on {place.name} is not between 0 and 1")
         return kind, name, line, min(max(share, 0.0), 1.0) * line.length_m
+
+    def _stamp_ns(self, header: Any, time_ns: int) -> int:
+        """Return the time of capture: that of the header, or that of the bag if it states none.
+
+        Raises:
+            UnusableError: If both are too far apart to be of one clock.
+        """
+        stamp_ns = int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
+        if self._stamps == "bag" or stamp_ns == 0:
+            return time_ns
+        if abs(stamp_ns - time_ns) > checks.LATE_NS:
+            raise UnusableError(
+                f"the stamp {stamp_ns / NS_PER_S:.1f} s is {abs(stamp_ns - time_ns) / NS_PER_S:.1f} s from "
+                f"the bag's time, limit {checks.LATE_NS / NS_PER_S:g} s; give --stamps bag if it is of "
+                "another clock"
+            )
+        return stamp_ns
 
     def _say(self, time_ns: int, row: topics.Topic[Any], name: str, message: Message) -> Entry:
         key = (row.key, name)
@@ -265,12 +289,6 @@ def _sound(value: Any) -> Any:
     return value
 
 
-def _stamp_ns(header: Any, time_ns: int) -> int:
-    """Return the time of capture: that of the header, unless it is of another clock than the bag's."""
-    stamp_ns = int(header.stamp.sec) * NS_PER_S + int(header.stamp.nanosec)
-    return stamp_ns if abs(stamp_ns - time_ns) <= checks.LATE_NS else time_ns
-
-
 try:
     from pointit.bridges.ros2.types.types import Types
 except ImportError as error:
@@ -289,6 +307,7 @@ class Bag:
     path: Path
     room: Environment | None = None
     """Map by which places on belts and strips become positions; without one they are left out."""
+    stamps: Stamps = "header"
     taken: Counter[str] = field(default_factory=Counter[str])
     """Messages that were taken, by topic."""
     left_out: dict[str, str] = field(default_factory=dict[str, str])
@@ -310,7 +329,7 @@ class Bag:
             raise ConfigError(f"{self.path}: cannot be read ({error.strerror or error})") from error
 
     def _read(self, bag: OpenBag) -> Iterator[Entry]:
-        types, messages = Types("jazzy"), BagMessages(self.room)
+        types, messages = Types("jazzy"), BagMessages(self.room, self.stamps)
         routes: dict[int, tuple[BagRoute, str]] = {}
         for connection in bag.connections:
             why, route, user = self._route(types, connection)

@@ -122,11 +122,10 @@ def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
     headers = (tuple(columns), tuple(name for name in columns if name not in ADDED))
     names = next((each for each in headers if whole.startswith(table_line(each))), None)
     if names is None:
-        pairs = enumerate(zip(content, table_line(columns), strict=False))
-        start = next((at for at, (byte, ours) in pairs if byte != ours), len(content))
+        start, ours = max((_common_start(content, line), line) for line in map(table_line, headers))
         raise ConfigError(
             f"{path}: another program has rewritten it (line 1 has {_shown(content, start)}, and the study "
-            f"writes {_shown(table_line(columns), start)}): {REMEDY}"
+            f"writes {_shown(ours, start)}): {REMEDY}"
         )
     rows: list[Row] = []
     unknown = {name: "" for name in columns if name not in names}
@@ -139,6 +138,12 @@ def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
                 f"{REMEDY}"
             ) from error
     return TrialTable(rows, tail, names)
+
+
+def _common_start(content: bytes, line: bytes) -> int:
+    """Return the number of bytes with which both begin."""
+    pairs = enumerate(zip(content, line, strict=False))
+    return next((at for at, (byte, ours) in pairs if byte != ours), min(len(content), len(line)))
 
 
 def _shown(line: bytes, start: int) -> str:

@@ -85,9 +85,14 @@ def _time(text: object) -> float:
     return (time if time.tzinfo else time.replace(tzinfo=dt.UTC)).timestamp()
 
 
+def _whole(value: object) -> object:
+    """Return 5 for 5.0, which is an integer in JSON too."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
 Text = Annotated[str, StringConstraints(max_length=500)]
 Number = Annotated[float, Field(ge=-1e6, le=1e6)]
-Count = Annotated[int, Field(ge=0, lt=COUNTS)]
+Count = Annotated[int, BeforeValidator(_whole), Field(ge=0, lt=COUNTS)]
 Seconds = Annotated[float, BeforeValidator(_time)]
 Word = Annotated[str, StringConstraints(max_length=MAX_SHOWN)]
 """Value of an enumeration. Unknown ones are kept, for the caller to decide about."""
@@ -96,7 +101,9 @@ Word = Annotated[str, StringConstraints(max_length=MAX_SHOWN)]
 class TolerantModel(BaseModel):
     """A message, or a part of one, that `read_tolerantly` makes."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False, alias_generator=to_camel)
+    model_config = ConfigDict(
+        frozen=True, strict=True, extra="ignore", allow_inf_nan=False, alias_generator=to_camel
+    )
 
     NEEDED: ClassVar[tuple[str, ...]] = ()
     """Fields that are reported if they are missing, since there is no value to assume."""
@@ -242,8 +249,6 @@ class TimestampCheck:
 
 MAX_BYTES = 1 << 20
 """Maximum size of a message."""
-MAX_CHARGE = 110.0
-"""Maximum percentage that is read, as full. Chargers overshoot, but 255 means something else."""
 
 ACTIVE_STOPS = frozenset({"AUTOACK", "MANUAL", "REMOTE"})
 MODES = frozenset({"AUTOMATIC", "SEMIAUTOMATIC", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"})
@@ -366,20 +371,16 @@ class AgvError(TolerantModel):
 
 
 def _percent(charge: float) -> float:
-    """Return a charge in percent.
-
-    Raises:
-        ValueError: If it may be a share.
-    """
+    """Return a plausible charge, percent: no AGV drives with less than 1. Raises ValueError if it is none."""
     if 0.0 < charge < 1.0:
-        raise ValueError("may be a share")
+        raise ValueError("is below 1 %")
     return charge
 
 
 class BatteryState(TolerantModel):
     """Battery."""
 
-    battery_charge: Annotated[float, Field(ge=0, le=MAX_CHARGE), AfterValidator(_percent)] | None = Field(
+    battery_charge: Annotated[float, Field(ge=0, le=100), AfterValidator(_percent)] | None = Field(
         default=None, validation_alias=AliasChoices("batteryCharge", "stateOfCharge")
     )
     """Percent."""
@@ -419,8 +420,7 @@ class AgvState(Visualization):
     @property
     def charge(self) -> float | None:
         """Return the charge of the battery, percent, or None if it is unknown."""
-        charge = self.battery_state.battery_charge if self.battery_state else None
-        return charge if charge is None else min(charge, 100.0)
+        return self.battery_state.battery_charge if self.battery_state else None
 
     @property
     def is_executing(self) -> bool:

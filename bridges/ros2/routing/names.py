@@ -27,7 +27,7 @@ def frame_name(name: str) -> str:
 
 
 def is_fixed(name: str) -> bool:
-    """Return True if a frame is fixed to the ground by its name."""
+    """Return True if REP 105 defines the frame as fixed to the ground."""
     return name.rpartition("/")[2] in FIXED_FRAMES
 
 

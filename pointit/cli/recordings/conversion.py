@@ -3,6 +3,7 @@
 import functools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -121,6 +122,12 @@ TABLES = (".csv", ".tsv", ".txt")
     shell_complete=maps,
     help="of a bag: the room, without which its packages and pointers have no positions",
 )
+@click.option(
+    "--stamps",
+    type=click.Choice(["header", "bag"]),
+    default="header",
+    help="of a bag: whose times are those of capture, the messages' or the bag's",
+)
 def command(
     *,
     source: Path,
@@ -132,6 +139,7 @@ def command(
     lost: str,
     up: str,
     room: str | None,
+    stamps: Literal["header", "bag"],
 ) -> None:
     """Make a recording of SOURCE, for `pointit export`, `pointit page` and `pointit evaluate`.
 
@@ -159,7 +167,7 @@ def command(
             entries = csv_entries(source, user=user, mounting=mounting, form=form, note=_note)
             count = write_recording(entries, recording, SITE, overwrite=overwrite, tick=tick)
         else:
-            count = _import_bag(source, recording, room, overwrite=overwrite, tick=tick)
+            count = _import_bag(source, recording, room, stamps, overwrite=overwrite, tick=tick)
     click.echo(f"{recording}: {count} entries")
 
 
@@ -168,7 +176,13 @@ def _note(sentence: str) -> None:
 
 
 def _import_bag(
-    source: Path, recording: Path, room: str | None, *, overwrite: bool, tick: Callable[[int], None]
+    source: Path,
+    recording: Path,
+    room: str | None,
+    stamps: Literal["header", "bag"],
+    *,
+    overwrite: bool,
+    tick: Callable[[int], None],
 ) -> int:
     from pointit.conversion.import_bag import Bag, is_bag  # noqa: PLC0415 - needs an extra
     from pointit.conversion.recording_file import write_recording  # noqa: PLC0415 - as above
@@ -179,7 +193,7 @@ def _import_bag(
         if source.suffix.lower() == ".bag":
             hint = f"of a ROS 1 bag, `rosbags-convert --src {source} --dst FOLDER` makes one"
         raise ConfigError(f"{source}: is neither a CSV file nor a ROS 2 bag; {hint}")
-    bag = Bag(source, None if room is None else load_map(room, 0))
+    bag = Bag(source, None if room is None else load_map(room, 0), stamps)
     try:
         return write_recording(bag.entries(), recording, SITE, overwrite=overwrite, tick=tick)
     finally:  # also if nothing could be taken

@@ -269,9 +269,11 @@ def test_what_is_left_out_is_told_with_the_reason(tmp_path: Path) -> None:
     assert "use 1 to 64 letters" in notes[f"/{'a' * 70}/metawear_ros/rotation"]
 
 
-def test_stamps_of_another_clock_give_way_to_the_bags(tmp_path: Path) -> None:
+def test_stamps_of_another_clock_are_refused_until_those_of_the_bag_are_chosen(tmp_path: Path) -> None:
     source = bag(tmp_path / "bag", [(100.0, *rotation(1.0)[1:])])
-    assert imported(source)["users/user1/imu"][0].stamp_ns == at(100.0)
+    refusal = run(source).stderr
+    assert "s from the bag's time, limit 10 s; give --stamps bag if it is of another clock" in refusal
+    assert imported(source, "--stamps", "bag")["users/user1/imu"][0].stamp_ns == at(100.0)
 
 
 def test_what_is_no_bag_is_told_in_a_sentence_and_nothing_is_written(tmp_path: Path) -> None:

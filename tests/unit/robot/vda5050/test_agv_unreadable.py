@@ -31,7 +31,7 @@ def test_unreadable_fields_are_named_in_health_and_the_agv_is_steered(bench: Agv
         "uagv/v2/acme/7/state: batteryCharge is -1; correct it at the AGV, or update its software to keep "
         "VDA 5050"
     )
-    bench.change(batteryState={"batteryCharge": 100.4})
+    bench.change(batteryState={"batteryCharge": 100})
     path = bench.tell(FollowPath, ((1.0, 0.0, 0.0),))
     bench.run(3.0)
     assert bench.outcomes(path)[-1] == ("done", "")

@@ -31,7 +31,6 @@ def counted(points: np.ndarray, delimiter: str) -> str:
 
 TEXTS = {
     "names_of_two_words.csv": "Frame No,Return Id,X,Y,Z,Gain\n" + rows(POINTS, before="7,1,", after=",9"),
-    "behind_slashes.asc": "//X,Y,Z,R,G,B\n" + rows(POINTS, after=",1,2,3"),
     "hash_and_tab.txt": "#\tX\tY\tZ\n" + rows(POINTS, "\t", before="7\t"),
     "everything_quoted.csv": '"x","y","z"\n'
     + "".join(",".join(f'"{v:g}"' for v in point) + "\n" for point in POINTS),

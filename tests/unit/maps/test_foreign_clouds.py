@@ -1,7 +1,6 @@
-"""Clouds and tables of pixels as other programs write them: each refusal names a parameter, and it works."""
+"""Clouds as other programs write them: each refusal names a parameter, and it works."""
 
 import struct
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pointit.maps import exchange
 from pointit.maps.file import load_map_and_clouds
-from pointit.maps.light_files.pixel_table import parse_pixel_columns
-from pointit.maps.light_files.strip_fit import first_pixels, no_note
 from pointit.runtime.errors import ConfigError
 
 ROOM = np.array([[0.25, 1.5, 2.0], [4.0, 0.75, 0.0], [3.5, 3.25, 0.5], [1.0, 5.0, 1.0]])
@@ -75,18 +71,9 @@ CLOUDS: dict[str, tuple[str | bytes, dict[str, Any]]] = {
         binary_ply(Y_DOWN_MM, "unit: mm", RGBA, b"\0" * 4),
         {"unit": "mm", "up": "-y", "position": [0, 0, 1.2]},
     ),
-    "excel_german.csv": ("\ufeffX;Y;Z\r\n" + lines(ROOM, ";").replace(".", ",").replace("\n", "\r\n"), {}),
     "pandas_index.csv": (
         ",x,y,z\n" + "".join(f"{n},{row}\n" for n, row in enumerate(lines(ROOM).split())),
         {},
-    ),
-    "pandas_no_names.csv": (
-        "".join(f"{n},{row}\n" for n, row in enumerate(lines(ROOM).split())),
-        {"columns": {"x": 2, "y": 3, "z": 4}},
-    ),
-    "r_row_names.csv": (
-        '"x","y","z"\n' + "".join(f'"{n}",{row}\n' for n, row in enumerate(lines(ROOM).split(), 1)),
-        {"columns": {"x": 2, "y": 3, "z": 4}},
     ),
     "paraview.csv": (
         '"Intensity","Points:0","Points:1","Points:2"\n' + lines(ROOM, before="7,"),
@@ -146,51 +133,3 @@ def test_the_origin_that_a_refusal_prints_works(tmp_path: Path) -> None:
     path.write_text(f"clouds: {{scan: {{file: scan.txt, {str(caught.value).partition('such as ')[2]}}}}}")
     points = load_map_and_clouds(str(path), 0)[1]["scan"]
     assert points.min(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
-
-
-PIXELS: dict[str, tuple[str, str, int | None]] = {
-    "xlights_export": ("x,y,z\n" + lines(ROOM), "", None),
-    "no_names": (lines(ROOM), "x=1,y=2,z=3", None),
-    "camera_of_a_tree_cm": (
-        "index,x,y,z\n" + "".join(f"{n},{row}\n" for n, row in enumerate(lines(ROOM * 100).split())),
-        "pixel=index,x=cm,y=cm,z=cm",
-        None,
-    ),
-    "nodes_from_1_mm": (
-        "Model;Node;X (mm);Y (mm);Z (mm)\n"
-        + "".join(
-            f"tree;{n};{';'.join(row.split(','))}\n" for n, row in enumerate(lines(ROOM * 1000).split(), 1)
-        ),
-        "strip=Model,pixel=Node,x=3/mm,y=4/mm,z=5/mm",
-        1,
-    ),
-    "excel_units_below": (
-        "X;Y;Z\ncm;cm;cm\n" + lines(ROOM * 100, ";").replace(".", ","),
-        "x=1/cm,y=2/cm,z=3/cm",
-        None,
-    ),
-}
-"""Content of a table, and what describes it: columns, and the number of the first pixel."""
-
-
-@pytest.mark.parametrize("name", PIXELS)
-def test_a_table_of_pixels_is_read_right_or_refused_with_parameters_that_work(name: str) -> None:
-    content, columns, first = PIXELS[name]
-    for declared, number, parameter in _declarations(columns, first):
-        if parameter:
-            with pytest.raises(ConfigError, match=f"set {parameter} to"):
-                exchange.from_csv(content, no_note, parse_pixel_columns(declared), number)
-    strips = exchange.from_csv(content, no_note, parse_pixel_columns(columns), first)
-    firsts = first_pixels(strips)
-    found = {
-        firsts[key] + n: at for key, each in strips.items() for n, at in enumerate(exchange.positions(each))
-    }
-    assert sorted(found) == [0, 1, 2, 3]
-    np.testing.assert_allclose([found[n] for n in range(4)], ROOM, atol=0.006)
-
-
-def _declarations(columns: str, first: int | None) -> Sequence[tuple[str, int | None, str]]:
-    """Return declarations of columns and of the first number, and the parameter that each refusal names."""
-    if not columns or columns.startswith("pixel"):
-        return [("", None, "")]
-    return [("", None, "columns"), (columns, None, "first" if first else "")]

@@ -80,7 +80,7 @@ def test_sensors_told_apart_by_a_number_in_front_are_refused_until_one_is_named(
     for time in range(100):  # a time in front is no name
         assert items(decoder, "/quaternion", time // 10, *WXYZ) == [Reading(NOW, XYZW)]
     with pytest.raises(
-        DatagramError, match=r"\(.*7, 8\): set osc\.sensor to that of the sensor on the wrist"
+        DatagramError, match=r"\(.*8, 7\): set osc\.sensor to that of the sensor on the wrist"
     ):
         deque((items(decoder, "/quaternion", 7 + n % 2, *WXYZ) for n in range(20)), maxlen=0)
 

@@ -54,7 +54,7 @@ STATE_OF = {theirs: ours for ours, theirs in STATES.items()}
 
 Taken = Iterator[Entry]
 Stamps = Literal["header", "bag"]
-"""What states the time of capture."""
+"""Source of the times of capture."""
 
 
 class UnusableError(Exception):

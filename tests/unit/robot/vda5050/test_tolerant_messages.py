@@ -52,7 +52,8 @@ def place(**change: object) -> dict[str, object]:
         ({"errors": [{"errorType": "wear", "errorLevel": "WARNING", "errorReferences": None}]}, NONE),
         ({"batteryState": {"batteryCharge": None}}, NONE),
         (place(mapId=None, deviationRange=None), NONE),
-        ({"headerId": "41", "orderUpdateId": "0", "lastNodeSequenceId": 0.0}, NONE),
+        ({"headerId": "41", "lastNodeSequenceId": 0.0}, NONE),
+        ({"orderUpdateId": "0", "velocity": {"vx": "0"}}, {"orderUpdateId", "vx"}),
         ({"serialNumber": 12, "orderId": 77}, {"serialNumber", "orderId"}),
         (place(mapId=3), {"mapId"}),
         ({"headerId": 1_767_000_000_000}, NONE),  # a time in ms

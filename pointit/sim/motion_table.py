@@ -63,6 +63,8 @@ MAX_TIME_S = 1e12
 """Maximum absolute time, s."""
 MIN_PERIOD_S, MAX_PERIOD_S = 0.0004, 0.25
 """Limits of the median time between samples: 2500 Hz and 4 Hz."""
+MAX_STEP_FRAMES = 10
+"""Limit of the median step of numbers of frames."""
 MAX_DISTANCE_M = 100.0
 """Maximum distance from the origin."""
 HEAD_RANGE_M = (0.5, 3.0)
@@ -199,10 +201,22 @@ class MotionTable:
         if not MIN_PERIOD_S <= period_s <= MAX_PERIOD_S:
             raise ConfigError(
                 f"{self._path}, column {title!r}: samples are {period_s:.6g} s apart, plausible are "
-                f"{MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s; set columns to its unit, such as t={title}/ms, or "
-                f"t={title}/0.01 for numbers of frames at 100 Hz"
+                f"{MIN_PERIOD_S:g} to {MAX_PERIOD_S:g} s; {self._remedy_of_times(period_s)}"
             )
         return times_s
+
+    def _remedy_of_times(self, period_s: float) -> str:
+        """Return what makes samples `period_s` apart plausible: the units with which they are."""
+        spacing = period_s / float(self._sizes[self.names.index(TIME)])
+        sizes = {} if self._units.get(TIME) == ISO else TIMES_S
+        units = [
+            f"{TIME}={self.title(TIME)}/{unit} ({spacing * size:.4g} s apart)"
+            for unit, size in sizes.items()
+            if MIN_PERIOD_S <= spacing * size <= MAX_PERIOD_S
+        ]
+        if sizes and 1.0 <= spacing < MAX_STEP_FRAMES:
+            units.append(f"{TIME}={self.title(TIME)}/0.01 for numbers of frames at 100 Hz")
+        return f"set columns to its unit: {' or '.join(units)}" if units else "record at another rate"
 
     def vectors(self, body: str, names: Sequence[str]) -> Array:
         """Return columns side by side, n x k, SI, z up. Rows in which the body is lost are NaN, and noted.

@@ -19,7 +19,7 @@ from pointit.services.imu_bridge.network.datagram_source import (
     vector,
 )
 from pointit.services.imu_bridge.sources import Battery, ImuSource, Item, Press, RawReading, Reading
-from pointit.services.imu_bridge.streams import MAX_SENSORS, MIN_READINGS, Order, SensorChoice, component
+from pointit.services.imu_bridge.streams import Order, SensorChoice, component
 
 LONGEST_DATAGRAM = 8192
 MAX_MESSAGES = 64
@@ -269,10 +269,6 @@ class OscDecoder(Decoder):
         """Address of the orientations of a ZIG SIM that has introduced itself, or `""`."""
         self._components: dict[str, float] = {}
         """Components of a quaternion of four messages that is not complete."""
-        self._fronts: dict[str, None] = {}
-        """Numbers in front of the latest quaternions, the newest last, while no sensor is named."""
-        self._returns = 0
-        """Number of quaternions whose numbers in front were there before, but not just before."""
         self._battery: Battery | None = None
         self._addresses: dict[str, None] = {}
         """Addresses of messages that were not used."""
@@ -350,28 +346,8 @@ class OscDecoder(Decoder):
             )
             raise DatagramError(message.problem or f"has {len(numbers)} numbers, 4 were expected{hint}")
         reading = Reading(stamp_ns, orientation(four, self._order(address)), message.time_ns)
-        in_front = tuple(map("{:.9g}".format, numbers[: first - 1]))
-        if in_front and not self._config.sensor_name:
-            self._check_sole(" ".join(in_front))
-            in_front = ()
+        in_front = map("{:.9g}".format, numbers[: first - 1]) if self._config.sensor_name else ()
         return NamedReading(reading, (address, *message.strings, *in_front))
-
-    def _check_sole(self, front: str) -> None:
-        """Check that the numbers in front of a quaternion do not alternate, as those of sensors do.
-
-        Raises:
-            DatagramError: If they do.
-        """
-        self._returns += front in self._fronts and front != next(reversed(self._fronts))
-        self._fronts.pop(front, None)
-        self._fronts[front] = None
-        if len(self._fronts) > MAX_SENSORS:
-            del self._fronts[next(iter(self._fronts))]
-        if self._returns >= MIN_READINGS:
-            raise DatagramError(
-                f"has alternating numbers in front of the quaternion ({', '.join(self._fronts)}): set "
-                "osc.sensor to that of the sensor on the wrist"
-            )
 
     def _add_component(self, message: OscMessage, axis: str, stamp_ns: int) -> NamedReading | None:
         components = self._components

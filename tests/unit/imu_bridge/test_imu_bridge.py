@@ -150,7 +150,8 @@ async def test_a_replay_leaves_out_lost_orientations(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     rows = [(t / 10, float(t not in (3, 4)), 0.0, 0.0, 0.0) for t in range(11)]
-    source = ReplaySource(ReplayConfig(recording=str(recording(tmp_path, rows))), VirtualClock())
+    replay = ReplayConfig(recording=str(recording(tmp_path, rows)), lost="0")
+    source = ReplaySource(replay, VirtualClock())
     items: list[Item] = []
     is_over = asyncio.Event()
 

@@ -1,6 +1,7 @@
 """Recorded motion: documented columns, declared names, units, axes and lost values, and refusals."""
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -181,7 +182,13 @@ def test_a_last_row_that_is_cut_off_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("columns", "factor", "part"),
     [
-        ([0], 1e3, "column 't': samples are 20 s apart, .* such as t=t/ms"),
+        (
+            [0],
+            1e3,
+            r"column 't': samples are 20 s apart, .* set columns to its unit: t=t/ms \(0\.02 s apart\)$",
+        ),
+        ([0], 50.0, r"1 s apart, .*: t=t/ms \(0\.001 s apart\) or t=t/0\.01 for numbers of frames at 100 Hz"),
+        ([0], 15.0, "samples are 0.3 s apart, plausible are 0.0004 to 0.25 s; record at another rate$"),
         (
             [5, 6, 7],
             1e3,
@@ -209,6 +216,18 @@ def test_implausible_units_are_refused_with_the_declaration(
     ]
     with pytest.raises(ConfigError, match=part):
         read(tmp_path, text_of((*ARM, *BODIES), rows))
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e6, 1e9, 1 / 60, 1 / 3600])
+def test_a_file_is_read_with_the_unit_of_times_that_its_refusal_names(tmp_path: Path, factor: float) -> None:
+    text = text_of((*ARM, *BODIES), [[float(row[0]) * factor, *row[1:]] for row in motion()])
+    with pytest.raises(ConfigError, match="set columns to its unit") as caught:
+        read(tmp_path, text)
+    proposals = re.findall(r"(t=t/\w+) \((\S+) s apart\)", str(caught.value))
+    for columns, period_s in proposals:
+        times_s = read(tmp_path, text, columns=columns).t_s
+        assert np.median(np.diff(times_s)) == pytest.approx(float(period_s), rel=1e-3)
+    assert any(float(period_s) == 1 / RATE_HZ for _, period_s in proposals)
 
 
 def test_a_robot_near_the_origin_in_centimetres_is_too_fast(tmp_path: Path) -> None:

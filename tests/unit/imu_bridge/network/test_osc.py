@@ -6,7 +6,6 @@ them was tried.
 
 import math
 import struct
-from collections import deque
 
 import pytest
 from hypothesis import given
@@ -73,16 +72,6 @@ def test_quaternion_among_other_numbers_is_read_where_it_is_declared_to_be() -> 
     decoder = OscDecoder(OscConfig(first=2, sensor="7"))
     assert items(decoder, "/quaternion", 7.0, *WXYZ) == [Reading(NOW, XYZW)]
     assert items(decoder, "/quaternion", 8.0, *WXYZ) == []
-
-
-def test_sensors_told_apart_by_a_number_in_front_are_refused_until_one_is_named() -> None:
-    decoder = OscDecoder(OscConfig(first=2))
-    for time in range(100):  # a time in front is no name
-        assert items(decoder, "/quaternion", time // 10, *WXYZ) == [Reading(NOW, XYZW)]
-    with pytest.raises(
-        DatagramError, match=r"\(.*8, 7\): set osc\.sensor to that of the sensor on the wrist"
-    ):
-        deque((items(decoder, "/quaternion", 7 + n % 2, *WXYZ) for n in range(20)), maxlen=0)
 
 
 def test_four_messages_below_the_declared_address_are_one_quaternion() -> None:

@@ -206,7 +206,7 @@ class MotionTable:
         return times_s
 
     def _remedy_of_times(self, period_s: float) -> str:
-        """Return what makes samples `period_s` apart plausible: the units with which they are."""
+        """Return the remedy for samples `period_s` apart: the units with which they are plausible."""
         spacing = period_s / float(self._sizes[self.names.index(TIME)])
         sizes = {} if self._units.get(TIME) == ISO else TIMES_S
         units = [

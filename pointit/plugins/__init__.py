@@ -26,7 +26,8 @@ Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` s
 
 - `ImuSource` (`pointit.imu_sources`): a device that gives the orientation of a person's arm.
 - `LedOutput` (`pointit.led_outputs`): a controller of strips (`Output`), of single lamps (`LampOutput`), or
-  of a beam (`BeamOutput`).
+  of a beam (`BeamOutput`). For strips by UDP or on a serial port, `UdpOutput` and `SerialOutput` do all but
+  the bytes of the protocol.
 - `SelectionMethod` (`pointit.selection_methods`): decides when pointing at an object selects it.
 - `RobotPlugin` (`pointit.robots`): a connection to a robot that people steer (`RobotDriver`).
 - `ServicePlugin` (`pointit.services`): a process with a bus, and topics and requests of its own.
@@ -89,6 +90,9 @@ from pointit.services.imu_bridge.sources import (
     Source,
     StepGesture,
 )
+from pointit.services.led_driver.output.pixel_output import PixelOutput
+from pointit.services.led_driver.output.serial_output import SerialOutput, SerialOutputConfig
+from pointit.services.led_driver.output.udp_output import Datagram, UdpOutput, UdpOutputConfig
 from pointit.services.led_driver.outputs import (
     OUTPUTS,
     AnyOutput,
@@ -144,6 +148,7 @@ __all__ = [
     "Context",
     "CueSource",
     "Cursor",
+    "Datagram",
     "Deliver",
     "Delivery",
     "DevicePlugin",
@@ -167,6 +172,7 @@ __all__ = [
     "Output",
     "OutputConfig",
     "PersonMethod",
+    "PixelOutput",
     "Plugin",
     "PluginGroup",
     "PointingSample",
@@ -192,6 +198,8 @@ __all__ = [
     "SelectionEvent",
     "SelectionMethod",
     "SelectionProgress",
+    "SerialOutput",
+    "SerialOutputConfig",
     "Service",
     "ServicePlugin",
     "Signal",
@@ -208,6 +216,8 @@ __all__ = [
     "TakeOff",
     "Timer",
     "Topic",
+    "UdpOutput",
+    "UdpOutputConfig",
     "View",
     "Vocabulary",
     "Word",

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from pointit.runtime.service.plugin_guard import NullHealth
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output.adalight import AdalightConfig, AdalightOutput
 from pointit.testing import PtyDevice
@@ -12,7 +12,9 @@ from tests.support.bench import until
 async def test_port_is_opened_with_a_dark_frame_which_contains_no_command() -> None:
     device = PtyDevice()
     await device.plug()
-    output = AdalightOutput(AdalightConfig(port=str(device.path), baud=4_000_000, gamma=1.0), NullHealth())
+    output = AdalightOutput(
+        AdalightConfig(port=str(device.path), baud=4_000_000, gamma=1.0), Surroundings.detached()
+    )
     output.set_strips([Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)])
     output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\xb1X\1\2\3\4"),)))
     running = asyncio.create_task(output.run())

@@ -13,7 +13,7 @@ from pointit.runtime.clock import WallClock
 from pointit.runtime.host.name_lookup import resolve
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip
-from pointit.services.led_driver.output.network_output import NetworkOutput
+from pointit.services.led_driver.output.udp_output import UdpOutput
 from pointit.services.led_driver.outputs import OUTPUTS
 from tests.support.bench import until
 from tests.support.running_source import Health
@@ -50,7 +50,7 @@ async def shown(text: str) -> AsyncGenerator[Health]:
     config = OUTPUTS.validate(name, {"kind": name, **values})
     around = Surroundings(clock=WallClock(), health=health, folder=Path("unused"))
     output = OUTPUTS.get(name).make(config, around)
-    if isinstance(output, NetworkOutput):
+    if isinstance(output, UdpOutput):
         output.set_strips([STRIP])
     work = asyncio.create_task(output.run())
     try:

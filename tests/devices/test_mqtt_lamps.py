@@ -22,7 +22,7 @@ from pointit.runtime.mqtt.broker import connected
 from pointit.schemas import Lamp
 from pointit.services.led_driver.output import mqtt_output
 from pointit.services.led_driver.output.mqtt_output import MqttConfig, MqttLamps, find_lamps_on
-from pointit.services.led_driver.output.network_output import OutputHealth
+from pointit.services.led_driver.output.pixel_output import OutputHealth
 from pointit.testing.trial import TrialHealth
 from tests.examples.running import running
 from tests.support.bench import until

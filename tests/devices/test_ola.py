@@ -19,8 +19,8 @@ from pointit.schemas import Cursor, Strip, StripFrame, StripsFrame
 from pointit.schemas.base import Rgb
 from pointit.services.led_driver.output import artnet
 from pointit.services.led_driver.output.artnet import find_nodes
-from pointit.services.led_driver.output.network_output import NetworkOutput
 from pointit.services.led_driver.output.spotlight import Angles, Spotlight, SpotlightConfig
+from pointit.services.led_driver.output.udp_output import UdpOutput
 from tests.devices.ola import ARTNET_AT, Ola, running_ola
 
 STRIPS = (
@@ -48,10 +48,10 @@ async def ola(addresses: tuple[str, str, str]) -> AsyncGenerator[Ola]:
 
 
 @asynccontextmanager
-async def sending(kind: str, **parameters: Any) -> AsyncGenerator[NetworkOutput]:
+async def sending(kind: str, **parameters: Any) -> AsyncGenerator[UdpOutput]:
     plugin = GROUPS["led-output"].get(kind)
     config = plugin.config.model_validate({"gamma": 1.0, **parameters})
-    output: NetworkOutput = plugin.make(config, Surroundings.detached())
+    output: UdpOutput = plugin.make(config, Surroundings.detached())
     output.set_strips(STRIPS)
     task = asyncio.create_task(output.run())
     yield output
@@ -95,13 +95,13 @@ async def test_strips_of_scenario_3_arrive_as_they_are_drawn(
     ola: Ola, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn = {bytes(900)}
-    show = NetworkOutput.show
+    show = UdpOutput.show
 
-    def record(output: NetworkOutput, frame: StripsFrame, age_s: float = 0.0) -> None:
+    def record(output: UdpOutput, frame: StripsFrame, age_s: float = 0.0) -> None:
         drawn.add(b"".join(strip.rgb for strip in frame.strips))
         show(output, frame, age_s)
 
-    monkeypatch.setattr(NetworkOutput, "show", record)
+    monkeypatch.setattr(UdpOutput, "show", record)
     seen = (set[bytes](), set[bytes]())
     outputs = [{"kind": kind, "host": ola.address, "gamma": 1.0}]
     async with pointit.run("scenario_3", seed=1, settings={"led-driver.outputs": outputs}):

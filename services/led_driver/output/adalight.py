@@ -3,20 +3,16 @@
 A frame is `Ada`, the number of pixels less one (2 bytes), a check byte, and red, green, blue of each pixel.
 """
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from pydantic import Field
 
-from pointit.runtime.service.plugin_guard import HealthSink
-from pointit.schemas import Strip, StripsFrame
-from pointit.services.led_driver.output.pixel_map import Power, map_pixels
+from pointit.runtime.service.plugin_guard import Surroundings
+from pointit.schemas import Strip
+from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
 from pointit.services.led_driver.output.serial_output import (
     BITS_PER_BYTE,
     MAX_BAUD,
-    SerialFrame,
     SerialOutput,
     SerialOutputConfig,
     wire_time_s,
@@ -48,56 +44,29 @@ class AdalightConfig(SerialOutputConfig):
     kind: str = Field(default="adalight", description="kind of controller")
 
 
-@dataclass(frozen=True)
-class AdalightFrame(SerialFrame):
-    """Pixels of the controller, 3 bytes each."""
-
-    pixels: bytes
-
-    draws_while_receiving: ClassVar[bool] = False
-
-    def opening(self) -> "AdalightFrame":
-        """Return a dark frame: its rest behind an aborted one is no command of WLED, such as another rate."""
-        return self.dark()
-
-    def dark(self) -> "AdalightFrame":
-        """Return the same pixels, all black."""
-        return replace(self, pixels=bytes(len(self.pixels)))
-
-    def data(self) -> bytes:
-        """Return the bytes of the protocol that show it."""
-        return encode_frame(self.pixels)
-
-    def draw_time_s(self) -> float:
-        """Return the time that the controller takes to draw it, s."""
-        return draw_time_s(len(self.pixels) // 3)
-
-
 class AdalightOutput(SerialOutput):
     """Sends frames to one controller."""
 
-    def __init__(self, config: AdalightConfig, health: HealthSink) -> None:
-        super().__init__(config, health)
+    def __init__(self, config: AdalightConfig, surroundings: Surroundings) -> None:
+        super().__init__(config, surroundings)
         self._adalight = config
-        self._power = Power(config)
-        self._map, _ = map_pixels((), ())
 
-    def set_strips(self, strips: Sequence[Strip]) -> None:
-        """Set the map's strips. Reports in health what the controller and its wire cannot show."""
+    def map_strips(self, strips: Sequence[Strip]) -> tuple[PixelMap, list[str]]:
+        """Return the pixels of `strips`, and sentences about what the controller and its wire cannot show."""
         pixel_map, problems = map_pixels(self._adalight.segments, strips)
         if pixel_map.pixels > MAX_PIXELS:
             problems.append(f"{pixel_map.pixels} pixels are more than Adalight has, 65536: use more outputs")
             pixel_map, _ = map_pixels((), ())
-        self._map = pixel_map.covering(self._map)
-        self.set_problems([*problems, *_too_slow(self._adalight, pixel_map.pixels)])
+        problems += _too_slow(self._adalight, pixel_map.pixels)
+        return pixel_map.covering(self.pixel_map), problems
 
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
-        if not self._map.pixels:
-            return
-        pixels, load = self._power.send(self._map.output_bytes(frame))
-        self._health.show_load(load, self._adalight.max_current_a)
-        self.send(AdalightFrame(pixels, shown_s=time.monotonic(), age_s=age_s))
+    def encode(self, pixels: bytes) -> bytes:
+        """Return the frame that shows `pixels`."""
+        return encode_frame(pixels)
+
+    def draw_time_s(self) -> float:
+        """Return the time in which the board draws a frame, s."""
+        return draw_time_s(self.pixel_map.pixels)
 
 
 def _too_slow(config: AdalightConfig, pixels: int) -> list[str]:
@@ -120,7 +89,7 @@ def _too_slow(config: AdalightConfig, pixels: int) -> list[str]:
 ADALIGHT = LedOutput(
     summary="an Arduino or WLED on a serial port (Adalight)",
     config=AdalightConfig,
-    make=lambda config, around: AdalightOutput(config, around.health),
+    make=AdalightOutput,
     argument="port",
     example="PORT",
 )

@@ -10,20 +10,18 @@ from dataclasses import dataclass, replace
 
 from pydantic import Field
 
-from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host import extras
 from pointit.runtime.service.plugin_guard import Surroundings
-from pointit.services.led_driver.output.network_output import (
-    RATE_HZ,
+from pointit.services.led_driver.output.udp_output import (
     Datagram,
     Destination,
-    NetworkOutput,
+    DmxOutput,
+    UdpOutputConfig,
     Universe,
-    pixels_wire,
 )
-from pointit.services.led_driver.outputs import LedOutput, OutputConfig
+from pointit.services.led_driver.outputs import LedOutput
 
 PORT = 6454
 MAX_PORT_ADDRESS = 0x7FFF
@@ -175,7 +173,7 @@ def _device(node: ArtnetNode) -> FoundDevice:
     return FoundDevice(node.address, label, {"universes": universes, "report": node.report})
 
 
-class ArtnetConfig(AddressConfig, OutputConfig):
+class ArtnetConfig(UdpOutputConfig):
     """A node of Art-Net."""
 
     kind: str = Field(default="artnet", description="kind of controller")
@@ -188,9 +186,6 @@ class ArtnetConfig(AddressConfig, OutputConfig):
         description="first port address (net · 256 + sub-net · 16 + universe): 170 RGB or 128 RGBW pixels",
     )
     sync: bool = Field(default=True, description="show several universes at once, by ArtSync")
-    max_rate_hz: float = Field(
-        default=RATE_HZ, gt=0, le=1000, description="maximum number of frames per second"
-    )
 
 
 class ArtnetStream:
@@ -213,11 +208,10 @@ class ArtnetStream:
         return self.frame(universes, number)
 
 
-def make_artnet(config: ArtnetConfig, surroundings: Surroundings) -> NetworkOutput:
+def make_artnet(config: ArtnetConfig, surroundings: Surroundings) -> DmxOutput:
     """Return the output; nothing is opened yet."""
     stream = ArtnetStream(config.host, config.port, sync=config.sync)
-    wire = pixels_wire(stream, config.universe, config.max_rate_hz)
-    return NetworkOutput(config, stream.destination, wire, surroundings.health, config.host)
+    return DmxOutput(config, surroundings, stream, config.universe)
 
 
 ARTNET = LedOutput(

@@ -12,15 +12,11 @@ from typing import Any, cast
 
 from pydantic import Field
 
-from pointit.runtime.address_config import AddressConfig, format_address
 from pointit.runtime.config.plugins import FoundDevice
-from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import NetworkService, browse, look_up
-from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas.text import one_line
-from pointit.services.led_driver.output.network_output import Datagram, Destination, NetworkOutput, Wire
-from pointit.services.led_driver.output.pixel_map import PixelMap
-from pointit.services.led_driver.outputs import LedOutput, OutputConfig
+from pointit.services.led_driver.output.udp_output import Datagram, UdpOutput, UdpOutputConfig
+from pointit.services.led_driver.outputs import LedOutput
 
 PORT = 4048
 MAX_DATA_BYTES = 1440
@@ -135,34 +131,28 @@ def described(host: str, name: str, info: object) -> FoundDevice:
     return FoundDevice(host, ", ".join(words), details)
 
 
-class DdpConfig(AddressConfig, OutputConfig):
+class DdpConfig(UdpOutputConfig):
     """A pixel controller in the network that takes DDP, such as WLED."""
 
     kind: str = Field(default="ddp", description="kind of controller")
-    host: str = Field(default="", description="name or address of the controller, or HOST:PORT")
     port: int = Field(default=PORT, gt=0, le=65535, description="UDP port of the controller")
     max_rate_hz: float = Field(
         default=66.0, gt=0, le=1000, description="maximum number of frames per second; WLED shows up to 66"
     )
 
 
-def _encode(pixels: bytes, pixel_map: PixelMap, number: int) -> Sequence[Datagram]:
-    return [Datagram(data) for data in encode_frame(pixels, pixel_map.colors, number)]
+class DdpOutput(UdpOutput):
+    """Sends frames to one controller."""
 
-
-def _make(config: DdpConfig, surroundings: Surroundings) -> NetworkOutput:
-    if not config.host:
-        raise ConfigError("host: is missing; give the controller's name or address, as in --output ddp:HOST")
-    destination = Destination(host=config.host, port=config.port)
-    wire = Wire(encode=_encode, max_rate_hz=config.max_rate_hz)
-    address = config.host if config.port == PORT else format_address(config.host, config.port)
-    return NetworkOutput(config, destination, wire, surroundings.health, address)
+    def encode(self, pixels: bytes, number: int) -> Sequence[Datagram]:
+        """Return the packets that show `pixels`."""
+        return [Datagram(data) for data in encode_frame(pixels, self.pixel_map.colors, number)]
 
 
 DDP = LedOutput(
     summary="a pixel controller in the network: WLED, xLights (DDP)",
     config=DdpConfig,
-    make=_make,
+    make=DdpOutput,
     argument="host",
     divided_by="port",
     example="HOST",

@@ -11,17 +11,15 @@ from uuid import UUID
 
 from pydantic import Field, model_validator
 
-from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.service.plugin_guard import Surroundings
-from pointit.services.led_driver.output.network_output import (
-    RATE_HZ,
+from pointit.services.led_driver.output.udp_output import (
     Datagram,
     Destination,
-    NetworkOutput,
+    DmxOutput,
+    UdpOutputConfig,
     Universe,
-    pixels_wire,
 )
-from pointit.services.led_driver.outputs import LedOutput, OutputConfig
+from pointit.services.led_driver.outputs import LedOutput
 
 PORT = 5568
 MIN_UNIVERSE, MAX_UNIVERSE = 1, 63999
@@ -107,7 +105,7 @@ MULTICAST = "multicast"
 """Value of `host` that means the multicast group of each universe."""
 
 
-class E131Config(AddressConfig, OutputConfig):
+class E131Config(UdpOutputConfig):
     """A receiver of E1.31 (sACN)."""
 
     kind: str = Field(default="e131", description="kind of controller")
@@ -123,9 +121,6 @@ class E131Config(AddressConfig, OutputConfig):
     )
     priority: int = Field(
         default=DEFAULT_PRIORITY, ge=0, le=200, description="priority; receivers obey the highest"
-    )
-    max_rate_hz: float = Field(
-        default=RATE_HZ, gt=0, le=1000, description="maximum number of frames per second"
     )
 
     @model_validator(mode="after")
@@ -183,12 +178,11 @@ class E131Stream:
         ]
 
 
-def make_e131(config: E131Config, surroundings: Surroundings) -> NetworkOutput:
+def make_e131(config: E131Config, surroundings: Surroundings) -> DmxOutput:
     """Return the output; nothing is opened yet."""
     destination = Destination(host=config.host, port=config.port, interface=config.interface)
     stream = E131Stream(destination, config.universe, config.priority)
-    wire = pixels_wire(stream, config.universe, config.max_rate_hz)
-    return NetworkOutput(config, stream.destination, wire, surroundings.health, config.host)
+    return DmxOutput(config, surroundings, stream, config.universe)
 
 
 E131 = LedOutput(

@@ -5,27 +5,28 @@ A frame is `UPXL`, channel, type, body, CRC-32 (little-endian) of all before; ha
 
 import logging
 import struct
-import time
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field, field_validator, model_validator
 
-from pointit.runtime.service.plugin_guard import HealthSink
-from pointit.schemas import Strip, StripsFrame
-from pointit.services.led_driver.output.pixel_map import PixelMap, Power, map_pixels
+from pointit.runtime.config.config import Config
+from pointit.runtime.service.plugin_guard import Surroundings
+from pointit.schemas import Strip
+from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
 from pointit.services.led_driver.output.serial_output import (
     BITS_PER_BYTE,
-    CHANNELS,
-    ExpanderConfig,
-    SerialFrame,
+    MAX_BAUD,
     SerialOutput,
+    SerialOutputConfig,
     wire_time_s,
 )
-from pointit.services.led_driver.outputs import LedOutput, Segment
+from pointit.services.led_driver.outputs import LedOutput, Segment, validated_order
 
+log = logging.getLogger(__name__)
 MAGIC = b"UPXL"
 SET_CHANNEL_WS2812 = 1
 DRAW_ALL = 2
@@ -76,6 +77,59 @@ def _framed(content: bytes) -> bytes:
     return frame + struct.pack("<I", zlib.crc32(frame))
 
 
+CHANNELS = 64
+
+
+class ChannelConfig(Config):
+    """Connection of a strip to its controller."""
+
+    channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
+    order: str = Field(
+        default="GRB", description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ..."
+    )
+
+    _order = field_validator("order")(validated_order)
+
+
+class ExpanderConfig(SerialOutputConfig):
+    """A serial LED expander (UPXL: ElectroMage, Pixelblaze)."""
+
+    kind: str = Field(default="expander", description="kind of controller")
+    baud: int = Field(default=2_000_000, gt=0, le=MAX_BAUD, description="bits per second")
+    board: Literal["v1", "v2", "v3"] = Field(
+        default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
+    )
+    channels: dict[str, ChannelConfig] = Field(
+        default={},
+        description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty. "
+        "Parts of strips are in `segments`, whose `universe` is the channel",
+    )
+
+    @field_validator("segments")
+    @classmethod
+    def _equally_wide(cls, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+        return segments  # in place of the base's: each channel may have a width of its own
+
+    def strip_ids(self) -> frozenset[str]:
+        """Return the ids of the strips that it shows, empty for all of the map."""
+        return super().strip_ids() | self.channels.keys()
+
+    @model_validator(mode="after")
+    def _one_strip_a_channel(self) -> Self:
+        if self.channels and self.segments:
+            raise ValueError("use `channels` or `segments`, not both")
+        if any(segment.universe not in range(CHANNELS) for segment in self.segments):
+            raise ValueError(f"segments: each needs its channel, 0 to {CHANNELS - 1}, as `universe`")
+        taken: dict[int, str] = {}
+        for strip_id, channel in self.channels.items():
+            other = taken.setdefault(channel.channel, strip_id)
+            if other != strip_id:
+                raise ValueError(
+                    f"channels: strips {other!r} and {strip_id!r} share channel {channel.channel}"
+                )
+        return self
+
+
 CHANNEL_PIXELS = 1 << 20
 """Pixels of a channel as far as the pixel map knows: none of its segments reaches into the next channel."""
 
@@ -100,9 +154,13 @@ class Wiring:
     channels: tuple[PixelChannel, ...]
     pixel_map: PixelMap
 
-    def split(self, pixels: bytes) -> list[bytes]:
-        """Return the red, green and blue of each channel's pixels, given those of the pixel map."""
-        return [pixels[each.start : each.start + 3 * each.pixels] for each in self.channels]
+    def encode(self, pixels: bytes) -> bytes:
+        """Return the frames that show `pixels` of the pixel map on all channels."""
+        frames = [
+            set_channel(each.number, each.order, pixels[each.start : each.start + 3 * each.pixels])
+            for each in self.channels
+        ]
+        return b"".join((*frames, draw_all()))
 
 
 def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[Wiring, list[str]]:
@@ -190,66 +248,37 @@ def _pixel_bytes(channels: Sequence[PixelChannel]) -> int:
     return sum(each.pixels * len(each.order) for each in channels)
 
 
-log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class ExpanderFrame(SerialFrame):
-    """Content of the board: (channel, order, rgb) of each channel."""
-
-    channels: tuple[tuple[int, str, bytes], ...] = ()
-
-    draws_while_receiving: ClassVar[bool] = True
-
-    def dark(self) -> "ExpanderFrame":
-        """Return the same channels, all black."""
-        dark = tuple((channel, order, bytes(len(rgb))) for channel, order, rgb in self.channels)
-        return replace(self, channels=dark)
-
-    def data(self) -> bytes:
-        """Return the bytes of the protocol that show it."""
-        return b"".join(set_channel(*channel) for channel in self.channels) + draw_all()
-
-    def draw_time_s(self) -> float:
-        """Return the time that the board takes to draw it, s."""
-        return draw_time_s(max((len(rgb) // 3 for _, _, rgb in self.channels), default=0))
-
-
 class ExpanderOutput(SerialOutput):
     """Sends frames to one expander."""
 
-    def __init__(self, config: ExpanderConfig, health: HealthSink) -> None:
-        super().__init__(config, health)
+    DRAWS_WHILE_RECEIVING: ClassVar[bool] = True
+
+    def __init__(self, config: ExpanderConfig, surroundings: Surroundings) -> None:
+        super().__init__(config, surroundings)
         self._board = config
-        self._power = Power(config)
         self._wiring, _ = map_channels(config, ())
 
-    def set_strips(self, strips: Sequence[Strip]) -> None:
-        """Set the map's strips. Reports in health what board and wire cannot show."""
+    def map_strips(self, strips: Sequence[Strip]) -> tuple[PixelMap, list[str]]:
+        """Return the pixels of `strips`, and sentences about what board and wire cannot show."""
         self._wiring, problems = map_channels(self._board, strips)
         if slow := too_slow(self._board, self._wiring.channels):
             problems.append(slow)
             log.warning("%s: %s", self._board.port, slow)
-        self.set_problems(problems)
+        return self._wiring.pixel_map, problems
 
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
-        pixels, load = self._power.send(self._wiring.pixel_map.output_bytes(frame))
-        self._health.show_load(load, self._board.max_current_a)
-        channels = zip(self._wiring.channels, self._wiring.split(pixels), strict=True)
-        self.send(
-            ExpanderFrame(
-                tuple((channel.number, channel.order, rgb) for channel, rgb in channels),
-                shown_s=time.monotonic(),
-                age_s=age_s,
-            )
-        )
+    def encode(self, pixels: bytes) -> bytes:
+        """Return the frames that show `pixels` on all channels."""
+        return self._wiring.encode(pixels)
+
+    def draw_time_s(self) -> float:
+        """Return the time in which the board draws its longest channel, s."""
+        return draw_time_s(max(each.pixels for each in self._wiring.channels))
 
 
 EXPANDER = LedOutput(
     summary="a serial LED expander (UPXL: ElectroMage, Pixelblaze)",
     config=ExpanderConfig,
-    make=lambda config, around: ExpanderOutput(config, around.health),
+    make=ExpanderOutput,
     argument="port",
     example="PORT",
 )

@@ -38,7 +38,7 @@ from pointit.services.led_driver.output.light_protocol import (
     announcement_topics,
     is_online,
 )
-from pointit.services.led_driver.output.network_output import OutputHealth
+from pointit.services.led_driver.output.pixel_output import OutputHealth
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig
 
 if TYPE_CHECKING:

@@ -2,22 +2,19 @@
 
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import deque
-from dataclasses import dataclass, field
-from typing import ClassVar, Literal, Self
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import serial
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field
 
-from pointit.runtime.config.config import Config
 from pointit.runtime.host.serial_port import PortSettings, SerialThread
-from pointit.runtime.service.plugin_guard import HealthSink
-from pointit.services.led_driver.output.network_output import OutputHealth
-from pointit.services.led_driver.outputs import FRAME_RATE, OutputConfig, Segment, validated_order
+from pointit.runtime.service.plugin_guard import Surroundings
+from pointit.services.led_driver.output.pixel_output import PixelOutput
+from pointit.services.led_driver.outputs import FRAME_RATE, OutputConfig
 
-CHANNELS = 64
-Board = Literal["v1", "v2", "v3"]
 MAX_BAUD = 4_000_000
 BITS_PER_BYTE = 10
 """Bits on the wire, with start and stop bit."""
@@ -41,56 +38,6 @@ def wire_time_s(size_bytes: int, baud: int) -> float:
     return size_bytes * BITS_PER_BYTE / baud
 
 
-class ChannelConfig(Config):
-    """Connection of a strip to its controller."""
-
-    channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
-    order: str = Field(
-        default="GRB", description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ..."
-    )
-
-    _order = field_validator("order")(validated_order)
-
-
-class ExpanderConfig(SerialOutputConfig):
-    """A serial LED expander (UPXL: ElectroMage, Pixelblaze)."""
-
-    kind: str = Field(default="expander", description="kind of controller")
-    baud: int = Field(default=2_000_000, gt=0, le=4_000_000, description="bits per second")
-    board: Board = Field(
-        default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
-    )
-    channels: dict[str, ChannelConfig] = Field(
-        default={},
-        description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty. "
-        "Parts of strips are in `segments`, whose `universe` is the channel",
-    )
-
-    @field_validator("segments")
-    @classmethod
-    def _equally_wide(cls, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
-        return segments  # in place of the base's: each channel may have a width of its own
-
-    def strip_ids(self) -> frozenset[str]:
-        """Return the ids of the strips that it shows, empty for all of the map."""
-        return super().strip_ids() | self.channels.keys()
-
-    @model_validator(mode="after")
-    def _one_strip_a_channel(self) -> Self:
-        if self.channels and self.segments:
-            raise ValueError("use `channels` or `segments`, not both")
-        if any(segment.universe not in range(CHANNELS) for segment in self.segments):
-            raise ValueError(f"segments: each needs its channel, 0 to {CHANNELS - 1}, as `universe`")
-        taken: dict[int, str] = {}
-        for strip_id, channel in self.channels.items():
-            other = taken.setdefault(channel.channel, strip_id)
-            if other != strip_id:
-                raise ValueError(
-                    f"channels: strips {other!r} and {strip_id!r} share channel {channel.channel}"
-                )
-        return self
-
-
 KEEP_ALIVE_S = 1.0
 """Period at which an unchanged frame is resent, s. A board that was plugged in or lost a frame recovers."""
 PIECE_BYTES = 256
@@ -102,42 +49,32 @@ SLOW_SHARE = 1.5
 DRAIN_POLL_S = 0.002
 
 
-@dataclass(frozen=True, kw_only=True)
-class SerialFrame(ABC):
-    """Content of a controller."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SerialFrame:
+    """Bytes that show pixels on a controller."""
 
+    data: bytes
+    dark: bytes
+    """Bytes that show the same pixels, all black."""
+    draw_s: float
+    """Time that the controller takes to draw it, s."""
     shown_s: float = field(default=0.0, compare=False)
     """Time at which it was passed to `show`, monotonic."""
     age_s: float = field(default=0.0, compare=False)
     """Age of what it shows at that time, s."""
 
-    draws_while_receiving: ClassVar[bool]
+
+class SerialOutput(PixelOutput):
+    """Sends frames to one controller on a serial port. A subclass says which bytes show pixels."""
+
+    DRAWS_WHILE_RECEIVING: ClassVar[bool] = False
     """True if the controller receives the next frame while it draws this one."""
 
-    def opening(self) -> Self:
-        """Return the frame to send first to a port that was opened."""
-        return self
-
-    @abstractmethod
-    def dark(self) -> Self:
-        """Return the same pixels, all black."""
-
-    @abstractmethod
-    def data(self) -> bytes:
-        """Return the bytes of the protocol that show it."""
-
-    @abstractmethod
-    def draw_time_s(self) -> float:
-        """Return the time that the controller takes to draw it, s."""
-
-
-class SerialOutput:
-    """Sends frames to one controller in a thread of its own. Newer frames replace unsent ones."""
-
-    def __init__(self, config: SerialOutputConfig, health: HealthSink) -> None:
-        self._config = config
-        self._account = health
-        self._health = OutputHealth(health, config.port)
+    def __init__(self, config: SerialOutputConfig, surroundings: Surroundings) -> None:
+        """Prepare; nothing is opened yet. Frames are written in a thread of the output's own."""
+        super().__init__(config, surroundings, config.port)
+        self._port = config
+        self._port_health = surroundings.health
         self._change = threading.Condition()
         self._newest: SerialFrame | None = None
         self._thread = SerialThread(
@@ -147,20 +84,34 @@ class SerialOutput:
         """Times that the last frames took to leave, s."""
         self._busy_s = deque[float](maxlen=SENT_FRAMES)
         """Times for which wire and board were busy with each of them, s."""
-        self.light_s = 0.0
-        """Time from `show` to the last byte on the wire, of the last new frame, s; 0.0 before the first."""
 
-    def send(self, picture: SerialFrame) -> None:
-        """Send `picture`. It replaces an unsent one."""
+    @abstractmethod
+    def encode(self, pixels: bytes) -> bytes:
+        """Return the bytes that show `pixels` of the present map, at least one."""
+
+    def draw_time_s(self) -> float:
+        """Return the time that the controller takes to draw a frame of the present map, s."""
+        return 0.0
+
+    def send_pixels(self, pixels: bytes, age_s: float) -> None:
+        """Send `pixels` of the present map, captured `age_s` ago, instead of unsent ones. Returns at once."""
+        if not pixels:
+            return
+        frame = SerialFrame(
+            data=self.encode(pixels),
+            dark=self.encode(bytes(len(pixels))),
+            draw_s=self.draw_time_s(),
+            shown_s=time.monotonic(),
+            age_s=age_s,
+        )
         with self._change:
-            self._newest = picture
+            self._newest = frame
             self._change.notify()
 
-    def set_problems(self, problems: list[str]) -> None:
-        """Show what board and wire cannot show of the map's strips, which are new."""
+    def _on_map(self, problems: list[str]) -> None:
         self._took_s.clear()
         self._busy_s.clear()
-        self._health.warn("wiring", "; ".join(problems))
+        self.health.warn("wiring", "; ".join(problems))
 
     async def run(self) -> None:
         """Send until cancelled, then switch the strips off."""
@@ -172,14 +123,14 @@ class SerialOutput:
 
     def _on_port_change(self, why: str) -> None:
         if why:
-            self._account.warn("port", f"LED controller: {why}")
+            self._port_health.warn("port", f"LED controller: {why}")
             self._took_s.clear()
             self._busy_s.clear()
-            self.light_s = 0.0
-            self._health.set_metric(FRAME_RATE, None)
-            self._health.clear("link")
+            self.health.light_s = 0.0
+            self.health.set_metric(FRAME_RATE, None)
+            self.health.clear("link")
         else:
-            self._health.clear("port")
+            self.health.clear("port")
 
     def _write(self, port: serial.Serial, stopping: threading.Event) -> None:
         frame: SerialFrame | None = None
@@ -191,14 +142,15 @@ class SerialOutput:
             if picture is None:
                 continue
             if frame is None:
-                # The board may be in the middle of an aborted frame, so that it discards this one.
-                self._send(port, picture.opening())
+                # The board may be in the middle of an aborted frame, so that it discards this one; the
+                # rest of a dark one is no command of WLED, such as another rate.
+                self._transmit(port, replace(picture, data=picture.dark))
             is_new = picture != frame
             frame = picture
             sent_s = time.monotonic()
-            self._send(port, picture, is_new=is_new)
+            self._transmit(port, picture, is_new=is_new)
         if frame is not None:
-            self._send(port, frame.dark())
+            self._transmit(port, replace(frame, data=frame.dark))
 
     def _next(
         self, frame: SerialFrame | None, sent_s: float, stopping: threading.Event
@@ -213,39 +165,38 @@ class SerialOutput:
                 self._change.wait(left_s if newest is not None else KEEP_ALIVE_S)
         return None
 
-    def _send(self, port: serial.Serial, picture: SerialFrame, *, is_new: bool = False) -> None:
+    def _transmit(self, port: serial.Serial, picture: SerialFrame, *, is_new: bool = False) -> None:
         """Write, and wait until wire and board are done: a buffer full of old frames would add latency."""
         began_s = time.monotonic()
-        data = picture.data()
+        data = picture.data
         for start in range(0, len(data), PIECE_BYTES):
             port.write(data[start : start + PIECE_BYTES])
-        wire_s = wire_time_s(len(data), self._config.baud)
+        wire_s = wire_time_s(len(data), self._port.baud)
         time.sleep(max(0.0, began_s + wire_s - time.monotonic()))
         _drain(port)
         now_s = time.monotonic()
         self._thread.post(self._on_sent, picture, wire_s, now_s - began_s, now_s if is_new else None)
-        drawn_s = (began_s if picture.draws_while_receiving else now_s) + picture.draw_time_s()
+        drawn_s = (began_s if self.DRAWS_WHILE_RECEIVING else now_s) + picture.draw_s
         time.sleep(max(0.0, drawn_s - time.monotonic()))
 
     def _on_sent(self, picture: SerialFrame, wire_s: float, took_s: float, new_s: float | None) -> None:
         """Count a frame whose last byte has left, at `new_s` if its picture is new."""
         if new_s is not None:
-            self.light_s = new_s - picture.shown_s
-            self._health.reached(picture.age_s + self.light_s)
+            self.health.reached(picture.age_s, new_s - picture.shown_s)
         self._took_s.append(took_s)
-        draw_s = picture.draw_time_s()
-        self._busy_s.append(max(took_s, draw_s) if picture.draws_while_receiving else took_s + draw_s)
+        draw_s = picture.draw_s
+        self._busy_s.append(max(took_s, draw_s) if self.DRAWS_WHILE_RECEIVING else took_s + draw_s)
         # not the rate of sending: a static scene sends few frames
-        self._health.set_metric(FRAME_RATE, len(self._busy_s) / sum(self._busy_s), "Hz")
+        self.health.set_metric(FRAME_RATE, len(self._busy_s) / sum(self._busy_s), "Hz")
         took_s = min(self._took_s)
-        slow_s = max(SLOW_SHARE * wire_s, 1.0 / self._config.wanted_rate_hz)
+        slow_s = max(SLOW_SHARE * wire_s, 1.0 / self._port.wanted_rate_hz)
         if took_s <= slow_s:
-            self._health.clear("link")
+            self.health.clear("link")
         elif len(self._took_s) == SENT_FRAMES:
-            self._health.warn(
+            self.health.warn(
                 "link",
                 f"takes {took_s * 1e3:.0f} ms a frame, {1.0 / took_s:.1f} frames a "
-                f"second; at {self._config.baud} baud {wire_s * 1e3:.0f} ms would do: something slows the "
+                f"second; at {self._port.baud} baud {wire_s * 1e3:.0f} ms would do: something slows the "
                 "link (adapter, hub, flow control); use a faster one, or fewer pixels",
             )
 

@@ -29,14 +29,14 @@ from pointit.schemas.base import Vec3 as ConfiguredVec3
 from pointit.services.led_driver.output import artnet, e131
 from pointit.services.led_driver.output.artnet import MAX_PORT_ADDRESS, ArtnetStream
 from pointit.services.led_driver.output.e131 import MAX_UNIVERSE, MIN_UNIVERSE, E131Stream, check_interface
-from pointit.services.led_driver.output.network_output import (
+from pointit.services.led_driver.output.pixel_output import OutputHealth
+from pointit.services.led_driver.output.udp_output import (
     RATE_HZ,
     UNIVERSE_SLOTS,
     Datagram,
     DatagramSender,
     Destination,
     DmxStream,
-    OutputHealth,
 )
 from pointit.services.led_driver.outputs import LedOutput, OutputConfig
 

@@ -24,7 +24,7 @@ from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.serial.detection import SerialConfig
 from pointit.services.imu_bridge.service import ImuBridge
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.output.serial_output import ExpanderConfig
+from pointit.services.led_driver.output.expander import ExpanderConfig
 from pointit.services.led_driver.service import LedDriver
 from pointit.services.localizer.config import LocalizerConfig
 from pointit.services.localizer.service import Localizer

@@ -1,16 +1,17 @@
 """Adalight: the bytes, and what its wire carries."""
 
 import re
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pointit.runtime.service.plugin_guard import NullHealth
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output import adalight
-from pointit.services.led_driver.output.adalight import AdalightConfig, AdalightFrame, AdalightOutput
+from pointit.services.led_driver.output.adalight import AdalightConfig, AdalightOutput
 from tests.support.running_source import Health
 
 
@@ -31,7 +32,9 @@ def test_count_and_check_byte_are_those_of_the_pixels(pixels: int) -> None:
 
 def warning(pixels: int, **fields: object) -> str:
     told = Health()
-    output = AdalightOutput(AdalightConfig.model_validate({"port": "x", **fields}), told)
+    output = AdalightOutput(
+        AdalightConfig.model_validate({"port": "x", **fields}), replace(Surroundings.detached(), health=told)
+    )
     strips = [
         Strip(id=f"{first}", line_m=((0, 0, 0), (1, 0, 0)), pixels=min(4096, pixels - first))
         for first in range(0, pixels, 4096)
@@ -66,16 +69,16 @@ def test_more_pixels_than_the_protocol_counts_in_two_bytes_are_refused() -> None
     assert "more than Adalight has" not in warning(2**16)
 
 
-def test_frame_without_pixels_is_not_sent() -> None:
-    output = AdalightOutput(AdalightConfig(port="x"), NullHealth())
+async def test_frame_without_pixels_is_not_sent() -> None:
+    output = AdalightOutput(AdalightConfig(port="x"), Surroundings.detached())
     output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3"),)))
     assert output._newest is None
 
 
 async def test_pixels_that_a_new_map_lacks_become_dark() -> None:
-    output = AdalightOutput(AdalightConfig(port="x", gamma=1.0), NullHealth())
+    output = AdalightOutput(AdalightConfig(port="x", gamma=1.0), Surroundings.detached())
     for pixels in (2, 1):
         output.set_strips([Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels)])
         output.show(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3" * pixels),)))
-    assert isinstance(output._newest, AdalightFrame)
-    assert output._newest.pixels == b"\1\2\3\0\0\0"
+    assert output._newest is not None
+    assert output._newest.data[adalight.HEADER_BYTES :] == b"\1\2\3\0\0\0"

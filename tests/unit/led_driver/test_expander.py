@@ -6,6 +6,7 @@ import functools
 import os
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -17,12 +18,13 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.serial_port import PortSettings
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.runtime.service.service import Context
 from pointit.schemas import Environment, Strip
 from pointit.schemas.topics import CURSOR, HEALTH, MAP
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.output.expander import ExpanderFrame, ExpanderOutput
-from pointit.services.led_driver.output.serial_output import KEEP_ALIVE_S, ExpanderConfig, wire_time_s
+from pointit.services.led_driver.output.expander import ExpanderConfig, ExpanderOutput, draw_time_s
+from pointit.services.led_driver.output.serial_output import KEEP_ALIVE_S, SerialFrame, wire_time_s
 from pointit.services.led_driver.outputs import FRAME_RATE
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
@@ -172,16 +174,19 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
     clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now_s)
     monkeypatch.setattr("pointit.services.led_driver.output.serial_output.time", clock)
     health = Health()
-    output = ExpanderOutput(ExpanderConfig(port="leds", baud=baud), health)
+    output = ExpanderOutput(
+        ExpanderConfig(port="leds", baud=baud), replace(Surroundings.detached(), health=health)
+    )
 
     def post(call: Callable[..., None], *arguments: object) -> None:
         call(*arguments)
 
     monkeypatch.setattr(output._thread, "post", post)
-    picture = ExpanderFrame(((0, "GRB", bytes(3 * 81)),))
-    frame_s = max(wire_time_s(len(picture.data()), baud), picture.draw_time_s())
+    data = bytes(267)  # a channel of 81 pixels
+    picture = SerialFrame(data=data, dark=data, draw_s=draw_time_s(81))
+    frame_s = max(wire_time_s(len(data), baud), picture.draw_s)
     for _ in range(4):
-        output._send(cast("Any", SentAtOnce()), picture)
+        output._transmit(cast("Any", SentAtOnce()), picture)
         sleep(pause_s)
     assert health.metrics == {f"{FRAME_RATE} leds": pytest.approx(1.0 / frame_s)}
     assert not health.warnings

@@ -6,14 +6,15 @@ import socket
 import threading
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
-from pointit.services.led_driver.output import network_output
-from pointit.services.led_driver.output.network_output import Datagram, Destination, NetworkOutput, Wire
-from pointit.services.led_driver.output.pixel_map import PixelMap
-from pointit.services.led_driver.outputs import OutputConfig
+from pointit.services.led_driver.output import udp_output
+from pointit.services.led_driver.output.udp_output import Datagram, UdpOutput, UdpOutputConfig
 from pointit.testing import UdpDevice
 from tests.support.bench import until
 from tests.support.running_source import Health
@@ -22,8 +23,14 @@ pytestmark = pytest.mark.wall_time
 STRIP = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=2)
 
 
-def plain(pixels: bytes, _map: PixelMap, number: int) -> list[Datagram]:
-    return [Datagram(bytes((number % 256,)) + pixels)]
+class PlainOutput(UdpOutput):
+    def encode(self, pixels: bytes, number: int) -> list[Datagram]:
+        return [Datagram(bytes((number % 256,)) + pixels)]
+
+
+def plain_output(told: Health, port: int, **parameters: Any) -> PlainOutput:
+    config = UdpOutputConfig.model_validate({"gamma": 1.0, "port": port, **parameters})
+    return PlainOutput(config, replace(Surroundings.detached(), health=told))
 
 
 def frame(value: int) -> StripsFrame:
@@ -33,14 +40,8 @@ def frame(value: int) -> StripsFrame:
 @asynccontextmanager
 async def running(
     port: int, told: Health, host: str = "127.0.0.1", rate_hz: float = 1000.0
-) -> AsyncGenerator[NetworkOutput]:
-    output = NetworkOutput(
-        OutputConfig(gamma=1.0),
-        Destination(host=host, port=port),
-        Wire(encode=plain, max_rate_hz=rate_hz),
-        told,
-        host,
-    )
+) -> AsyncGenerator[UdpOutput]:
+    output = plain_output(told, port, host=host, max_rate_hz=rate_hz)
     output.set_strips([STRIP])
     work = asyncio.create_task(output.run())
     yield output
@@ -58,15 +59,15 @@ async def receiver() -> AsyncGenerator[UdpDevice]:
 
 
 async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(network_output, "KEEP_ALIVE_S", 0.01)
+    monkeypatch.setattr(udp_output, "KEEP_ALIVE_S", 0.01)
     told = Health()
     async with receiver() as device:
         async with running(device.port, told) as output:
             output.show(frame(7), 0.01)
             await until(lambda: [each[1:] for each in device.datagrams[-3:]] == [bytes([7] * 6)] * 3)
             assert output.light_s > 0.0
-            assert told.metrics["frame rate 127.0.0.1"] == pytest.approx(1000.0, rel=0.5)
-            assert (told.metrics["network rate 127.0.0.1"] or 0.0) > 0.0
+            assert told.metrics[f"frame rate 127.0.0.1:{device.port}"] == pytest.approx(1000.0, rel=0.5)
+            assert (told.metrics[f"network rate 127.0.0.1:{device.port}"] or 0.0) > 0.0
         await until(lambda: device.datagrams[-1][1:] == bytes(6))
         counts = [each[0] for each in device.datagrams]
         assert counts == [(counts[0] + k) % 256 for k in range(len(counts))]
@@ -74,8 +75,8 @@ async def test_frame_arrives_is_resent_and_ends_dark(monkeypatch: pytest.MonkeyP
 
 
 async def test_changed_frame_is_resent_soon_since_datagrams_get_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(network_output, "REPEAT_S", 0.01)
-    monkeypatch.setattr(network_output, "KEEP_ALIVE_S", 1000.0)
+    monkeypatch.setattr(udp_output, "REPEAT_S", 0.01)
+    monkeypatch.setattr(udp_output, "KEEP_ALIVE_S", 1000.0)
     async with receiver() as device, running(device.port, Health()) as output:
         for value in (7, 8):
             output.show(frame(value))
@@ -100,7 +101,7 @@ async def test_refused_frames_are_named_and_arrive_when_the_light_is_back() -> N
     async with running(device.port, told) as output:
         device.close()  # nobody listens
         output.show(frame(1))
-        await until(lambda: "does not listen" in told.warnings.get("network 127.0.0.1", ""))
+        await until(lambda: "does not listen" in told.warnings.get(f"network 127.0.0.1:{device.port}", ""))
         await device.plug()
         output.show(frame(2))
         await until(lambda: any(each[1:] == bytes([2] * 6) for each in device.datagrams))
@@ -120,7 +121,7 @@ async def test_pixels_that_a_new_map_lacks_become_dark() -> None:
 
 
 async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(network_output, "KEEP_ALIVE_S", 0.01)
+    monkeypatch.setattr(udp_output, "KEEP_ALIVE_S", 0.01)
     async with receiver() as device, running(device.port, Health()) as output:
         output.show(frame(7))
         await until(lambda: last_is(device, 7))
@@ -131,13 +132,13 @@ async def test_same_map_again_does_not_blink(monkeypatch: pytest.MonkeyPatch) ->
 
 
 async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(network_output, "RETRY_S", 1000.0)
+    monkeypatch.setattr(udp_output, "RETRY_S", 1000.0)
     told, device = Health(), UdpDevice()
     async with running(device.port, told) as output:
         output.show(frame(1))
         device.close()  # nobody listens
         output.show(frame(2))
-        await until(lambda: "does not listen" in told.warnings.get("network 127.0.0.1", ""))
+        await until(lambda: "does not listen" in told.warnings.get(f"network 127.0.0.1:{device.port}", ""))
         await device.plug()
     await until(lambda: [each[1:] for each in device.datagrams] == [bytes(6)])
     await device.unplug()
@@ -146,11 +147,11 @@ async def test_light_that_is_back_while_a_retry_waits_ends_dark(monkeypatch: pyt
 async def test_refusal_of_an_earlier_frame_does_not_keep_the_light_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(network_output, "REPEAT_S", 1000.0)
+    monkeypatch.setattr(udp_output, "REPEAT_S", 1000.0)
     told, device = Health(), UdpDevice()
     device.close()  # nobody listens
     async with running(device.port, told):
-        await until(lambda: "network rate 127.0.0.1" in told.metrics)
+        await until(lambda: f"network rate 127.0.0.1:{device.port}" in told.metrics)
         await device.plug()
     await until(lambda: [each[1:] for each in device.datagrams] == [bytes(6)])
     await device.unplug()
@@ -187,16 +188,15 @@ async def test_light_that_cannot_be_found_delays_no_other(monkeypatch: pytest.Mo
             other.show(frame(value))
             await until(functools.partial(last_is, device, value))
         answer.set()
-        await until(lambda: "name is not known" in told.warnings.get("network kitchen.local", ""))
+        await until(lambda: "name is not known" in told.warnings.get("network kitchen.local:4048", ""))
 
 
 async def test_segments_that_do_not_fit_the_map_are_named() -> None:
     told = Health()
-    config = OutputConfig.model_validate({"segments": [{"strip": "b"}]})
-    output = NetworkOutput(
-        config, Destination(host="127.0.0.1", port=1), Wire(encode=plain, max_rate_hz=1.0), told, "127.0.0.1"
-    )
+    output = plain_output(told, 1, host="127.0.0.1", segments=[{"strip": "b"}])
     output.set_strips([STRIP])
-    assert told.warnings == {"segments 127.0.0.1": "127.0.0.1: the map has no strip b: correct `segments`"}
+    assert told.warnings == {
+        "segments 127.0.0.1:1": "127.0.0.1:1: the map has no strip b: correct `segments`"
+    }
     output.set_strips([STRIP.model_copy(update={"id": "b"})])
     assert not told.warnings

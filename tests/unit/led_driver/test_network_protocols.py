@@ -11,13 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output import artnet, e131
-from pointit.services.led_driver.output.artnet import ArtnetStream, broadcast_addresses, merge_reply
+from pointit.services.led_driver.output.artnet import (
+    ArtnetConfig,
+    ArtnetStream,
+    broadcast_addresses,
+    make_artnet,
+    merge_reply,
+)
 from pointit.services.led_driver.output.ddp import described, encode_frame
 from pointit.services.led_driver.output.e131 import E131Config, E131Stream
-from pointit.services.led_driver.output.network_output import Datagram, Destination, pixels_wire
-from pointit.services.led_driver.output.pixel_map import map_pixels
+from pointit.services.led_driver.output.udp_output import Datagram, Destination
 from pointit.services.led_driver.outputs import Segment
 from tests.support.sacn_packets import read_packet
 
@@ -150,16 +156,13 @@ def test_pixels_fill_universes_without_being_split(pixels: int, order: str, firs
     strip = Strip(id="a", line_m=((0, 0, 0), (1, 0, 0)), pixels=pixels)
     rgb = bytes(1 + k % 250 for k in range(3 * pixels))
     most = 170 if order == "RGB" else 128
-    wire = pixels_wire(ArtnetStream("x", 1, sync=False), first, 40.0)
-    pixel_map, problems = map_pixels(
-        [Segment(strip="a", order=order)],
-        [strip],
-        block_pixels=(wire.block_bytes or 0) // len(order),
-        first_block=first,
-    )
+    segment = Segment(strip="a", order=order)
+    config = ArtnetConfig(host="x", universe=first, sync=False, segments=(segment,))
+    output = make_artnet(config, Surroundings.detached())
+    output.pixel_map, problems = output.map_strips([strip])
     assert not problems
-    frame = pixel_map.output_bytes(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=rgb),)))
-    packets = [each.data for each in wire.encode(frame, pixel_map, 1)]
+    frame = output.pixel_map.output_bytes(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=rgb),)))
+    packets = [each.data for each in output.encode(frame, 1)]
     universes = [int.from_bytes(packet[14:16], "little") for packet in packets]
     assert universes[0] == first
     assert all(after == before + 1 for before, after in pairwise(universes))

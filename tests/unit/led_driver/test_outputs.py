@@ -16,7 +16,7 @@ from pointit.schemas.base import Rgb
 from pointit.schemas.topics import CURSOR, MAP, PROFILE, SET_LAMP
 from pointit.services.led_driver import outputs
 from pointit.services.led_driver.config import LedDriverConfig
-from pointit.services.led_driver.output.serial_output import ExpanderConfig
+from pointit.services.led_driver.output.expander import ExpanderConfig
 from pointit.services.led_driver.outputs import GuardedOutput, LedOutput, OutputConfig, make_outputs
 from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until

@@ -10,10 +10,17 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.maps.file import load_map_and_clouds
+from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output import expander
-from pointit.services.led_driver.output.expander import ExpanderFrame, frame_bytes, map_channels, too_slow
-from pointit.services.led_driver.output.serial_output import ChannelConfig, ExpanderConfig
+from pointit.services.led_driver.output.expander import (
+    ChannelConfig,
+    ExpanderConfig,
+    ExpanderOutput,
+    frame_bytes,
+    map_channels,
+    too_slow,
+)
 
 
 def strips(counts: Sequence[int]) -> tuple[Strip, ...]:
@@ -31,9 +38,8 @@ def shown(counts: Sequence[int], **fields: object) -> str:
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=6), st.sampled_from(["GRB", "RGBW"]))
 def test_frame_size_is_that_of_the_bytes_that_are_sent(counts: list[int], order: str) -> None:
     channels = {str(k): ChannelConfig(channel=k, order=order) for k in range(len(counts))}
-    sent = map_channels(ExpanderConfig(channels=channels), strips(counts))[0].channels
-    picture = ExpanderFrame(tuple((each.number, each.order, bytes(3 * each.pixels)) for each in sent))
-    assert frame_bytes(sent) == len(picture.data())
+    wiring, _ = map_channels(ExpanderConfig(channels=channels), strips(counts))
+    assert frame_bytes(wiring.channels) == len(wiring.encode(bytes(wiring.pixel_map.size)))
 
 
 @pytest.mark.parametrize(
@@ -117,10 +123,13 @@ def test_segments_put_parts_of_strips_on_channels() -> None:
         stamp_ns=1,
         strips=(StripFrame(id="0", rgb=bytes(range(12))), StripFrame(id="1", rgb=bytes(range(20, 26)))),
     )
-    assert wiring.split(wiring.pixel_map.output_bytes(frame)) == [
-        bytes((23, 24, 25)),
-        bytes((9, 10, 11, 6, 7, 8, 0, 0, 0, 20, 21, 22)),
-    ]
+    first, second = wiring.channels
+    parts = bytes((23, 24, 25)), bytes((9, 10, 11, 6, 7, 8, 0, 0, 0, 20, 21, 22))
+    assert wiring.encode(wiring.pixel_map.output_bytes(frame)) == (
+        expander.set_channel(first.number, first.order, parts[0])
+        + expander.set_channel(second.number, second.order, parts[1])
+        + expander.draw_all()
+    )
 
 
 def test_segments_of_a_channel_with_several_orders_are_told() -> None:
@@ -174,8 +183,9 @@ def test_every_frame_says_its_size_and_ends_with_its_crc(channel: int, rgb: byte
 
 
 def test_drawing_takes_as_long_as_the_longest_channel() -> None:
-    picture = ExpanderFrame(((0, "GRB", bytes(3 * 240)), (1, "GRB", bytes(3 * 10))))
-    assert 1 / picture.draw_time_s() == pytest.approx(133, abs=1)
+    output = ExpanderOutput(ExpanderConfig(), Surroundings.detached())
+    output.set_strips([strip("a", 240), strip("b", 10)])
+    assert 1 / output.draw_time_s() == pytest.approx(133, abs=1)
 
 
 def test_without_channels_strips_go_in_the_maps_order() -> None:

@@ -1,67 +1,27 @@
-"""Strips on a controller in the network: the newest frame by UDP, resent, ended dark."""
+"""Outputs in the network by UDP: the newest frame, resent, ended dark; pixels alone or in DMX universes."""
 
 import asyncio
 import contextlib
 import errno
 import socket
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from pydantic import Field
+
+from pointit.runtime.address_config import AddressConfig, format_address
+from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.name_lookup import Resolved, look_up
-from pointit.runtime.service.plugin_guard import HealthSink
-from pointit.schemas import Strip, StripsFrame
-from pointit.schemas.text import round_beyond
-from pointit.services.led_driver.output.pixel_map import WHOLE, PixelMap, Power, PowerLoad, map_pixels
+from pointit.runtime.service.plugin_guard import Surroundings
+from pointit.schemas import Strip
+from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
+from pointit.services.led_driver.output.pixel_output import OutputHealth, PixelOutput
 from pointit.services.led_driver.outputs import FRAME_RATE, OutputConfig
 
-LIMIT_SHOWN_S = 2.0
-"""Time for which dimming is reported, s. Health is read once a second."""
-FIGURE_NAME = 50
-"""Maximum number of characters of the address in the name of a metric."""
-
-
-class OutputHealth:
-    """Health of the output at an address."""
-
-    def __init__(self, health: HealthSink, address: str) -> None:
-        self._health = health
-        self._address = address
-        self._limited_s = -LIMIT_SHOWN_S
-
-    def warn(self, code: str, sentence: str, subject: str = "") -> None:
-        """Show a warning, which begins with the address, until it is cleared, by `clear` or `""`."""
-        self._health.warn(code, f"{self._address}: {sentence}" if sentence else "", subject or self._address)
-
-    def clear(self, code: str, subject: str = "") -> None:
-        """Clear a warning."""
-        self._health.clear(code, subject or self._address)
-
-    def set_metric(self, name: str, value: float | None, unit: str = "") -> None:
-        """Show a metric. None removes it."""
-        # a metric's name is short, an address may not be; its end distinguishes ports
-        self._health.set_metric(f"{name} {self._address[-FIGURE_NAME:]}", value, unit)
-
-    def reached(self, latency_s: float) -> None:
-        """Record the age of captured data at the moment at which it becomes visible."""
-        self._health.reached(latency_s)
-
-    def show_load(self, load: PowerLoad, limit_a: float | None) -> None:
-        """Show the current of a frame, and warn while frames are dimmed to `limit_a`."""
-        self.set_metric("current", load.drawn_a, "A")
-        now_s = asyncio.get_running_loop().time()
-        if load.limited:
-            self._limited_s = now_s
-            self.warn(
-                "current",
-                f"frames need up to {round_beyond(load.wanted_a, limit_a or 0.0)} A and are dimmed to "
-                f"{limit_a} A; lower the "
-                "brightness, or give more power and raise `max_current_a`",
-            )
-        elif now_s - self._limited_s >= LIMIT_SHOWN_S:
-            self.clear("current")
-
-
+RATE_HZ = 40.0
+"""Number of frames per second; DMX itself carries 44."""
 KEEP_ALIVE_S = 1.0
 """Period at which an unchanged payload is resent, s. Receivers forget one after 2.5 s (WLED, E1.31)."""
 REPEATS = 2
@@ -135,8 +95,6 @@ class DatagramSender:
         self._changed = asyncio.Event()
         self._number = 0
         self._addresses: Sequence[Resolved] = ()
-        self.light_s = 0.0
-        """Time from `send` to the last datagram of the last new payload, s; 0.0 before the first."""
 
     def send(self, payload: bytes, age_s: float | None = None) -> None:
         """Send `payload`.
@@ -232,8 +190,7 @@ class DatagramSender:
             await self._send_datagram(sock, datagram)
         now_s = loop.time()
         if is_new and age_s is not None:
-            self.light_s = now_s - shown_s
-            self._health.reached(age_s + self.light_s)
+            self._health.reached(age_s, now_s - shown_s)
         rate_hz = 1.0 / max(now_s - began_s, self._period_s)
         self._health.set_metric(FRAME_RATE, rate_hz, "Hz")
         size = sum(len(datagram.data) for datagram in datagrams)
@@ -264,85 +221,68 @@ def describe_network_error(error: OSError) -> str:
     return f"sending failed ({error}): correct the address or this machine's network"
 
 
-EncodePixels = Callable[[bytes, PixelMap, int], Sequence[Datagram]]
-"""Returns the datagrams that show pixels, given the output's map and the number of the frame, from 1."""
+class UdpOutputConfig(AddressConfig, OutputConfig):
+    """A controller in the network."""
+
+    host: str = Field(default="", description="name or address of the controller, or HOST:PORT")
+    port: int = Field(gt=0, le=65535, description="UDP port of the controller")
+    max_rate_hz: float = Field(
+        default=RATE_HZ, gt=0, le=1000, description="maximum number of frames per second"
+    )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Wire:
-    """Protocol of a controller. Pure."""
-
-    encode: EncodePixels
-    encode_end: EncodePixels | None = None
-    """Datagrams at the end, given dark pixels. If None, those of a dark frame."""
-    block_bytes: int | None = None
-    """Number of bytes of a universe. Its pixels are whole."""
-    first_block: int = 0
-    """Number of the first universe."""
-    max_rate_hz: float
-    """Number of frames per second that the controller takes."""
-
-
-class NetworkOutput:
-    """Sends frames to one controller in the network. Newer frames replace unsent ones."""
+class UdpOutput(PixelOutput):
+    """Sends frames to one controller by UDP. A subclass says which datagrams show pixels."""
 
     def __init__(
-        self, config: OutputConfig, destination: Destination, wire: Wire, health: HealthSink, address: str
+        self, config: UdpOutputConfig, surroundings: Surroundings, destination: Destination | None = None
     ) -> None:
-        """Prepare; nothing is opened yet. `address` names the output in health."""
-        self._config = config
-        self._wire = wire
-        self._health = OutputHealth(health, address)
-        self._power = Power(config)
-        self._map, _ = map_pixels((), ())
-        self._strips: tuple[Strip, ...] | None = None
+        """Prepare; nothing is opened yet.
+
+        Args:
+            config: parameters.
+            surroundings: what the plug-in may use.
+            destination: receiver, if not host and port of `config`.
+
+        Raises:
+            ConfigError: If the host is missing.
+        """
+        if not config.host:
+            raise ConfigError("host: is missing; give the controller's name or address")
+        usual_port = type(config).model_fields["port"].default
+        address = config.host if config.port == usual_port else format_address(config.host, config.port)
+        super().__init__(config, surroundings, address)
         self._sender = DatagramSender(
-            destination,
-            lambda pixels, number: self._wire.encode(pixels, self._map, number),
-            self._health,
-            max_rate_hz=wire.max_rate_hz,
-            encode_end=self._encode_end,
+            destination or Destination(host=config.host, port=config.port),
+            self.encode,
+            self.health,
+            max_rate_hz=config.max_rate_hz,
+            encode_end=lambda pixels, number: self.encode_end(bytes(len(pixels)), number),
         )
 
-    def _encode_end(self, pixels: bytes, number: int) -> Sequence[Datagram]:
-        return (self._wire.encode_end or self._wire.encode)(bytes(len(pixels)), self._map, number)
+    @abstractmethod
+    def encode(self, pixels: bytes, number: int) -> Sequence[Datagram]:
+        """Return the datagrams that show `pixels` of the present map. `number` counts frames, from 1."""
 
-    @property
-    def light_s(self) -> float:
-        """Return the time from `show` to the last datagram of the last new frame, s; 0.0 before the first."""
-        return self._sender.light_s
+    def encode_end(self, pixels: bytes, number: int) -> Sequence[Datagram]:
+        """Return the last datagrams. `pixels` are dark."""
+        return self.encode(pixels, number)
 
-    def set_strips(self, strips: Sequence[Strip]) -> None:
-        """Set the map's strips. Reports in health what the output cannot show."""
-        if tuple(strips) == self._strips:  # no blink
-            return
-        self._strips = tuple(strips)
-        block_pixels = WHOLE
-        if self._wire.block_bytes is not None:
-            orders = [segment.order for segment in self._config.segments] or ["RGB"]
-            block_pixels = self._wire.block_bytes // len(orders[0])
-        new_map, problems = map_pixels(
-            self._config.segments, strips, block_pixels=block_pixels, first_block=self._wire.first_block
-        )
-        self._map = new_map.covering(self._map)
-        self._sender.send(bytes(self._map.size))
-        self._health.warn("segments", "; ".join(problems))
-
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        """Send `frame`, which shows what was captured `age_s` ago. Returns at once."""
-        pixels, load = self._power.send(self._map.output_bytes(frame))
-        self._health.show_load(load, self._config.max_current_a)
+    def send_pixels(self, pixels: bytes, age_s: float | None) -> None:
+        """Send `pixels` of the present map, captured `age_s` ago, instead of unsent ones. Returns at once."""
         self._sender.send(pixels, age_s)
 
     async def run(self) -> None:
         """Send until cancelled, then switch the strips off."""
         await self._sender.run()
 
+    def _on_map(self, problems: list[str]) -> None:
+        self._sender.send(bytes(self.pixel_map.size))
+        super()._on_map(problems)
+
 
 UNIVERSE_SLOTS = 512
 """Number of values of a universe, a byte each."""
-RATE_HZ = 40.0
-"""Number of frames per second; DMX itself carries 44."""
 Universe = tuple[int, bytes]
 """Number of a universe, and its values from the first slot on."""
 
@@ -364,16 +304,33 @@ class DmxStream(Protocol):
         ...
 
 
-def pixels_wire(stream: DmxStream, first_universe: int, rate_hz: float) -> Wire:
-    """Return the protocol of an output whose pixels fill universes from `first_universe` on."""
+class DmxOutput(UdpOutput):
+    """Sends pixels that fill universes."""
 
-    def universes(pixels: bytes, pixel_map: PixelMap) -> list[Universe]:
-        return [(block.number, pixels[block.start : block.start + block.size]) for block in pixel_map.blocks]
+    def __init__(
+        self, config: UdpOutputConfig, surroundings: Surroundings, stream: DmxStream, first_universe: int
+    ) -> None:
+        super().__init__(config, surroundings, stream.destination)
+        self._stream = stream
+        self._first_universe = first_universe
 
-    return Wire(
-        encode=lambda pixels, pixel_map, number: stream.frame(universes(pixels, pixel_map), number),
-        encode_end=lambda pixels, pixel_map, number: stream.end(universes(pixels, pixel_map), number),
-        block_bytes=UNIVERSE_SLOTS,
-        first_block=first_universe,
-        max_rate_hz=rate_hz,
-    )
+    def map_strips(self, strips: Sequence[Strip]) -> tuple[PixelMap, list[str]]:
+        """Return the pixels of `strips`, whole in each universe, and sentences about what cannot be shown."""
+        segments = self._config.segments
+        block_pixels = UNIVERSE_SLOTS // (len(segments[0].order) if segments else 3)
+        pixel_map, problems = map_pixels(
+            segments, strips, block_pixels=block_pixels, first_block=self._first_universe
+        )
+        return pixel_map.covering(self.pixel_map), problems
+
+    def encode(self, pixels: bytes, number: int) -> Sequence[Datagram]:
+        """Return the packets that show `pixels`."""
+        return self._stream.frame(self._universes(pixels), number)
+
+    def encode_end(self, pixels: bytes, number: int) -> Sequence[Datagram]:
+        """Return the last packets, of dark `pixels`."""
+        return self._stream.end(self._universes(pixels), number)
+
+    def _universes(self, pixels: bytes) -> list[Universe]:
+        blocks = self.pixel_map.blocks
+        return [(block.number, pixels[block.start : block.start + block.size]) for block in blocks]

@@ -1,4 +1,4 @@
-"""LED outputs with one fault each, made from the template, and the check that must catch it."""
+"""LED outputs with one fault each, and the check that must catch it."""
 
 import asyncio
 import socket
@@ -8,10 +8,12 @@ from dataclasses import replace
 
 from pointit.plugins import Config, StripsFrame, Surroundings
 from pointit.runtime.service.plugin_guard import NullHealth
-from pointit.testing.templates.led_output import Output, OutputParameters
-from pointit.testing.templates.led_output.fake import DEVICE
+from pointit.testing import TcpDevice
+from pointit.testing.templates.led_output import fake
 from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
+from tests.unit.testing_kit.line_output import OUTPUT, Output, OutputParameters
 
+DEVICE = replace(fake.DEVICE, plugin=OUTPUT, device=TcpDevice)
 caught_by = CaughtBy(DEVICE)
 
 

@@ -1,6 +1,6 @@
 """The controller in software, for tests and `pointit plugin check`."""
 
-from pointit.testing import LedHarness, TcpDevice
+from pointit.testing import LedHarness, UdpDevice
 from pointit.testing.templates.led_output import OUTPUT
 
 
@@ -12,7 +12,7 @@ def decode(received: bytes) -> list[bytes]:
 
 DEVICE = LedHarness(
     plugin=OUTPUT,
-    device=TcpDevice,
+    device=UdpDevice,
     parameters=lambda device: {"host": device.host, "port": device.port},
     decode=decode,
     wrong_parameters=({"host": ""}, {"host": "leds.local", "port": 0}),

@@ -61,8 +61,8 @@ class AdalightOutput(SerialOutput):
         return pixel_map.covering(self.pixel_map), problems
 
     def encode(self, pixels: bytes) -> bytes:
-        """Return the frame that shows `pixels`."""
-        return encode_frame(pixels)
+        """Return the frame that shows `pixels`, `b""` without pixels."""
+        return encode_frame(pixels) if pixels else b""
 
     def draw_time_s(self) -> float:
         """Return the time in which the board draws a frame, s."""

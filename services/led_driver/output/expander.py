@@ -270,9 +270,13 @@ class ExpanderOutput(SerialOutput):
         """Return the frames that show `pixels` on all channels."""
         return self._wiring.encode(pixels)
 
+    def encode_opening(self, pixels: bytes) -> bytes:
+        """Return the frames that show `pixels`: a board that is plugged in again does not blink."""
+        return self.encode(pixels)
+
     def draw_time_s(self) -> float:
         """Return the time in which the board draws its longest channel, s."""
-        return draw_time_s(max(each.pixels for each in self._wiring.channels))
+        return draw_time_s(max((each.pixels for each in self._wiring.channels), default=0))
 
 
 EXPANDER = LedOutput(

@@ -54,6 +54,8 @@ class SerialFrame:
     """Bytes that show pixels on a controller."""
 
     data: bytes
+    opening: bytes
+    """Bytes to send first to a port that was opened."""
     dark: bytes
     """Bytes that show the same pixels, all black."""
     draw_s: float
@@ -87,7 +89,15 @@ class SerialOutput(PixelOutput):
 
     @abstractmethod
     def encode(self, pixels: bytes) -> bytes:
-        """Return the bytes that show `pixels` of the present map, at least one."""
+        """Return the bytes that show `pixels` of the present map, `b""` to send none."""
+
+    def encode_opening(self, pixels: bytes) -> bytes:
+        """Return the bytes to send before those of `pixels` to a port that was opened: a dark frame.
+
+        The controller may be in the middle of an aborted frame, so that it discards this one; the rest of a
+        dark one is no command of WLED, such as another rate.
+        """
+        return self.encode(bytes(len(pixels)))
 
     def draw_time_s(self) -> float:
         """Return the time that the controller takes to draw a frame of the present map, s."""
@@ -95,10 +105,12 @@ class SerialOutput(PixelOutput):
 
     def send_pixels(self, pixels: bytes, age_s: float) -> None:
         """Send `pixels` of the present map, captured `age_s` ago, instead of unsent ones. Returns at once."""
-        if not pixels:
+        data = self.encode(pixels)
+        if not data:
             return
         frame = SerialFrame(
-            data=self.encode(pixels),
+            data=data,
+            opening=self.encode_opening(pixels),
             dark=self.encode(bytes(len(pixels))),
             draw_s=self.draw_time_s(),
             shown_s=time.monotonic(),
@@ -130,7 +142,7 @@ class SerialOutput(PixelOutput):
             self.health.set_metric(FRAME_RATE, None)
             self.health.clear("link")
         else:
-            self.health.clear("port")
+            self._port_health.clear("port")
 
     def _write(self, port: serial.Serial, stopping: threading.Event) -> None:
         frame: SerialFrame | None = None
@@ -142,9 +154,7 @@ class SerialOutput(PixelOutput):
             if picture is None:
                 continue
             if frame is None:
-                # The board may be in the middle of an aborted frame, so that it discards this one; the
-                # rest of a dark one is no command of WLED, such as another rate.
-                self._transmit(port, replace(picture, data=picture.dark))
+                self._transmit(port, replace(picture, data=picture.opening))
             is_new = picture != frame
             frame = picture
             sent_s = time.monotonic()

@@ -242,15 +242,16 @@ class UdpOutput(PixelOutput):
         Args:
             config: parameters.
             surroundings: what the plug-in may use.
-            destination: receiver, if not host and port of `config`.
+            destination: receiver, if not host and port of `config`. Health names it by the host alone.
 
         Raises:
             ConfigError: If the host is missing.
         """
         if not config.host:
-            raise ConfigError("host: is missing; give the controller's name or address")
-        usual_port = type(config).model_fields["port"].default
-        address = config.host if config.port == usual_port else format_address(config.host, config.port)
+            remedy = f"give the controller's name or address, as in --output {config.kind}:HOST"
+            raise ConfigError(f"host: is missing; {remedy}")
+        is_named_by_host = destination is not None or config.port == type(config).model_fields["port"].default
+        address = config.host if is_named_by_host else format_address(config.host, config.port)
         super().__init__(config, surroundings, address)
         self._sender = DatagramSender(
             destination or Destination(host=config.host, port=config.port),

@@ -183,7 +183,7 @@ def test_frame_rate_is_what_the_link_carries_however_seldom_the_picture_changes(
 
     monkeypatch.setattr(output._thread, "post", post)
     data = bytes(267)  # a channel of 81 pixels
-    picture = SerialFrame(data=data, dark=data, draw_s=draw_time_s(81))
+    picture = SerialFrame(data=data, opening=data, dark=data, draw_s=draw_time_s(81))
     frame_s = max(wire_time_s(len(data), baud), picture.draw_s)
     for _ in range(4):
         output._transmit(cast("Any", SentAtOnce()), picture)

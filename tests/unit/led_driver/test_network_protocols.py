@@ -4,6 +4,7 @@ import struct
 import sys
 import uuid
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -25,6 +26,7 @@ from pointit.services.led_driver.output.ddp import described, encode_frame
 from pointit.services.led_driver.output.e131 import E131Config, E131Stream
 from pointit.services.led_driver.output.udp_output import Datagram, Destination
 from pointit.services.led_driver.outputs import Segment
+from tests.support.running_source import Health
 from tests.support.sacn_packets import read_packet
 
 CID = uuid.UUID("00112233-4455-6677-8899-aabbccddeeff")
@@ -258,3 +260,10 @@ def test_controller_that_describes_itself_oddly_is_listed_all_the_same(info: obj
     assert described("10.0.0.9", "wled-1", {"leds": info}).label.startswith("wled-1")
     for count in (10**4000, -5, True):
         assert "pixels" not in described("10.0.0.9", "wled-1", {"leds": {"count": count}}).details
+
+
+def test_node_is_named_by_its_host_alone_whatever_its_port() -> None:
+    told = Health()
+    config = ArtnetConfig(host="node", port=7000, segments=(Segment(strip="b"),))
+    make_artnet(config, replace(Surroundings.detached(), health=told)).set_strips(())
+    assert told.warnings == {"segments node": "node: the map has no strip b: correct `segments`"}

@@ -219,3 +219,16 @@ def test_too_many_strips_are_said() -> None:
 def test_impossible_channels_are_refused(channels: dict[str, dict[str, object]]) -> None:
     with pytest.raises(ValidationError):
         ExpanderConfig.model_validate({"channels": channels})
+
+
+def test_board_that_is_plugged_in_shows_the_picture_from_its_first_frame_on() -> None:
+    output = ExpanderOutput(ExpanderConfig(), Surroundings.detached())
+    output.set_strips([strip("a", 2)])
+    assert output.encode_opening(b"\1\2\3\4\5\6") == output.encode(b"\1\2\3\4\5\6")
+
+
+def test_map_without_strips_draws_what_the_board_has() -> None:
+    output = ExpanderOutput(ExpanderConfig(), Surroundings.detached())
+    output.set_strips([])
+    assert output.encode(b"") == expander.draw_all()
+    assert output.draw_time_s() == pytest.approx(expander.LATCH_TIME_S)

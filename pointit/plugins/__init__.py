@@ -26,8 +26,7 @@ Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` s
 
 - `ImuSource` (`pointit.imu_sources`): a device that gives the orientation of a person's arm.
 - `LedOutput` (`pointit.led_outputs`): a controller of strips (`Output`), of single lamps (`LampOutput`), or
-  of a beam (`BeamOutput`). For strips by UDP or on a serial port, `UdpOutput` and `SerialOutput` do all but
-  the bytes of the protocol.
+  of a beam (`BeamOutput`). `UdpOutput` and `SerialOutput` do all of it but the bytes of the protocol.
 - `SelectionMethod` (`pointit.selection_methods`): decides when pointing at an object selects it.
 - `RobotPlugin` (`pointit.robots`): a connection to a robot that people steer (`RobotDriver`).
 - `ServicePlugin` (`pointit.services`): a process with a bus, and topics and requests of its own.

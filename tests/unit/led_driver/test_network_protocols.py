@@ -262,7 +262,7 @@ def test_controller_that_describes_itself_oddly_is_listed_all_the_same(info: obj
         assert "pixels" not in described("10.0.0.9", "wled-1", {"leds": {"count": count}}).details
 
 
-def test_node_is_named_by_its_host_alone_whatever_its_port() -> None:
+async def test_node_is_named_by_its_host_alone_whatever_its_port() -> None:
     told = Health()
     config = ArtnetConfig(host="node", port=7000, segments=(Segment(strip="b"),))
     make_artnet(config, replace(Surroundings.detached(), health=told)).set_strips(())

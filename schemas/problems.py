@@ -8,12 +8,12 @@ from pointit.schemas.base import SchemaModel
 from pointit.schemas.text import hide_secrets
 
 CLOCK, CLOCK_LIMIT, DENIED, INVALID, LATE = "clock", "clock-limit", "denied", "invalid", "late"
-NOBODY, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
+IDLE_ARM, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
 UNWRITABLE, EVENT_LOOP, OTHER = "unwritable", "event-loop", "other"
 CLOCK_CLAIM, EXCESS, STUCK = "clock-claim", "excess", "stuck"
 NO_DATA = ("link", "port", "silent", "sensor", "sensors", "number")
 """Codes of a source from which nothing comes."""
-SILENCING = (*NO_DATA, "connection", "silence", NOBODY)
+SILENCING = (*NO_DATA, "connection", "silence", IDLE_ARM)
 """Codes of a service that writes nothing because of its device."""
 CODES = {
     CLOCK: "the clock of machine `subject` is ahead or behind",
@@ -22,7 +22,7 @@ CODES = {
     DENIED: "identity `subject` lacks a right",
     INVALID: "messages on `topic`, the last of writer `subject`, could not be decoded",
     LATE: "messages on `topic` came late, or after newer ones",
-    NOBODY: "nobody moves the arm yet",
+    IDLE_ARM: "nobody moves the arm yet",
     ROUTER_LOST: "the router at `subject` does not answer",
     TWICE: "process `subject` has the same name",
     UNCERTAIN: "the pose of the person is uncertain",

@@ -322,7 +322,7 @@ def command(*, file: Path, port: int | None, no_browser: bool, output: Path | No
 
 async def _serve(recording: "Recording", title: str, page: Page, *, is_open: bool) -> int:
     from pointit.bridges.web.playback.file_past import FilePast  # noqa: PLC0415
-    from pointit.bridges.web.playback.server import RecordingServer  # noqa: PLC0415
+    from pointit.bridges.web.playback.past_page import RecordingServer  # noqa: PLC0415
 
     server = RecordingServer(FilePast(recording, title), page.config)
     await server.start()

@@ -103,9 +103,13 @@ def open_bag(path: Path) -> Generator[OpenBag]:
             for number, (key, digest) in enumerate(topics.items())
         }
 
-        def messages(wanted: Sequence[BagConnection]) -> Iterator[tuple[BagConnection, int, bytes]]:
+        def messages(connections_read: Sequence[BagConnection]) -> Iterator[tuple[BagConnection, int, bytes]]:
             for reader in readers:
-                own = [each for each in reader.connections if connections[each.topic, each.msgtype] in wanted]
+                own = [
+                    each
+                    for each in reader.connections
+                    if connections[each.topic, each.msgtype] in connections_read
+                ]
                 for each, time_ns, data in reader.messages(own) if own else ():  # none is all to rosbags
                     yield connections[each.topic, each.msgtype], time_ns, data
 

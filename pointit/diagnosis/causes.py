@@ -25,9 +25,9 @@ from pointit.schemas.problems import (
     CLOCK,
     CLOCK_LIMIT,
     DENIED,
+    IDLE_ARM,
     INVALID,
     LATE,
-    NOBODY,
     ROUTER_LOST,
     SILENCING,
     TWICE,
@@ -289,7 +289,7 @@ def _unwritten(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for each in symptoms:
         if each.problem in SILENCING and (stale := [of for of in symptoms if _waits_for(of, each.service)]):
             follow = find_consequences({each.service}, seen)
-            is_idle = each.problem == NOBODY
+            is_idle = each.problem == IDLE_ARM
             finding = replace(each, severity="note" if is_idle else "error")
             yield _also(Cause(finding, stale.__contains__, each), follow)
 

@@ -166,13 +166,13 @@ def find_clock_skew(seen: Observation) -> Iterator[Finding]:
                 stamps_ns = report.health.stamp_ns, report.arrived_ns
                 skew_monitor.on_report(host, *stamps_ns, report.received_s, person_of(instance))
     keeper = seen.newest("keeper")
-    stated = {
+    reported_hosts = {
         each.subject
         for each in (keeper.all_problems if keeper else ())
         if each.code in (CLOCK, CLOCK_CLAIM, CLOCK_LIMIT)
     }
     for skew in skew_monitor.skews(seen.now_s):
-        if skew.host not in stated:
+        if skew.host not in reported_hosts:
             severity: Severity = "error" if skew.exceeds_limit else "warning"
             problem = CLOCK_LIMIT if skew.exceeds_limit else CLOCK
             claimants = (each for each in sorted(seen.reports) if person_of(each) == skew.claimant)

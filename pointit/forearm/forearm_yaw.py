@@ -72,20 +72,22 @@ class YawStep(NamedTuple):
     """Variance of the yaw, rad²."""
 
 
-def solve_lasting(problem: Linearization) -> YawStep | None:
+def solve_lasting(linearization: Linearization) -> YawStep | None:
     """Return the correction of the estimate, or None if the turns are too few or only noise."""
-    starts = np.flatnonzero(np.diff(problem.stamps_ns // BLOCK_NS, prepend=-1))
+    starts = np.flatnonzero(np.diff(linearization.stamps_ns // BLOCK_NS, prepend=-1))
     if len(starts) < MIN_BLOCKS:
         return None
-    sizes = np.add.reduceat(problem.weights, starts)
-    ages_s = (problem.stamps_ns - problem.stamps_ns[-1]) / NS_PER_S
+    sizes = np.add.reduceat(linearization.weights, starts)
+    ages_s = (linearization.stamps_ns - linearization.stamps_ns[-1]) / NS_PER_S
     count = len(starts)
-    values = np.column_stack([problem.columns.reshape(len(ages_s), -1), problem.residuals, ages_s])
-    means = np.add.reduceat(values * problem.weights[:, None], starts) / sizes[:, None]
+    values = np.column_stack(
+        [linearization.columns.reshape(len(ages_s), -1), linearization.residuals, ages_s]
+    )
+    means = np.add.reduceat(values * linearization.weights[:, None], starts) / sizes[:, None]
     block_of = np.repeat(np.arange(count), np.diff(starts, append=len(ages_s)))
-    within = (problem.residuals - means[block_of, -4:-1]) ** 2
+    within = (linearization.residuals - means[block_of, -4:-1]) ** 2
     freedom = 3 * max(1, len(ages_s) - count)
-    white = max(MIN_WHITE_RAD**2, float((problem.weights[:, None] * within).sum()) / freedom)
+    white = max(MIN_WHITE_RAD**2, float((linearization.weights[:, None] * within).sum()) / freedom)
     apart_s = np.abs(means[:, -1, None] - means[None, :, -1])
     steps, variances, scores = list[Array](), list[float](), list[float]()
     for sigma_rad, time_s in LASTING_ERRORS:
@@ -93,14 +95,14 @@ def solve_lasting(problem: Linearization) -> YawStep | None:
         root = np.linalg.cholesky(covariance)
         whitened = solve_triangular(root, means[:, :-1], lower=True, check_finite=False)
         matrix, residuals = whitened[:, :-3].reshape(3 * count, -1), whitened[:, -3:].ravel()
-        information = matrix.T @ matrix + problem.precision
+        information = matrix.T @ matrix + linearization.precision
         try:
             inverse = np.linalg.inv(information)
         except np.linalg.LinAlgError:  # level turns without any noise, of simulations: the yaw does not show
             return None
-        step = inverse @ (matrix.T @ residuals - problem.precision @ problem.offset)
-        left, offset = residuals - matrix @ step, problem.offset + step
-        misfit = float(left @ left) + float(offset @ problem.precision @ offset)
+        step = inverse @ (matrix.T @ residuals - linearization.precision @ linearization.offset)
+        left, offset = residuals - matrix @ step, linearization.offset + step
+        misfit = float(left @ left) + float(offset @ linearization.precision @ offset)
         log_volume = 6.0 * float(np.log(np.diag(root)).sum()) + float(np.linalg.slogdet(information)[1])
         steps.append(step)
         scores.append(-0.5 * (misfit + log_volume))
@@ -304,15 +306,15 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
         offset = np.array((0.0, 0.0, 0.0, 0.0, *parameters[4:]))
         return Linearization(stamps_ns, weights, columns, residuals, PRECISION, offset)
 
-    problem = linearize()
+    linearization = linearize()
     for _ in range(ITERATIONS):
-        step = _white_step(problem)
+        step = _white_step(linearization)
         mount = Rotation.from_rotvec(step[1:4]) * mount
         parameters += step
-        problem = linearize()
-    if float((problem.residuals**2).mean()) > MAX_NOISE_RAD**2:
+        linearization = linearize()
+    if float((linearization.residuals**2).mean()) > MAX_NOISE_RAD**2:
         return None
-    result = solve_lasting(problem)
+    result = solve_lasting(linearization)
     if result is None:
         return None
     parameters += result.parameters
@@ -320,12 +322,12 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
     return ForearmYawEstimate(yaw_rad, math.sqrt(result.variance), pairs[-1].stamp_ns, float(parameters[4]))
 
 
-def _white_step(problem: Linearization) -> Array:
+def _white_step(linearization: Linearization) -> Array:
     """Return the correction of the parameters as if all errors were independent."""
-    matrix = problem.columns.reshape(-1, 6)
-    weighted = matrix * np.repeat(problem.weights, 3)[:, None]
+    matrix = linearization.columns.reshape(-1, 6)
+    weighted = matrix * np.repeat(linearization.weights, 3)[:, None]
     information = weighted.T @ matrix + NOISE_RAD**2 * PRECISION
-    gradient = weighted.T @ problem.residuals.ravel() - NOISE_RAD**2 * PRECISION @ problem.offset
+    gradient = weighted.T @ linearization.residuals.ravel() - NOISE_RAD**2 * PRECISION @ linearization.offset
     return np.linalg.lstsq(information, gradient, rcond=None)[0].astype(np.float64)
 
 

@@ -1,4 +1,4 @@
-"""Maps beside those of other LED programs: WLED's segments and ledmap, and pixels as CSV (x, y, z)."""
+"""Exchange of maps with other LED programs: WLED's segments and ledmap, and pixels as CSV (x, y, z)."""
 
 import csv
 import io
@@ -97,11 +97,11 @@ def from_csv(
         groups.setdefault(pixel.strip, []).append(pixel)
     if not groups:
         raise ConfigError("there are no pixels: write one a line, as x,y,z in metres")
-    least = min((pixel.number for pixel in pixels if pixel.number is not None), default=0)
-    if first is None and least == 1 and (not is_of_wire or "wire" in columns):
+    min_number = min((pixel.number for pixel in pixels if pixel.number is not None), default=0)
+    if first is None and min_number == 1 and (not is_of_wire or "wire" in columns):
         raise ConfigError("no pixel has the number 0; set first to 1 if they are numbered from 1, else to 0")
-    if first and pixels[0].number is not None and least < first:
-        raise ConfigError(f"a pixel has the number {least}; set first to 0")
+    if first and pixels[0].number is not None and min_number < first:
+        raise ConfigError(f"a pixel has the number {min_number}; set first to 0")
     if not (is_of_wire or "pixel" in columns):
         _check_numbers_of_strips(groups, first or 0)
     found: list[tuple[str, int, FittedStrip]] = []

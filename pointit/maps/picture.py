@@ -1,4 +1,4 @@
-"""Draws a map from above: to scale, on white, in colours distinguishable for colour-blind people."""
+"""Picture of a map from above: to scale, on white, in colours distinguishable for colour-blind people."""
 
 import contextlib
 import math

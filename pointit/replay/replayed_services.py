@@ -45,8 +45,8 @@ from pointit.schemas.topics import CONFIGURATION, INTERACTION, MAP, Delivery, To
 from pointit.services import registry
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.tracked_objects import TRACKER
+from pointit.services.selector.journal import Journal
 from pointit.services.selector.selection_publisher import Record
-from pointit.services.selector.store import Journal
 from pointit.services.supervisor.life_cycle import LAST_WORD_PURPOSE
 from pointit.services.supervisor.transitions import OFFSET_PURPOSE
 

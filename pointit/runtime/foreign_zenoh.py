@@ -43,10 +43,10 @@ def bytes_of(data: zenoh.ZBytes | None) -> bytes | None:
     return None if data is None else data.to_bytes()
 
 
-def is_oversized(payload: zenoh.ZBytes | None, attachment: zenoh.ZBytes | None, max_bytes: int) -> bool:
+def is_oversized(payload: zenoh.ZBytes | None, attached_bytes: zenoh.ZBytes | None, max_bytes: int) -> bool:
     """Return True if a message exceeds the size limit. Its bytes are not copied."""
     return (payload is not None and len(payload) > max_bytes) or (
-        attachment is not None and len(attachment) > MAX_ATTACHMENT_BYTES
+        attached_bytes is not None and len(attached_bytes) > MAX_ATTACHMENT_BYTES
     )
 
 
@@ -178,11 +178,11 @@ class RawQueryable(Declaration):
         if reason := self._objection(query):
             refuse(query, reason)
             return
-        ask = IncomingQuery(query, self._release)
+        incoming_query = IncomingQuery(query, self._release)
         try:
-            self._loop.call_soon_threadsafe(self._receive, ask)
+            self._loop.call_soon_threadsafe(self._receive, incoming_query)
         except RuntimeError:  # the loop is gone
-            ask.drop()
+            incoming_query.drop()
 
     def _objection(self, query: zenoh.Query) -> str:
         if is_oversized(query.payload, query.attachment, self._max_bytes):

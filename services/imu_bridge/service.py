@@ -26,7 +26,7 @@ from pointit.schemas import (
     WristSample,
     topics,
 )
-from pointit.schemas.problems import NO_DATA, NOBODY, UNWRITABLE
+from pointit.schemas.problems import IDLE_ARM, NO_DATA, UNWRITABLE
 from pointit.services.imu_bridge.arm_frame import ArmFrame, YawEpoch
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.device_wrist import DeviceWrist, SensorSample
@@ -176,7 +176,7 @@ class ImuBridge(Service[ImuBridgeConfig]):
             f"nobody moves the arm of {self.user} yet: take it in the page, by mouse or phone, or with a "
             "headset"
         )
-        self.bus.warn(NOBODY, sentence if is_idle else "", severity="note")
+        self.bus.warn(IDLE_ARM, sentence if is_idle else "", severity="note")
 
     @property
     def _has_page(self) -> bool:

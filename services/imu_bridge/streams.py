@@ -24,7 +24,7 @@ class SensorChoice:
         self._parameter = parameter
         self._wanted = wanted.strip().casefold()
         self._count = 0
-        self._heard: dict[str, tuple[int, int]] = {}
+        self._sensors: dict[str, tuple[int, int]] = {}
         """Names of sensors, `""` for one without; number of readings of each, and that of its last."""
         self.used: str | None = None
         """Name of the sensor in use."""
@@ -33,12 +33,14 @@ class SensorChoice:
         """Return True if a reading of the sensor with `names`, such as an address and a number, is used."""
         name = " ".join(filter(None, names))
         self._count += 1
-        readings = self._heard.pop(name, (0, 0))[0] + 1
-        self._heard = {each: at for each, at in self._heard.items() if self._count - at[1] < FORGET_AFTER}
-        if len(self._heard) >= MAX_SENSORS:
-            del self._heard[next(iter(self._heard))]
-        self._heard[name] = readings, self._count
-        is_used = self._is_wanted(name, *names) if self._wanted else [name] in (self.several, [*self._heard])
+        readings = self._sensors.pop(name, (0, 0))[0] + 1
+        self._sensors = {each: at for each, at in self._sensors.items() if self._count - at[1] < FORGET_AFTER}
+        if len(self._sensors) >= MAX_SENSORS:
+            del self._sensors[next(iter(self._sensors))]
+        self._sensors[name] = readings, self._count
+        is_used = (
+            self._is_wanted(name, *names) if self._wanted else [name] in (self.several, [*self._sensors])
+        )
         if is_used:
             self.used = name
         return is_used
@@ -53,21 +55,21 @@ class SensorChoice:
     @property
     def several(self) -> list[str]:
         """Return the names of the sensors that are proven."""
-        return [name for name, (readings, _) in self._heard.items() if readings >= MIN_READINGS]
+        return [name for name, (readings, _) in self._sensors.items() if readings >= MIN_READINGS]
 
     @property
     def others(self) -> tuple[str, ...]:
         """Return the names of other sensors than the one in use."""
-        return tuple(name for name in self._heard if name != self.used)
+        return tuple(name for name in self._sensors if name != self.used)
 
     @property
     def warning(self) -> str:
         """Return the warning that several sensors are heard, or not the configured one, or `""`."""
-        heard = self.several or [*self._heard] * (len(self._heard) >= MAX_SENSORS)
-        names = ", ".join(sorted(name or "one without a name" for name in heard))
-        if self._wanted and heard and self.used not in self._heard:
+        sensors = self.several or [*self._sensors] * (len(self._sensors) >= MAX_SENSORS)
+        names = ", ".join(sorted(name or "one without a name" for name in sensors))
+        if self._wanted and sensors and self.used not in self._sensors:
             return f"no sensor {self._wanted!r} is heard, but {names}: set {self._parameter} to one of them"
-        if self._wanted or len(heard) < 2:
+        if self._wanted or len(sensors) < 2:
             return ""
         return (
             f"several sensors send in one stream ({names}), and none is used: set {self._parameter} to the "

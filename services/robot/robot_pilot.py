@@ -5,6 +5,15 @@ from dataclasses import replace
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, Goal, Localization, RobotPhase, Steering, UserPose
+from pointit.services.robot.command_planner import (
+    HOLDS,
+    CommandPlanner,
+    RobotOwnership,
+    Stage,
+    hold_of,
+    stage_of,
+    verdict_of,
+)
 from pointit.services.robot.config import RobotConfig
 from pointit.services.robot.current_order import CurrentOrder, ProgressMonitor, StandstillMonitor
 from pointit.services.robot.figure_flight import FigureFlight
@@ -22,15 +31,6 @@ from pointit.services.robot.robot_driver import (
     report_fault,
 )
 from pointit.services.robot.safety.safety import Safety
-from pointit.services.robot.steering import (
-    HOLDS,
-    CommandPlanner,
-    RobotOwnership,
-    Stage,
-    hold_of,
-    stage_of,
-    verdict_of,
-)
 from pointit.services.robot.stop_reason import StopReason
 
 MAX_CLAIM_AGE_S = 2.0

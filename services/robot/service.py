@@ -181,8 +181,8 @@ class Robot(Service[RobotConfig]):
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         if instance.startswith(SUPERVISOR) and not present:  # nobody knows whether they still point
-            idle = Interaction(stamp_ns=self.clock.now_ns(), state="idle")
-            self._on_interaction(idle, instance.removeprefix(SUPERVISOR))
+            idle_interaction = Interaction(stamp_ns=self.clock.now_ns(), state="idle")
+            self._on_interaction(idle_interaction, instance.removeprefix(SUPERVISOR))
         if instance.startswith(LOCALIZER) and not present:
             self._pilot.on_localizer_end(instance.removeprefix(LOCALIZER))
 

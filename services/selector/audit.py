@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pointit.runtime.host.store import read_rows
+from pointit.services.selector.journal import COLUMNS, record_of
 from pointit.services.selector.selection_publisher import Record
-from pointit.services.selector.store import COLUMNS, record_of
 
 MAX_COUNT = 2**63 - 1
 """Upper limit of times and numbers, in messages and in SQLite."""

@@ -26,11 +26,11 @@ from pointit.schemas import (
 from pointit.schemas.problems import UNWRITABLE
 from pointit.schemas.topics import CLAIM, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.journal import History, Journal, JournalContents
 from pointit.services.selector.methods.pointer import MakeMethod, is_by_angle, is_ours
 from pointit.services.selector.selection_engine import NO_ARBITER, SelectionEngine, ShardEngine
 from pointit.services.selector.selection_methods import METHODS
 from pointit.services.selector.selection_publisher import Output, event_of
-from pointit.services.selector.store import History, Journal, JournalContents
 
 log = logging.getLogger(__name__)
 

@@ -13,11 +13,11 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Announced, ButtonEvent, Cursor, Environment, Feedback, Hover, Step, TrackedObjects
 from pointit.schemas.topics import ANNOUNCED, BUTTON, CURSOR, FEEDBACK, HOVER, MAP, OBJECTS, STEP, USER_ALIVE
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.journal import Journal
 from pointit.services.selector.methods.pointer import apply_method
 from pointit.services.selector.roles import ShardRole, SiteRole
 from pointit.services.selector.selection_methods import METHODS, PersonMethod
 from pointit.services.selector.selection_publisher import Output
-from pointit.services.selector.store import Journal
 
 log = logging.getLogger(__name__)
 

@@ -43,13 +43,13 @@ DEVICES = {
             output/artnet.py output/e131.py output/expander.py output/mqtt_output.py output/serial_output.py
             output/spotlight.py""",
         "robot": "drivers/sim_driver.py drivers/vda5050.py robot_driver.py",
-        "selector": "selection_methods.py roles.py store.py",
+        "selector": "selection_methods.py roles.py journal.py",
         "web": """
             devices/devices.py pages/action.py pages/arm_actions.py pages/page_requests.py
             pages/site_actions.py server/metrics_server.py server/app.py
             server/certificate.py server/lan.py server/link_file.py pages/page_session.py
             model/history.py model/people.py wrists/phone.py server/listener.py
-            playback/file_past.py playback/past_page.py playback/server.py model/map_editor.py
+            playback/file_past.py playback/past_page.py model/map_editor.py
             scan/scan_server.py scan/session.py scan/solver_process.py""",
         "ros2": """
             graph/backends.py graph/node_backend.py routing/inbox.py routing/ros_users.py

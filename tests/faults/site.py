@@ -12,7 +12,7 @@ from typing import Any
 
 from pointit.access.site_folder import SiteFolder
 from pointit.services.selector.audit import audit
-from pointit.services.selector.store import FILE
+from pointit.services.selector.journal import FILE
 from tests.integration.access.secured import NAMES, endpoint_of, make_site
 from tests.support.commands import Command, Commands
 from tests.support.pace import Patience

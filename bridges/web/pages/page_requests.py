@@ -10,10 +10,13 @@ from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel, ValidationError
+from pydantic.json_schema import models_json_schema
 
+from pointit.bridges.web import wire
 from pointit.bridges.web.pages.action import Action, ActionContext, JsonObject, PageSender
 from pointit.bridges.web.pages.arm_actions import ARM_ACTIONS
 from pointit.bridges.web.pages.site_actions import SITE_ACTIONS
+from pointit.bridges.web.scan import wire as scan_wire
 from pointit.bridges.web.wire import Answer, Ask, Hello, Role
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.errors import RefusedError
@@ -155,3 +158,15 @@ def _with_tuples(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _with_tuples(each) for key, each in cast("JsonObject", value).items()}
     return tuple(map(_with_tuples, cast("Sequence[object]", value))) if isinstance(value, list) else value
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of all messages to and from pages, from which `client/wire.json` is written."""
+    models = (*wire.MODELS, *scan_wire.MODELS)
+    _, schema = models_json_schema(
+        [(model, "validation") for model in models], ref_template="#/$defs/{model}"
+    )
+    name = {"enum": [action.name for action in ACTIONS], "type": "string"}
+    models = schema["$defs"]
+    models["Ask"]["properties"]["deed"]["anyOf"][0] = models["Hello"]["properties"]["deeds"]["items"] = name
+    return schema

@@ -1,19 +1,32 @@
-"""One page with a playback: its websocket, position and requests."""
+"""Pages with a playback: websocket, position and requests of each, and a server of one recording."""
 
 import asyncio
 import contextlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from starlette.requests import Request
+from starlette.responses import Response
 from starlette.websockets import WebSocket
 
+from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.pages.page_session import Pages, PageSession
 from pointit.bridges.web.playback.playback import Playback
 from pointit.bridges.web.playback.recent import Past, Recent
-from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, HeadsetMotion, Hello, Play, Playing
+from pointit.bridges.web.server import access as exposure_check
+from pointit.bridges.web.server.access import Access
+from pointit.bridges.web.server.app import application
+from pointit.bridges.web.server.bundle import Bundle, refusal
+from pointit.bridges.web.server.listener import Listener, bind
+from pointit.bridges.web.wire import Ack, AimAt, Answer, Ask, HeadsetMotion, Hello, Play, Playing, Role
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
+from pointit.runtime.host.extras import pointit_version
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import Presence
+
+if TYPE_CHECKING:
+    from pointit.bridges.web.playback.file_past import FilePast
 
 RATE_HZ = 60.0
 """Maximum rate of batches, and of seeks, which cost some ms of a core, Hz."""
@@ -25,6 +38,9 @@ CANNOT_BE_CHANGED = "what has happened cannot be changed: this page shows the pa
 
 JUST_S = 15.0
 """Distance of the first position from the end, s."""
+
+TICK_S = 1.0
+"""Interval of checks for idle connections."""
 
 
 class PastPage:
@@ -154,3 +170,48 @@ class Visits:
         start_s = max(past.timeline().length_s - JUST_S, 0.0)
         with self.pages.count_past_page():
             await PastPage(socket, past, version=self.version, start_s=start_s).run()
+
+
+class RecordingServer:
+    """Serves a recording at one address. Each page has its own position."""
+
+    def __init__(self, past: "FilePast", config: WebConfig) -> None:
+        """Bind the port of `config`, which has both tokens.
+
+        Raises:
+            ConfigError: If the page would be open to everyone.
+            ListenError: If the port is taken.
+        """
+        exposure_check.check(config)
+        self._past = past
+        self._version = pointit_version()
+        access = Access(config.operator_token, config.viewer_token)
+        access.know_hosts([config.host])
+        app = application(access, Bundle(), self._open, _no_download)
+        self._listener = Listener(app, bind(config.host, config.port, "--port"))
+
+    @property
+    def port(self) -> int:
+        """Return the port of the listener."""
+        return self._listener.port
+
+    async def start(self) -> None:
+        """Accept pages."""
+        await self._listener.start()
+
+    async def run(self) -> None:
+        """Read the recording and serve pages until cancelled."""
+        try:
+            await self._past.read()
+            while True:
+                await asyncio.sleep(TICK_S)
+                self._listener.cut_lingering()
+        finally:
+            await self._listener.close()
+
+    async def _open(self, socket: WebSocket, role: Role) -> None:  # noqa: ARG002 - nobody controls a past
+        await PastPage(socket, self._past, version=self._version).run()
+
+
+async def _no_download(_request: Request) -> Response:
+    return refusal(404, "Not here", "This page plays a recording: its file is on the machine that serves it.")

@@ -18,8 +18,8 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import check_name
 from pointit.services.selector.audit import audit
+from pointit.services.selector.journal import FILE
 from pointit.services.selector.selection_publisher import Record
-from pointit.services.selector.store import FILE
 
 DEFAULT_SITE = "lab"
 MAX_RECORDS = 1_000_000_000

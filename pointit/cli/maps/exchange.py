@@ -1,4 +1,4 @@
-"""`pointit map import`, `export` and `fetch`: maps from and for other programs."""
+"""`pointit map import`, `export` and `fetch`: exchange of maps with other programs."""
 
 import asyncio
 import codecs

@@ -1,4 +1,4 @@
-"""`pointit export` and `pointit import`: recordings as tables and from other sources."""
+"""`pointit export` and `pointit import`: conversion of recordings to tables and from other sources."""
 
 import functools
 from collections.abc import Callable

@@ -289,8 +289,8 @@ class ServiceBus:
         self._seq += 1
         self._latency.per_s = NS_PER_S * self._clock.speed
         dropped = (each for meter in self._meters.values() for each in meter.problems(now_s, self._user))
-        told = (*self._bus.problems, *dropped, *self._problems.values())
-        problems = tuple(each.without_secrets() for each in told)
+        unmasked = (*self._bus.problems, *dropped, *self._problems.values())
+        problems = tuple(each.without_secrets() for each in unmasked)
         warnings = tuple(each.sentence for each in problems if each.severity == "warning")
         return Health(
             stamp_ns=time.time_ns(),

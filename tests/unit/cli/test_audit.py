@@ -11,8 +11,8 @@ from click.testing import CliRunner, Result
 
 from pointit.cli.inspect.audit import command, since_ns
 from pointit.runtime.errors import ConfigError
+from pointit.services.selector.journal import Journal
 from pointit.services.selector.selection_publisher import Record
-from pointit.services.selector.store import Journal
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S

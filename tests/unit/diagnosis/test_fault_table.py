@@ -10,7 +10,7 @@ from pointit.diagnosis.causes import unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_healthy
 from pointit.diagnosis.observation import Finding, StoppedProcess
 from pointit.runtime.link.link import ROUTER_LOST
-from pointit.schemas.problems import DENIED, INVALID, LATE, NOBODY, TWICE, UNWRITABLE, Problem
+from pointit.schemas.problems import DENIED, IDLE_ARM, INVALID, LATE, TWICE, UNWRITABLE, Problem
 from pointit.schemas.problems import ROUTER_LOST as LOST
 from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY, Topic
 from tests.unit.diagnosis.fault_sites import (
@@ -343,7 +343,7 @@ def has_no_sample(problem: Problem) -> list[Finding]:
 
 
 def test_an_arm_that_nobody_moves_yet_is_no_fault() -> None:
-    told = Problem(code=NOBODY, sentence="nobody moves the arm of user1 yet: take it", severity="note")
+    told = Problem(code=IDLE_ARM, sentence="nobody moves the arm of user1 yet: take it", severity="note")
     findings = has_no_sample(told)
     assert is_healthy(findings)
     (finding,) = problems(findings)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from pointit.schemas import Claim, Feedback, Hover, Selection, SelectionEvent, TrackedObject
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.journal import Journal
 from pointit.services.selector.selection_engine import SelectionEngine, ShardEngine
 from pointit.services.selector.selection_publisher import Output, Record, event_of
-from pointit.services.selector.store import Journal
 from tests.unit.selector.room import MAP, at, packages, pointing
 
 CONFIG: dict[str, object] = {

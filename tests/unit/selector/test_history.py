@@ -9,8 +9,8 @@ import pytest
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.topics import READ_HISTORY
-from pointit.services.selector import store
-from pointit.services.selector.store import History, Journal, fitting, recent
+from pointit.services.selector import journal
+from pointit.services.selector.journal import History, Journal, fitting, recent
 from tests.support.bench import Bench, ManualClock
 from tests.unit.selector.served import served
 from tests.unit.selector.test_journal import NOW, S, ended, keep, refused, selected
@@ -58,7 +58,7 @@ def test_of_more_than_fits_the_newest_are_told_and_the_reply_is_no_longer_than_a
     assert list(some) == events[-len(some) :]
     reply = ReadHistoryReply(message=f"the last {len(some)} events", events=some)
     assert len(encode(reply)) <= ReadHistoryReply.max_bytes
-    assert len(encode(reply)) + len(encode(events[0])) > ReadHistoryReply.max_bytes - 2 * store.ENVELOPE_BYTES
+    assert len(encode(reply)) + len(encode(events[0])) > ReadHistoryReply.max_bytes - 2 * journal.ENVELOPE_BYTES
     assert fitting([event(1, "x" * 5000)], 5000) == ()
 
 

@@ -14,9 +14,9 @@ from pointit.runtime.host.store import RETRY_EVERY_NS
 from pointit.schemas.base import MAX_ID
 from pointit.services.selector.audit import audit
 from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.journal import MAX_PENDING, NS_PER_DAY, Journal, JournalContents
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.selection_publisher import Owned, Record, event_of
-from pointit.services.selector.store import MAX_PENDING, NS_PER_DAY, Journal, JournalContents
 from tests.support.pace import within
 
 S = 1_000_000_000

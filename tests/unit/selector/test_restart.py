@@ -15,8 +15,8 @@ from pointit.runtime.host.state_file import state_directory
 from pointit.runtime.host.store import read_rows
 from pointit.schemas import ConveyorState, Departure, topics
 from pointit.schemas.selection import REPEATED_REASON
+from pointit.services.selector.journal import FILE, Journal
 from pointit.services.selector.service import Selector
-from pointit.services.selector.store import FILE, Journal
 from tests.support.bench import START_NS, ManualClock, memory_bench, until
 from tests.unit.selector.served import objects, served
 

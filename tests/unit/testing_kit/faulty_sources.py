@@ -10,7 +10,7 @@ from typing import Any
 from pointit.plugins import Config, Deliver, Quaternion, Reading, Reconnected, Surroundings
 from pointit.runtime.service.plugin_guard import NullHealth
 from pointit.testing import UdpDevice
-from pointit.testing.templates.imu_source import Source, SourceConfig, parse
+from pointit.testing.templates.imu_source import LineSource, SourceConfig, parse
 from pointit.testing.templates.imu_source.fake import DEVICE
 from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
 
@@ -19,7 +19,7 @@ caught_by = CaughtBy(DEVICE)
 
 @caught_by("waits_for_device", "`run` raised Connection")
 @caught_by("reconnects", "raised|returned")
-class DiesWithoutDevice(Source):
+class DiesWithoutDevice(LineSource):
     async def run(self, deliver: Deliver) -> None:
         while True:
             await self._connect_and_read(deliver)
@@ -66,19 +66,19 @@ datagrams_caught_by("waits_for_port", "`run` raised OSError: .*ddress already in
 
 
 @caught_by("tells_reconnection", "no `Reconnected`")
-class ConcealsRestarts(Source):
+class ConcealsRestarts(LineSource):
     async def run(self, deliver: Deliver) -> None:
         await super().run(lambda item: None if isinstance(item, Reconnected) else deliver(item))
 
 
 @caught_by("warns", "no warning said so")
-class NeverWarns(Source):
+class NeverWarns(LineSource):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
         super().__init__(config, replace(surroundings, health=NullHealth()))
 
 
 @caught_by("cancels", "raised RuntimeError when it was cancelled")
-class RaisesAtItsEnd(Source):
+class RaisesAtItsEnd(LineSource):
     async def run(self, deliver: Deliver) -> None:
         try:
             await super().run(deliver)
@@ -86,7 +86,7 @@ class RaisesAtItsEnd(Source):
             raise RuntimeError("lost my temper")
 
 
-class ChangesReadings(Source):
+class ChangesReadings(LineSource):
     """Delivers something else than it should."""
 
     def change(self, reading: Reading) -> Reading:
@@ -113,7 +113,7 @@ class ScalarFirst(ChangesReadings):
 
 
 @caught_by("calls_in_the_loop", "another thread")
-class DeliversFromAThread(Source):
+class DeliversFromAThread(LineSource):
     async def run(self, deliver: Deliver) -> None:
         def elsewhere(item: Any) -> None:
             thread = threading.Thread(target=deliver, args=(item,))
@@ -123,7 +123,7 @@ class DeliversFromAThread(Source):
         await super().run(elsewhere)
 
 
-class OwnLoop(Source):
+class OwnLoop(LineSource):
     """Reads in its own words, as sources that somebody has written in an evening do."""
 
     async def _connect_and_read(self, deliver: Deliver) -> None:
@@ -213,14 +213,14 @@ class Polls(OwnLoop):
 
 
 @caught_by("waits_for_device", r"come to an end .*Event", timeout_s=0.5)
-class Hangs(Source):
+class Hangs(LineSource):
     async def run(self, deliver: Deliver) -> None:
         threading.Event().wait(8.0)
         await super().run(deliver)
 
 
 @caught_by("leaves_nothing", "open file")
-class LeavesASocket(Source):
+class LeavesASocket(LineSource):
     opened: list[asyncio.StreamWriter] = []  # noqa: RUF012 - the fault
 
     async def _connect_and_read(self, deliver: Deliver) -> None:
@@ -237,6 +237,6 @@ def _accept(_config: Config) -> None:
     """Accept any parameters."""
 
 
-caught_by("parameters", "without a description: gain", config=UndescribedConfig, check=_accept)(Source)
-caught_by("config_errors", "were accepted", check=_accept)(Source)
-seed_in_run(caught_by, Source)
+caught_by("parameters", "without a description: gain", config=UndescribedConfig, check=_accept)(LineSource)
+caught_by("config_errors", "were accepted", check=_accept)(LineSource)
+seed_in_run(caught_by, LineSource)

@@ -29,7 +29,7 @@ class SourceConfig(AddressConfig):
     timeout_s: float = Field(default=3.0, gt=0, description="silence after which to connect again, s")
 
 
-class Source:
+class LineSource:
     """Connects to the device for ever, and delivers what it sends."""
 
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
@@ -93,7 +93,7 @@ def check(config: SourceConfig) -> None:
 SOURCE = ImuSource(
     summary="an IMU in the network that sends lines of text",
     config=SourceConfig,
-    make=Source,
+    make=LineSource,
     check=check,
     argument="host",
 )

@@ -6,8 +6,7 @@ from typing import get_args
 import pytest
 
 from pointit.schemas import Steering
-from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, OrderStatus, Stop, TakeOff
-from pointit.services.robot.steering import (
+from pointit.services.robot.command_planner import (
     ACTIONS,
     HOLDS,
     Action,
@@ -18,6 +17,7 @@ from pointit.services.robot.steering import (
     Verdict,
     hold_of,
 )
+from pointit.services.robot.robot_driver import Command, Follow, FollowPath, Land, OrderStatus, Stop, TakeOff
 from pointit.services.robot.stop_reason import StopReason
 from tests.unit.robot.flight import ROBOT
 from tests.unit.robot.permits import Desk

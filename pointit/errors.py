@@ -15,7 +15,7 @@ from pointit.runtime.errors import (
     VersionError,
     WrongSiteError,
 )
-from pointit.schemas.errors import DecodeError, KeyNameError, SchemaError
+from pointit.schemas.base import DecodeError, KeyNameError, SchemaError
 
 __all__ = [
     "AccessDeniedError", "BusClosedError", "BusError", "ConfigError", "ConnectError", "DecodeError",

@@ -1,6 +1,16 @@
 """Messages, their encoding, and the table of topics."""
 
-from pointit.schemas.base import FARTHEST, NS_PER_S, Message, Query, Reply, SchemaModel
+from pointit.schemas.base import (
+    FARTHEST,
+    NS_PER_S,
+    DecodeError,
+    KeyNameError,
+    Message,
+    Query,
+    Reply,
+    SchemaError,
+    SchemaModel,
+)
 from pointit.schemas.codec import decode, encode, pack, summarize_validation_error
 from pointit.schemas.environment import (
     Bay,
@@ -27,7 +37,6 @@ from pointit.schemas.environment import (
     TrackedObject,
     TrackedObjects,
 )
-from pointit.schemas.errors import DecodeError, KeyNameError, SchemaError
 from pointit.schemas.person import (
     WRIST_PATIENCE_S,
     BodyMeasures,

@@ -1,10 +1,33 @@
-"""Bases of all messages: immutability, strictness, units and the time of capture."""
+"""Bases of all messages: immutability, strictness, units and the time of capture; errors in messages and keys.
+
+PointItError
+└── SchemaError
+    ├── DecodeError     bytes that are not the message they should be
+    └── KeyNameError    a name that cannot stand in a key
+"""
 
 import math
 from collections.abc import Callable
 from typing import Annotated, ClassVar, ParamSpec, TypeVar, cast
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, WithJsonSchema
+
+
+class PointItError(Exception):
+    """Root of everything PointIt raises on purpose."""
+
+
+class SchemaError(PointItError, ValueError):
+    """Root of everything raised by `pointit.schemas`."""
+
+
+class DecodeError(SchemaError):
+    """Bytes do not decode, or are not valid as the message of their key."""
+
+
+class KeyNameError(SchemaError):
+    """A user, lamp or service name contains characters that a key cannot hold."""
+
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -6,8 +6,7 @@ from typing import Any, TypeVar
 import msgpack
 from pydantic import BaseModel, ValidationError
 
-from pointit.schemas.base import Message, Query, SchemaModel
-from pointit.schemas.errors import DecodeError
+from pointit.schemas.base import DecodeError, Message, Query, SchemaModel
 from pointit.schemas.text import describe_mistake
 
 P = TypeVar("P", bound=SchemaModel)

@@ -4,8 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from pointit.schemas.base import Count, Id, Many, Message, SchemaModel
-from pointit.schemas.errors import KeyNameError
+from pointit.schemas.base import Count, Id, KeyNameError, Many, Message, SchemaModel
 from pointit.schemas.problems import OTHER, Problem
 from pointit.schemas.table_types import check_name
 

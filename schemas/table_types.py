@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
-from pointit.schemas.base import Message, Query, Reply
-from pointit.schemas.errors import KeyNameError
+from pointit.schemas.base import KeyNameError, Message, Query, Reply
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)

@@ -37,7 +37,7 @@ from pointit.schemas import (
     summarize_validation_error,
     topics,
 )
-from pointit.schemas.errors import KeyNameError
+from pointit.schemas.base import KeyNameError
 from pointit.schemas.pointing import SurfaceKind
 from pointit.schemas.topics import MAP, check_name
 

@@ -1,7 +1,7 @@
 """Errors at run time.
 
 PointItError                 its text is one sentence for a person: problem, place, action
-├── SchemaError              a message or a name is wrong, see `pointit.schemas.errors`
+├── SchemaError              a message or a name is wrong, see `pointit.schemas.base`
 ├── ConfigError              a file, variable or option is wrong; commands exit with 2
 ├── BusError
 │   ├── BusClosedError       used after `close`
@@ -18,7 +18,7 @@ PointItError                 its text is one sentence for a person: problem, pla
 
 import typing
 
-from pointit.schemas.errors import PointItError as PointItError  # noqa: PLC0414 - the root, defined lowest
+from pointit.schemas.base import PointItError as PointItError  # noqa: PLC0414 - the root, defined lowest
 
 
 class ConfigError(PointItError):

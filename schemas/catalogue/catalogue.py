@@ -9,11 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar, cast
 
-from pointit.schemas.base import SchemaModel
+from pointit.schemas.base import SchemaError, SchemaModel
 from pointit.schemas.catalogue import asyncapi
 from pointit.schemas.catalogue.asyncapi import Kind
 from pointit.schemas.codec import encode
-from pointit.schemas.errors import SchemaError
 from pointit.schemas.topics import REQUESTS, TOPICS
 
 P = TypeVar("P", bound=SchemaModel)

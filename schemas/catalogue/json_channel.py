@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from pointit.schemas.base import Message, SchemaModel
+from pointit.schemas.base import DecodeError, Message, SchemaModel
 from pointit.schemas.codec import summarize_validation_error
-from pointit.schemas.errors import DecodeError
 
 P = TypeVar("P", bound=SchemaModel)
 

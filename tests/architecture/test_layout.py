@@ -46,11 +46,11 @@ DEVICES = {
         "selector": "selection_methods.py roles.py journal.py",
         "web": """
             devices/devices.py pages/action.py pages/arm_actions.py pages/page_requests.py
-            pages/site_actions.py server/metrics_server.py server/app.py
-            server/certificate.py server/lan.py server/link_file.py pages/page_session.py
-            model/history.py model/people.py wrists/phone.py server/listener.py
-            playback/file_past.py playback/past_page.py model/map_editor.py
-            scan/scan_server.py scan/session.py scan/solver_process.py""",
+            pages/site_actions.py server/metrics_server.py server/app.py server/certificate.py
+            server/lan.py server/link_file.py pages/page_session.py model/history.py
+            model/people.py wrists/phone.py server/listener.py playback/file_past.py
+            playback/past_page.py model/map_editor.py scan/scan_server.py scan/session.py
+            scan/solver_process.py""",
         "ros2": """
             graph/backends.py graph/node_backend.py routing/inbox.py routing/ros_users.py
             routing/outbox.py parameters.py robot/driver.py robot/navigator.py routing/site.py

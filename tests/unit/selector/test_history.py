@@ -58,7 +58,9 @@ def test_of_more_than_fits_the_newest_are_told_and_the_reply_is_no_longer_than_a
     assert list(some) == events[-len(some) :]
     reply = ReadHistoryReply(message=f"the last {len(some)} events", events=some)
     assert len(encode(reply)) <= ReadHistoryReply.max_bytes
-    assert len(encode(reply)) + len(encode(events[0])) > ReadHistoryReply.max_bytes - 2 * journal.ENVELOPE_BYTES
+    assert (
+        len(encode(reply)) + len(encode(events[0])) > ReadHistoryReply.max_bytes - 2 * journal.ENVELOPE_BYTES
+    )
     assert fitting([event(1, "x" * 5000)], 5000) == ()
 
 

@@ -1,4 +1,4 @@
-"""Bases of all messages: immutability, strictness, units and the time of capture; errors in messages and keys.
+"""Bases of all messages: immutability, strictness, units, the time of capture; their errors.
 
 PointItError
 └── SchemaError

@@ -183,16 +183,16 @@ def explain(symptoms: Symptoms, seen: Observation) -> list[Finding]:
     return [*findings, *unexplained, *(replace(each, follows=True) for each in explained_findings)]
 
 
-def _claimant(symptom: Finding) -> str:
-    """Return the person whose services alone claim `symptom`, or write the input that is missing, or `""`.
+def _claimant(finding: Finding) -> str:
+    """Return the person whose services alone claim `finding`, or write the input that is missing, or `""`.
 
     What is gone is seen by its presence, which is not a claim.
     """
-    if symptom.code in GONE:
+    if finding.code in GONE:
         return ""
-    writers = {person_of(each) for each in symptom.services if each != symptom.service}
-    is_theirs = symptom.code == "stale" and len(writers) == 1
-    return person_of(symptom.service) or (writers.pop() if is_theirs else "")
+    writers = {person_of(each) for each in finding.services if each != finding.service}
+    is_of_person = finding.code == "stale" and len(writers) == 1
+    return person_of(finding.service) or (writers.pop() if is_of_person else "")
 
 
 def may_pass(finding: Finding) -> bool:

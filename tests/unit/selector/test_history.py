@@ -9,8 +9,8 @@ import pytest
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.topics import READ_HISTORY
-from pointit.services.selector import journal
-from pointit.services.selector.journal import History, Journal, fitting, recent
+from pointit.services.selector import journal as journal_file
+from pointit.services.selector.journal import ENVELOPE_BYTES, History, Journal, fitting, recent
 from tests.support.bench import Bench, ManualClock
 from tests.unit.selector.served import served
 from tests.unit.selector.test_journal import NOW, S, ended, keep, refused, selected
@@ -58,9 +58,7 @@ def test_of_more_than_fits_the_newest_are_told_and_the_reply_is_no_longer_than_a
     assert list(some) == events[-len(some) :]
     reply = ReadHistoryReply(message=f"the last {len(some)} events", events=some)
     assert len(encode(reply)) <= ReadHistoryReply.max_bytes
-    assert (
-        len(encode(reply)) + len(encode(events[0])) > ReadHistoryReply.max_bytes - 2 * journal.ENVELOPE_BYTES
-    )
+    assert len(encode(reply)) + len(encode(events[0])) > ReadHistoryReply.max_bytes - 2 * ENVELOPE_BYTES
     assert fitting([event(1, "x" * 5000)], 5000) == ()
 
 
@@ -77,7 +75,7 @@ async def test_while_it_is_read_the_loop_goes_on_and_the_journal_is_written(
         assert may_end.wait(60.0)
         return recent(path, last, since_ns=since_ns)
 
-    monkeypatch.setattr(store, "recent", slow)
+    monkeypatch.setattr(journal_file, "recent", slow)
     answer = asyncio.create_task(History(journal.path).answer(ReadHistory(), ""))
     try:
         async with asyncio.timeout(60.0):

@@ -130,7 +130,7 @@ class VirtualAgv:
 
     def visualization(self) -> bytes:
         """Return its pose."""
-        return self._message({"agvPosition": self._position()})
+        return self._message({"agvPosition": self._position(), "velocity": self._velocity()})
 
     def connection(self, state: str) -> bytes:
         """Return a message that says `state`, such as ONLINE."""
@@ -173,6 +173,15 @@ class VirtualAgv:
     def _position(self) -> dict[str, Any]:
         x, y = self.place
         return {"x": x, "y": y, "theta": 0.0, "mapId": "hall", "positionInitialized": True}
+
+    def _velocity(self) -> dict[str, float]:
+        """Return its velocity in its own frame, which is the map's: it does not turn."""
+        if not self.base:
+            return {"vx": 0.0, "vy": 0.0, "omega": 0.0}
+        to = self.base[0]["nodePosition"]
+        x_m, y_m = to["x"] - self.place[0], to["y"] - self.place[1]
+        away_m = math.hypot(x_m, y_m) or 1.0
+        return {"vx": SPEED_MPS * x_m / away_m, "vy": SPEED_MPS * y_m / away_m, "omega": 0.0}
 
     def _message(self, body: dict[str, Any]) -> bytes:
         self._sent += 1

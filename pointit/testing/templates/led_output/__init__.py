@@ -13,8 +13,8 @@ class OutputParameters(UdpOutputConfig):
     port: int = Field(default=4211, gt=0, le=65535, description="UDP port of the controller")
 
 
-class Output(UdpOutput):
-    """Says how frames become datagrams. The base sends and repeats them, and ends dark."""
+class HexadecimalOutput(UdpOutput):
+    """Encodes frames as datagrams. The base sends and repeats them, and ends dark."""
 
     def encode(self, pixels: bytes, number: int) -> Sequence[Datagram]:
         """Return the datagram that shows `pixels`: red, green, blue of each."""
@@ -25,6 +25,6 @@ class Output(UdpOutput):
 OUTPUT = LedOutput(
     summary="a controller in the network that takes pixels as hexadecimal digits",
     config=OutputParameters,
-    make=Output,
+    make=HexadecimalOutput,
     argument="host",
 )

@@ -1,4 +1,4 @@
-"""Checks of belts, their links, strips, and of a map's unit."""
+"""Checks of belts, their links and strips, and of a map's unit, extent and clouds."""
 
 import math
 import statistics

@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from pointit.plugins import GROUPS
-from pointit.runtime.config import plugins
+from pointit.runtime.config import installed
 from pointit.runtime.errors import ConfigError
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.led_driver.outputs import validate_output
@@ -29,7 +29,7 @@ def test_driver_that_no_package_has_is_refused_with_the_group_of_its_entry_point
 def test_installed_wheel_names_no_script_of_a_checkout(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plugins, "_SETUP", tmp_path / "setup")
+    monkeypatch.setattr(installed, "_SETUP", tmp_path / "setup")
     with pytest.raises(ValidationError, match=r"entry point 'turtle' of pointit.robots \["):
         RobotConfig(driver="turtle")
 

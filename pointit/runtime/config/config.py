@@ -62,7 +62,10 @@ class Layers:
             value = load_yaml(text, source)
         except ConfigError as error:
             shown = "" if SECRET_NAME.search(path[-1]) else f" ({text!r})"
-            raise ConfigError(f"{source}: is not a value{shown}") from error
+            raise ConfigError(
+                f"{source}: is not a value{shown}; it is read as YAML: write a text with {{ [ : or # in "
+                "double quotes, such as '\"{w},{x}\"'"
+            ) from error
         is_plain = isinstance(value, str) and not text.lstrip().startswith(("'", '"'))
         nested: Any = text.strip() if is_plain else value  # with what follows ` #`
         for name in reversed(path[1:]):

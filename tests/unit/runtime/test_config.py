@@ -142,9 +142,9 @@ def test_text_is_read_as_the_field_wants_it(field: str, text: str, value: object
     assert getattr(layers.build(Sample), field) == value
 
 
-@pytest.mark.parametrize("text", ["[1, 2", "{a: ", "a: b: c", "'x", "\x00"])
+@pytest.mark.parametrize("text", ["[1, 2", "{a: ", "a: b: c", "'x", "\x00", "{w},{x},{y},{z}"])
 def test_text_that_is_no_value(text: str) -> None:
-    with pytest.raises(ConfigError, match=r"^--offsets-m: is not a value"):
+    with pytest.raises(ConfigError, match=r"^--offsets-m: is not a value .* in double quotes, such as"):
         Layers().add_text(("offsets_m",), text, "--offsets-m")
 
 

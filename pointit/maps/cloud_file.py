@@ -35,6 +35,8 @@ MAX_POINTS = 5_000_000
 MAX_EXTENT_M, MIN_EXTENT_M = 200.0, 0.2
 """Limits of the largest extent of a cloud, and of its distance from the map's origin, m."""
 MAX_BELOW_FLOOR_M = 3.0
+SUNK_M, MAX_SUNK = 0.3, 0.1
+"""Depth below the floor, m, and the share of points that may be deeper if the map does not state `up`."""
 
 SUFFIXES = (".ply", ".xyz", ".txt", ".csv", ".pts", ".asc", ".pcd")
 XYZ: Wanted = {"x": "x", "y": "y", "z": "z"}
@@ -83,6 +85,13 @@ def read_cloud(path: Path, entry: CloudEntry) -> Points:
         raise ConfigError(
             f"{path}: reaches {-low[2]:.1f} m below the floor, limit {MAX_BELOW_FLOOR_M:g} m; set up in the "
             "map to the axis of the file that points up, such as up: y, or origin to a point of the floor"
+        )
+    sunk = float(np.mean(points[:, 2] < -SUNK_M))
+    if sunk > MAX_SUNK and "up" not in entry.model_fields_set:
+        raise ConfigError(
+            f"{path}: {sunk:.0%} of its points are more than {SUNK_M:g} m below the floor; set up in the map "
+            "to the axis of the file that points up, such as up: y, up: z if there is a lower floor, or "
+            "origin to a point of the floor"
         )
     return points
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pointit.geometry.rotation import multiply, rotate
+from pointit.geometry.rotation import Quaternion, inverse, multiply, rotate
 from pointit.maps.text_table import (
     COMMENTS,
     MAX_HEADER_LINES,
@@ -69,6 +69,8 @@ MAX_DISTANCE_M = 100.0
 """Maximum distance from the origin."""
 HEAD_RANGE_M = (0.5, 3.0)
 """Limits of the median height of a head over the floor."""
+MAX_BELOW_FLOOR_M = 3.0
+"""Maximum depth of a body below the floor, as of a file with another axis up."""
 MAX_SPEED_MPS = 30.0
 """Maximum speed, which 90 % of the steps of a body keep to."""
 
@@ -250,35 +252,39 @@ class MotionTable:
         Raises:
             ConfigError: If they are not.
         """
-        unit = ",".join(f"{name}={self.title(name)}/mm" for name in names)
-        remedy = f"set columns to their unit, such as {unit}"
-        distances = np.linalg.norm(positions, axis=1)
-        if body == "points":  # rays near the horizon meet the floor far away
-            distances = np.where(np.isfinite(distances), np.nanmedian(distances), np.nan)
-        columns = f"columns {self.title(names[0])!r} to {self.title(names[-1])!r}"
-        for row in np.flatnonzero(distances > MAX_DISTANCE_M)[:1].tolist():
-            raise ConfigError(
-                f"{self._at(row)}, {columns}: the {body} is {distances[row]:.6g} m away, limit "
-                f"{MAX_DISTANCE_M:g} m; {remedy}, or lost to the number that stands for lost bodies"
-            )
-        known = np.flatnonzero(np.isfinite(distances))
-        if body == "points" or len(known) < 3:
-            return
-        if (
-            body == "head"
-            and not HEAD_RANGE_M[0] <= (height_m := float(np.median(positions[known, 2]))) <= HEAD_RANGE_M[1]
-        ):
-            raise ConfigError(
-                f"{self._path}, {columns}: the head is {height_m:.6g} m above the floor, plausible are "
-                f"{HEAD_RANGE_M[0]:g} to {HEAD_RANGE_M[1]:g} m; {remedy}, or up to the axis "
-                "that points up, such as y"
-            )
-        steps = np.linalg.norm(np.diff(positions[known], axis=0), axis=1) / np.diff(times_s[known])
-        if (speed_mps := float(np.percentile(steps, 90))) > MAX_SPEED_MPS:
-            raise ConfigError(
-                f"{self._path}, {columns}: the {body} moves at {speed_mps:.6g} m/s, limit "
-                f"{MAX_SPEED_MPS:g} m/s; {remedy}"
-            )
+        where = f"columns {self.title(names[0])!r} to {self.title(names[-1])!r}"
+        if problem := _find_implausible(body, positions, times_s):
+            row, clause = problem
+            at = f"{self._path}" if row is None else self._at(row)
+            remedies = self._remedies_of_positions(body, names, positions, times_s)
+            if row is not None:
+                remedies.append("lost to the number that stands for lost bodies")
+            raise ConfigError(f"{at}, {where}: the {body} {clause}; set {', or '.join(remedies)}")
+
+    def _remedies_of_positions(
+        self, body: str, names: Sequence[str], positions: Array, times_s: Array
+    ) -> list[str]:
+        """Return the declarations of unit and axis with which `positions` are plausible."""
+        own = self._sizes[self.names.index(names[0])]
+        units = {
+            unit: float(np.nanmedian(np.linalg.norm(positions, axis=1))) * size / own
+            for unit, size in LENGTHS_M.items()
+            if not _find_implausible(body, positions * (size / own), times_s)
+        }
+        remedies: list[str] = []
+        if units:
+            example = ",".join(f"{name}={self.title(name)}/{next(iter(units))}" for name in names)
+            fitting = join_names([f"{unit} ({away_m:.3g} m away)" for unit, away_m in units.items()])
+            remedies.append(f"columns to their unit, such as {example}, where {fitting} are plausible")
+        if len(names) > 2:
+            in_file = positions @ _matrix(inverse(UP_AXES[self._form.up]))
+            axes = [
+                up
+                for up, turn in UP_AXES.items()
+                if not _find_implausible(body, in_file @ _matrix(turn), times_s)
+            ]
+            remedies += [f"up to the axis that points up, {join_names(axes)}"] * bool(axes)
+        return remedies or [f"columns to those of the {body}"]
 
     def _rows_text(self, is_row: Mask) -> str:
         """Return the number of rows, gaps and the first line of the rows `is_row`."""
@@ -291,6 +297,36 @@ class MotionTable:
         return (
             f"{is_row.sum()} of {len(is_row)} rows, {gaps}, the first in line {self.lines[int(ends[0][0])]}"
         )
+
+
+def _matrix(turn: Quaternion) -> Array:
+    """Return the matrix by which rows of vectors are multiplied to be turned by `turn`."""
+    return np.array([rotate(turn, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
+
+
+def _find_implausible(body: str, positions: Array, times_s: Array) -> tuple[int | None, str] | None:
+    """Return the row and a clause about implausible `positions` of a body, n x k, m, z up.
+
+    The row is None if the clause is about all, and the result None if they are plausible.
+    """
+    distances = np.linalg.norm(positions, axis=1)
+    if body == "points":  # rays near the horizon meet the floor far away
+        distances = np.where(np.isfinite(distances), np.nanmedian(distances), np.nan)
+    for row in np.flatnonzero(distances > MAX_DISTANCE_M)[:1].tolist():
+        return row, f"is {distances[row]:.6g} m away, limit {MAX_DISTANCE_M:g} m"
+    known = np.flatnonzero(np.isfinite(distances))
+    if body == "points" or len(known) < 3:
+        return None
+    height_m = float(np.median(positions[known, 2]))
+    if body == "head" and not HEAD_RANGE_M[0] <= height_m <= HEAD_RANGE_M[1]:
+        limits = f"{HEAD_RANGE_M[0]:g} to {HEAD_RANGE_M[1]:g} m"
+        return None, f"is {height_m:.6g} m above the floor, plausible are {limits}"
+    if (lowest_m := float(positions[known, 2].min())) < -MAX_BELOW_FLOOR_M:
+        return None, f"is {-lowest_m:.6g} m below the floor, limit {MAX_BELOW_FLOOR_M:g} m"
+    steps = np.linalg.norm(np.diff(positions[known], axis=0), axis=1) / np.diff(times_s[known])
+    if (speed_mps := float(np.percentile(steps, 90))) > MAX_SPEED_MPS:
+        return None, f"moves at {speed_mps:.6g} m/s, limit {MAX_SPEED_MPS:g} m/s"
+    return None
 
 
 def has_columns(path: Path, names: Sequence[str], form: MotionForm = DOCUMENTED) -> bool:

@@ -342,10 +342,6 @@ MAX_WIDTH_M = 1000.0
 """Horizontal extent above which the unit is probably another, m."""
 MIN_DENSITY = 1.5
 """Pixels per metre of strips below which the unit is probably another. Strips have 30 to 144, strings 5."""
-_USUAL_WIDTH_M = 6.0
-_USUAL_HEIGHT_M = 2.0
-_USUAL_DENSITY = 60.0
-_UNITS_M = {"centimetres": 0.01, "millimetres": 0.001}
 
 
 def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> Iterator[MapFinding]:
@@ -359,9 +355,8 @@ def check_extent(file: MapFile, clouds: Mapping[str, NDArray[np.float64]]) -> It
         width_m, height_m = float(np.ptp(places[:, :2], axis=0).max()), float(places[:, 2].max())
         density = _density(file)
         if height_m > MAX_HEIGHT_M or width_m > MAX_WIDTH_M or density < MIN_DENSITY:
-            unit = _likely_unit(width_m, height_m, density)
             sparse = f", its strips have {density:.2g} pixels a metre" if density < MIN_DENSITY else ""
-            text = f"{_extent(width_m, height_m)}{sparse}; give positions in metres, if these are {unit}"
+            text = f"{_extent(width_m, height_m)}{sparse}; give positions in metres"
             yield warning("map", text)
     for name, points in clouds.items():
         low_m, high_m = float(points[:, 2].min()), float(np.ptp(points[:, 2]))
@@ -385,17 +380,3 @@ def _density(file: MapFile) -> float:
         strip.pixels / Polyline(strip.line).length_m for strip in file.strips.values() if is_even(strip)
     ]
     return float(np.median(densities)) if densities else math.inf
-
-
-def _likely_unit(width_m: float, height_m: float, density: float = math.inf) -> str:
-    """Return the unit with which the extents are nearest to those of a usual room."""
-
-    def distance(unit_m: float) -> float:
-        ratios = [
-            width_m * unit_m / _USUAL_WIDTH_M,
-            height_m * unit_m / _USUAL_HEIGHT_M,
-            density / unit_m / _USUAL_DENSITY,
-        ]
-        return sum(abs(math.log(ratio)) for ratio in ratios if 0.0 < ratio < math.inf)
-
-    return min(_UNITS_M, key=lambda unit: distance(_UNITS_M[unit]))

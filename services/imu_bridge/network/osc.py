@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.datagram_source import (
@@ -238,6 +238,12 @@ class OscConfig(DatagramConfig):
         le=64,
         description="position of the quaternion's first number in messages of more than four numbers, from 1",
     )
+    sensor_position: int | None = Field(
+        default=None,
+        ge=0,
+        le=64,
+        description="position of the number that names the sensor in such messages, from 1; 0: none does",
+    )
     order: Literal["auto", "wxyz", "xyzw"] = Field(
         default="auto",
         description="order of the quaternion's numbers in a message; auto: that of the documented address",
@@ -249,6 +255,15 @@ class OscConfig(DatagramConfig):
         if value and not value.startswith("/"):
             raise ValueError("must begin with /, such as /gyrosc/quat")
         return value
+
+    @model_validator(mode="after")
+    def _names_sensor(self) -> "OscConfig":
+        if self.first and self.sensor_position is None:
+            raise ValueError(
+                "osc.first needs osc.sensor_position: the position of the number that names the sensor, "
+                "from 1, or 0 if none does"
+            )
+        return self
 
 
 class NamedReading(NamedTuple):
@@ -342,12 +357,18 @@ class OscDecoder(Decoder):
             hint = (
                 ""
                 if len(numbers) < 4
-                else ": set osc.first to the position of the quaternion's first, from 1"
+                else ": set osc.first to the position of the quaternion's first, from 1, and "
+                "osc.sensor_position to that of the number that names the sensor, 0 if none does"
             )
             raise DatagramError(message.problem or f"has {len(numbers)} numbers, 4 were expected{hint}")
         reading = Reading(stamp_ns, orientation(four, self._order(address)), message.time_ns)
-        in_front = map("{:.9g}".format, numbers[: first - 1]) if self._config.sensor_name else ()
-        return NamedReading(reading, (address, *message.strings, *in_front))
+        at = self._config.sensor_position or 0
+        if at > len(numbers):
+            raise DatagramError(
+                f"has {len(numbers)} numbers: set osc.sensor_position to one of them, or to 0"
+            )
+        number = (f"{numbers[at - 1]:.9g}",) if at else ()
+        return NamedReading(reading, (address, *message.strings, *number))
 
     def _add_component(self, message: OscMessage, axis: str, stamp_ns: int) -> NamedReading | None:
         components = self._components

@@ -133,3 +133,18 @@ def test_the_origin_that_a_refusal_prints_works(tmp_path: Path) -> None:
     path.write_text(f"clouds: {{scan: {{file: scan.txt, {str(caught.value).partition('such as ')[2]}}}}}")
     points = load_map_and_clouds(str(path), 0)[1]["scan"]
     assert points.min(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
+
+
+def test_a_shallow_scan_whose_axis_up_is_not_stated_is_refused_until_it_is(tmp_path: Path) -> None:
+    shallow = np.column_stack([X, Z - 1.4, 0.4 * (Y - Y.mean())])
+    (tmp_path / "scan.csv").write_text("x,y,z\n" + lines(shallow))
+    path = tmp_path / "room.yaml"
+    path.write_text("clouds: {scan: {file: scan.csv}}")
+    with pytest.raises(
+        ConfigError, match=r"50% of its points are more than 0\.3 m below .*; set up in the map"
+    ):
+        load_map_and_clouds(str(path), 0)
+    for up, heights in (("y", Z - 1.4), ("z", shallow[:, 2])):
+        path.write_text(f"clouds: {{scan: {{file: scan.csv, up: {up}}}}}")
+        points = load_map_and_clouds(str(path), 0)[1]["scan"]
+        np.testing.assert_allclose(points[:, 2], heights, atol=1e-4)

@@ -152,7 +152,7 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
             ("warning", "spheres.b", "is exactly where a is")]),
     "millimetres": (
         f"strips: {{s: {strip((0, 0), (5000, 0))}}}",
-        [("warning", "map", "is 5000 m wide|; give positions in metres, if these are millimetres")]),
+        [("warning", "map", "is 5000 m wide|; give positions in metres")]),
     "a fence without room": (
         "fences: {a: {kind: keep_in, outline: [[0, 0], [0.4, 0], [0.4, 2]], high: 0}}",
         [

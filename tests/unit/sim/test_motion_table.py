@@ -113,7 +113,8 @@ def test_the_declared_axis_points_up(tmp_path: Path, up: str) -> None:
         rows.append([row[0], w, x, y, z, *robot, *head])
     text = text_of((*ARM, *BODIES), rows)
     with pytest.raises(
-        ConfigError, match=r"the head is .* above the floor, .* or up to the axis that points up"
+        ConfigError,
+        match=rf"the head is .* above the floor, .* up to the axis that points up, .*(?<![-\w]){up}(,|$)",
     ):
         read(tmp_path, text)
     check(read(tmp_path, text, up=up))
@@ -192,7 +193,7 @@ def test_a_last_row_that_is_cut_off_is_refused(tmp_path: Path) -> None:
         (
             [5, 6, 7],
             1e3,
-            "the robot is 2549.51 m away, limit 100 m; set columns .* robot_x=robot_x/mm,robot_y=",
+            r"is 2549.51 m away, limit 100 m; .* robot_x=robot_x/cm,.* where cm \(26.7 m away\), mm",
         ),
         (
             [8, 9, 10],
@@ -202,7 +203,7 @@ def test_a_last_row_that_is_cut_off_is_refused(tmp_path: Path) -> None:
         (
             [8, 9, 10],
             1 / 0.3048,
-            r"the head is 5.61024 m above the floor, plausible are 0.5 to 3 m; .* or up to",
+            r"the head is 5.61024 m above .*, plausible are 0.5 to 3 m; .*, ft \(.* plausible, or up to",
         ),
         ([5, 6, 7], 1 / 0.0254, "the robot is 100.374 m away, limit 100 m"),
     ],
@@ -233,9 +234,19 @@ def test_a_file_is_read_with_the_unit_of_times_that_its_refusal_names(tmp_path: 
 def test_a_robot_near_the_origin_in_centimetres_is_too_fast(tmp_path: Path) -> None:
     rows: list[Row] = [[*row[:5], 40.0 * float(row[0]), 30.0, 5.0] for row in motion()]
     with pytest.raises(
-        ConfigError, match="the robot moves at 40 m/s, limit 30 m/s; set columns to their unit"
+        ConfigError, match=r"the robot moves at 40 m/s, limit 30 m/s; set columns to their unit, .*cm"
     ):
         read(tmp_path, text_of((*ARM, *BODIES[:3]), rows))
+
+
+def test_a_robot_of_a_file_with_another_axis_up_is_below_the_floor(tmp_path: Path) -> None:
+    rows: list[Row] = [[*row[:5], row[5], row[7], -4.0] for row in motion()]
+    text = text_of((*ARM, *BODIES[:3]), rows)
+    with pytest.raises(ConfigError, match=r"the robot is 4 m below the floor, limit 3 m; .* up to .*, y, "):
+        read(tmp_path, text)
+    recording = read(tmp_path, text, up="y")
+    assert recording.robot_m is not None
+    assert recording.robot_m[0].tolist() == pytest.approx([2.0, 4.0, 0.5])
 
 
 def test_a_part_of_a_body_is_refused(tmp_path: Path) -> None:

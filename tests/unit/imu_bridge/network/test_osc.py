@@ -5,11 +5,13 @@ them was tried.
 """
 
 import math
+import re
 import struct
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from pythonosc.osc_bundle_builder import OscBundleBuilder
 from pythonosc.osc_message_builder import build_msg
 
@@ -18,6 +20,7 @@ from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.datagram_source import DatagramError, orientation
 from pointit.services.imu_bridge.network.osc import MAX_MESSAGES, OscConfig, OscDecoder, OscMessage, parse
 from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading, fault
+from pointit.services.imu_bridge.streams import MIN_READINGS
 
 WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
 NOW = 1_800_000_000 * NS_PER_S
@@ -66,12 +69,32 @@ def test_address_and_order_are_configurable() -> None:
 
 
 def test_quaternion_among_other_numbers_is_read_where_it_is_declared_to_be() -> None:
-    with pytest.raises(DatagramError, match=r"has 5 numbers, 4 were expected: set osc\.first"):
+    with pytest.raises(
+        DatagramError, match=r"5 numbers, 4 were expected: set osc\.first .* osc\.sensor_position"
+    ):
         items(OscDecoder(OscConfig()), "/quaternion", 7.0, *WXYZ)
-    assert items(OscDecoder(OscConfig(first=2)), "/quaternion", 7.0, *WXYZ) == [Reading(NOW, XYZW)]
-    decoder = OscDecoder(OscConfig(first=2, sensor="7"))
-    assert items(decoder, "/quaternion", 7.0, *WXYZ) == [Reading(NOW, XYZW)]
-    assert items(decoder, "/quaternion", 8.0, *WXYZ) == []
+    with pytest.raises(ValidationError, match=r"osc\.first needs osc\.sensor_position: the position of"):
+        OscConfig(first=2)
+    config = OscConfig(first=2, sensor_position=0)
+    assert items(OscDecoder(config), "/quaternion", 7.0, *WXYZ) == [Reading(NOW, XYZW)]
+    with pytest.raises(DatagramError, match=r"has 5 numbers: set osc\.sensor_position to one of them"):
+        items(OscDecoder(OscConfig(first=2, sensor_position=6)), "/quaternion", 7.0, *WXYZ)
+
+
+def test_sensors_that_a_number_names_are_not_mixed() -> None:
+    """Messages are a counter, the sensor, and its orientation; the counter passes the sensors' numbers."""
+    other = [1.0, 0.0, 0.0, 0.0]
+    stream = [(float(count), *((1.0, *WXYZ) if count % 2 else (2.0, *other))) for count in range(12)]
+    several = OscDecoder(OscConfig(first=3, sensor_position=2))
+    readings = [item for each in stream for item in items(several, "/quaternion", *each)]
+    assert len(readings) <= MIN_READINGS  # until both are proven
+    assert re.search(
+        r"several sensors .*/quaternion 1, .* set osc\.sensor to the one", several.sensors.warning
+    )
+    chosen = OscDecoder(OscConfig(first=3, sensor_position=2, sensor="1"))
+    assert [item for each in stream for item in items(chosen, "/quaternion", *each)] == [
+        Reading(NOW, XYZW)
+    ] * 6
 
 
 def test_four_messages_below_the_declared_address_are_one_quaternion() -> None:

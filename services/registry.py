@@ -2,13 +2,10 @@
 
 `pointit list`, the scenarios and the architecture tests use it. Modules are named, not imported, so that a
 process loads only what it needs. Services of other packages get a row when they are named, or all at once.
-
-`pointit list`, the scenarios and the architecture tests use it. Modules are named, not imported, so that a
-process loads only what it needs. Services of other packages get a row when they are named, or all at once.
 """
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -291,6 +288,29 @@ def person_of(instance: str) -> str:
     service, which = split_instance(instance)
     is_shared = any(row.name == service and row.scope == "site" for row in PROCESSES)
     return "" if is_shared else which
+
+
+def row_of(service: str) -> Process | None:
+    """Return the row of a service in the process table, or None."""
+    return next((row for row in PROCESSES if row.name == service), None)
+
+
+def present_writers(topic: Topic[Any], name: str, present: Iterable[str]) -> list[str]:
+    """Return the instances among `present` that may write `topic` at `name` (`*` or `""`: any)."""
+    if topic in topics.ACCOUNTS:
+        return sorted(instance for instance in present if name in (topics.ANY, "", instance))
+    found: list[str] = []
+    for instance in present:
+        service, which = split_instance(instance)
+        row = row_of(service)
+        is_shard = bool(which) and row is not None and row.shard_serves is not None
+        only = person_of(instance) if topic.placeholder == "user" else which
+        other = topic.placeholder in ("user", service) and only and name not in (topics.ANY, "", only)
+        other = other or (is_shard and topic.placeholder != "user")  # its site's instance writes these
+        writes = service in topic.writers or (row is not None and topic in row.writes)
+        if writes and not other:
+            found.append(instance)
+    return sorted(found)
 
 
 def names() -> list[str]:

@@ -53,7 +53,7 @@ class Identity(Config):
     fingerprint: str = ""
 
 
-class SiteState(Config):
+class SiteFolderState(Config):
     """Content of `site.json`."""
 
     site: str
@@ -172,7 +172,7 @@ class SiteFolder:
         """Create without file access."""
         self.path = path
 
-    def state(self) -> SiteState:
+    def state(self) -> SiteFolderState:
         """Return the state of the site.
 
         Raises:
@@ -180,16 +180,16 @@ class SiteFolder:
         """
         file = self.path / STATE
         try:
-            return SiteState.model_validate_json(_read(file))
+            return SiteFolderState.model_validate_json(_read(file))
         except FileNotFoundError as error:
             raise ConfigError(
                 f"{self.path}: is not the folder of a site ({STATE} is missing); give the right one, "
                 "or create one with `pointit site init NAME`"
             ) from error
         except ValidationError as error:
-            raise ConfigError(f"{file}: {describe_validation_error(error, SiteState)}") from error
+            raise ConfigError(f"{file}: {describe_validation_error(error, SiteFolderState)}") from error
 
-    def create(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
+    def create(self, state: SiteFolderState, names: Mapping[str, Role], now: dt.datetime) -> SiteFolderState:
         """Create the folder with an authority, the router's files, and an identity for each of `names`.
 
         It is excluded from Git anywhere, as it is full of private keys.
@@ -211,7 +211,7 @@ class SiteFolder:
             _save(self.path / "authority" / CA, authority.certificate, mode=0o644)
             return self._issue(state.model_copy(update={"identities": {}}), {ROUTER: "router", **names}, now)
 
-    def add(self, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
+    def add(self, names: Mapping[str, Role], now: dt.datetime) -> SiteFolderState:
         """Add identities.
 
         Raises:
@@ -228,7 +228,7 @@ class SiteFolder:
                     )
             return self._issue(state, names, now)
 
-    def renew(self, names: Iterable[str], now: dt.datetime, hosts: Sequence[str] = ()) -> SiteState:
+    def renew(self, names: Iterable[str], now: dt.datetime, hosts: Sequence[str] = ()) -> SiteFolderState:
         """Issue new certificates for identities. Their old ones become invalid immediately.
 
         Revoked ones become valid again. `hosts`: additional names and addresses of the router.
@@ -242,7 +242,7 @@ class SiteFolder:
                 state = state.model_copy(update={"hosts": tuple(dict.fromkeys((*state.hosts, *hosts)))})
             return self._issue(state, {name: state.known(name).role for name in names}, now)
 
-    def revoke(self, name: str) -> SiteState:
+    def revoke(self, name: str) -> SiteFolderState:
         """Revoke all rights of an identity.
 
         Raises:
@@ -250,7 +250,7 @@ class SiteFolder:
         """
         return self._end(name, "revoked")
 
-    def remove(self, name: str) -> SiteState:
+    def remove(self, name: str) -> SiteFolderState:
         """Revoke all rights of an identity, and delete it.
 
         Raises:
@@ -275,7 +275,7 @@ class SiteFolder:
         """Return the folder to copy to the machine of `name`."""
         return self.path / ROUTER if name == ROUTER else self.path / "identities" / name
 
-    def _end(self, name: str, how: Literal["revoked", "removed"]) -> SiteState:
+    def _end(self, name: str, how: Literal["revoked", "removed"]) -> SiteFolderState:
         with locked(self.path):
             state = self.state()
             known = state.known(name)
@@ -295,7 +295,7 @@ class SiteFolder:
                 shutil.rmtree(folder, ignore_errors=True)
             return state
 
-    def _issue(self, state: SiteState, names: Mapping[str, Role], now: dt.datetime) -> SiteState:
+    def _issue(self, state: SiteFolderState, names: Mapping[str, Role], now: dt.datetime) -> SiteFolderState:
         authority = _authority_module().Authority(
             _read(self.path / "authority" / CA), _read(self.path / "authority" / KEY)
         )
@@ -327,7 +327,9 @@ class SiteFolder:
         self._write(state)
         return state
 
-    def _carry(self, state: SiteState, name: str, identity: Identity, issued: "IssuedCertificate") -> None:
+    def _carry(
+        self, state: SiteFolderState, name: str, identity: Identity, issued: "IssuedCertificate"
+    ) -> None:
         folder = self.identity_folder(name)
         _save(folder / CA, _read(self.path / "authority" / CA), mode=0o644)
         if identity.role == "router" or not state.password:
@@ -339,7 +341,7 @@ class SiteFolder:
             return
         _save(folder / LINK, (state.link_file(name).model_dump_json(indent=1) + "\n").encode(), mode=0o644)
 
-    def _write(self, state: SiteState) -> None:
+    def _write(self, state: SiteFolderState) -> None:
         """Write the state, and the files of a router that has only its own folder."""
         if state.password:
             lines = [

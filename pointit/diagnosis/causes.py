@@ -17,7 +17,7 @@ from pointit.diagnosis.missing_services import (
     starved_machines,
     stopped_services,
 )
-from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, StoppedProcess, row_of
+from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, StoppedProcess
 from pointit.diagnosis.symptoms import latency_s
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.link.link import AGAIN, Outage, find_outage
@@ -34,7 +34,7 @@ from pointit.schemas.problems import (
     UNWRITABLE,
 )
 from pointit.schemas.system import split_instance
-from pointit.services.registry import person_of
+from pointit.services.registry import person_of, row_of
 
 
 def unreachable(

@@ -10,7 +10,7 @@ from pointit.diagnosis.missing_services import (
     find_missing_bridge,
     find_people_without_cursor,
 )
-from pointit.diagnosis.observation import Finding, Observation, Severity, is_bridge, present_writers, row_of
+from pointit.diagnosis.observation import Finding, Observation, Severity, is_bridge
 from pointit.diagnosis.symptoms import find_in_reports
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
@@ -21,7 +21,7 @@ from pointit.schemas.system import instance_of, split_instance
 from pointit.schemas.table_types import fill_key
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY, CURSOR, HOVER, TOPICS
-from pointit.services.registry import person_of
+from pointit.services.registry import person_of, present_writers, row_of
 
 GRACE_S = 3.0
 """Uptime within which a service need not have received its inputs, nor written its outputs, s."""

@@ -3,16 +3,7 @@
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
-from pointit.diagnosis.observation import (
-    CONTINUE,
-    Code,
-    Finding,
-    Observation,
-    StoppedProcess,
-    present_writers,
-    restart_remedy,
-    row_of,
-)
+from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, StoppedProcess, restart_remedy
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.runtime.service.service import HEALTH_PERIOD_S
@@ -20,7 +11,7 @@ from pointit.schemas.environment import Environment
 from pointit.schemas.system import RUN, split_instance
 from pointit.schemas.text import one_line
 from pointit.schemas.topics import CURSOR, HOVER, IMU, MAP, RAY
-from pointit.services.registry import HOME_ASSISTANT, person_of
+from pointit.services.registry import HOME_ASSISTANT, person_of, present_writers, row_of
 
 CHAIN: tuple[AnyTopic, ...] = (IMU, RAY, CURSOR, HOVER)
 """Topics from a wrist to a selection. Each is made of the one before it."""

@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,13 +15,8 @@ from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
 from pointit.schemas.problems import OTHER
 from pointit.schemas.system import RUN, instance_of, split_instance
 from pointit.schemas.table_types import NAME
-from pointit.schemas.topics import ACCOUNTS, ANY
-from pointit.services.registry import PROCESSES, Process, person_of
-
-
-def row_of(service: str) -> Process | None:
-    """Return the row of a service in the process table, or None."""
-    return next((row for row in PROCESSES if row.name == service), None)
+from pointit.schemas.topics import ANY
+from pointit.services.registry import person_of, present_writers, row_of
 
 
 def is_bridge(instance: str) -> bool:
@@ -52,24 +47,6 @@ def restart_remedy(instance: str, options: str) -> str:
         return "if it should run: pointit router --site-folder FOLDER"
     command = start_command(*split_instance(instance))
     return f"if it should run: {command}{options}" if command else "if it should run, start it where it ran"
-
-
-def present_writers(topic: AnyTopic, name: str, present: Iterable[str]) -> list[str]:
-    """Return the instances among `present` that may write `topic` at `name` (`*` or `""`: any)."""
-    if topic in ACCOUNTS:
-        return sorted(instance for instance in present if name in (ANY, "", instance))
-    found: list[str] = []
-    for instance in present:
-        service, which = split_instance(instance)
-        row = row_of(service)
-        is_shard = bool(which) and row is not None and row.shard_serves is not None
-        only = person_of(instance) if topic.placeholder == "user" else which
-        other = topic.placeholder in ("user", service) and only and name not in (ANY, "", only)
-        other = other or (is_shard and topic.placeholder != "user")  # its site's instance writes these
-        writes = service in topic.writers or (row is not None and topic in row.writes)
-        if writes and not other:
-            found.append(instance)
-    return sorted(found)
 
 
 def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:

@@ -32,6 +32,8 @@ Then `pointit run --imu waving` uses it, `--set imu-bridge.waving.rate_hz=100` s
 - `ServicePlugin` (`pointit.services`): a process with a bus, and topics and requests of its own.
 - `RecogniserPlugin` (`pointit.recognisers`): turns what a microphone hears into words (`Recogniser`).
 
+A service that shows a site keeps a `SiteState`: its newest messages, without those that are no longer valid.
+
 A plug-in gets the values of its parameters, already validated, and its `Surroundings`: the clock of all
 stamps, health, in which it reports problems and metrics, and a folder for what it stores. It has no bus. Only
 a service has one: `make` is its class, and its `Context` holds the bus and the clock.
@@ -129,6 +131,8 @@ from pointit.services.selector.selection_methods import (
     SelectionProgress,
 )
 from pointit.services.service_plugin import SERVICES, ServicePlugin
+from pointit.site.following import follow_site, follow_topics
+from pointit.site.site_state import Change, SiteState
 from pointit.speech.grammar import Vocabulary
 from pointit.speech.recogniser import RECOGNISERS, Audio, Recogniser, RecogniserPlugin
 
@@ -140,6 +144,7 @@ __all__ = [
     "Audio",
     "Battery",
     "BeamOutput",
+    "Change",
     "Clock",
     "Command",
     "Config",
@@ -202,6 +207,7 @@ __all__ = [
     "Service",
     "ServicePlugin",
     "Signal",
+    "SiteState",
     "Source",
     "Speech",
     "StateFile",
@@ -220,6 +226,8 @@ __all__ = [
     "View",
     "Vocabulary",
     "Word",
+    "follow_site",
+    "follow_topics",
     "format_address",
     "rotation",
     "sleep",

@@ -166,8 +166,12 @@ def signature(function: Any) -> str:
 
 
 def changed(before: list[str], now: list[str]) -> set[str]:
-    """Return the last part of each name that was added, removed or has another signature."""
-    return {re.split(r"[(:]", line)[0].rpartition(".")[2] for line in set(before) ^ set(now)}
+    """Return the last part of each name that was added, removed or has another signature.
+
+    Of a class that was added or removed, the names of its members are left out.
+    """
+    paths = {re.split(r"[(:]", line)[0] for line in set(before) ^ set(now)}
+    return {path.rpartition(".")[2] for path in paths if path.rpartition(".")[0] not in paths}
 
 
 def unmentioned(names: set[str], changelog: str) -> list[str]:

@@ -20,18 +20,12 @@ from pointit.bridges.web.playback.recent import Recent
 from pointit.bridges.web.wire import FindingLine, PersonLine, ServiceLine, Status
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.missing_services import home_things
-from pointit.diagnosis.observation import (
-    DiagnosisReport,
-    Finding,
-    Observation,
-    expected_services,
-    present_writers,
-)
+from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, expected_services
 from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import Deployment, Environment, Health, Message, encode
 from pointit.schemas.system import RUN, split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LAMP_COLOR, MAP, OBJECTS, STRIPS_FRAME, Delivery, Topic
-from pointit.services.registry import PROCESSES, SHOWN
+from pointit.services.registry import PROCESSES, SHOWN, present_writers
 
 
 def shown_path(path: Path) -> str:

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from pathlib import Path
 
-from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.access.site_folder import SiteFolder, SiteFolderState
 from pointit.cli.common.site_link import join_site
 from pointit.runtime.link.link import VARIABLE as CREDENTIALS
 from pointit.runtime.link.link import Credentials, Link, read_credentials
@@ -124,7 +124,7 @@ def secured_site(
     """
     now = dt.datetime.now(dt.UTC)
     site_folder = SiteFolder(folder)
-    state = SiteState(
+    state = SiteFolderState(
         site=site,
         hosts=tuple(addresses),
         port=port,

@@ -24,7 +24,7 @@ from pointit.cli.common.output import (
 )
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
-from pointit.diagnosis.observation import present_writers, silence_reason
+from pointit.diagnosis.observation import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap, Undecoded
 from pointit.runtime.bus.timeliness import ClockSkewMonitor
 from pointit.runtime.errors import AccessDeniedError, NoMessageError
@@ -32,6 +32,7 @@ from pointit.runtime.service.process import run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame, topics
 from pointit.schemas.system import split_instance
+from pointit.services.registry import present_writers
 
 CAPTURE = "capture"
 LIGHT = "light"

@@ -10,7 +10,7 @@ import click
 from rich.text import Text
 
 from pointit.access.rights import ALL, Role, rights_of, shared_services
-from pointit.access.site_folder import ROUTER, STATE, Identity, SiteFolder, SiteState
+from pointit.access.site_folder import ROUTER, STATE, Identity, SiteFolder, SiteFolderState
 from pointit.cli.common.output import OutputSection, Row, json_option, print_json, show
 from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.launch.run.run_site import check_names
@@ -25,7 +25,7 @@ ENDING = ("expired", "ends soon")
 STYLES = {"expired": "red", "ends soon": "yellow", "revoked": "dim"}
 
 
-def rows_of(state: SiteState, names: Iterable[str], now: dt.datetime) -> list[dict[str, Any]]:
+def rows_of(state: SiteFolderState, names: Iterable[str], now: dt.datetime) -> list[dict[str, Any]]:
     """Return a row for each of `names`; identities with a password do not expire."""
     return [
         {"name": name, **_about(one, _end(state, one), one.state, now)}
@@ -41,7 +41,7 @@ def _about(
     return {"role": one.role, "generation": one.generation, "state": standing, "until": day}
 
 
-def present(state: SiteState) -> list[str]:
+def present(state: SiteFolderState) -> list[str]:
     """Return the names that were not removed."""
     return [name for name, one in state.identities.items() if one.state != "removed"]
 
@@ -95,7 +95,7 @@ def section(rows: Iterable[Row]) -> OutputSection:
     )
 
 
-def _around(credentials: Credentials | None) -> SiteState | None:
+def _around(credentials: Credentials | None) -> SiteFolderState | None:
     """Return the site whose folder contains the credentials, if it can be read."""
     if credentials is None:
         return None
@@ -108,7 +108,7 @@ def _around(credentials: Credentials | None) -> SiteState | None:
     return None
 
 
-def _end(state: SiteState, one: Identity) -> dt.datetime | None:
+def _end(state: SiteFolderState, one: Identity) -> dt.datetime | None:
     return None if state.password and one.role != "router" else one.valid_until
 
 
@@ -228,7 +228,7 @@ def init(
     roles |= {f"dashboard{number}": "dashboard" for number in range(1, dashboards + 1)}
     path = folder if folder != Path() else Path(name)
     site = SiteFolder(path)
-    state = SiteState(
+    state = SiteFolderState(
         site=name,
         hosts=hosts or ("127.0.0.1",),
         port=port,
@@ -373,7 +373,7 @@ def list_identities(folder: Path, *, as_json: bool) -> None:
     click.get_current_context().exit(_tell(present(state), state, as_json=as_json))
 
 
-def _tell(names: Iterable[str], state: SiteState, *, as_json: bool) -> int:
+def _tell(names: Iterable[str], state: SiteFolderState, *, as_json: bool) -> int:
     rows = rows_of(state, names, _now())
     ending = expiring(rows)
     if as_json:

@@ -20,7 +20,7 @@ from zenoh.handlers import Callback
 from pointit.access.rights import Role
 from pointit.access.router_configuration import RouterSite
 from pointit.access.router_configuration import configuration as router_configuration
-from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.access.site_folder import SiteFolder, SiteFolderState
 from pointit.runtime.link.link import Credentials, Link, read_credentials
 from pointit.runtime.router import parse_config
 from pointit.runtime.zenoh.session import configuration
@@ -50,7 +50,7 @@ def make_site(
     host: str = "127.0.0.1",
 ) -> SiteFolder:
     folder = SiteFolder(path)
-    state = SiteState(
+    state = SiteFolderState(
         site=site, hosts=(host,), port=free_port(), days=days, password=password,
         dashboard_rate_hz=dashboard_rate_hz, identities={},
     )  # fmt: skip

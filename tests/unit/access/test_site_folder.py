@@ -14,7 +14,7 @@ from cryptography import x509
 
 from pointit.access.authority import Authority, create_authority
 from pointit.access.rights import Role
-from pointit.access.site_folder import SiteFolder, SiteState, locked
+from pointit.access.site_folder import SiteFolder, SiteFolderState, locked
 from pointit.cli.main import command
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import read_credentials
@@ -27,7 +27,7 @@ ROLES: dict[str, Role] = {"anna": "user", "services": "services"}
 
 def site_of(path: Path, *, password: bool = False) -> SiteFolder:
     site = SiteFolder(path / "lab")
-    state = SiteState(
+    state = SiteFolderState(
         site="lab",
         hosts=("router", "10.0.0.1", "fd00::1"),
         port=7447,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.access.site_folder import SiteFolder, SiteState
+from pointit.access.site_folder import SiteFolder, SiteFolderState
 from pointit.cli.site import router
 from pointit.cli.site.site import expiring, rows_of, section, visible_rows
 from pointit.runtime.errors import ConfigError
@@ -96,7 +96,7 @@ LATER = NOW + dt.timedelta(days=345)
 
 def made(path: Path, *, password: bool = False) -> SiteFolder:
     folder = SiteFolder(path)
-    state = SiteState(
+    state = SiteFolderState(
         site="lab", hosts=("127.0.0.1",), port=7447, days=365, password=password, dashboard_rate_hz=0.0,
         identities={},
     )  # fmt: skip

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose, find_clock_skew, is_healthy
-from pointit.diagnosis.observation import DiagnosisReport, Observation, present_writers, silence_reason
+from pointit.diagnosis.observation import DiagnosisReport, Observation, silence_reason
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
 from pointit.schemas.problems import Problem
 from pointit.schemas.topics import CLOCK, CURSOR, IMU, MAP, POSE, RAY, SELECTION
+from pointit.services.registry import present_writers
 from tests.unit.diagnosis.test_diagnose import WELL, health, key, observation, only
 
 ANNAS = health("pointing.anna", key(RAY, "out"))

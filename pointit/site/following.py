@@ -1,0 +1,34 @@
+"""Following a site on a bus: subscriptions of a `SiteState` to topics and presence."""
+
+import functools
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
+from pointit.schemas.topics import ANY, SERVICE_ALIVE, USER_ALIVE
+from pointit.site.site_state import SiteState
+
+
+def follow_site(
+    state: SiteState, bus: Bus, now_s: Callable[[], float], topics: Iterable[AnyTopic], user: str = ANY
+) -> list[Closable]:
+    """Subscribe `state` to presence and `topics`: to those of people of `user` only."""
+    return [
+        *follow_topics(state, bus, now_s, topics, user),
+        bus.watch(USER_ALIVE, state.set_person),
+        bus.watch(SERVICE_ALIVE, state.set_service),
+    ]
+
+
+def follow_topics(
+    state: SiteState, bus: Bus, now_s: Callable[[], float], topics: Iterable[AnyTopic], user: str = ANY
+) -> list[Closable]:
+    """Subscribe `state` to `topics` only."""
+
+    def take(topic: AnyTopic, message: Any, name: str) -> None:
+        state.take(topic, name, message, now_s())
+
+    return [
+        bus.subscribe(topic, functools.partial(take, topic), user if topic.placeholder == "user" else ANY)
+        for topic in topics
+    ]

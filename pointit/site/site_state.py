@@ -1,0 +1,235 @@
+"""The site now: the newest message of each key, who is present, and what is no longer valid; pure.
+
+The bus does not report that a message has lost its writer. All that show a site go by these rules:
+
+- All that is a person's ends with them. Their states return with them, since they do not repeat those.
+- What only services of the process table write ends with the last of them, and a service's accounts with it.
+- Late messages of people and services that have left are not shown.
+- Trackers, which anybody may be, end when they are silent. A deployment without services is over. Rooms stay.
+
+Whose presence was never seen counts as present. Times in seconds are of any monotonic clock.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+from pointit.schemas import Deployment, Message
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import ACCOUNTS, DEPLOYMENT, MAP, OBJECTS, Delivery, Topic
+from pointit.services.registry import PROCESSES, present_writers
+
+M = TypeVar("M", bound=Message)
+Key = tuple[Topic[Any], str]
+
+MAX_SILENCE_S: Mapping[Topic[Any], float] = {OBJECTS: 3.0}
+"""Topics that end when they are silent for longer, s. A tracker sends 25 messages a second."""
+MAX_KEYS = 4096
+"""Maximum number of keys; the number of names is unbounded."""
+MAX_FORMER = 1000
+"""Maximum number of people, services and keys that are remembered after their end; the oldest go first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A message to show, or one that is no longer valid."""
+
+    topic: Topic[Any]
+    name: str
+    message: Message | None
+    """None: the previous one is no longer valid."""
+    previous: Message | None = None
+    """The message that it replaces, or that is no longer valid."""
+
+
+def ends_with_writers(topic: Topic[Any]) -> bool:
+    """Return True if messages of `topic` are invalid without a present writer."""
+    if topic is MAP or topic.delivery is Delivery.EVENT:  # the walls still stand; what happened, happened
+        return False
+    return topic in ACCOUNTS or set(topic.writers) <= {row.name for row in PROCESSES}
+
+
+def is_personal(topic: Topic[Any]) -> bool:
+    """Return True if messages of `topic` end with the person of their key."""
+    return topic.placeholder == "user" and topic.delivery is not Delivery.EVENT
+
+
+class SiteState:
+    """Newest messages of a site, without those that are no longer valid."""
+
+    def __init__(
+        self,
+        on_change: Callable[[Change], object] | None = None,
+        *,
+        on_person: Callable[[str, bool], object] | None = None,
+        on_service: Callable[[str, bool], object] | None = None,
+        max_keys: int = MAX_KEYS,
+    ) -> None:
+        """Create an empty state.
+
+        Args:
+            on_change: called with each message to show, also events, and each that is no longer valid.
+            on_person: called with each change of presence, before what returns with a person, and after what
+                ends with them.
+            on_service: the same, of service instances.
+            max_keys: maximum number of keys.
+        """
+        self._on_change = on_change or _ignore
+        self._on_person, self._on_service = on_person or _ignore, on_service or _ignore
+        self._max_keys = max_keys
+        self._size = 0
+        self._messages: dict[Topic[Any], dict[str, Message]] = {}
+        self._received_s: dict[Key, float] = {}
+        self._services: set[str] = set()
+        self._people: set[str] = set()
+        self._former_services: OrderedDict[str, None] = OrderedDict()
+        self._former_people: OrderedDict[str, None] = OrderedDict()
+        self._orphans: OrderedDict[Key, None] = OrderedDict()
+        """Keys that have lost their last writer. Those whose writers were never seen are valid."""
+        self._hidden: OrderedDict[Key, tuple[Message, float]] = OrderedDict()
+        """States that are invalid until their person or writer comes, and the times of their receipt."""
+
+    @property
+    def services(self) -> frozenset[str]:
+        """Return the service instances that are present."""
+        return frozenset(self._services)
+
+    @property
+    def former_services(self) -> frozenset[str]:
+        """Return the service instances that were present, and are not."""
+        return frozenset(self._former_services)
+
+    @property
+    def people(self) -> frozenset[str]:
+        """Return the people who are present."""
+        return frozenset(self._people)
+
+    @property
+    def former_people(self) -> frozenset[str]:
+        """Return the people who were present, and are not."""
+        return frozenset(self._former_people)
+
+    def all(self, topic: Topic[M]) -> dict[str, M]:
+        """Return the newest messages of `topic` by name: a live view, to be read only."""
+        return cast("dict[str, M]", self._messages.setdefault(topic, {}))
+
+    def get(self, topic: Topic[M], name: str = "") -> M | None:
+        """Return the newest message of `topic` at `name`, or None."""
+        return self.all(topic).get(name)
+
+    def received_s(self, topic: Topic[Any], name: str = "") -> float | None:
+        """Return the time of the newest message of `topic` at `name`, or None without one."""
+        return self._received_s.get((topic, name))
+
+    def take(self, topic: Topic[Any], name: str, message: Message, now_s: float) -> bool:
+        """Store a message. Return False if there is no room for its key."""
+        if topic.delivery is Delivery.EVENT:
+            self._on_change(Change(topic, name, message))
+            return True
+        if isinstance(message, Deployment):
+            message = message.believed(name)
+            if not message.services:
+                self.forget(DEPLOYMENT, name)
+                return True
+        if self._is_invalid(topic, name):
+            if topic.delivery is Delivery.STATE:  # perhaps of a new writer, whose presence is not known yet
+                _remember(self._hidden, (topic, name), (message, now_s))
+            return True
+        messages = self._messages.setdefault(topic, {})
+        if name not in messages:
+            if self._size >= self._max_keys:
+                return False
+            self._size += 1
+        previous, messages[name] = messages.get(name), message
+        self._received_s[topic, name] = now_s
+        self._on_change(Change(topic, name, message, previous))
+        return True
+
+    def forget(self, topic: Topic[Any], name: str) -> Message | None:
+        """Remove the message of `topic` at `name`, which is over, and return it."""
+        message = self._messages.get(topic, {}).pop(name, None)
+        if message is not None:
+            self._size -= 1
+            del self._received_s[topic, name]
+            self._on_change(Change(topic, name, None, message))
+        return message
+
+    def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Update the presence of `instance`."""
+        if present == (instance in self._services) and (present or instance in self._former_services):
+            return
+        if present:
+            self._services.add(instance)
+            self._former_services.pop(instance, None)
+            self._on_service(instance, True)
+            for key in [key for key in self._orphans if present_writers(*key, (instance,))]:
+                del self._orphans[key]
+            self._show_valid()
+            return
+        self._services.discard(instance)
+        _remember(self._former_services, instance, None)
+        service, _ = split_instance(instance)
+        for topic in list(self._messages):
+            if topic in ACCOUNTS:
+                self.forget(topic, instance)
+            elif service in topic.writers and ends_with_writers(topic):
+                for name in list(self._messages[topic]):
+                    if not present_writers(topic, name, self._services):
+                        _remember(self._orphans, (topic, name), None)
+                        self._hide(topic, name)
+        self._on_service(instance, False)
+
+    def set_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Update the presence of `user`."""
+        if present == (user in self._people) and (present or user in self._former_people):
+            return
+        if present:
+            self._people.add(user)
+            self._former_people.pop(user, None)
+            self._on_person(user, True)
+            self._show_valid()
+            return
+        self._people.discard(user)
+        _remember(self._former_people, user, None)
+        for topic in list(self._messages):
+            if is_personal(topic):
+                self._hide(topic, user)
+        self._on_person(user, False)
+
+    def tick(self, now_s: float) -> None:
+        """Remove what has been silent for too long."""
+        for topic, silence_s in MAX_SILENCE_S.items():
+            for name in list(self._messages.get(topic, ())):
+                if now_s - self._received_s[topic, name] > silence_s:
+                    self.forget(topic, name)
+
+    def _is_invalid(self, topic: Topic[Any], name: str) -> bool:
+        if topic in ACCOUNTS:
+            return name in self._former_services
+        return (is_personal(topic) and name in self._former_people) or (topic, name) in self._orphans
+
+    def _hide(self, topic: Topic[Any], name: str) -> None:
+        received_s = self._received_s.get((topic, name), 0.0)
+        message = self.forget(topic, name)
+        if message is not None and is_personal(topic) and topic.delivery is Delivery.STATE:
+            _remember(self._hidden, (topic, name), (message, received_s))
+
+    def _show_valid(self) -> None:
+        for key in [key for key in self._hidden if not self._is_invalid(*key)]:
+            self.take(*key, *self._hidden.pop(key))
+
+
+def _ignore(*_: object) -> None:
+    pass
+
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+def _remember(ordered: OrderedDict[K, V], key: K, value: V) -> None:
+    ordered[key] = value
+    ordered.move_to_end(key)
+    if len(ordered) > MAX_FORMER:
+        ordered.popitem(last=False)

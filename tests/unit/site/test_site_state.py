@@ -1,0 +1,153 @@
+"""Messages of a site that are valid, by the same rules for everybody."""
+
+from typing import Any
+
+import pytest
+
+from pointit.schemas import Configuration, Cursor, Health, Message, Selection, UserPose
+from pointit.schemas.topics import (
+    ANNOUNCED,
+    CONFIGURATION,
+    CONVEYOR_STATE,
+    CURSOR,
+    DEPLOYMENT,
+    FEEDBACK,
+    HEALTH,
+    HOVER,
+    INTERACTION,
+    LAMP_COLOR,
+    LOCALIZATION,
+    MAP,
+    OBJECTS,
+    POSE,
+    PROFILE,
+    SELECTION,
+    STEERING,
+    STRIPS_FRAME,
+    Topic,
+)
+from pointit.services.registry import SHOWN
+from pointit.site import site_state as module
+from pointit.site.site_state import MAX_SILENCE_S, Change, SiteState, ends_with_writers, is_personal
+
+POSED = UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0)
+CURSED = Cursor(stamp_ns=1)
+
+
+@pytest.fixture
+def changes() -> list[Change]:
+    return []
+
+
+@pytest.fixture
+def site(changes: list[Change]) -> SiteState:
+    return SiteState(changes.append)
+
+
+def put(site: SiteState, topic: Topic[Any], name: str = "", message: Message = CURSED) -> bool:
+    return site.take(topic, name, message, 0.0)
+
+
+def appear(site: SiteState, *instances: str) -> None:
+    for instance in instances:
+        site.set_service(instance, True)
+
+
+def gone(changes: list[Change]) -> set[tuple[str, str]]:
+    return {(each.topic.key, each.name) for each in changes if each.message is None}
+
+
+def test_what_has_lost_its_writer_goes(site: SiteState, changes: list[Change]) -> None:
+    appear(site, "pui", "selector")
+    for topic, name in ((CURSOR, "anna"), (CURSOR, "ben"), (MAP, ""), (SELECTION, ""), (HEALTH, "pui")):
+        assert put(site, topic, name)
+    site.set_service("pui", False)
+    assert gone(changes) == {(CURSOR.key, "anna"), (CURSOR.key, "ben"), (HEALTH.key, "pui")}
+    assert site.former_services == {"pui"}
+    assert list(site.all(MAP)) == [""]
+
+
+def test_what_another_still_writes_stays(site: SiteState, changes: list[Change]) -> None:
+    appear(site, "led-driver", "ros2", "supervisor.anna", "supervisor.ben")
+    for topic, name in ((LAMP_COLOR, "l1"), (INTERACTION, "anna"), (INTERACTION, "ben")):
+        put(site, topic, name)
+    site.set_service("supervisor.anna", False)
+    assert gone(changes) == set(), "ros2 may write it"
+    site.set_service("ros2", False)
+    assert gone(changes) == {(INTERACTION.key, "anna")}
+
+
+def test_what_outsiders_may_write_does_not_go_with_a_service() -> None:
+    with_writers = {topic for topic in SHOWN if ends_with_writers(topic)}
+    assert not {MAP, OBJECTS, POSE, PROFILE, DEPLOYMENT} & with_writers
+    assert {CURSOR, HOVER, STRIPS_FRAME, CONVEYOR_STATE, SELECTION} <= with_writers
+
+
+def test_all_that_is_a_persons_goes_with_them() -> None:
+    personal = {topic for topic in SHOWN if is_personal(topic)}
+    assert personal == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, ANNOUNCED, INTERACTION, STEERING}
+    assert FEEDBACK not in personal, "what happened, happened"
+
+
+def test_states_return_with_their_person_and_late_messages_do_not(
+    site: SiteState, changes: list[Change]
+) -> None:
+    site.set_person("anna", True)
+    put(site, POSE, "anna", POSED)
+    put(site, CURSOR, "anna")
+    site.set_person("anna", False)
+    put(site, CURSOR, "anna")  # held up on its way
+    assert not site.all(POSE)
+    assert not site.all(CURSOR)
+    changes.clear()
+    site.set_person("anna", True)
+    assert changes == [Change(POSE, "anna", POSED)]
+    put(site, CURSOR, "anna")
+    assert site.get(CURSOR, "anna") == CURSED
+
+
+def test_late_messages_of_a_service_bring_nothing_back(site: SiteState) -> None:
+    appear(site, "pui", "selector")
+    put(site, CURSOR, "anna")
+    put(site, SELECTION, "", Selection(stamp_ns=1))
+    site.set_service("pui", False)
+    put(site, CURSOR, "anna")
+    put(site, HEALTH, "pui", Health(stamp_ns=1, service="pui", instance="pui", pid=1))
+    assert not site.all(CURSOR)
+    assert not site.all(HEALTH)
+    site.set_service("selector", False)
+    put(site, SELECTION, "", Selection(stamp_ns=2))  # the next one's, whose presence is not known yet
+    assert not site.all(SELECTION)
+    appear(site, "selector")
+    assert site.get(SELECTION) == Selection(stamp_ns=2)
+
+
+def test_a_report_that_comes_before_the_presence_of_its_service_is_shown_with_it(site: SiteState) -> None:
+    appear(site, "pui")
+    site.set_service("pui", False)
+    put(site, CONFIGURATION, "pui", report := Configuration(stamp_ns=1, service="pui", instance="pui"))
+    assert site.get(CONFIGURATION, "pui") is None
+    appear(site, "pui")
+    assert site.get(CONFIGURATION, "pui") == report
+
+
+def test_a_silent_tracker_is_gone_once(site: SiteState, changes: list[Change]) -> None:
+    site.take(OBJECTS, "conveyor", CURSED, 0.0)
+    site.take(OBJECTS, "robot", CURSED, 2.0)
+    site.tick(MAX_SILENCE_S[OBJECTS])
+    assert gone(changes) == set()
+    site.tick(MAX_SILENCE_S[OBJECTS] + 0.1)
+    site.tick(MAX_SILENCE_S[OBJECTS] + 0.2)
+    assert [each for each in changes if each.message is None] == [Change(OBJECTS, "conveyor", None, CURSED)]
+
+
+def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MAX_FORMER", 5)
+    site = SiteState(max_keys=10)
+    assert [put(site, POSE, f"user{n}", POSED) for n in range(20)] == [True] * 10 + [False] * 10
+    for n in range(20):
+        site.set_person(f"user{n}", False)
+    assert not site.all(POSE)
+    assert put(site, POSE, "user0", POSED), "forgotten that they have left"
+    site.set_person("user9", True)
+    assert site.get(POSE, "user9") == POSED

@@ -99,11 +99,20 @@ class ButtonEvent(Message):
 
 
 class Step(Message):
-    """The person moved to the object beside the announced one, or to the nearest: by crown, swipe or key."""
+    """The person moved from the announced object to another, or to the nearest: by crown, swipe or key."""
+
+    version: ClassVar[int] = 2
 
     by: Annotated[
-        Literal[-1, 1], Field(description="1: the next object to the right in its row, -1: to the left")
+        Literal[-1, 1], Field(description="1: to the right, or to the row below; -1: to the left, or above")
     ]
+    to: Annotated[
+        Literal["beside", "row", "here"],
+        Field(
+            description="beside: the next object of its row; row: the nearest one of the next row; here: it "
+            "stays, and its place in the row is spoken after its name"
+        ),
+    ] = "beside"
     source: Annotated[Id, Field(description="device, page, headset, keyboard, simulated")] = "device"
 
 

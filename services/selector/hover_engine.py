@@ -176,7 +176,7 @@ class HoverEngine:
         pointer = self._people.get(user)
         if pointer is None or (announcer := pointer.announcer) is None:
             return []
-        object_id, now_ns = announcer.step(self._positions.objects.values(), step.by, step.stamp_ns)
+        object_id, now_ns = announcer.step(self._positions.objects.values(), step)
         return self._announce(user, announcer, object_id, now_ns) if object_id else []
 
     def _announce(self, user: str, announcer: NameAnnouncer, object_id: str, now_ns: int) -> list[Output]:

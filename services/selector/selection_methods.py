@@ -9,7 +9,7 @@ from pydantic import Field
 from pointit.runtime.config.config import Config
 from pointit.runtime.config.plugins import Plugin, PluginGroup
 from pointit.runtime.service.plugin_guard import Surroundings
-from pointit.schemas import Announced, Cursor, TrackedObject
+from pointit.schemas import Announced, Cursor, Step, TrackedObject
 from pointit.services.selector.seen_objects import View
 
 MAX_DWELL_S = 10.0
@@ -96,7 +96,7 @@ class NameAnnouncer(Protocol):
         """Return `progress` of the method, or that of an object to which the person stepped."""
         ...
 
-    def step(self, objects: Iterable[TrackedObject], by: int, stamp_ns: int) -> tuple[str, int]:
+    def step(self, objects: Iterable[TrackedObject], step: Step) -> tuple[str, int]:
         """Step to a neighbour, or to the nearest object. Return it, or `""`, and the time, ns."""
         ...
 

@@ -84,11 +84,13 @@ class People:
             ButtonEvent(stamp_ns=max(0, down_ns), seq=self._presses, gesture=gesture, source=source)
         )
 
-    def step(self, user: str, by: Literal[-1, 1], *, source: str = "page") -> None:
-        """Move `user`, who must be present, to the thing beside the announced one, or to the nearest."""
+    def step(
+        self, user: str, by: Literal[-1, 1], to: Literal["beside", "row", "here"], *, source: str = "page"
+    ) -> None:
+        """Move `user`, who must be present, from the announced thing to another, or to the nearest."""
         self._steps += 1
         self._writers[user].step.put(
-            Step(stamp_ns=self._clock.now_ns(), seq=self._steps, by=by, source=source)
+            Step(stamp_ns=self._clock.now_ns(), seq=self._steps, by=by, to=to, source=source)
         )
 
     def speak(self, user: str, words: Sequence[Mapping[str, Any]]) -> None:

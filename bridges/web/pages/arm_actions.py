@@ -2,7 +2,8 @@
 
 - `press`, `{"gesture": "press" | "double" | "hold", "held_s": 0.2}`: press the person's button, which went
   down that long ago.
-- `step`, `{"by": -1 | 1}`: from the announced thing to the one left or right of it, or to the nearest.
+- `step`, `{"by": -1 | 1, "to": "beside" | "row" | "here"}`: from the announced thing to the one left or right
+  of it, or in the row above or below; or to the nearest. `here` has its place in the row spoken.
 - `take`, `{"by": "mouse" | "headset"}`: move the person's arm by this page's mouse or its headset; an idle
   person begins to point. `give`: give it back, whichever page moves it.
 - `tremor`, `{"rms_deg": number}`: tremor of that arm.
@@ -65,13 +66,14 @@ async def _press(context: ActionContext, sender: PageSender, press: Press) -> Js
 
 
 class StepBeside(ActionParameters):
-    """Direction of a step."""
+    """Direction of a step, as in `Step`."""
 
     by: Literal[-1, 1]
+    to: Literal["beside", "row", "here"] = "beside"
 
 
 async def _step(context: ActionContext, sender: PageSender, step: StepBeside) -> JsonObject:
-    context.people.step(sender.user, step.by, source=_source_of(context, sender))
+    context.people.step(sender.user, step.by, step.to, source=_source_of(context, sender))
     return {"message": ""}
 
 

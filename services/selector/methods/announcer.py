@@ -8,7 +8,9 @@ from pydantic import Field
 
 from pointit.geometry import vector
 from pointit.runtime.config.config import Config
-from pointit.schemas import NS_PER_S, Announced, Cursor, TrackedObject
+from pointit.schemas import NS_PER_S, Announced, Cursor, Step, TrackedObject
+from pointit.schemas.base import MAX_ID
+from pointit.services.selector.methods.rows import neighbour, place_in, rows_of
 from pointit.services.selector.selection_methods import SelectionProgress
 
 FIRST_NS = NS_PER_S // 5
@@ -25,8 +27,6 @@ MAX_CURSOR_AGE_NS = NS_PER_S
 """Time without cursors after which nothing is announced any more, ns."""
 FOCUS_RAD = math.radians(12.0)
 """Angle by which the ray has to turn before it decides again, after a step."""
-MIN_HEIGHT_M = 0.1
-"""Minimum height of objects for which rows are made, m: trackers measure heights with errors."""
 STEP_DWELL_NS = 11 * NS_PER_S // 5
 """Dwell time of a person without a button on an object that they stepped to, ns."""
 
@@ -89,6 +89,8 @@ class Announcer:
         self._focus: tuple[str, Cursor] | None = None
         """Object that the person stepped to, and the cursor of that time."""
         self._has_fired = False
+        self._place = ""
+        """Place of the object in its row, which the person asked for: it is spoken after the next name."""
         self._cursor: Cursor | None = None
         self._is_due = True
         """A message is due that says that names are spoken to the person, who begins to point."""
@@ -125,16 +127,19 @@ class Announcer:
         fired = object_id if self._has_fired else None
         return SelectionProgress(object_id, share, fired, spent_ns / NS_PER_S)
 
-    def step(self, objects: Iterable[TrackedObject], by: int, stamp_ns: int) -> tuple[str, int]:
-        """Move to the object beside the hovered one, or to the nearest one. A row's last one is spoken again.
+    def step(self, objects: Iterable[TrackedObject], step: Step) -> tuple[str, int]:
+        """Move from the hovered object as `step` says, or to the nearest one. A row's last one is spoken again.
 
         Return the object and the time, ns. The object is `""` if the person does not point or there is none.
         """
-        cursor = self._cursor
-        if cursor is None or cursor.direction is None or abs(stamp_ns - cursor.stamp_ns) > MAX_CURSOR_AGE_NS:
+        cursor, objects = self._cursor, list(objects)
+        if cursor is None or cursor.direction is None or cursor.origin_m is None:
             return "", 0
-        object_id = neighbour(objects, cursor, self._hovered, by)
+        if abs(step.stamp_ns - cursor.stamp_ns) > MAX_CURSOR_AGE_NS:
+            return "", 0
+        object_id = neighbour(objects, cursor, self._hovered, step)
         if object_id:
+            self._place = place_in(rows_of(objects, cursor.origin_m), object_id) if step.to == "here" else ""
             self._focus, self._has_fired = (object_id, cursor), False
             self._hovered, self._hovered_ns = object_id, cursor.stamp_ns - FIRST_NS
             self._spoken, self._repeat_ns = ("", 0), None
@@ -169,6 +174,8 @@ class Announcer:
         name = self._names.setdefault(object_id, _Name(stamp_ns, stamp_ns, stamp_ns))
         if is_first:
             self._names[object_id] = name._replace(spoken_ns=stamp_ns)
+        if self._place:
+            label, self._place = f"{label}, {self._place}"[:MAX_ID], ""
         return self._send(stamp_ns, object_id, label)
 
     def is_silent(self, now_ns: int) -> bool:
@@ -205,31 +212,3 @@ class Announcer:
             stamp_ns=stamp_ns, seq=seq, object_id=object_id, label=label, began_ns=began_ns
         )
         return self._announced
-
-
-def neighbour(objects: Iterable[TrackedObject], cursor: Cursor, object_id: str, by: int) -> str:
-    """Return the object right (`by` 1) or left (-1) of `object_id` in its row, as the person sees it.
-
-    At the end of the row that is `object_id` itself. If it is not among `objects`, it is the one nearest to
-    the ray, or `""` if there are none. Objects are in one row if their heights overlap.
-    """
-    by_id = {one.id: one for one in objects}
-    if cursor.origin_m is None or cursor.direction is None or not by_id:
-        return ""
-    origin_m, direction = cursor.origin_m, cursor.direction
-    reach = {name: vector.subtract(one.position_m, origin_m) for name, one in by_id.items()}
-    start = by_id.get(object_id)
-    if start is None:
-        return min(reach, key=lambda name: (vector.angle_between(direction, reach[name]), name))
-    azimuth = vector.azimuth(reach[object_id])
-    row = sorted(
-        (vector.wrap(azimuth - vector.azimuth(reach[name])), name)
-        for name, one in by_id.items()
-        if abs(one.position_m[2] - start.position_m[2]) <= (_height_m(one) + _height_m(start)) / 2.0
-    )
-    names = [name for _, name in row]
-    return names[min(max(names.index(object_id) + by, 0), len(names) - 1)]
-
-
-def _height_m(tracked: TrackedObject) -> float:
-    return max(tracked.length_m if tracked.size_m is None else tracked.size_m[2], MIN_HEIGHT_M)

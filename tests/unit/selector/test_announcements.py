@@ -1,6 +1,7 @@
 """Names of things that are spoken to people: when and in which order, presses, steps to neighbours."""
 
 import math
+from typing import Literal
 
 import pytest
 
@@ -75,10 +76,10 @@ class Listener:
         self.take(self.engine.on_button(user, ButtonEvent(stamp_ns=at(self.time_s))))
         return self.events[before:]
 
-    def step(self, by: int, user: str = "anna") -> str:
+    def step(self, by: int, to: Literal["beside", "row", "here"] = "beside", user: str = "anna") -> str:
         """Step, and return what was announced at once."""
         before = len(self.announced)
-        self.take(self.engine.on_step(user, Step(stamp_ns=at(self.time_s), by=1 if by > 0 else -1)))
+        self.take(self.engine.on_step(user, Step(stamp_ns=at(self.time_s), by=1 if by > 0 else -1, to=to)))
         return self.announced[-1][1] if len(self.announced) > before else ""
 
     def take(self, outputs: list[Output]) -> None:
@@ -305,6 +306,18 @@ def test_steps_go_right_and_left_in_the_row_and_stop_at_its_end() -> None:
     assert room.step(-1) == "left"
     room.point(0.0, 0.3)
     assert "below" not in {name for _, name, _ in room.announced}
+
+
+def test_home_repeats_the_name_with_its_place_and_a_step_down_goes_to_the_row_below() -> None:
+    room = Listener()
+    room.point(-15.0, 1.0)
+    assert room.step(1, "here") == "right"
+    assert room.announced[-1][2] == "right, 3 of 3, upper row"
+    room.point(-15.0, 2.0)
+    assert room.announced[-1][2] == "right"  # as it is repeated
+    for by, name in ((1, "below"), (1, "below"), (-1, "right")):
+        assert room.step(by, "row") == name
+        room.point(-15.0, 0.3)
 
 
 def test_a_press_takes_what_was_stepped_to_once_its_name_is_understood() -> None:

@@ -34,7 +34,7 @@ import { makeScenario } from "./scenario";
 import { isCutOff, outage } from "./outage";
 import { makeRunEnd } from "./run";
 import { keepSettings, loadSettings, type Settings } from "./settings";
-import { makeShortcuts } from "./shortcuts";
+import { beginning, makeShortcuts } from "./shortcuts";
 import { phaseOf, steeredBy } from "./site/robots";
 import { emptySite, siteNow, type SiteEvent, type Site } from "./site/site";
 import { chime } from "./sound";
@@ -120,7 +120,8 @@ const stop = stopAll(at("stop"), controls);
 const runEnd = makeRunEnd(at("ended"), controls);
 const timeline = makeTimeline(at("timeline"), controls, (text) => say(text, false));
 const help = makeHelp((): readonly Shortcut[] => shortcuts, () => stage.gestures);
-const shortcuts = makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline });
+const shortcuts = makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline, speaker });
+addEventListener("keydown", tellBeginning);
 listen(shortcuts, () => settings.shortcuts);
 at("help").addEventListener("click", () => help.open());
 at("settings").addEventListener("click", () => look.open());
@@ -220,6 +221,13 @@ function speakName(): void {
   if (!announced?.object_id || began === namedNs) return;
   namedNs = began;
   if (!site.timeline && siteNow(site) - began < LATE_NS * site.speed) speaker.say(announced.label);
+}
+
+/** Once, by the first key: browsers let a page speak from then on. */
+function tellBeginning(): void {
+  if (!controls.speaks || site.timeline) return;
+  removeEventListener("keydown", tellBeginning);
+  speaker.say(beginning(controls));
 }
 
 /** Tell in words: as a toast, which is read out, or only to be read out. */

@@ -4,7 +4,7 @@ import type { Reply, Wish } from "./site/asks";
 import { Refusal } from "./site/asks";
 import type { Connection } from "./site/connection";
 import { byName, capital } from "./format";
-import type { CancelLocalization, SelectionEvent } from "./messages";
+import type { CancelLocalization, SelectionEvent, Step } from "./messages";
 import { seenRobots } from "./site/robots";
 import type { Settings } from "./settings";
 import { siteNow, type Person, type Site } from "./site/site";
@@ -180,8 +180,13 @@ export class Controls {
     return this.mayDo("step") && Boolean(this.person?.announced);
   }
 
-  step(by: -1 | 1): void {
-    void this.ask({ deed: "step", name: this.user, query: { by } });
+  /** Whether this page is to speak names, to somebody who may point. */
+  get speaks(): boolean {
+    return this.mayDo("step") && (this.site.hello?.speaks ?? false);
+  }
+
+  step(by: -1 | 1, to: Step["to"]): void {
+    void this.ask({ deed: "step", name: this.user, query: { by, to } });
   }
 
   localize(): void {

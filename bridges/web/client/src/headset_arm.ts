@@ -1,6 +1,7 @@
 /** The arm of a person that the wearer of this page's headset moves: taking it, pointing, giving it back. */
 
 import type { Controls } from "./controls";
+import type { Step } from "./messages";
 import { Refusal, type Wish } from "./site/asks";
 import type { Arm } from "./view";
 import type { HeadsetMotion } from "./wire";
@@ -44,8 +45,8 @@ export class HeadsetArm implements Arm {
     return this.ask({ deed: "press", name: this.pointing, query: { held_s: Math.min(heldMs, MAX_HELD_MS) / 1000 } });
   }
 
-  step(by: -1 | 1): Promise<string> {
-    return this.ask({ deed: "step", name: this.pointing, query: { by } });
+  step(by: -1 | 1, to: Step["to"]): Promise<string> {
+    return this.ask({ deed: "step", name: this.pointing, query: { by, to } });
   }
 
   move(measured: Pick<HeadsetMotion, "alignment" | "eyes_m" | "tip_m">): void {

@@ -1,5 +1,7 @@
 /** The keyboard: one table, which the help shows too. */
 
+import type { Step } from "./messages";
+
 type Text = string | (() => string);
 /** The words of now. */
 export const now = (text: Text): string => (typeof text === "string" ? text : text());
@@ -16,6 +18,11 @@ export interface Shortcut {
   /** Works though single keys are switched off. */
   isSafe?: boolean;
 }
+
+/** Where keys step to while names are announced. */
+export const STEPS: Readonly<Record<string, readonly [by: -1 | 1, to: Step["to"]]>> = {
+  ArrowLeft: [-1, "beside"], ArrowRight: [1, "beside"], ArrowUp: [-1, "row"], ArrowDown: [1, "row"], Home: [1, "here"],
+};
 
 const FIELDS = "input:not([type=checkbox]):not([type=radio]):not([type=range]), textarea, select";
 /** What uses arrow keys itself. */
@@ -38,7 +45,7 @@ export function listen(shortcuts: readonly Shortcut[], areOn: () => boolean): vo
     if (document.querySelector("dialog[open]")) return null;
     if (event.key === "Escape") return shortcut;
     if (target.matches(FIELDS)) return null;
-    if (event.key.startsWith("Arrow") && target.matches(MOVES)) return null;
+    if ((event.key.startsWith("Arrow") || event.key === "Home") && target.matches(MOVES)) return null;
     // Space belongs to a control that the keyboard has come to; after a click it is the person's button
     if (event.key === " " && isByKeyboard && target.matches("button, input, summary, a, [role=tab]")) return null;
     return shortcut;

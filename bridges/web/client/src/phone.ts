@@ -5,7 +5,8 @@ import { sentence } from "./format";
 import { chime } from "./sound";
 import { Speaker } from "./speaker";
 import { Voice } from "./voice";
-import type { Feedback } from "./messages";
+import { STEPS } from "./keys";
+import type { Feedback, Step } from "./messages";
 import type { Cue } from "./wire";
 import { watchBattery } from "./phone/battery";
 import { Link, type Heard, type LinkState } from "./phone/link";
@@ -197,6 +198,7 @@ class Wrist {
       this.show();
     } else {
       this.cue = part;
+      this.screen.big.style.touchAction = part.has_names ? "none" : ""; // a swipe up or down steps, and scrolls nothing
       if (part.announced) this.speaker.say(part.announced);
       if (part.chime) chime(part.chime as Feedback["chime"]);
       if (part.haptic_ms.length) navigator.vibrate?.(part.haptic_ms);
@@ -244,15 +246,15 @@ class Wrist {
     document.getElementById("speaker")!.replaceChildren(this.speaker.fields());
   }
 
-  /** Go to the thing left (-1) or right (1) of the announced one, or to the nearest. */
-  private step(by: number): void {
+  /** Go to the thing left (-1) or right (1) of the announced one, or above or below, or to the nearest. */
+  private step(by: number, to: Step["to"]): void {
     navigator.vibrate?.(15);
-    this.ask("step", "step", { by });
+    this.ask("step", "step", { by, to });
   }
 
   private listenToButton(): void {
     const { big } = this.screen;
-    let downX = 0;
+    let downX = 0, downY = 0;
     const down = () => {
       big.classList.add("is-down");
       this.taps.down(performance.now());
@@ -266,20 +268,21 @@ class Wrist {
       if (event.button !== 0 || !event.isPrimary) return;
       big.setPointerCapture(event.pointerId);
       downX = event.clientX;
+      downY = event.clientY;
       down();
     });
     big.addEventListener("pointermove", (event) => {
-      const moved = event.clientX - downX;
-      if (!this.cue?.has_names || this.stage !== "button" || !big.classList.contains("is-down") || Math.abs(moved) < SWIPE_PX) return;
+      const right = event.clientX - downX, down = event.clientY - downY, isAcross = Math.abs(right) >= Math.abs(down);
+      if (!this.cue?.has_names || this.stage !== "button" || !big.classList.contains("is-down") || Math.max(Math.abs(right), Math.abs(down)) < SWIPE_PX) return;
       big.classList.remove("is-down");
       this.taps.cancel();
-      this.step(Math.sign(moved));
+      this.step(Math.sign(isAcross ? right : down), isAcross ? "beside" : "row");
     });
     addEventListener("keydown", (event) => {
-      const by = event.key === "ArrowLeft" ? -1 : event.key === "ArrowRight" ? 1 : 0;
-      if (!by || this.stage !== "button" || !this.cue?.has_names) return;
+      const step = STEPS[event.key];
+      if (!step || this.stage !== "button" || !this.cue?.has_names) return;
       event.preventDefault();
-      this.step(by);
+      this.step(...step);
     });
     big.addEventListener("pointerup", up);
     big.addEventListener("pointercancel", () => {

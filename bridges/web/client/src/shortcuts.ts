@@ -3,13 +3,14 @@
 import { SEPARABILITY_KEY } from "./separability_toggle";
 import type { Controls } from "./controls";
 import type { Help } from "./help";
-import type { Shortcut } from "./keys";
+import { STEPS, type Shortcut } from "./keys";
 import type { Mouse } from "./mouse";
 import type { Belts } from "./panel/belts";
 import type { Look } from "./panel/look";
 import type { Pairing } from "./panel/pairing";
 import type { Panel } from "./panel/panel";
 import type { Timeline } from "./past/timeline";
+import type { Speaker } from "./speaker";
 import type { Stage } from "./stage";
 import { byName } from "./format";
 import { movingOf, nounOf } from "./words";
@@ -25,6 +26,7 @@ export interface ShortcutTargets {
   panel: Panel;
   help: Help;
   timeline: Timeline;
+  speaker: Speaker;
 }
 
 /** How far an arrow key moves in the past, s; with Shift less. */
@@ -37,10 +39,19 @@ const ARROWS: Record<string, readonly [number, number]> = {
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1],
 };
 
-export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline }: ShortcutTargets): Shortcut[] {
+/** How to point with the keyboard, for who hears. */
+export function beginning({ canStep, mine }: Controls): string {
+  return `${canStep || mine ? "" : "M takes the arm. "}The arrow keys go from thing to thing, Home says where you are, Space confirms, Escape ends.`;
+}
+
+export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, panel, help, timeline, speaker }: ShortcutTargets): Shortcut[] {
   const camera = (key: string, name: Camera, does: string): Shortcut => ({
     keys: [key], shown: key, does, isOffered: () => stage.view?.cameras.includes(name) ?? false, run: () => stage.look(name),
   });
+  const nudge = (event: KeyboardEvent): void => {
+    const [right, away] = ARROWS[event.key]!, step = event.shiftKey ? SMALL_STEP_M : STEP_M;
+    stage.view?.nudge(right * step, away * step);
+  };
   const isMine = (): boolean => controls.mine !== null;
   const isPast = (): boolean => controls.site.connected && controls.site.timeline !== null;
   const past = (keys: string[], shown: string, does: string, run: (event: KeyboardEvent) => void): Shortcut => ({ keys, shown, does, isOffered: isPast, run });
@@ -54,23 +65,13 @@ export function makeShortcuts({ controls, mouse, stage, belts, look, pairing, pa
     { keys: ["Escape", "w"], shown: "Esc", does: "Back to live", isOffered: () => controls.site.timeline?.title === "", run: () => controls.connection.visit(false), isSafe: true },
     { keys: [" "], shown: "Space", does: "Press the button at the wrist", isOffered: () => controls.mayDo("press") && controls.user !== "", run: () => controls.press() },
     { keys: ["m"], shown: "M", does: "Point with the mouse", isOffered: () => controls.mayDo("take") && controls.mine?.user !== controls.user, run: () => void mouse.take() },
-    { keys: ["Escape"], shown: "Esc", does: "Give the arm back", isOffered: isMine, run: () => void mouse.give(), isSafe: true },
+    { keys: ["Escape"], shown: "Esc", does: "Give the arm back", isOffered: isMine, run: () => void mouse.give().then(() => controls.speaks && speaker.say("The arm is given back.")), isSafe: true },
     {
-      keys: ["ArrowLeft", "ArrowRight"], shown: "← →", does: "To the nearest thing, then to the one beside it; with Shift move where you point", isOffered: () => controls.canStep, isSafe: true,
-      run: (event) => {
-        const by = event.key === "ArrowLeft" ? -1 : 1;
-        if (event.shiftKey && isMine()) stage.view?.nudge(by * SMALL_STEP_M, 0);
-        else controls.step(by);
-      },
+      keys: Object.keys(STEPS), shown: "← → ↑ ↓", does: "To the nearest thing, then to the one beside it, or in the row above or below; Home says where you are; with Shift move where you point",
+      isOffered: () => controls.canStep, isSafe: true, run: (event) => (event.shiftKey && isMine() && ARROWS[event.key] ? nudge(event) : controls.step(...STEPS[event.key]!)),
     },
-    {
-      keys: Object.keys(ARROWS), shown: () => controls.canStep ? "↑ ↓" : "← → ↑ ↓", does: "Move where you point; with Shift a little only", isOffered: isMine, isSafe: true,
-      run: (event) => {
-        const [right, away] = ARROWS[event.key]!;
-        const step = event.shiftKey ? SMALL_STEP_M : STEP_M;
-        stage.view?.nudge(right * step, away * step);
-      },
-    },
+    { keys: Object.keys(ARROWS), shown: "← → ↑ ↓", does: "Move where you point; with Shift a little only", isOffered: isMine, isSafe: true, run: nudge },
+    { keys: Object.keys(STEPS), shown: "← → ↑ ↓", does: "How to point with the keyboard", isOffered: () => controls.speaks, isSafe: true, run: () => speaker.say(beginning(controls)) },
     { keys: ["q"], shown: "Q", does: "Point with a phone: show the QR code", isOffered: () => controls.mayDo("pair"), run: () => pairing.open() },
     { keys: ["l"], shown: "L", does: "Localize the person again", isOffered: () => controls.canLocalize, run: () => controls.localize() },
     { keys: ["c"], shown: "C", does: "Cancel that", isOffered: () => controls.localizes && controls.may("localizer/{user}/cancel"), run: () => controls.cancel() },

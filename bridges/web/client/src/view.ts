@@ -4,6 +4,7 @@ import type { Separability } from "./geometry/separability";
 import type { Edges } from "./geometry/framing";
 import type { Rect } from "./geometry/placing";
 import type { Vec3 } from "./geometry/vec";
+import type { Step } from "./messages";
 import type { Site } from "./site/site";
 import type { HeadsetMotion } from "./wire";
 
@@ -33,8 +34,8 @@ export interface Arm {
   give(): void;
   /** Press the button, which went down `heldMs` ago: what was pointed at before that counts. */
   press(heldMs: number): Promise<string>;
-  /** From the announced thing to the one left or right of it, or to the nearest. */
-  step(by: -1 | 1): Promise<string>;
+  /** From the announced thing to the one left or right of it, or in the row above or below, or to the nearest. */
+  step(by: -1 | 1, to: Step["to"]): Promise<string>;
   move(measured: Pick<HeadsetMotion, "alignment" | "eyes_m" | "tip_m">): void;
 }
 

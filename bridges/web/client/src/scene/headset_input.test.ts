@@ -24,3 +24,13 @@ test("a pinch does not move the ray, and every frame of a fast headset is sent",
   frame();
   assert.deepEqual(tips, [[0.5, 0, 1.5], [0.5, 0, 1.5], [0.48, 0.04, 1.47], [0.48, 0.04, 1.47], [0.48, 0.04, 1.47]]);
 });
+
+test("a thumbstick steps once for each deflection, beside or to the row above or below", () => {
+  const steps: unknown[] = [], axes = [0, 0, 0, 0], input = new HeadsetInput({ pointing: "ada", move() {}, step: (...step: unknown[]) => steps.push(step) } as unknown as Arm);
+  const hand = { handedness: "right", gamepad: { axes } } as unknown as XRInputSource;
+  for (const [right, down] of [[0.9, 0.2], [1, 0.3], [0, 0], [0.3, -0.8], [0.1, -0.5], [0.1, 0.9], [0, 0], [-0.2, 0.9]] as const) {
+    axes.splice(2, 2, right, down);
+    input.update(0, [hand], new Map(), [0, 0, 1.6], () => null, { yaw: 0, origin: [0, 0, 0] });
+  }
+  assert.deepEqual(steps, [[1, "beside"], [-1, "row"], [1, "row"]]);
+});

@@ -12,8 +12,8 @@ const LOST_MS = 400;
 const HELD_MS = 1500;
 /** Deflections of a thumbstick from which it steps, and below which it may step again. */
 const STEP_AT = 0.7, REST_AT = 0.3;
-/** Index of the axis of a thumbstick from left to right (WebXR Gamepads, `xr-standard`). */
-const STICK_AXIS = 2;
+/** Indices of the axes of a thumbstick from left to right and from up to down (WebXR Gamepads, `xr-standard`). */
+const STICK_AXES = [2, 3] as const;
 
 export class HeadsetInput {
   /** The hand that points. */
@@ -21,7 +21,7 @@ export class HeadsetInput {
   private sentAt = -Infinity;
   private tip: Vec3 | null = null;
   private trackedAt = -Infinity;
-  private deflected = 0;
+  private isDeflected = false;
 
   constructor(private readonly arm: Arm) {}
 
@@ -38,15 +38,18 @@ export class HeadsetInput {
     const held = press && now - press.since < HELD_MS ? press.at : null, tip = held ?? (source ? tipOf(source) : null);
     if (tip || now - this.trackedAt > LOST_MS) this.tip = tip;
     if (tip) this.trackedAt = now;
-    this.steer(source?.gamepad?.axes[STICK_AXIS] ?? 0);
+    this.steer(...STICK_AXES.map((axis) => source?.gamepad?.axes[axis] ?? 0) as [number, number]);
     if (now - this.sentAt < LEAST_MS) return;
     this.sentAt = now;
     this.arm.move({ alignment: { yaw_rad: yaw, origin_m: [...origin] }, eyes_m: eyes, tip_m: this.tip });
   }
 
-  private steer(deflection: number): void {
-    const by = Math.abs(deflection) > STEP_AT ? Math.sign(deflection) : Math.abs(deflection) < REST_AT ? 0 : this.deflected;
-    if (by && by !== this.deflected) void this.arm.step(by < 0 ? -1 : 1);
-    this.deflected = by;
+  /** Step once for each deflection. */
+  private steer(right: number, down: number): void {
+    const isAcross = Math.abs(right) >= Math.abs(down), deflection = isAcross ? right : down;
+    if (Math.abs(deflection) < REST_AT) this.isDeflected = false;
+    if (this.isDeflected || Math.abs(deflection) <= STEP_AT) return;
+    this.isDeflected = true;
+    void this.arm.step(deflection < 0 ? -1 : 1, isAcross ? "beside" : "row");
   }
 }

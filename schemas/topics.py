@@ -183,7 +183,7 @@ BUTTON = Topic(
 )
 STEP = Topic(
     key="users/{user}/step", message=person.Step, delivery=_EVENT, rate_hz=None,
-    writers=("imu-bridge", "web", "cli"), about="to an object beside, above or below the announced one, or to the nearest",
+    writers=("imu-bridge", "web", "cli"), about="to an object beside, above or below the announced one",
 )
 PROFILE = Topic(
     key="users/{user}/profile", message=person.UserProfile, delivery=_STATE, rate_hz=None,

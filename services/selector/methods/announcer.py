@@ -128,7 +128,7 @@ class Announcer:
         return SelectionProgress(object_id, share, fired, spent_ns / NS_PER_S)
 
     def step(self, objects: Iterable[TrackedObject], step: Step) -> tuple[str, int]:
-        """Move from the hovered object as `step` says, or to the nearest one. A row's last one is spoken again.
+        """Move from the hovered object as `step` says, or to the nearest one. At the end it is spoken again.
 
         Return the object and the time, ns. The object is `""` if the person does not point or there is none.
         """

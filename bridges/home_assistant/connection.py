@@ -83,15 +83,17 @@ class HomeAssistantConnection:
         self._handlers[number] = handler
         await self._request(number, "subscribe_events", {"event_type": event})
 
-    async def call(self, call: ServiceCall) -> None:
-        """Run an action. Raises as `request`."""
-        await self.request(
+    async def call(self, call: ServiceCall) -> str:
+        """Run an action. Return the id of the context of its changes, or `""`. Raises as `request`."""
+        result = await self.request(
             "call_service",
             domain=call.domain,
             service=call.service,
             service_data=dict(call.data),
             target={"entity_id": call.entity},
         )
+        context = _fields(_fields(result).get("context")).get("id")
+        return context if isinstance(context, str) else ""
 
     async def read(self) -> None:
         """Hand on replies and events until the connection is lost.
@@ -134,17 +136,18 @@ class HomeAssistantConnection:
             return
         reply, handler = self._replies.get(number), self._handlers.get(number)
         if kind == "event" and handler is not None:
-            event = message.get("event")
-            data = cast("Mapping[str, Any]", event).get("data") if isinstance(event, dict) else None
-            if isinstance(data, dict):
-                handler(cast("Mapping[str, Any]", data))
+            handler(_fields(_fields(message.get("event")).get("data")))
         elif kind == "result" and reply is not None and not reply.done():
             if message.get("success"):
                 reply.set_result(message.get("result"))
             else:
-                error = message.get("error")
-                text = cast("Mapping[str, Any]", error).get("message") if isinstance(error, dict) else error
+                text = _fields(message.get("error")).get("message", "it gives no reason")
                 reply.set_exception(RefusedError(one_line(str(text), MAX_REASON)))
+
+
+def _fields(value: object) -> Mapping[str, Any]:
+    """Return the fields of an object, none of anything else."""
+    return cast("Mapping[str, Any]", value) if isinstance(value, dict) else {}
 
 
 def is_list(value: object) -> TypeGuard[list[object]]:

@@ -125,7 +125,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         with contextlib.suppress(RefusedError):  # of an old version
             await connection.subscribe("entity_registry_updated", self._on_registry)
         self._states = await connection.states() | self._states  # events since the subscription are newer
-        self._commands.open(connection)
+        self._commands.open(connection, self._states)
         self.bus.clear("connection")
         self._report_entities()
         differs_since: dict[str, float] = {}
@@ -232,6 +232,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         before = self._states.pop(entity, {})
         if is_state(state):
             self._states[entity] = state
+        self._commands.on_state(entity, before, self._states.get(entity, {}))
         changed = {name: action for name, (_thing, action) in self._things.items() if action.entity == entity}
         if before.get("state") == self._states.get(entity, {}).get("state"):
             return

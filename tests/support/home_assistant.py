@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping
+from itertools import count
 from pathlib import Path
 from ssl import SSLContext
 from typing import Any, cast
@@ -156,6 +157,9 @@ class MemoryHome:
         """Client's end of the last connection without a network."""
         self.registries: dict[str, list[Message]] = {}
         self.token = TOKEN
+        self.contexts: dict[str, Message] = {}
+        """Context of the last change of each entity."""
+        self._context_ids = count()
         self._subscriptions: list[tuple[ServerConnection, int, str]] = []
         self._last_brightness: dict[str, int] = {}
         """Brightness with which lamps that are off go on again."""
@@ -192,14 +196,20 @@ class MemoryHome:
         self._subscriptions.clear()
         self._client_queue.put_nowait(LOST)
 
-    def set(self, entity: str, state: str | None, **attributes: Any) -> None:
-        """Change a state, as a person or a device does. `state`: None if the entity is deleted."""
+    def new_context(self, user: str | None = None) -> Message:
+        """Return a context: of a call by `user`, or of a report without a call."""
+        return {"id": f"01{next(self._context_ids)}", "parent_id": None, "user_id": user}
+
+    def set(self, entity: str, state: str | None, context: Message | None = None, **attributes: Any) -> None:
+        """Change a state in a context, by default that of a device. `state`: None if it is deleted."""
+        self.contexts[entity] = context or self.new_context()
         old = self.states.pop(entity, None)
         new: Message | None = None
         if state is not None:
             kept: Message = (old or {}).get("attributes", {}) if state != "unavailable" else {}
             new = {"entity_id": entity, "state": state, "attributes": {**kept, **attributes}}
             self.states[entity] = new
+            new = {**new, "context": self.contexts[entity]}
         self.fire("state_changed", {"entity_id": entity, "old_state": old, "new_state": new})
 
     def fire(self, event: str, data: Message) -> None:
@@ -227,14 +237,18 @@ class MemoryHome:
         number = command["id"]
         result: Any = None
         if command["type"] == "get_states":
-            result = [*self.junk, *self.states.values()]
+            states = ({**each, "context": self.contexts.get(name)} for name, each in self.states.items())
+            result = [*self.junk, *states]
         elif command["type"] == "subscribe_events":
             self._subscriptions.append((websocket, number, command["event_type"]))
         elif command["type"] == "call_service":
             entity, data = command["target"]["entity_id"], command["service_data"]
+            context = self.new_context("pointit")
             delay_s = self.latency_s + self.report_delay_s
             if delay_s and not self.refusal:  # also if the client is dead by then
-                asyncio.get_running_loop().call_later(delay_s, self.act, command["service"], entity, data)
+                asyncio.get_running_loop().call_later(
+                    delay_s, self.act, command["service"], entity, data, context
+                )
             self.calls.append((f"{command['domain']}.{command['service']}", entity, data))
             await asyncio.sleep(self.latency_s)
             if self.refusal:
@@ -242,26 +256,28 @@ class MemoryHome:
                 await _send(websocket, {"id": number, "type": "result", "success": False, "error": error})
                 return
             if not delay_s:
-                self.act(command["service"], entity, data)
-            result = {"context": {"id": "01", "parent_id": None, "user_id": "u"}, "response": None}
+                self.act(command["service"], entity, data, context)
+                await asyncio.sleep(0)  # the report comes before the result
+            result = {"context": context, "response": None}
         else:
             result = self.registries.get(command["type"], [])
         with contextlib.suppress(ConnectionClosed):
             await _send(websocket, {"id": number, "type": "result", "success": True, "result": result})
 
-    def act(self, service: str, entity: str, data: Message) -> None:
-        """Do to an entity what a service does."""
+    def act(self, service: str, entity: str, data: Message, context: Message | None = None) -> None:
+        """Do to an entity what a service does, in a context, by default that of somebody in the app."""
+        context = context or self.new_context("somebody")
         state = self.states.get(entity)
         if state is None or state["state"] == "unavailable":
             return
         is_on = state["state"] == "on"
         if service == "turn_on" or (service == "toggle" and not is_on):
             last = self._last_brightness.pop(entity, 180)
-            self.set(entity, "on", **({"brightness": last} if not is_on else {}) | data)
+            self.set(entity, "on", context, **({"brightness": last} if not is_on else {}) | data)
         elif service in ("turn_off", "toggle"):
             if is_on:
                 self._last_brightness[entity] = state["attributes"].get("brightness", 180)
-            self.set(entity, "off", brightness=None)
+            self.set(entity, "off", context, brightness=None)
 
 
 async def _send(websocket: ServerConnection, message: Message) -> None:

@@ -18,6 +18,7 @@ from tests.support.bench import Bench, memory_bench, until
 from tests.support.home_assistant import HomeSite, MemoryHome, config_of, reading, start, thing
 
 COUNT = 300
+LAMP = "light.desk"
 LIGHTS = [f"light.lamp_{number}" for number in range(COUNT)]
 
 
@@ -108,6 +109,33 @@ async def test_many_renamed_deleted_and_unavailable_entities_are_named_and_count
         for entity in LIGHTS:
             home.set(entity, "on")
         await until(lambda: "in Home Assistant" not in str(health[-1]), what="all to be there again")
+
+
+async def test_hover_is_one_call_ends_after_its_time_and_waits_after_what_others_set(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = MemoryHome({LAMP: ("on", {"brightness": 100})})
+    async with bridge(home, tmp_path, monkeypatch, thing("desk", LAMP)) as (_bench, site, _health):
+
+        def commanded() -> list[int]:
+            return [data["brightness"] for _service, _entity, data in home.calls]
+
+        async with site.hovering("desk"):
+            await asyncio.sleep(10.0)
+            assert commanded() == [120]
+            await asyncio.sleep(10.0)
+            assert commanded() == [120, 100], "it ends, however long somebody points"
+        await asyncio.sleep(1.0)
+        async with site.hovering("desk"):
+            await asyncio.sleep(1.0)
+            home.set(LAMP, "on", home.new_context("somebody"), brightness=110)
+            await asyncio.sleep(1.0)
+        async with site.hovering("desk"):
+            await asyncio.sleep(15.0)
+            assert commanded() == [120, 100, 120], "no other site's hover becomes the brightness of before"
+            await asyncio.sleep(10.0)
+        await asyncio.sleep(5.0)
+    assert commanded() == [120, 100, 120, 132, 110]
 
 
 async def test_media_player_speaks_the_newest_name_and_none_that_has_ended(

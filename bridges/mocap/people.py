@@ -73,11 +73,15 @@ class WornBodies:
             self._last_poses[person] = pose
 
     def poses(self, now_ns: int) -> list[tuple[str, UserPose]]:
-        """Return the poses of people whose position and yaw are known; an empty list in truth mode."""
+        """Return the poses of people whose position and yaw are known, and once of those whose yaw is lost.
+
+        The list is empty in truth mode.
+        """
         poses: list[tuple[str, UserPose]] = []
         for person, worn in self._people.items():
-            head, yaw = self._fresh_head(worn, now_ns), worn.yaw.known(now_ns)
-            if head is None or yaw is None or self._is_truth:
+            head = None if self._is_truth else self._fresh_head(worn, now_ns)
+            yaw = None if head is None else worn.yaw.stated(now_ns)
+            if head is None or yaw is None:
                 continue
             variance = head.sigma_m**2 + HEAD_SIGMA_M**2
             covariance = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, yaw.sigma_rad**2)

@@ -15,7 +15,8 @@ that only turns level, does not show the yaw: then there is no estimate.
 import bisect
 import math
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -147,6 +148,16 @@ MAX_YAW_SIGMA_RAD = math.radians(1.0)
 """Largest 1 sigma of a yaw that is used for the first time since the IMU's yaw origin changed."""
 MAX_LATER_SIGMA_RAD = math.radians(5.0)
 """The same later, while the arm rests and the IMU's yaw drifts."""
+CONTRADICTION_NS = NS_PER_S
+"""Time of the newest samples whose median difference from the estimate ends it, ns."""
+CONTRADICTION_STEP_NS = CONTRADICTION_NS // 20
+MIN_CONTRADICTIONS = 10
+"""Number of samples, at most one each `CONTRADICTION_STEP_NS`, below which nothing is contradicted."""
+CHECK_PERIOD_NS = NS_PER_S // 4
+"""Least time between two comparisons of the newest samples with the estimate, ns."""
+ANY_YAW_SIGMA_RAD = math.pi / math.sqrt(3.0)
+"""1 sigma of a yaw of which nothing is known."""
+DISAGREEMENT = ", as wrist and body turn differently: correct `up`, or wear both on one arm, and"
 MOVE = "move the arm with the wrist and the body up, down and sideways for 5 s"
 """Advice if the yaw is not known."""
 
@@ -187,6 +198,7 @@ class ForearmYaw:
 
     def __init__(self) -> None:
         self._epoch: int | None = None
+        self._stated_estimate: ForearmYawEstimate | None = None
         self._clear()
 
     def _clear(self) -> None:
@@ -199,6 +211,14 @@ class ForearmYaw:
         self._solved_ns = 0
         self._moved_ns = 0
         self._is_known = False
+        self._mount_rotation: Rotation | None = None
+        """Orientation of the body on the arm, as estimated with the yaw."""
+        self._newest: deque[_Pair] = deque(maxlen=CONTRADICTION_NS // CONTRADICTION_STEP_NS)
+        self._checked_ns = 0
+        self._level_rad = 0.0
+        """Median level difference of the newest samples from the estimate."""
+        self._reason = ""
+        """Reason why there is no estimate, or `""`."""
 
     def known(self, now_ns: int) -> ForearmYawEstimate | None:
         """Return the estimate at `now_ns` if it is certain enough to be used, else None."""
@@ -207,13 +227,21 @@ class ForearmYaw:
         self._is_known = estimate is not None and estimate.sigma_rad <= limit_rad
         return estimate if self._is_known else None
 
+    def stated(self, now_ns: int) -> ForearmYawEstimate | None:
+        """Return `known`. Once after it is lost, return that any yaw is possible, else a pose would stay."""
+        last, self._stated_estimate = self._stated_estimate, self.known(now_ns)
+        if self._stated_estimate is None and last is not None:
+            return replace(last, sigma_rad=ANY_YAW_SIGMA_RAD, stamp_ns=now_ns)
+        return self._stated_estimate
+
     def problem(self, person: str, now_ns: int) -> str:
         """Return a sentence if the yaw of `person` is not known, else `""`."""
         if self.known(now_ns) is not None:
             return ""
-        estimate = self._estimate and self._estimate.aged(now_ns)
+        estimate = self.estimate(now_ns)
         if estimate is None:
-            return f"the yaw of {person} is not known: {MOVE}"
+            reason = self._reason or ":"
+            return f"the yaw of {person} is not known{reason} {MOVE}"
         sigma_deg, limit_deg = math.degrees(estimate.sigma_rad), math.degrees(MAX_YAW_SIGMA_RAD)
         return f"the yaw of {person} is uncertain by {sigma_deg:.1f}°, limit {limit_deg:.1f}°: {MOVE}"
 
@@ -239,12 +267,39 @@ class ForearmYaw:
         """Return the best estimate at `now_ns`, or None if there is none yet."""
         while self._pairs and now_ns - self._pairs[0].stamp_ns > MAX_AGE_NS:
             self._pairs.popleft()
+        self._end_contradicted()
         if len(self._pairs) >= MIN_PAIRS and self._pairs[-1].stamp_ns - self._solved_ns >= SOLVE_PERIOD_NS:
             self._solved_ns = self._pairs[-1].stamp_ns
-            new, old = _solve(list(self._pairs)), self._estimate and self._estimate.aged(self._solved_ns)
-            if new is not None and (old is None or _replaces(new, old)):
-                self._estimate = new
-        return self._estimate and self._estimate.aged(now_ns)
+            fit, old = _solve(list(self._pairs)), self._estimate and self._estimate.aged(self._solved_ns)
+            if isinstance(fit, _Fit) and (old is None or _replaces(fit.estimate, old)):
+                self._estimate, self._mount_rotation, self._level_rad, self._reason = *fit, 0.0, ""
+            elif old is None:
+                self._reason = fit if isinstance(fit, str) else self._reason
+        estimate = self._estimate and self._estimate.aged(now_ns)
+        if estimate is None or self._level_rad <= SWITCH_SIGMAS * estimate.sigma_rad:
+            return estimate
+        return replace(estimate, sigma_rad=math.hypot(estimate.sigma_rad, self._level_rad))
+
+    def _end_contradicted(self) -> None:
+        """End the estimate if the newest samples contradict it: most by more than noise and drift explain."""
+        old, mount, newest = self._estimate, self._mount_rotation, self._newest
+        if old is None or mount is None or len(newest) < MIN_CONTRADICTIONS:
+            return
+        now_ns = newest[-1].stamp_ns
+        if now_ns - self._checked_ns < CHECK_PERIOD_NS:
+            return
+        self._checked_ns, old = now_ns, old.aged(now_ns)
+        turns = _Turns.of(newest)
+        residuals = turns.residuals(old.yaw_rad, mount, old.delay_s)
+        self._level_rad = abs(float(np.median(residuals[:, 2])))
+        squares = (residuals**2).mean(axis=1)
+        if float(np.median(squares)) > MAX_NOISE_RAD**2 + old.sigma_rad**2:
+            turned_deg = math.degrees(float(np.median(np.linalg.norm(residuals, axis=1))))
+            self._pairs.clear()
+            newest.clear()
+            self._estimate = self._mount_rotation = None
+            self._level_rad = 0.0
+            self._reason = f", as wrist and body have turned by {turned_deg:.0f}° against each other:"
 
     def _match(self) -> None:
         while self._arms and self._bodies and self._arms[0][0] <= self._bodies[-1][0]:
@@ -265,12 +320,18 @@ class ForearmYaw:
             return
         middle_ns, arm, body = self._recent[2]
         (begin_ns, _, first), (end_ns, _, last) = self._recent[0], self._recent[-1]
+        pair = _Pair(middle_ns, arm, body, first, last, (end_ns - begin_ns) / NS_PER_S)
+        newest = self._newest
+        if not newest or middle_ns - newest[-1].stamp_ns >= CONTRADICTION_STEP_NS:
+            newest.append(pair)
+            while middle_ns - newest[0].stamp_ns > CONTRADICTION_NS:
+                newest.popleft()
         if self._pairs:
             moved = 2.0 * math.acos(min(1.0, abs(float(body @ self._pairs[-1].body)))) >= MIN_TURN_RAD
             self._moved_ns = middle_ns if moved else self._moved_ns
             if middle_ns - self._moved_ns > HOLD_NS:
                 return
-        self._pairs.append(_Pair(middle_ns, arm, body, first, last, (end_ns - begin_ns) / NS_PER_S))
+        self._pairs.append(pair)
 
 
 def _replaces(new: ForearmYawEstimate, old: ForearmYawEstimate) -> bool:
@@ -280,13 +341,43 @@ def _replaces(new: ForearmYawEstimate, old: ForearmYawEstimate) -> bool:
     )
 
 
-def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
-    """Return the yaw of the latest pair, by least squares over all, or None if it does not show."""
-    arms = Rotation.from_quat([each.arm for each in pairs])
-    bodies = Rotation.from_quat([each.body for each in pairs])
-    before = Rotation.from_quat([each.before for each in pairs])
-    after = Rotation.from_quat([each.after for each in pairs])
-    rates = (after * before.inv()).as_rotvec() / np.array([[each.turn_s] for each in pairs])
+class _Turns(NamedTuple):
+    """Orientations of arm and body, and the angular velocity of the body, rad/s."""
+
+    arm_rotations: Rotation
+    body_rotations: Rotation
+    rates: Array
+
+    @classmethod
+    def of(cls, pairs: Sequence[_Pair]) -> "_Turns":
+        before = Rotation.from_quat([each.before for each in pairs])
+        after = Rotation.from_quat([each.after for each in pairs])
+        return cls(
+            Rotation.from_quat([each.arm for each in pairs]),
+            Rotation.from_quat([each.body for each in pairs]),
+            (after * before.inv()).as_rotvec() / np.array([[each.turn_s] for each in pairs]),
+        )
+
+    def residuals(self, yaw_rad: float, mount_rotation: Rotation, delay_s: float) -> Array:
+        """Return the turns (n x 3) in {W} by which the bodies differ from an estimate, rad."""
+        turned = Rotation.from_rotvec((0.0, 0.0, yaw_rad)) * self.arm_rotations
+        return np.asarray(
+            (self.body_rotations * (turned * mount_rotation).inv()).as_rotvec() - delay_s * self.rates
+        )
+
+
+class _Fit(NamedTuple):
+    estimate: ForearmYawEstimate
+    mount_rotation: Rotation
+
+
+def _solve(pairs: list[_Pair]) -> _Fit | str | None:
+    """Return the yaw of the latest pair, by least squares over all.
+
+    Returns the reason if the turns do not agree, None if they do not show the yaw.
+    """
+    turns = _Turns.of(pairs)
+    arms, bodies, rates = turns
     stamps_ns = np.array([each.stamp_ns for each in pairs], dtype=np.int64)
     columns = np.zeros((len(pairs), 3, 6))
     columns[:, 2, 0], columns[:, :, 4] = 1.0, rates
@@ -297,7 +388,7 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
 
     def linearize() -> Linearization:
         turned = Rotation.from_rotvec((0.0, 0.0, parameters[0])) * arms
-        residuals = (bodies * (turned * mount).inv()).as_rotvec() - parameters[4] * rates
+        residuals = turns.residuals(parameters[0], mount, parameters[4])
         residuals[:, 2] -= parameters[5] * columns[:, 2, 5]
         columns[:, :, 1:4] = turned.as_matrix()
         lengths = np.linalg.norm(residuals, axis=1)
@@ -313,13 +404,14 @@ def _solve(pairs: list[_Pair]) -> ForearmYawEstimate | None:
         parameters += step
         linearization = linearize()
     if float((linearization.residuals**2).mean()) > MAX_NOISE_RAD**2:
-        return None
+        return DISAGREEMENT
     result = solve_lasting(linearization)
     if result is None:
         return None
     parameters += result.parameters
-    yaw_rad = math.remainder(float(parameters[0]), math.tau)
-    return ForearmYawEstimate(yaw_rad, math.sqrt(result.variance), pairs[-1].stamp_ns, float(parameters[4]))
+    yaw_rad, sigma_rad = math.remainder(float(parameters[0]), math.tau), math.sqrt(result.variance)
+    estimate = ForearmYawEstimate(yaw_rad, sigma_rad, pairs[-1].stamp_ns, float(parameters[4]))
+    return _Fit(estimate, Rotation.from_rotvec(result.parameters[1:4]) * mount)
 
 
 def _white_step(linearization: Linearization) -> Array:

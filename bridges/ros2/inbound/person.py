@@ -209,7 +209,7 @@ class Poses:
         if forearm_yaw is None or user in context.state.ros_users:
             placed = _placed(at, turned, user)
         else:
-            estimate = forearm_yaw.known(context.stamp_ns)
+            estimate = forearm_yaw.stated(context.stamp_ns)
             if estimate is None:
                 return (ConversionWarning(forearm_yaw.problem(user, context.stamp_ns)),)
             position_m = checks.place(at, f"the pose of {user}")

@@ -95,6 +95,10 @@ class DriftFilter:
         self._state = DriftState(fix, self._settings)
         self._anchored_ns = 0
         self._fixed_ns = 0
+        self._rested_ns = 0
+        """Time of the newest rest that was accepted, or 0."""
+        self._contradiction: tuple[int, float, float] | None = None
+        """Time, yaw rate and its sigma of the last rest, if that was beside the known drift."""
         self._took(fix)
 
     def set_time(self, now_ns: int | None) -> None:
@@ -111,6 +115,7 @@ class DriftFilter:
         self._state.stamp_ns = now_ns
         self._anchored_ns = min(self._anchored_ns, now_ns)
         self._fixed_ns = min(self._fixed_ns, now_ns)
+        self._rested_ns, self._contradiction = min(self._rested_ns, now_ns), None
 
     def reset(self, fix: Fix, *, now_ns: int | None = None) -> None:
         """Apply a new localization.
@@ -293,7 +298,9 @@ class DriftFilter:
     ) -> AnchorResult:
         """Apply the yaw rate of a resting arm; see `RestYawRate`.
 
-        A raised arm creeps at a rate that is constant for one person, which is estimated, too.
+        A raised arm creeps at a rate that is constant for one person, which is estimated, too. A rest beside
+        the known drift is rejected, for a person may turn. Two in succession that agree with each other end
+        the known drift, and the yaw is uncertain by what it may have missed since it was last confirmed.
 
         Args:
             stamp_ns: middle of the rest; up to `MAX_REST_AGE_S` old.
@@ -316,12 +323,24 @@ class DriftFilter:
         slope[:, 0, RATE], slope[:, 0, CREEP] = 1.0, float(is_raised)
         seen = Innovation(yaw_rate_radps - np.einsum("nki,ni->nk", slope, state.means), slope)
         away = float(state.weights @ seen.value[:, 0])
+        last, self._contradiction = self._contradiction, None
         if abs(away) > settings.gate * float(state.innovation_sigmas(seen, noise)[0]):
-            return AnchorResult(
-                accepted=False,
-                reason=f"the resting arm turned {math.degrees(away) * 60:+.0f}° a minute beside the known "
-                "drift; rest it on something that does not move",
+            is_confirmed = (
+                last is not None
+                and 0 < stamp_ns - last[0] <= MAX_REST_AGE_S * NS_PER_S
+                and abs(yaw_rate_radps - last[1]) <= settings.gate * math.hypot(sigma_radps, last[2])
             )
+            if not is_confirmed:
+                self._contradiction = (stamp_ns, yaw_rate_radps, sigma_radps)
+                reason = (
+                    f"the resting arm turned {math.degrees(away) * 60:+.0f}° a minute beside the known "
+                    "drift; rest it on something that does not move"
+                )
+                return AnchorResult(accepted=False, reason=reason)
+            known_ns = max(self._rested_ns, self._anchored_ns, self._fixed_ns)
+            state.forget(RATE, settings.rate_sigma_radps)
+            state.covariances[:, YAW, YAW] += (away * max(0, stamp_ns - known_ns) / NS_PER_S) ** 2
+        self._rested_ns = max(self._rested_ns, stamp_ns)
         state.update(seen, [Case(1.0, noise, np.zeros(5))])
         return AnchorResult(accepted=True)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pointit.forearm.forearm_yaw import MAX_LATER_SIGMA_RAD, MAX_YAW_SIGMA_RAD, ForearmYaw
 from pointit.geometry import rotation
@@ -174,3 +175,71 @@ def test_a_known_yaw_stays_known_while_the_arm_rests_until_its_drift_exceeds_the
     assert MAX_YAW_SIGMA_RAD < known.sigma_rad < MAX_LATER_SIGMA_RAD
     assert arm.estimator.known(arm.now_ns + 300 * NS_PER_S) is None
     assert arm.estimator.known(later_ns) is None  # lost: as certain as at first is needed again
+
+
+def moving_arm(time_s: float) -> Rotation:
+    return Rotation.from_euler(
+        "ZYX",
+        (
+            0.6 * math.sin(1.7 * time_s) + 0.3 * math.sin(0.61 * time_s),
+            -0.45 * math.sin(2.3 * time_s + 0.4),
+            0.25 * math.sin(1.1 * time_s),
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("jump_deg", "rate_hz", "rests"),
+    [(-70, 60, False), (30, 120, False), (4, 60, False), (30, 60, True), (6, 60, True)],
+)
+def test_a_yaw_that_jumps_unannounced_is_not_stated_after_2_s_or_its_sigma_contains_the_truth(
+    *, jump_deg: float, rate_hz: int, rests: bool
+) -> None:
+    estimator, mount, jump_s = ForearmYaw(), Rotation.from_quat((0.2, 0.5, 0.26, 0.8)), 8
+    sentences: set[str] = set()
+    time_ns = START_NS
+    for tick in range(14 * rate_hz):
+        time_s, time_ns = tick / rate_hz, START_NS + tick * NS_PER_S // rate_hz
+        true_deg = 50.0 if time_s < jump_s else 50.0 + jump_deg
+        arm = moving_arm(min(time_s, jump_s - 3) if rests else time_s)
+        x, y, z, w = (arm * mount).as_quat()
+        estimator.add_body(time_ns, (x, y, z, w))
+        x, y, z, w = (Rotation.from_euler("z", -true_deg, degrees=True) * arm).as_quat()
+        estimator.add_arm(time_ns, (x, y, z, w), 0)
+        known = estimator.known(time_ns)
+        if known is not None and (time_s < jump_s or time_s > jump_s + 2):
+            error_rad = abs(math.remainder(known.yaw_rad - math.radians(true_deg), math.tau))
+            assert error_rad < 3.0 * known.sigma_rad, time_s
+        if known is None and time_s > jump_s:
+            sentences.add(estimator.problem("anna", time_ns))
+    assert all("turned by" in each and "against each other: move the arm" in each for each in sentences)
+    assert sentences or abs(jump_deg) < 6
+    assert rests or estimator.known(time_ns) is not None, "known again by the new turns"
+
+
+def test_a_yaw_that_is_lost_is_stated_once_as_any() -> None:
+    arm = Arm(9)
+    arm.move(waving(arm.dice), 4.0)
+    assert arm.estimator.stated(arm.now_ns) == arm.estimator.known(arm.now_ns)
+    arm.epoch = 1
+    arm.move(lambda _: rotation.IDENTITY, 0.1)
+    last = arm.estimator.stated(arm.now_ns)
+    assert last is not None
+    assert last.sigma_rad > math.radians(90.0)
+    assert arm.estimator.stated(arm.now_ns) is None
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_noise_a_few_flipped_frames_and_rest_end_no_yaw(seed: int) -> None:
+    arm = Arm(seed, delay_s=0.04, error_time_s=1.0)
+    course = pointing(arm.dice)
+    arm.move(course, 5.0)
+    for duration_s in (0.3, 3.0, 0.3, 8.0):
+        if duration_s < 1.0:
+            mount, arm.mount = arm.mount, rotation.multiply(arm.mount, (1.0, 0.0, 0.0, 0.0))
+            arm.move(course, duration_s)
+            arm.mount = mount
+            continue
+        arm.move(course, duration_s)
+        assert arm.estimator.problem("anna", arm.now_ns) == ""
+        assert arm.error_rad() < 4.0 * arm.estimate().sigma_rad

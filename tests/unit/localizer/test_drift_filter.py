@@ -355,3 +355,29 @@ def test_bad_anchors_are_refused_with_a_sentence() -> None:
         assert "; " in result.reason
     with pytest.raises(ValueError, match="3 x 3"):
         DriftFilter(Fix(x_m=0.0, y_m=0.0, yaw_rad=0.0, covariance=np.eye(2), stamp_ns=0))
+
+
+@pytest.mark.parametrize("jump_deg_min", [30.0, -50.0])
+def test_rests_in_succession_that_contradict_the_known_drift_end_it(jump_deg_min: float) -> None:
+    drift, true_rad, rate = DriftFilter(fix(PERSON, 0)), PERSON.yaw_rad, RATE_RADPS
+    for second in range(1, 300):
+        if second == 200:
+            rate += math.radians(jump_deg_min) / 60.0
+        true_rad += rate
+        at_ns = second * NS_PER_S
+        if second % 10 == 0:
+            accepted = drift.update_rest_rate(at_ns, rate, math.radians(0.03)).accepted
+            assert accepted is (second != 200), second
+        if not 200 <= second < 210:
+            pose = drift.predict(at_ns)
+            assert abs(yaw_difference(pose.yaw_rad, true_rad)) < 3.0 * pose.yaw_sigma_rad
+    assert drift.at(300 * NS_PER_S).yaw_rate_radps == pytest.approx(rate, abs=math.radians(0.05))
+
+
+def test_single_turns_of_a_resting_body_end_no_drift() -> None:
+    drift = DriftFilter(fix(PERSON, 0))
+    for second in range(10, 600, 10):
+        turn = math.radians(0.8) * (-1) ** (second // 60) if second % 60 == 0 else 0.0
+        result = drift.update_rest_rate(second * NS_PER_S, RATE_RADPS + turn, math.radians(0.03))
+        assert result.accepted is (turn == 0.0)
+    assert drift.at(600 * NS_PER_S).yaw_rate_radps == pytest.approx(RATE_RADPS, abs=math.radians(0.05))

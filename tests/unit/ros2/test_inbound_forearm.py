@@ -69,7 +69,12 @@ def test_a_pose_is_refused_with_the_remedy_until_the_forearm_has_moved() -> None
 def test_another_yaw_origin_of_the_wrist_makes_the_yaw_unknown_again() -> None:
     scene = furnished()
     now_ns = wave(scene, NOW_NS, 3.0)
+    assert isinstance(converted("mocap_pose", posed(NONE, stamp_ns=now_ns), scene, now_ns), BusOutput)
     now_ns = wave(scene, now_ns + NS_PER_S // 50, 0.1, epoch=1)
+    last = converted("mocap_pose", posed(NONE, stamp_ns=now_ns), scene, now_ns)
+    assert isinstance(last, BusOutput)
+    pose: Any = last.what
+    assert math.sqrt(pose.covariance[8]) > math.radians(90.0), "the pose that stays says that it is unknown"
     assert isinstance(converted("mocap_pose", posed(NONE), scene, now_ns), ConversionWarning)
 
 

@@ -19,16 +19,8 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas.topics import SERVICE_ALIVE
 from tests.support.bench import until
 from tests.support.buses import free_port, router_process
-from tests.support.pace import slowness
 
-END_S = 2.0
-"""Limit of the time to end on a quiet machine."""
 SIGNALS = (signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long))
-
-
-def end_s() -> float:
-    """Return the limit of the time to end on this machine under its current load."""
-    return END_S * slowness()
 
 
 @contextmanager
@@ -56,14 +48,10 @@ def line_with(child: subprocess.Popen[str], what: str) -> str:
     raise AssertionError(f"ended without saying {what!r}")
 
 
-def ended(child: subprocess.Popen[str], number: int) -> tuple[int, bool]:
-    """Send a signal; return the exit code and whether it took no longer than it may."""
-    may_s = end_s()
-    began_s = time.monotonic()
+def ended(child: subprocess.Popen[str], number: int) -> int:
+    """Send a signal; return the exit code, which is 1 if the process had to cut itself off."""
     child.send_signal(number)
-    code = child.wait(60)
-    took_s = time.monotonic() - began_s
-    return code, took_s < max(may_s, end_s())
+    return child.wait(60)
 
 
 def pointing(endpoint: str) -> tuple[str, ...]:
@@ -76,7 +64,7 @@ def test_a_service_that_waits_for_its_router_ends_on_a_signal(number: int) -> No
     with process(*pointing(endpoint)) as child:
         entry = json.loads(line_with(child, "nobody answers"))
         assert endpoint in entry["message"]
-        assert ended(child, number) == (0, True)
+        assert ended(child, number) == 0
         assert child.stderr is not None
         assert "Traceback" not in child.stderr.read()
 
@@ -85,7 +73,7 @@ def test_a_process_ends_while_a_listener_never_answers() -> None:
     mute = socket.create_server(("127.0.0.1", 0))
     with mute, process(*pointing(f"tcp/127.0.0.1:{mute.getsockname()[1]}")) as child:
         line_with(child, "nobody answers")
-        assert ended(child, signal.SIGINT) == (0, True)
+        assert ended(child, signal.SIGINT) == 0
 
 
 @pytest.mark.parametrize("number", SIGNALS)
@@ -96,7 +84,7 @@ async def test_a_service_that_runs_ends_on_a_signal_and_is_gone(number: int) -> 
     bus.watch(SERVICE_ALIVE, lambda name, present: told.append((name, present)))
     with process(*pointing(endpoint)) as child:
         await until(lambda: told == [("pointing.anna", True)], 15)
-        assert await asyncio.to_thread(ended, child, number) == (0, True)
+        assert await asyncio.to_thread(ended, child, number) == 0
         await until(lambda: told[1:] == [("pointing.anna", False)])
     await bus.close()
 
@@ -116,7 +104,7 @@ async def test_a_service_ends_while_it_tries_to_reach_a_router_that_never_answer
                 mute.settimeout(60)
                 tried, _ = await asyncio.to_thread(mute.accept)
                 with tried:
-                    assert await asyncio.to_thread(ended, child, signal.SIGTERM) == (0, True)
+                    assert await asyncio.to_thread(ended, child, signal.SIGTERM) == 0
 
 
 BODY = """
@@ -180,7 +168,7 @@ def test_a_task_that_does_not_end_is_cut_off_later_on_a_crowded_machine(
         assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"
         began_s = time.monotonic()
-        assert ended(child, signal.SIGTERM) == (1, True)
+        assert ended(child, signal.SIGTERM) == 1
         assert time.monotonic() - began_s >= within_s
         assert child.stderr is not None
         assert f"Error: did not end within {within_s:.1f} s: " in (said := child.stderr.read())
@@ -205,7 +193,7 @@ def test_a_thread_that_does_not_end_is_cut_off() -> None:
     with process("-c", THREAD) as child:
         assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"
-        assert ended(child, signal.SIGINT) == (1, True)
+        assert ended(child, signal.SIGINT) == 1
 
 
 LATE = """
@@ -236,4 +224,4 @@ def test_the_router_says_where_it_listens_and_ends_on_a_signal(number: int) -> N
     with process("-m", "pointit", "router", "--listen", endpoint) as router:
         assert router.stdout is not None
         assert endpoint in router.stdout.readline()
-        assert ended(router, number) == (0, True)
+        assert ended(router, number) == 0

@@ -4,7 +4,8 @@ A package adds a command by an entry point of the group `pointit.commands`: see 
 A command joins a site by `pointit.open` or `pointit.connect`.
 """
 
-from pointit.cli.address_option import host_port
+import click
+
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import (
     OutputSection,
@@ -19,6 +20,7 @@ from pointit.cli.common.output import (
     show,
 )
 from pointit.cli.common.panels import Finite
+from pointit.runtime.address_config import parse_address
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import ConfigError, PointItError, RefusedError
 from pointit.runtime.host.extras import pointit_version, remedy
@@ -49,3 +51,20 @@ __all__ = [
     "say",
     "show",
 ]
+
+
+def host_port(_ctx: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[str, int] | None:
+    """Return host and port of `text`, an IPv6 address in brackets, or None without a text.
+
+    Raises:
+        click.BadParameter: If it is anything else.
+    """
+    if text is None:
+        return None
+    try:
+        host, port = parse_address(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+    if port is None:
+        raise click.BadParameter(f"{text!r} has no port; write an address such as 127.0.0.1:9464")
+    return host, port

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from pointit.bridges.agv_tracker.config import AgvTrackerConfig
 from pointit.schemas import NS_PER_S, TrackedObject
-from pointit.vda5050.agv_messages import (
+from pointit.vda5050 import (
     LOST_CONNECTIONS,
     AgvConnection,
     AgvTopic,

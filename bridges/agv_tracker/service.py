@@ -11,7 +11,7 @@ from pointit.runtime.mqtt.broker import client_options, connected, keep_connecte
 from pointit.schemas import Environment, TrackedObjects
 from pointit.schemas.environment import Frame
 from pointit.schemas.topics import MAP, OBJECTS
-from pointit.vda5050.agv_messages import agv_topics
+from pointit.vda5050 import agv_topics
 
 RATE_HZ = 10.0
 """Rate of the tracked objects, Hz."""

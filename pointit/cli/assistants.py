@@ -9,8 +9,8 @@ from pointit.api.connection import connect as join
 from pointit.cli.common.site_link import address, quiet, site_options
 from pointit.commands import ConfigError, host_port, remedy, run_until_shutdown
 from pointit.launch.page import FILE, stored_tokens
-from pointit.launch.plan.extras import has_extra
 from pointit.launch.plan.launches import PAGE
+from pointit.runtime.host.extras import has_extra
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.link.options import link_of
 

@@ -97,7 +97,7 @@ A study is a YAML file. Its data are a folder of tables.
 Example: pointit study run my_study.yaml --simulated 12
 """
 
-_ROUTER = ours("router", "run a router that joins several machines", "site.router")
+_ROUTER = ours("router", "run a router that joins several machines", "router")
 
 COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
     "Start": (
@@ -211,24 +211,24 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
             "site",
             "manage the identities of a site, and their rights",
             SITE,
-            ours("init", "create a site: authority, router, identities", "site.site:init"),
-            ours("show", "list identities and their expiry", "site.site:list_identities"),
+            ours("init", "create a site: authority, router, identities", "site:init"),
+            ours("show", "list identities and their expiry", "site:list_identities"),
             noun(
                 "user",
                 "add, remove and list the people of a site",
                 SITE_USER,
-                ours("add", "add people", "site.site:add"),
-                ours("remove", "remove people", "site.site:remove"),
-                ours("list", "list people", "site.site:list_people"),
+                ours("add", "add people", "site:add"),
+                ours("remove", "remove people", "site:remove"),
+                ours("list", "list people", "site:list_people"),
             ),
             noun(
                 "service",
                 "add identities that have the rights of one service",
                 SITE_SERVICE,
-                ours("add", "add services", "site.site:add_service"),
+                ours("add", "add services", "site:add_service"),
             ),
-            ours("renew", "make new certificates", "site.site:renew"),
-            ours("revoke", "revoke all rights of an identity", "site.site:revoke"),
+            ours("renew", "make new certificates", "site:renew"),
+            ours("revoke", "revoke all rights of an identity", "site:revoke"),
             _ROUTER,
         ),
         _ROUTER,

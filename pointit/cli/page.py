@@ -17,8 +17,8 @@ import click
 
 from pointit.cli.common.output import interruptible, progress
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.common.run_part import Added, RunPart
 from pointit.cli.common.site_link import site_options
+from pointit.cli.parts import Added, RunPart
 from pointit.launch.page import (
     EVERYWHERE,
     PORT,

@@ -1,13 +1,48 @@
-"""The parts of commands that optional rooms bring: all there are, each with the rooms that it needs."""
+"""Parts of commands that optional rooms bring: options of `pointit run`, its view, checks of people."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from pointit.runtime.host.extras import OptionalPart
 
 if TYPE_CHECKING:  # the listings need none of them
-    from pointit.cli.common.run_part import RunPart
-    from pointit.cli.display.summary import DisplayPart, LiveView
+    from pointit.cli.summary import DisplayPart, LiveView
+    from pointit.launch.plan.launches import Choices
+    from pointit.launch.plan.plan import Beside, MakeWatcher, Scenario
+
+
+@dataclass(frozen=True, kw_only=True)
+class Added:
+    """Outcome of the options for one run."""
+
+    beside: Sequence["Beside"] = ()
+    services: Sequence[str] = ()
+    """Names of services that it puts there, for `--set`."""
+    settings: Sequence[str] = ()
+    """Parameters of services, as in `--set`, which wins over them."""
+    notes: Sequence[str] = ()
+    """Sentences to print at the start."""
+    closing_note: str = ""
+    """Sentence to print below the summary."""
+    watchers: Sequence["MakeWatcher"] = ()
+    """Factories of further observers of each scenario of the run."""
+    moves_wrists: bool = False
+    """People may point with it, so that each gets an imu-bridge."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunPart:
+    """A panel of options of `run`."""
+
+    heading: str
+    names: Sequence[str]
+    """Names of the options."""
+    options: Callable[[Any], Any]
+    """Adds the options to a command."""
+    add: "Callable[[Scenario, Choices, Mapping[str, Any]], Added]"
+    """Checks the values of the options of `run`; raises PointItError. Returns what they put beside it."""
+
 
 PersonCheck: TypeAlias = Callable[[str], None]
 """Checks whether a command may start the services of a person; raises ConfigError."""
@@ -15,19 +50,16 @@ PersonCheck: TypeAlias = Callable[[str], None]
 _ROBOT_ROOMS = ("pointit.launch.robots", "pointit.services.user_sim")
 _NAMES_ROOMS = ("pointit.speech", "pointit.services.selector.methods.estimate", "pointit.diagnosis")
 
-RUN_PARTS: tuple[OptionalPart["RunPart"], ...] = (
+RUN_PARTS: tuple[OptionalPart[RunPart], ...] = (
     OptionalPart("pointit.cli.page:PAGE_PART", ("pointit.launch.page", "pointit.bridges.web")),
-    OptionalPart(
-        "pointit.cli.recordings.run_recorder:RECORDER_PART",
-        ("pointit.launch.recorder", "pointit.services.recorder"),
-    ),
+    OptionalPart("pointit.cli.recordings.run_recorder:RECORDER_PART", ("pointit.services.recorder",)),
     OptionalPart("pointit.cli.things.run_things:THINGS_PART", ("pointit.diagnosis",)),
     OptionalPart("pointit.cli.things.run_things:NAMES_PART", _NAMES_ROOMS),
 )
 """Panels of options of `run`, in the order of its help."""
 
 LIVE_VIEWS: tuple[OptionalPart["LiveView"], ...] = (
-    OptionalPart("pointit.cli.display.view:on_screen", ("pointit.cli.common.keyboard",)),
+    OptionalPart("pointit.cli.view:on_screen", ("pointit.cli.common.keyboard",)),
 )
 """The view of a run in the terminal. Without one, a run logs."""
 
@@ -40,6 +72,6 @@ DISPLAY_PARTS: tuple[OptionalPart["DisplayPart"], ...] = (
 """Parts of the view and the summary of a run, in their order."""
 
 PERSON_CHECKS: tuple[OptionalPart[PersonCheck], ...] = (
-    OptionalPart("pointit.cli.site.site:check_person", ("pointit.access",)),
+    OptionalPart("pointit.cli.site:check_person", ("pointit.access",)),
 )
 """Checks before a person joins a site."""

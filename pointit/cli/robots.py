@@ -12,8 +12,8 @@ from rich.text import Text
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import OutputSection, Row, json_option, print_json, say, show
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
-from pointit.cli.display.summary import DisplayPart
-from pointit.cli.display.view import ROOMY_WIDTH, color_of
+from pointit.cli.summary import DisplayPart
+from pointit.cli.view import ROOMY_WIDTH, color_of
 from pointit.launch.robots import RobotWatcher, goal_lines, score_lines
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.bus.contract import Bus, list_present

@@ -25,7 +25,7 @@ from pointit.commands import (
     say,
     show,
 )
-from pointit.launch.plan.extras import has_extra
+from pointit.runtime.host.extras import has_extra
 from pointit.study.check import Finding, check_folder
 from pointit.study.lsl import check_lsl
 from pointit.study.model import Scale, Study, StudyStep, read_study

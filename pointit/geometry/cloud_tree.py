@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.closest import TINY, Hit, Measure, make_hit
-from pointit.geometry.polyline import Polyline
+from pointit.geometry.polyline import TINY, Hit, Measure, Polyline, make_hit
 from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]

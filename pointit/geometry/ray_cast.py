@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.closest import (
+from pointit.geometry.polyline import (
     TINY,
     Hit,
     Measure,
+    Polyline,
     clip_to_reach,
     make_hit,
     nearest_in_angle,
     nearest_in_metres,
 )
-from pointit.geometry.polyline import Polyline
 from pointit.geometry.solids import MAX_EYES, Solid
 from pointit.geometry.vector import Vec3
 

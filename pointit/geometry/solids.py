@@ -17,7 +17,7 @@ from itertools import combinations, pairwise, product
 from typing import Protocol
 
 from pointit.geometry import vector
-from pointit.geometry.closest import TINY, Measure, nearest_in_angle, nearest_in_metres
+from pointit.geometry.polyline import TINY, Measure, nearest_in_angle, nearest_in_metres
 from pointit.geometry.vector import Vec3
 
 Vec2 = tuple[float, float]

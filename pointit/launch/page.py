@@ -16,10 +16,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.link_file import keep_link, without_token
-from pointit.launch.plan.extras import has_extra
 from pointit.launch.plan.launches import PAGE, Settings, layers_of, service_of
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.extras import has_extra, remedy
 from pointit.runtime.host.name_lookup import own_address, resolve
 from pointit.runtime.host.state_file import site_folder, write_atomically
 from pointit.runtime.service.service import AnyService, Launch

@@ -34,11 +34,18 @@ from typing import Any
 import zenoh
 
 from pointit.runtime.errors import ConfigError, ListenError
-from pointit.runtime.host.tcp_timeouts import own_sockets, ports_of_socket, set_user_timeout
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.zenoh.connections import Connections
 from pointit.runtime.zenoh.declarations import encoding_of
-from pointit.runtime.zenoh.session import CLOSE_TIMEOUT_S, close_session, open_cancellable, open_session
+from pointit.runtime.zenoh.session import (
+    CLOSE_TIMEOUT_S,
+    close_session,
+    open_cancellable,
+    open_session,
+    own_sockets,
+    ports_of_socket,
+    set_user_timeout,
+)
 from pointit.schemas import Figure, Health, encode
 from pointit.schemas.problems import Problem
 from pointit.schemas.table_types import NAME

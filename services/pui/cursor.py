@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Protocol, TypeAlias
 
 from pointit.geometry import vector
-from pointit.geometry.closest import Hit
+from pointit.geometry.polyline import Hit
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.closest import Hit, Measure
-from pointit.geometry.polyline import Polyline
+from pointit.geometry.polyline import Hit, Measure, Polyline
 from pointit.geometry.ray_cast import SAME, RayCaster, SolidCaster
 from pointit.geometry.solids import GRAZING_RAD, BoxSolid, CylinderSolid, PlaneSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3

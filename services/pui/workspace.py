@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pointit.geometry import vector
-from pointit.geometry.closest import Hit, make_hit
+from pointit.geometry.polyline import Hit, make_hit
 from pointit.geometry.solids import GRAZING_RAD, PlaneSolid, SphereSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas.pointing import Solid

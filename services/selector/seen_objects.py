@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.closest import nearest_in_angle
-from pointit.geometry.polyline import Polyline
+from pointit.geometry.polyline import Polyline, nearest_in_angle
 from pointit.geometry.solids import MAX_EYES, BoxSolid
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, Environment, TrackedObject, TrackedObjects

@@ -39,9 +39,9 @@ DEVICES = {
         "mocap": "natnet_client.py qtm_client.py server_search.py",
         "recorder": "sink.py",
         "led-driver": """
-            outputs.py output/adalight.py output/pixel_output.py output/udp_output.py output/ddp.py
-            output/artnet.py output/e131.py output/expander.py output/mqtt_output.py output/serial_output.py
-            output/spotlight.py""",
+            outputs.py output/adalight.py output/pixel_output.py output/udp_output.py
+            output/ddp.py output/artnet.py output/e131.py output/expander.py output/mqtt_output.py
+            output/serial_output.py output/spotlight.py""",
         "robot": "drivers/sim_driver.py drivers/vda5050.py robot_driver.py",
         "selector": "selection_methods.py roles.py journal.py",
         "web": """

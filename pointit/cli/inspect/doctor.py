@@ -24,7 +24,7 @@ from pointit.cli.common.output import (
     print_table,
 )
 from pointit.cli.common.panels import Finite
-from pointit.cli.site.site import expiring, section, visible_rows
+from pointit.cli.site import expiring, section, visible_rows
 from pointit.diagnosis.causes import may_pass, unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
 from pointit.diagnosis.missing_services import home_things, is_anything_starting

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pointit.cli.address_option import host_port
 from pointit.cli.common.output import print_file
 from pointit.cli.common.site_link import join_site, quiet, site_options
+from pointit.commands import host_port
 from pointit.launch.page import is_available, page_unavailable_error
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.host.extras import pointit_version

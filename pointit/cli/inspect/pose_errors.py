@@ -9,8 +9,8 @@ from rich.console import Console, RenderableType
 from rich.text import Text
 
 from pointit.cli.common.output import OutputSection, print_table
-from pointit.cli.display.summary import DisplayPart
-from pointit.cli.display.view import color_of
+from pointit.cli.summary import DisplayPart
+from pointit.cli.view import color_of
 from pointit.diagnosis.symptoms import figure
 from pointit.forearm.true_pose import find_true_poses
 from pointit.launch.run.monitor import Monitor

@@ -22,7 +22,6 @@ from pointit.cli.common.remembered_options import maps
 from pointit.cli.common.site_link import notify_if_slow as notify_if_slow_site
 from pointit.cli.common.site_link import quiet
 from pointit.cli.maps.map_file import notify_if_slow, print_findings
-from pointit.launch.plan.extras import has_extra
 from pointit.maps import exchange
 from pointit.maps.checks.check import examined
 from pointit.maps.checks.lines import has_detours
@@ -36,7 +35,7 @@ from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.parameters import ParameterInfo, iter_parameters
 from pointit.runtime.config.validation_message import join_names
 from pointit.runtime.errors import ConfigError, RefusedError
-from pointit.runtime.host.extras import remedy
+from pointit.runtime.host.extras import has_extra, remedy
 from pointit.runtime.host.state_file import read_limited, replaced_file
 from pointit.runtime.service.process import run_until_shutdown
 

@@ -10,8 +10,7 @@ import click
 
 from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.cli.common.site_link import join_site, site_options
-from pointit.cli.recordings.run_recorder import recorder_options
-from pointit.launch.recorder import recorder_launch
+from pointit.cli.recordings.run_recorder import recorder_launch, recorder_options
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials

@@ -15,9 +15,9 @@ from rich.text import Text
 
 from pointit.cli.common.panels import Finite, PanelCommand
 from pointit.cli.common.remembered_options import scenarios
-from pointit.cli.display.summary import check_writable, figures, write_summary
 from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS
 from pointit.cli.run import run_options
+from pointit.cli.summary import check_writable, figures, write_summary
 from pointit.launch.plan.launches import (
     Choices,
     assumed_places,

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from pointit.cli.common.run_part import Added, RunPart
-from pointit.cli.display.summary import DisplayPart
+from pointit.cli.parts import Added, RunPart
+from pointit.cli.summary import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.cli.things.reactions import Reactions, reactions_in
 from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, listed, unconnected_sentence

@@ -18,6 +18,7 @@ from pointit.runtime.config.config import Config, Layers
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
+from pointit.runtime.host.extras import OptionalPart
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch
 from pointit.schemas import Environment, KeyNameError, RunScenario
@@ -272,3 +273,9 @@ class Plan:
     def instances(self) -> list[str]:
         """Return the instance names of all that it starts."""
         return [launch.instance for launch in self.launches] + [each.instance for each in self.beside]
+
+
+WATCHERS: tuple[OptionalPart[MakeWatcher], ...] = (
+    OptionalPart("pointit.launch.robots:RobotWatcher.of", ("pointit.services.user_sim",)),
+)
+"""Factories of the observers and scores of a run."""

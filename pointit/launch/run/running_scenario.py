@@ -21,8 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
 
-from pointit.launch.parts import WATCHERS
-from pointit.launch.plan.plan import Beside, Plan
+from pointit.launch.plan.plan import WATCHERS, Beside, Plan
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.bus.contract import UNDECLARE_S, Bus, Closable, Publisher
 from pointit.runtime.clock import Clock

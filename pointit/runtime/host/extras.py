@@ -1,9 +1,10 @@
-"""The command that installs an extra, optional dependencies, of PointIt."""
+"""Optional parts of PointIt: rooms that a build may lack, extras and the commands that install them."""
 
 import functools
 import importlib
+import re
 from collections.abc import Iterable
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
@@ -65,6 +66,23 @@ def import_room(module: str, part: str) -> ModuleType:
 
 CHECKOUT = Path(__file__).parents[3]
 """Root of the checkout, if PointIt is installed from one."""
+
+
+REQUIREMENT = re.compile(r"([\w.-]+).*?extra\s*==\s*['\"]([\w.-]+)['\"]")
+"""Name and extra of a distribution's requirement (PEP 508)."""
+
+
+def has_extra(extra: str) -> bool:
+    """Return True if the requirements of `extra` are installed; imports none of them."""
+    for requirement in requires("pointit") or ():
+        match = REQUIREMENT.match(requirement)
+        if match is None or match[2] != extra:
+            continue
+        try:
+            version(match[1])
+        except PackageNotFoundError:
+            return False
+    return True
 
 
 def remedy(extra: str) -> str:

@@ -9,11 +9,16 @@ from collections.abc import Callable, Sequence
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.runtime.host.tcp_timeouts import set_user_timeout
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, ROUTER_LOST, Link, ports_of
 from pointit.runtime.zenoh.queries import query_replies
-from pointit.runtime.zenoh.session import close_session, configuration, open_cancellable, refusals
+from pointit.runtime.zenoh.session import (
+    close_session,
+    configuration,
+    open_cancellable,
+    refusals,
+    set_user_timeout,
+)
 from pointit.schemas.table_types import NAME
 from pointit.schemas.topics import ANY, SERVICE_ALIVE
 

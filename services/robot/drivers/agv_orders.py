@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from pointit.schemas import NS_PER_S
-from pointit.vda5050.agv_messages import AgvState, blocked_by
+from pointit.vda5050 import AgvState, blocked_by
 
 Version = Literal["1.1.0", "2.0.0", "2.1.0"]
 ActionType = Literal["cancelOrder", "stateRequest"]

@@ -44,7 +44,7 @@ from pointit.services.robot.robot_driver import (
     RobotSpec,
     TakeOff,
 )
-from pointit.vda5050.agv_messages import (
+from pointit.vda5050 import (
     LOST_CONNECTIONS,
     AgvConnection,
     AgvState,

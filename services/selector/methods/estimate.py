@@ -12,7 +12,7 @@ from functools import lru_cache
 from pydantic import Field
 
 from pointit.geometry import vector
-from pointit.geometry.closest import nearest_in_angle
+from pointit.geometry.polyline import nearest_in_angle
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
 from pointit.schemas.pointing import LINES

@@ -14,7 +14,7 @@ from zenoh.handlers import Callback
 
 from pointit.access.router_configuration import to_json5
 from pointit.access.site_folder import SiteFolder
-from pointit.cli.site.router import TELL_S
+from pointit.cli.router import TELL_S
 from pointit.runtime.zenoh.session import configuration
 from pointit.schemas.topics import BUTTON, RAY
 from tests.integration.access.secured import Member, RouterProgram, link_of, make_site, wait

@@ -20,8 +20,8 @@ from zenoh.handlers import Callback
 from pointit.access.rights import LATEST_HZ, MAX_CONNECTIONS, MAX_RATE_HZ
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
-from pointit.runtime.host.tcp_timeouts import own_sockets
 from pointit.runtime.router import LINGER, Router
+from pointit.runtime.zenoh.session import own_sockets
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, UserPose
 from pointit.schemas.topics import BUTTON, CURSOR, POSE, RAY

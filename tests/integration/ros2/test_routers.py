@@ -13,8 +13,8 @@ from pointit.bridges.ros2.graph.backend import LATCHED
 from pointit.bridges.ros2.graph.backends import opened
 from pointit.runtime.errors import ConfigError, ConnectError, ListenError
 from pointit.runtime.foreign_zenoh import RawLink, open_raw_session
-from pointit.runtime.host.tcp_timeouts import own_sockets
 from pointit.runtime.link.link import LEASE_MS, Link
+from pointit.runtime.zenoh.session import own_sockets
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from tests.integration.ros2.nodes import (
     ADD,

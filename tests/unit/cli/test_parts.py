@@ -4,10 +4,9 @@ import inspect
 
 import pytest
 
-from pointit.cli.common.run_part import RunPart
-from pointit.cli.display.summary import DisplayPart
-from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS, PERSON_CHECKS, RUN_PARTS
-from pointit.launch.parts import WATCHERS
+from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS, PERSON_CHECKS, RUN_PARTS, RunPart
+from pointit.cli.summary import DisplayPart
+from pointit.launch.plan.plan import WATCHERS
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import OptionalPart, load_object, present
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from pointit.access.site_folder import SiteFolder, SiteFolderState
-from pointit.cli.site import router
-from pointit.cli.site.site import expiring, rows_of, section, visible_rows
+from pointit.cli import router
+from pointit.cli.site import expiring, rows_of, section, visible_rows
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import read_credentials
 from tests.support.invoked import python
@@ -23,7 +23,7 @@ STARTS_WITH_FEW_FILES = """
 import resource
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (256, hard))
-from pointit.cli.site import router
+from pointit.cli import router
 
 def run_until_shutdown(work):
     work.close()

@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.console import Console
 
-from pointit.cli.display.view import ConsoleView
+from pointit.cli.view import ConsoleView
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.clock import WallClock
 from pointit.schemas import Cursor, Environment, Strip, StripFrame, StripsFrame

@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner
 
 from pointit.cli import page as dashboard
-from pointit.cli.display.summary import write_summary
 from pointit.cli.main import command
 from pointit.cli.page import PAGE_PART, RunPage
+from pointit.cli.summary import write_summary
 from pointit.launch import page
 from pointit.launch.page import PORT, PORTS_TO_TRY, Page, is_asked_of_page, page_link_file, page_of, where
 from pointit.launch.plan.launches import Choices, Settings
@@ -159,7 +159,7 @@ def test_the_extra_is_looked_for_without_loading_it(monkeypatch: pytest.MonkeyPa
             raise importlib.metadata.PackageNotFoundError(name)
         return find(name)
 
-    monkeypatch.setattr(importlib.metadata, "version", without)
+    monkeypatch.setattr("pointit.runtime.host.extras.version", without)
     assert not page.is_available()
     script = (
         "import sys, pointit.cli.run.run, pointit.launch.page as page\n"

@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.display.view import ConsoleView
 from pointit.cli.inspect.pose_errors import TRUTH_DISPLAY
 from pointit.cli.robots import ROBOTS_DISPLAY
+from pointit.cli.view import ConsoleView
 from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M
 from pointit.launch.robots import RobotMonitor, RobotWatcher
 from pointit.launch.run.monitor import Monitor

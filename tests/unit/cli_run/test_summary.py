@@ -4,7 +4,7 @@ import functools
 
 import pytest
 
-from pointit.cli.display.summary import true_yaw_deg
+from pointit.cli.summary import true_yaw_deg
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.schemas import Localization, UserPose

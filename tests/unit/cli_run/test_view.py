@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 from rich.segment import Segment
 
-from pointit.cli.display.summary import figures
-from pointit.cli.display.view import (
+from pointit.cli.summary import figures
+from pointit.cli.view import (
     MAX_STRIPS,
     NAME_WIDTH,
     ConsoleView,

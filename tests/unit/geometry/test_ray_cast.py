@@ -10,9 +10,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.geometry.closest import Hit, Measure, make_hit, nearest_in_angle, nearest_in_metres
 from pointit.geometry.cloud_tree import PointTree
-from pointit.geometry.polyline import Polyline
+from pointit.geometry.polyline import Hit, Measure, Polyline, make_hit, nearest_in_angle, nearest_in_metres
 from pointit.geometry.ray_cast import FEW, RayCaster
 from pointit.geometry.vector import Vec3
 from tests.support.known import known

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.closest import Measure
+from pointit.geometry.polyline import Measure
 from pointit.geometry.ray_cast import SolidCaster
 from pointit.geometry.solids import (
     MAX_EYES,

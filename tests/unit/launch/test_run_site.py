@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from pointit.cli.recordings.run_recorder import recorded, recorder_launch
 from pointit.launch.plan.launches import CURSOR_COLORS
 from pointit.launch.plan.plan import USUAL, Plan
-from pointit.launch.recorder import recorded, recorder_launch
 from pointit.launch.run.run_site import LISTEN_S, ViewerPresence, check_names, surroundings
 from pointit.launch.run.running_scenario import DeploymentPublisher
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus

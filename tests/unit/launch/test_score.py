@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.cli.display.summary import summary_lines
+from pointit.cli.summary import summary_lines
 from pointit.launch.run.monitor import MAX_OBJECTS, MAX_TRACKERS, Latency, RunScore
 from pointit.schemas import (
     Cursor,

@@ -14,7 +14,7 @@ import psutil
 import pytest
 from pydantic import BaseModel
 
-from pointit.cli.display.summary import check_writable
+from pointit.cli.summary import check_writable
 from pointit.launch.run.running_scenario import Processes, last_log_error
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError

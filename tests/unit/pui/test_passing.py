@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.geometry.closest import Hit
+from pointit.geometry.polyline import Hit
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.common.output import OutputSection, print_table, say
-from pointit.cli.display.view import ConsoleView
+from pointit.cli.view import ConsoleView
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.clock import WallClock
 from pointit.runtime.service.logs import setup_logging

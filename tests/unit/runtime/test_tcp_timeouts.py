@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from pointit.runtime.host.tcp_timeouts import own_sockets, set_user_timeout
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
 from pointit.runtime.router import LINGER, cut, disable_linger, peer, release_udp_ports, unread
-from pointit.runtime.zenoh.session import close_session, open_session
+from pointit.runtime.zenoh.session import close_session, open_session, own_sockets, set_user_timeout
 from tests.support.buses import free_port
 
 pytestmark = [
@@ -25,7 +24,7 @@ AFTER_MS = 2345
 
 LOOKS_WITHOUT_DESCRIPTORS = """
 import os, resource
-from pointit.runtime.host.tcp_timeouts import own_sockets, set_user_timeout
+from pointit.runtime.zenoh.session import own_sockets, set_user_timeout
 from pointit.runtime.router import disable_linger
 _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.robot.drivers.agv_orders import InstantAction, MessageEncoder, Order, OrderNode, Version
-from pointit.vda5050.agv_messages import AgvConnection, AgvState, Visualization, blocked_by, parse
+from pointit.vda5050 import AgvConnection, AgvState, Visualization, blocked_by, parse
 
 HEADER = """"headerId": 15, "timestamp": "2017-04-15T11:40:03.12Z", "version": "2.0.0",
   "manufacturer": "KIT", "serialNumber": "0001" """

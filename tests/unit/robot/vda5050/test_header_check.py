@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointit.vda5050.agv_messages import TimestampCheck
+from pointit.vda5050 import TimestampCheck
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from pointit.vda5050.agv_messages import AgvConnection, AgvState, Visualization, blocked_by, parse
+from pointit.vda5050 import AgvConnection, AgvState, Visualization, blocked_by, parse
 
 PLACE: dict[str, Any] = {"x": 4.0, "y": -2.0, "theta": 1.2, "mapId": "f2", "positionInitialized": True}
 IDLE: dict[str, Any] = {

@@ -176,9 +176,9 @@ class UnreadableFields:
     def __init__(self) -> None:
         self._first: dict[str, str] = {}
 
-    def describe(self, topic: str, message: TolerantModel) -> str:
-        """Return a sentence with a remedy if fields of the newest `message` are unreadable, else `""`."""
-        self._first = {name: self._first.get(name, what) for name, what in message.unreadable.items()}
+    def describe(self, topic: str, model: TolerantModel) -> str:
+        """Return a sentence with a remedy if fields of the newest `model` are unreadable, else `""`."""
+        self._first = {name: self._first.get(name, what) for name, what in model.unreadable.items()}
         if not self._first:
             return ""
         listed = ", ".join(f"{name} {what}" for name, what in list(self._first.items())[:MAX_NAMES])

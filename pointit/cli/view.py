@@ -17,7 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.common.keyboard import has_keyboard, keys
-from pointit.cli.display.summary import DisplayPart, figures
+from pointit.cli.summary import DisplayPart, figures
 from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M, figure, position_sigma_m, yaw_sigma_deg
 from pointit.geometry.polyline import Polyline
 from pointit.launch.run.monitor import Monitor

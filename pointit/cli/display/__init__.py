@@ -1,1 +1,0 @@
-"""The terminal's view of a run: live, and a summary at its end."""

@@ -1,1 +1,0 @@
-"""Commands of a site's administrator: members and the router."""

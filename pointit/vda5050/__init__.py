@@ -1,1 +1,0 @@
-"""VDA 5050: what automated guided vehicles tell a broker."""

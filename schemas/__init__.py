@@ -108,7 +108,17 @@ from pointit.schemas.requests import (
     UseMapReply,
 )
 from pointit.schemas.robots import RobotKind, RobotPhase, RobotPlan, RobotState, Steering
-from pointit.schemas.selection import Claim, ReservedObject, SelectedObject, Selection, SelectionEvent
+from pointit.schemas.selection import (
+    ActOutcome,
+    ActResult,
+    Claim,
+    ReservedObject,
+    SelectedObject,
+    Selection,
+    SelectionEvent,
+    ThingState,
+    ThingStates,
+)
 from pointit.schemas.system import (
     ClockTick,
     Configuration,
@@ -122,23 +132,24 @@ from pointit.schemas.system import (
 )
 
 __all__ = [
-    "FARTHEST", "NS_PER_S", "WRIST_PATIENCE_S", "AddPackage", "AddPackageReply", "Anchor", "Announced",
-    "Bay", "BayCount", "Belt", "BeltLink", "BeltSpeed", "BodyMeasures", "Box", "ButtonEvent",
-    "CancelLocalization", "Candidate", "Claim", "ClearSelection", "ClockTick", "Cloud", "Configuration",
-    "ConveyorState", "Cursor", "Cylinder", "DecodeError", "Departure", "Deployment", "Done",
-    "Environment", "ExpectedService", "Feedback", "Figure", "FindReferents", "Goal", "Health", "Hover",
-    "ImuSample", "Interaction", "KeyHealth", "KeyNameError", "Lamp", "LampColor", "LampLease",
-    "LampLeases", "LampMiss", "LitPixels", "Localization", "Message", "Passed", "Plane", "PointAnchor",
-    "PointingOffset", "PointingRay", "Quantiles", "Query", "ReadHistory", "ReadHistoryReply", "Referent",
-    "Referents", "ReleaseObject", "RememberedBias", "Reply", "ReservedObject", "ResetConveyor",
-    "RobotKind", "RobotPhase", "RobotPlan", "RobotState", "RunScenario", "Say", "SchemaError",
-    "SchemaModel", "SelectedObject", "Selection", "SelectionEvent", "SendRobot", "ServedRequest",
-    "SetBrightness", "SetFeeding", "SetHeading", "SetLamp", "SetMethod", "SetMethodReply", "SetMounting",
-    "SetMountingReply", "SetOffset", "SetPose", "SetSpeed", "SetThing", "SetTolerance",
-    "SetToleranceReply", "SetWorkspace", "SetYawOrigin", "ShowPixels", "Speech", "Sphere",
+    "FARTHEST", "NS_PER_S", "WRIST_PATIENCE_S", "ActOutcome", "ActResult", "AddPackage",
+    "AddPackageReply", "Anchor", "Announced", "Bay", "BayCount", "Belt", "BeltLink", "BeltSpeed",
+    "BodyMeasures", "Box", "ButtonEvent", "CancelLocalization", "Candidate", "Claim", "ClearSelection",
+    "ClockTick", "Cloud", "Configuration", "ConveyorState", "Cursor", "Cylinder", "DecodeError",
+    "Departure", "Deployment", "Done", "Environment", "ExpectedService", "Feedback", "Figure",
+    "FindReferents", "Goal", "Health", "Hover", "ImuSample", "Interaction", "KeyHealth", "KeyNameError",
+    "Lamp", "LampColor", "LampLease", "LampLeases", "LampMiss", "LitPixels", "Localization", "Message",
+    "Passed", "Plane", "PointAnchor", "PointingOffset", "PointingRay", "Quantiles", "Query",
+    "ReadHistory", "ReadHistoryReply", "Referent", "Referents", "ReleaseObject", "RememberedBias",
+    "Reply", "ReservedObject", "ResetConveyor", "RobotKind", "RobotPhase", "RobotPlan", "RobotState",
+    "RunScenario", "Say", "SchemaError", "SchemaModel", "SelectedObject", "Selection", "SelectionEvent",
+    "SendRobot", "ServedRequest", "SetBrightness", "SetFeeding", "SetHeading", "SetLamp", "SetMethod",
+    "SetMethodReply", "SetMounting", "SetMountingReply", "SetOffset", "SetPose", "SetSpeed", "SetThing",
+    "SetTolerance", "SetToleranceReply", "SetWorkspace", "SetYawOrigin", "ShowPixels", "Speech", "Sphere",
     "StartLocalization", "Steering", "Step", "StopRobot", "Strip", "StripFrame", "StripsFrame", "Thing",
-    "TrackedObject", "TrackedObjects", "Understood", "UndoSelection", "UseMap", "UseMapReply", "UserPose",
-    "UserProfile", "Word", "WristSample", "decode", "encode", "pack", "summarize_validation_error",
+    "ThingState", "ThingStates", "TrackedObject", "TrackedObjects", "Understood", "UndoSelection",
+    "UseMap", "UseMapReply", "UserPose", "UserProfile", "Word", "WristSample", "decode", "encode", "pack",
+    "summarize_validation_error",
 ]  # fmt: skip
 
 

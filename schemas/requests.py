@@ -217,6 +217,8 @@ class ReadHistory(Query):
 class ReadHistoryReply(Reply):
     """The published events, as far as there is room. The oldest are left out."""
 
+    version: ClassVar[int] = 2
+
     max_bytes: ClassVar[int] = 256 * 1024
 
     events: Annotated[

@@ -1,4 +1,4 @@
-"""Selected and reserved objects, by person, and what each cue is: sound, vibration, colour of the state lamp.
+"""Selected and reserved objects, acts on things and their results, and the signs of each cue.
 
 Cues differ in all three, so that each sense alone tells them apart. The colours are of Okabe and Ito's
 palette (Color Universal Design, 2008), distinguishable by colour-blind people, and differ in lightness.
@@ -39,6 +39,10 @@ SIGNS: dict[Cue, MultimodalCue] = {
 
 
 RESTORED = "was on before a restart"  # in the reason of an event, to which nothing reacts
+REPORTED = "as its target has it"
+"""Reason of an event to which nothing reacts: the state that the target of a thing reported first."""
+NOT_DONE = "not done: "
+"""Beginning of the reason of an event that takes back an act that failed."""
 
 
 class SelectedObject(SchemaModel):
@@ -51,6 +55,7 @@ class SelectedObject(SchemaModel):
     confidence: Annotated[
         Fraction | None, Field(description="probability that it was meant among nearby objects, or None")
     ] = None
+    is_pending: Annotated[bool, Field(description="its carriers have not told yet that it is on")] = False
 
 
 class ReservedObject(SchemaModel):
@@ -64,7 +69,7 @@ class ReservedObject(SchemaModel):
 class Selection(Message):
     """Everything that is selected now."""
 
-    version: ClassVar[int] = 3
+    version: ClassVar[int] = 4
 
     max_bytes: ClassVar[int] = 512 * 1024
     """Room for all objects that can be tracked."""
@@ -86,7 +91,7 @@ REPEATED_REASON = "told again after a restart of the selector"
 class SelectionEvent(Message):
     """Something happened to an object: a person (de)selected it, or it left."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
 
     event: Literal["selected", "deselected", "refused", "left", "dispatched"]
     object_id: Id
@@ -101,6 +106,9 @@ class SelectionEvent(Message):
         Field(description="action of the person; empty if none or unknown"),
     ] = ""
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
+    carriers: Annotated[
+        Many[Id], Field(description="services that carry it out: an `ActOutcome` follows. Empty: it is done")
+    ] = ()
 
     @property
     def thing(self) -> str:
@@ -114,7 +122,8 @@ class SelectionEvent(Message):
 
     def is_reaction(self, mode: ThingMode) -> bool:
         """Return True if a thing of `mode` fired, or was switched; not if it was restored, or is over."""
-        return RESTORED not in self.reason and (self.is_on or (mode, self.event) == ("switch", "deselected"))
+        is_silent = RESTORED in self.reason or REPORTED in self.reason
+        return not is_silent and (self.is_on or (mode, self.event) == ("switch", "deselected"))
 
 
 class Claim(Message):
@@ -133,3 +142,54 @@ class Claim(Message):
     ] = None
     cause: Annotated[Literal["dwell", "button"], Field(description="action of the person")] = "dwell"
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
+
+
+TargetState = Literal["", "on", "off", "unknown", "unavailable"]
+ResultKind = Literal["done", "failed", "started"]
+"""`started`: it runs for long, and `done` or `failed` follows."""
+FailureCode = Literal["", "unavailable", "refused", "no_effect", "no_answer", "busy", "replaced", "error"]
+"""Kind of a failure: not reachable; not allowed or not possible; nothing changed; not in time; too many at
+once; a newer act replaced it; a fault."""
+
+
+class ThingState(SchemaModel):
+    """The state that the target of a thing reports."""
+
+    id: Id
+    state: Annotated[TargetState, Field(description="empty: it can be used, and has no state")] = ""
+    reason: Annotated[
+        str, Field(max_length=500, description="cause if it is unavailable, and the remedy")
+    ] = ""
+    limit_s: Annotated[float, Field(gt=0, description="time after which an act on it has failed, s")] = 5.0
+
+
+class ThingStates(Message):
+    """All things that a carrier has targets for. An act on one that is unavailable is refused at once."""
+
+    max_bytes: ClassVar[int] = 1024 * 1024
+
+    things: Many[ThingState] = ()
+
+
+class ActResult(Message):
+    """ResultKind of an act by one carrier. The act is the selection event of this object with this stamp."""
+
+    object_id: Id
+    event_ns: Ns
+    result: ResultKind
+    state: Annotated[TargetState, Field(description="state of the thing after it")] = ""
+    code: FailureCode = ""
+    text: Annotated[str, Field(max_length=500, description="cause of the failure, and the remedy")] = ""
+
+
+class ActOutcome(Message):
+    """ResultKind of an act by all its carriers. People are told of success only after it."""
+
+    event: Literal["selected", "deselected"]
+    object_id: Id
+    kind: Id = ""
+    user: Id = ""
+    event_ns: Ns
+    result: ResultKind
+    code: FailureCode = ""
+    text: str = ""

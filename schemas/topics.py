@@ -152,18 +152,18 @@ REQUESTS: list[Request[Any, Any]] = [
 # tables: each row takes as few lines as it needs
 # fmt: off
 __all__ = [
-    "ACCOUNTS", "ADD_PACKAGE", "ANCHOR", "ANNOUNCED", "ANY", "BUTTON", "CANCEL_LOCALIZATION", "CLAIM",
-    "CLEAR_SELECTION", "CLOCK", "CONFIGURATION", "CONVEYOR_STATE", "CURSOR", "DEPLOYMENT",
-    "FEEDBACK", "FIND_REFERENTS", "GOAL", "HEALTH", "HOVER", "IMU", "INTERACTION", "KEEPER_ALIVE",
-    "LAMP_COLOR", "LAMP_LEASES", "LOCALIZATION", "MAP", "MAX_AGE_PERIODS", "OBJECTS", "POINT_ANCHOR",
-    "POSE", "PRESENCES", "PROFILE", "RAY", "READ_HISTORY", "RELEASE_OBJECT", "REQUESTS", "RESET_CONVEYOR",
-    "ROBOT_PLAN", "ROBOT_STATE", "RUN_SCENARIO", "SAY", "SELECTION", "SELECTION_EVENTS", "SEND_ROBOT",
-    "SERVED", "SERVICE_ALIVE", "SET_BRIGHTNESS", "SET_FEEDING", "SET_HEADING", "SET_LAMP", "SET_METHOD",
-    "SET_MOUNTING", "SET_OFFSET", "SET_POSE", "SET_SPEED", "SET_THING", "SET_TOLERANCE",
-    "SET_WORKSPACE", "SET_YAW_ORIGIN", "SHARD_ALIVE", "SHOW_PIXELS", "SPEECH",
-    "START_LOCALIZATION", "STEERING", "STEP", "STOP_ROBOT", "STRIPS_FRAME", "TOPICS", "UNDERSTOOD",
-    "UNDO_SELECTION", "USER_ALIVE", "USE_MAP", "WRIST", "Delivery", "Presence", "Request", "Topic",
-    "check_name", "topic_of",
+    "ACCOUNTS", "ACT_RESULTS", "ADD_PACKAGE", "ANCHOR", "ANNOUNCED", "ANY", "BUTTON", "CANCEL_LOCALIZATION",
+    "CARRIER_ALIVE", "CLAIM", "CLEAR_SELECTION", "CLOCK", "CONFIGURATION", "CONVEYOR_STATE", "CURSOR",
+    "DEPLOYMENT", "FEEDBACK", "FIND_REFERENTS", "GOAL", "HEALTH", "HOVER", "IMU", "INTERACTION",
+    "KEEPER_ALIVE", "LAMP_COLOR", "LAMP_LEASES", "LOCALIZATION", "MAP", "MAX_AGE_PERIODS", "OBJECTS",
+    "OUTCOMES", "POINT_ANCHOR", "POSE", "PRESENCES", "PROFILE", "RAY", "READ_HISTORY", "RELEASE_OBJECT",
+    "REQUESTS", "RESET_CONVEYOR", "ROBOT_PLAN", "ROBOT_STATE", "RUN_SCENARIO", "SAY", "SELECTION",
+    "SELECTION_EVENTS", "SEND_ROBOT", "SERVED", "SERVICE_ALIVE", "SET_BRIGHTNESS", "SET_FEEDING",
+    "SET_HEADING", "SET_LAMP", "SET_METHOD", "SET_MOUNTING", "SET_OFFSET", "SET_POSE", "SET_SPEED",
+    "SET_THING", "SET_TOLERANCE", "SET_WORKSPACE", "SET_YAW_ORIGIN", "SHARD_ALIVE", "SHOW_PIXELS", "SPEECH",
+    "START_LOCALIZATION", "STEERING", "STEP", "STOP_ROBOT", "STRIPS_FRAME", "THING_STATES", "TOPICS",
+    "UNDERSTOOD", "UNDO_SELECTION", "USER_ALIVE", "USE_MAP", "WRIST", "Delivery", "Presence", "Request",
+    "Topic", "check_name", "topic_of",
 ]
 
 _LATEST, _EVENT, _STATE = Delivery.LATEST, Delivery.EVENT, Delivery.STATE
@@ -258,6 +258,18 @@ SELECTION_EVENTS = Topic(
     key="selection/events", message=selection.SelectionEvent, delivery=_EVENT, rate_hz=None,
     writers=("selector", "conveyor-sim"), about="selected, deselected, left",
 )
+THING_STATES = Topic(
+    key="things/{carrier}", message=selection.ThingStates, delivery=_STATE, rate_hz=None,
+    writers=("cli", "external"), about="things that a carrier acts on, and their states",
+)
+ACT_RESULTS = Topic(
+    key="acts/{carrier}", message=selection.ActResult, delivery=_EVENT, rate_hz=None,
+    writers=("cli", "external"), about="result of each act that a carrier carried out",
+)
+OUTCOMES = Topic(
+    key="selection/outcomes", message=selection.ActOutcome, delivery=_EVENT, rate_hz=None,
+    writers=("selector",), about="result of each selection event that has carriers, by all of them",
+)
 LAMP_COLOR = Topic(
     key="leds/{led}/color", message=environment.LampColor, delivery=_STATE, rate_hz=None,
     writers=("led-driver",), about="colour of a single lamp",
@@ -299,8 +311,8 @@ DEPLOYMENT = Topic(
 TOPICS: list[Topic[Any]] = [
     IMU, WRIST, BUTTON, STEP, PROFILE, RAY, POSE, LOCALIZATION, ANCHOR, CURSOR, HOVER, ANNOUNCED, CLAIM,
     INTERACTION, FEEDBACK, GOAL, STEERING, SPEECH, UNDERSTOOD, MAP, OBJECTS, ROBOT_STATE, ROBOT_PLAN,
-    SELECTION, SELECTION_EVENTS, LAMP_COLOR, LAMP_LEASES, STRIPS_FRAME, CONVEYOR_STATE, CLOCK, HEALTH,
-    CONFIGURATION, SERVED, DEPLOYMENT,
+    SELECTION, SELECTION_EVENTS, THING_STATES, ACT_RESULTS, OUTCOMES, LAMP_COLOR, LAMP_LEASES, STRIPS_FRAME,
+    CONVEYOR_STATE, CLOCK, HEALTH, CONFIGURATION, SERVED, DEPLOYMENT,
 ]
 """All topics. Services of other packages add theirs when they are loaded (`pointit.services.registry`)."""
 
@@ -314,10 +326,11 @@ SHARD_ALIVE = Presence(
     key="alive/shards/{instance}",
     about="a shard of a service serves one person: `pui.anna`, whatever the shard's own name",
 )
+CARRIER_ALIVE = Presence(key="alive/carriers/{carrier}", about="a carrier of acts runs")
 # fmt: on
 KEEPER_ALIVE = Presence(key="alive/keepers/{session}", about="it answers for states whose writers are gone")
 
-PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, SHARD_ALIVE, KEEPER_ALIVE)
+PRESENCES: tuple[Presence, ...] = (SERVICE_ALIVE, USER_ALIVE, SHARD_ALIVE, CARRIER_ALIVE, KEEPER_ALIVE)
 
 
 def topic_of(key: str) -> Topic[Any] | None:

@@ -175,11 +175,12 @@ PROCESSES: list[Process] = [
         about="cursors that rest on objects to selections",
         reads=(
             topics.CURSOR, topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS, topics.MAP,
-            topics.BUTTON, topics.STEP, topics.CLAIM, topics.SELECTION,
+            topics.BUTTON, topics.STEP, topics.CLAIM, topics.SELECTION, topics.THING_STATES,
+            topics.ACT_RESULTS,
         ),
         writes=(
             topics.HOVER, topics.ANNOUNCED, topics.SELECTION, topics.SELECTION_EVENTS, topics.FEEDBACK,
-            topics.CLAIM,
+            topics.CLAIM, topics.OUTCOMES,
         ),
         serves=(
             topics.CLEAR_SELECTION, topics.UNDO_SELECTION, topics.RELEASE_OBJECT, topics.SET_THING,
@@ -236,8 +237,8 @@ PROCESSES: list[Process] = [
         about="the newest of every state, for late subscribers when its writer is gone; whose clock is apart",
         reads=(
             topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.INTERACTION, topics.STEERING, topics.MAP,
-            topics.ROBOT_PLAN, topics.SELECTION, topics.ANNOUNCED, topics.LAMP_COLOR, topics.CONVEYOR_STATE,
-            topics.DEPLOYMENT, topics.HEALTH,
+            topics.ROBOT_PLAN, topics.SELECTION, topics.THING_STATES, topics.ANNOUNCED, topics.LAMP_COLOR,
+            topics.CONVEYOR_STATE, topics.DEPLOYMENT, topics.HEALTH,
         ),
         writes=(),
     ),

@@ -11,13 +11,16 @@ from typing import Any, Literal, get_args
 from pointit.schemas.system import RUN, instance_of
 from pointit.schemas.topics import (
     ACCOUNTS,
+    ACT_RESULTS,
     ANY,
     BUTTON,
+    CARRIER_ALIVE,
     CLOCK,
     CONFIGURATION,
     DEPLOYMENT,
     FIND_REFERENTS,
     IMU,
+    KEEPER_ALIVE,
     PRESENCES,
     RAY,
     READ_HISTORY,
@@ -31,6 +34,7 @@ from pointit.schemas.topics import (
     SPEECH,
     STEP,
     STOP_ROBOT,
+    THING_STATES,
     TOPICS,
     UNDERSTOOD,
     USE_MAP,
@@ -198,6 +202,9 @@ OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)
 """Requests of the person and operators only: what a person means by a word. No bridge offers them."""
 OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
 """Requests of operators, the page's too, and the supervisor only: they change what others have or use."""
+OF_CARRIERS: tuple[Topic[Any], ...] = (THING_STATES, ACT_RESULTS)
+"""Topics that only the service of that name and operators write: a false state blocks a thing, a false result
+lies about it."""
 FOR_ALL = (*RECALLED, STOP_ROBOT)
 """Requests of all roles: who sees a robot may stop it."""
 ALL = "**"
@@ -239,7 +246,12 @@ def rights_of(role: Role, name: str) -> Rights:
     if role in ("web", "ros2"):
         return _bridge(role)
     if role == "operator":
-        return Rights(reads=_anywhere([viewer_topics(), INTERNAL]), asks=_anywhere([REQUESTS]))
+        return Rights(
+            writes=_anywhere([OF_CARRIERS]),
+            reads=_anywhere([viewer_topics(), INTERNAL]),
+            asks=_anywhere([REQUESTS]),
+            announces=(CARRIER_ALIVE.at(ANY),),
+        )
     return Rights(reads=_anywhere([viewer_topics()]), asks=_anywhere([FOR_ALL]))
 
 
@@ -313,7 +325,7 @@ def _service(name: str) -> Rights:
     """Return the rights of the shared service `name`: those of its row, none if it is not installed."""
     rows = [row for row in shared_services() if row.name == name]
     return Rights(
-        writes=_sorted([*_anywhere(row.writes for row in rows), *_health_publishers(rows)]),
+        writes=_sorted([*_written(rows), *_health_publishers(rows)]),
         reads=_anywhere(row.reads for row in rows),
         serves=_anywhere(row.serves for row in rows),
         asks=_anywhere([FOR_ALL, _asked(rows)]),
@@ -333,31 +345,29 @@ def _health_publishers(rows: Iterable[Process]) -> list[str]:
     return [key for topic in ACCOUNTS for row in rows for key in _instances(topic.at(row.name), row)]
 
 
+def _written(rows: Sequence[Process]) -> list[str]:
+    """Return the keys of the topics of `rows`. Those of carriers only under the name of the service."""
+    own = [topic.at(row.name) for row in rows for topic in row.writes if topic in OF_CARRIERS]
+    return [*own, *_anywhere([topic for topic in row.writes if topic not in OF_CARRIERS] for row in rows)]
+
+
 def _presences(rows: Iterable[Process]) -> list[str]:
     """Return the keys of presence of all instances of `rows`."""
-    return [key for row in rows for key in _instances(SERVICE_ALIVE.at(row.name), row)]
+    carriers = [CARRIER_ALIVE.at(row.name) for row in rows if THING_STATES in row.writes]
+    return [*carriers, *(key for row in rows for key in _instances(SERVICE_ALIVE.at(row.name), row))]
 
 
 def _services() -> Rights:
     shared = shared_services()
     common = [row for row in shared if row.name not in WITH_OWN_IDENTITY]
     return Rights(
-        writes=_sorted(
-            [
-                *_anywhere(row.writes for row in common),
-                *_anywhere([(CLOCK, DEPLOYMENT)]),
-                *_health_publishers(shared),
-            ]
-        ),
+        writes=_sorted([*_written(common), *_anywhere([(CLOCK, DEPLOYMENT)]), *_health_publishers(shared)]),
         reads=_anywhere([*(row.reads for row in common), viewer_topics()]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
         asks=_anywhere([FOR_ALL, _asked(common)]),
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
-            [
-                *_presences(shared),
-                *(presence.at(ANY) for presence in PRESENCES if presence not in (SERVICE_ALIVE, USER_ALIVE)),
-            ]
+            [*_presences(shared), *(presence.at(ANY) for presence in (SHARD_ALIVE, KEEPER_ALIVE))]
         ),
     )
 

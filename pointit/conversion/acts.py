@@ -29,7 +29,7 @@ Outcome = Literal["selected", "deselected", "refused", "none"]
 Seconds = Annotated[float, Field(description="since the recording began")]
 
 
-class Act(SchemaModel):
+class PointingAct(SchemaModel):
     """One pointing act: a row of `acts.csv`."""
 
     user: Annotated[str, Field(description="pointing user")]
@@ -105,7 +105,7 @@ class ActDetector:
         self._cursors: dict[str, Cursor] = {}
         self._objects: dict[str, TrackedObjects] = {}
         self._selected: dict[str, SelectionCsvRow] = {}
-        self.acts: list[Act] = []
+        self.acts: list[PointingAct] = []
         """Acts that are over."""
         self.selections: list[SelectionCsvRow] = []
         """Selections that are over."""
@@ -230,7 +230,7 @@ class ActDetector:
             return
         event = act.event
         self.acts.append(
-            Act(
+            PointingAct(
                 user=user,
                 begin_s=self._s(act.begin_ns),
                 end_s=self._s(act.last_ns),

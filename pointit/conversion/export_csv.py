@@ -17,7 +17,7 @@ from typing import IO, Annotated, Any, NamedTuple, Self, Union, get_args, get_or
 
 from pydantic import TypeAdapter
 
-from pointit.conversion.acts import Act, ActDetector, SelectionCsvRow
+from pointit.conversion.acts import ActDetector, PointingAct, SelectionCsvRow
 from pointit.recording.entries import Entry, Exchange
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import (
@@ -333,7 +333,7 @@ class _Export:
         self._tables = tables
         self._began_ns = began_ns
         self._detector = ActDetector(began_ns)
-        self._acts, self._selections = columns_of(Act), columns_of(SelectionCsvRow)
+        self._acts, self._selections = columns_of(PointingAct), columns_of(SelectionCsvRow)
         tables.create(SELECTIONS, self._selections)
         tables.create(ACTS, self._acts)
         self._columns: dict[str, list[CsvColumn]] = {}

@@ -106,7 +106,7 @@ ROBOT_TRACKER = "robot."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class ReferentTarget:
     """Something in the room that a word may refer to, at one time."""
 
     kind: ReferentKind
@@ -133,18 +133,20 @@ class Room:
         """Forget a person who has left."""
         self.poses.pop(user, None)
 
-    def targets(self, user: str, at_ns: int, now_ns: int) -> list[Target]:
+    def targets(self, user: str, at_ns: int, now_ns: int) -> list[ReferentTarget]:
         """Return the targets for words of `user`, at their positions at `at_ns`, extrapolated by velocity."""
         targets = [*self._objects(at_ns, now_ns), *self._robots(at_ns, now_ns)]
         targets += [
-            Target(kind="person", name=name, center_m=_raised(pose.position_m, CHEST_M), size_m=PERSON_M)
+            ReferentTarget(
+                kind="person", name=name, center_m=_raised(pose.position_m, CHEST_M), size_m=PERSON_M
+            )
             for name, pose in self.poses.items()
             if name != user
         ]
         return targets[:MAX_TARGETS]
 
-    def _objects(self, at_ns: int, now_ns: int) -> list[Target]:
-        targets: list[Target] = []
+    def _objects(self, at_ns: int, now_ns: int) -> list[ReferentTarget]:
+        targets: list[ReferentTarget] = []
         for tracker, listed in _recent(self.objects, now_ns).items():
             if tracker.startswith(ROBOT_TRACKER) and tracker.removeprefix(ROBOT_TRACKER) in self.robots:
                 continue
@@ -153,7 +155,7 @@ class Room:
                 high_m = one.size_m[2] if one.size_m else 0.0
                 passed_s = (at_ns - listed.stamp_ns) / NS_PER_S
                 targets.append(
-                    Target(
+                    ReferentTarget(
                         kind="thing" if one.id in self.things else "object",
                         name=one.id,
                         center_m=vector.add(one.position_m, vector.scale(one.velocity_mps, passed_s)),
@@ -162,14 +164,14 @@ class Room:
                 )
         return targets
 
-    def _robots(self, at_ns: int, now_ns: int) -> list[Target]:
-        targets: list[Target] = []
+    def _robots(self, at_ns: int, now_ns: int) -> list[ReferentTarget]:
+        targets: list[ReferentTarget] = []
         for name, state in _recent(self.robots, now_ns).items():
             passed_s = (at_ns - state.stamp_ns) / NS_PER_S
             center_m = vector.add(state.position_m, vector.scale(state.velocity_mps, passed_s))
             wide_m = 2.0 * state.radius_m
             targets.append(
-                Target(kind="robot", name=name, center_m=center_m, size_m=(wide_m, wide_m, wide_m))
+                ReferentTarget(kind="robot", name=name, center_m=center_m, size_m=(wide_m, wide_m, wide_m))
             )
         return targets
 
@@ -252,7 +254,7 @@ class Spoken:
 
 
 def referents(
-    cursors: Sequence[Cursor], targets: Sequence[Target], spoken: Spoken, model: ReferentModel = MODEL
+    cursors: Sequence[Cursor], targets: Sequence[ReferentTarget], spoken: Spoken, model: ReferentModel = MODEL
 ) -> Referents:
     """Return the candidates for a word, with their probabilities.
 
@@ -316,7 +318,7 @@ def _ranked(candidates: list[Referent], rays: int) -> Referents:
 def _densities(
     origins: Floats,
     directions: Floats,
-    targets: Sequence[Target],
+    targets: Sequence[ReferentTarget],
     model: ReferentModel,
     sideways_rad: Floats | None = None,
 ) -> Floats:
@@ -346,7 +348,7 @@ def _densities(
     return densities
 
 
-def _priors(targets: Sequence[Target], origins: Floats, word: Deictic) -> Floats:
+def _priors(targets: Sequence[ReferentTarget], origins: Floats, word: Deictic) -> Floats:
     """Return the share of each target before the rays. They add up to 1."""
     if not targets:
         return np.zeros(0)
@@ -374,7 +376,7 @@ def _surface(cursor: Cursor) -> tuple[str, str, str]:
     return cursor.surface, cursor.solid, cursor.surface_id
 
 
-def _swept(targets: Sequence[Target], densities: Floats, model: ReferentModel) -> Referents:
+def _swept(targets: Sequence[ReferentTarget], densities: Floats, model: ReferentModel) -> Referents:
     """Return all that the rays swept over, each with the probability that it is among what is meant."""
     rays = densities.shape[1]
     if not targets:

@@ -1,11 +1,21 @@
 """Decisions on objects: claims and requests of people in; the selection, its events and cues out."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.schemas import NS_PER_S, Claim, ConveyorState, Selection, SelectionEvent, SetThing
-from pointit.schemas.selection import RESTORED
+from pointit.schemas import (
+    NS_PER_S,
+    ActResult,
+    Claim,
+    ConveyorState,
+    Selection,
+    SelectionEvent,
+    SetThing,
+    ThingStates,
+)
+from pointit.schemas.selection import NOT_DONE, REPORTED, RESTORED
+from pointit.services.selector.acts import PendingAct
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.object_positions import OWN, Departures
 from pointit.services.selector.ownership import Ownership
@@ -98,6 +108,7 @@ class Arbiter:
         self._ownership = ownership
         self._ledger, self._reservations = ownership.ledger, ownership.reservations
         self._positions = ownership.positions
+        self._acts = ownership.acts
         self._latch = latch
         self._departures = Departures(config.left_after_s, config.unseen_after_s)
         self._publisher = SelectionPublisher(record, method=config.method)
@@ -155,9 +166,11 @@ class Arbiter:
         self._has_changed = False
         self._selected_ns = now_ns
         dwell_s = self._dwell_s if self._tells_method else None
-        return self._publisher.selection(
-            now_ns, self._ledger.objects(), self._reservations.objects(), dwell_s
+        objects = tuple(
+            each.model_copy(update={"is_pending": True}) if self._acts.is_pending(each.id) else each
+            for each in self._ledger.objects()
         )
+        return self._publisher.selection(now_ns, objects, self._reservations.objects(), dwell_s)
 
     def changed_selection(self, now_ns: int) -> list[Output]:
         """Return the selection if it has changed since it was returned last."""
@@ -268,7 +281,7 @@ class Arbiter:
             return f"{kind} is selected already"
         if taken_by:
             return ""
-        late = self._positions.too_late(claim.object_id, now_ns)
+        late = self._ownership.refusal(claim.object_id, now_ns)
         is_other = claim.action is not None and claim.action != action
         if not late and (is_other or claim.stamp_ns < self._ledger.changed_ns(claim.object_id)):
             status = "selected" if self._ownership.is_selected(claim.object_id) else "deselected"
@@ -296,6 +309,55 @@ class Arbiter:
         outputs = [Output("", self.selection(now_ns)), *self._publisher.event(record)]
         return [*outputs, self._publisher.cue(record.owner, "refused", event.reason, now_ns)]
 
+    def on_result(self, carrier: str, result: ActResult, now_ns: int) -> list[Output]:
+        """Note the result of an act by a carrier."""
+        act = self._acts.on_result(carrier, result)
+        return [] if act is None else self._conclude(act, now_ns)
+
+    def on_states(self, carrier: str, states: ThingStates, now_ns: int) -> list[Output]:
+        """Note the states that a carrier reports, and give its switches these."""
+        return self._follow_targets(now_ns, self._acts.on_states(carrier, states))
+
+    def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
+        """Note that a carrier runs, or has ended."""
+        acts = self._acts.on_presence(carrier, present=present)
+        outputs = [output for act in acts for output in self._conclude(act, now_ns)]
+        return outputs + self._follow_targets(now_ns)
+
+    def _conclude(self, act: PendingAct, now_ns: int) -> list[Output]:
+        """Tell the result of an act. A switch that failed goes back, unless a target says that it did not."""
+        object_id, kind = act.record.object_id, act.record.kind
+        name, (code, text) = kind or object_id, act.problem
+        outputs = [self._publisher.outcome(act.outcome(now_ns))]
+        if code == "replaced":  # the cue of the newer act tells enough
+            return outputs
+        if code:
+            is_back = not self._acts.has_state(object_id, "on" if act.event == "selected" else "off")
+            if is_back and act.is_newest and self._positions.mode(object_id) != "button":
+                after_ns = max(now_ns, self._ledger.changed_ns(object_id) + 1)
+                record = self._ledger.correct(object_id, after_ns, f"{NOT_DONE}{text}")
+                outputs += [] if record is None else self._publisher.event(record)
+            outputs.append(self._publisher.cue(act.user, "refused", f"{name}: {text}", now_ns))
+            self._latch(object_id, "")
+        elif act.result == "started" or not act.is_reported:
+            status = act.event if act.result == "done" else "started"
+            outputs.append(self._publisher.cue(act.user, act.event, f"{name} {status}", now_ns))
+        first = Output("", self.selection(now_ns))
+        return [first, *outputs, *self._follow_targets(now_ns, {object_id})]
+
+    def _follow_targets(self, now_ns: int, changed: Collection[str] = ()) -> list[Output]:
+        """Give switches the states that their targets report. Others react to those of `changed`."""
+        outputs: list[Output] = []
+        for thing, carrier, is_on in self._acts.reported():
+            tracked = self._positions.objects.get(thing)
+            if tracked is None or tracked.mode != "switch" or is_on is self._ownership.is_selected(thing):
+                continue
+            record = self._ledger.follow(thing, tracked.kind, carrier, now_ns)
+            if thing not in changed:
+                record = record._replace(reason=REPORTED)
+            outputs += self._publish(carrier, [record], now_ns)
+        return outputs
+
     def depart(self, now_ns: int, clock: str = OWN) -> list[Output]:
         """Close the entries of objects that are missing for too long on `clock`."""
         entries = self._ledger.entries
@@ -319,6 +381,9 @@ class Arbiter:
             if now_ns - shown_ns >= SHOWN_NS:
                 outputs += self._publisher.event(self._ledger.end(object_id, now_ns))
         self._has_changed |= bool(outputs)
+        for act in self._acts.expire(now_ns, max(1.0, self.speed)):
+            outputs += self._conclude(act, now_ns)
+        outputs += self._follow_targets(now_ns)
         return outputs + (self.depart(now_ns) or self.changed_selection(now_ns))
 
     def undo(self, user: str, now_ns: int) -> list[Output]:
@@ -361,6 +426,8 @@ class Arbiter:
         if tracked.mode == "button" and (is_on or on is False):
             text = f"{thing} is a button, which goes off by itself"
             return [self._publisher.cue(user, "refused", text, now_ns)]
+        if reason := self._ownership.refusal(thing, now_ns):
+            return [self._publisher.cue(user, "refused", reason, now_ns)]
         self._reservations.free(thing)
         record = self._ledger.toggle(thing, tracked.kind, user, now_ns, cause="", mode=tracked.mode)
         if query.is_restored and record.event != "refused":
@@ -371,14 +438,24 @@ class Arbiter:
         """Free and journal objects that have left. Return the selection if there are any."""
         for record in left:
             self._reservations.free(record.object_id)
+            self._acts.replace(record.object_id, "claim")
             self._publisher.write(record)
         return [Output("", self.selection(now_ns))] if left else []
 
     def _publish(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
-        is_changed = any(record.event != "refused" for record in records)
-        outputs = [Output("", self.selection(now_ns))] if is_changed else []
+        changes = [record for record in records if record.event != "refused"]
+        earlier_outputs: list[Output] = []
+        carriers: dict[Record, tuple[str, ...]] = {}
+        for record in changes:
+            mode = self._positions.mode(record.object_id)
+            for act in self._acts.replace(record.object_id, mode):
+                earlier_outputs += self._conclude(act, now_ns)
+            carriers[record] = self._acts.begin(record, mode)
+        outputs = [Output("", self.selection(now_ns))] if changes else []
+        outputs += earlier_outputs
         for record in records:
-            outputs += self._publisher.event(record)
+            outputs += self._publisher.event(record, carriers.get(record, ()))
             if record.cause not in ACTIONS:
                 self._latch(record.object_id, "")
-        return outputs + self._publisher.cues(user, records, now_ns)
+        done = [record for record in records if not carriers.get(record)]
+        return outputs + self._publisher.cues(user, done, now_ns)

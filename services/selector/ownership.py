@@ -9,6 +9,7 @@ from typing import TypedDict, Unpack
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
 from pointit.schemas import NS_PER_S, ReservedObject, SelectedObject, Selection
 from pointit.schemas.environment import ThingMode
+from pointit.services.selector.acts import Acts
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.object_positions import ObjectPositions
 from pointit.services.selector.selection_publisher import Action, Cause, Event, Owned, Record
@@ -124,6 +125,12 @@ class Ledger:
             return record
         self._remember(user, [_Change(object_id, entry, None)])
         return self._deselect(object_id, user, now_ns, cause=cause, confidence=confidence)
+
+    def follow(self, object_id: str, kind: str, user: str, now_ns: int) -> Record:
+        """Select or deselect an object as its target has it, which nobody can undo."""
+        if object_id in self._entries:
+            return self._deselect(object_id, user, now_ns, cause="")
+        return self._select(object_id, Owned(user, kind, now_ns), user, now_ns, cause="")
 
     def end(self, object_id: str, now_ns: int) -> Record:
         """Deselect a selected object by itself, as a button that was shown for long enough."""
@@ -268,7 +275,7 @@ class Ownership:
 
     def __init__(self, config: SelectorConfig) -> None:
         self._may_deselect = config.mode == "toggle"
-        self.positions = positions = ObjectPositions(
+        self.positions = ObjectPositions(
             margin_m=config.margin_m,
             stale_after_s=config.objects_stale_after_s,
             display_lag_s=config.display_lag_s,
@@ -276,7 +283,8 @@ class Ownership:
             lead_s=config.lead_s,
         )
         self.presences = UserPresence(config.ownerless_after_s)
-        self.ledger = Ledger(self.presences.is_gone, positions.too_late, undo_steps=config.undo_steps)
+        self.acts = Acts()
+        self.ledger = Ledger(self.presences.is_gone, self.refusal, undo_steps=config.undo_steps)
         self.reservations = Reservations(config.reserve_s)
 
     def is_selected(self, object_id: str | None) -> bool:
@@ -300,9 +308,15 @@ class Ownership:
         is_selected = object_id in self.ledger.entries
         if is_selected and (mode == "button" or (mode == "claim" and not self._may_deselect)):
             return "", ""
-        if self.positions.too_late(object_id, now_ns):
+        if self.refusal(object_id, now_ns):
             return "refuse", ""
         return ("deselect" if is_selected else "select"), ""
+
+    def refusal(self, object_id: str, now_ns: int) -> str:
+        """Return the reason for which an object cannot be changed at a time, or `""`."""
+        event = "deselected" if object_id in self.ledger.entries else "selected"
+        reason = self.acts.refusal(object_id, event, self.positions.mode(object_id))
+        return reason or self.positions.too_late(object_id, now_ns)
 
     def follow(self, selection: Selection) -> None:
         """Take over what the site's selector has decided."""

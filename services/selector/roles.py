@@ -1,14 +1,17 @@
 """The selector on the bus: of a whole site, or of a shard that lives beside people."""
 
+import asyncio
 import logging
 from collections.abc import Callable, Sequence
 
-from pointit.runtime.bus.contract import Publisher
+from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Publisher
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import (
+    ActOutcome,
+    ActResult,
     Claim,
     ClearSelection,
     ConveyorState,
@@ -20,11 +23,21 @@ from pointit.schemas import (
     SetMethod,
     SetMethodReply,
     SetThing,
+    ThingStates,
     UndoSelection,
     topics,
 )
 from pointit.schemas.problems import UNWRITABLE
-from pointit.schemas.topics import CLAIM, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
+from pointit.schemas.topics import (
+    ACT_RESULTS,
+    CARRIER_ALIVE,
+    CLAIM,
+    OUTCOMES,
+    SELECTION,
+    SELECTION_EVENTS,
+    SERVICE_ALIVE,
+    THING_STATES,
+)
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import History, Journal, JournalContents
 from pointit.services.selector.methods.pointer import MakeMethod, is_by_angle, is_ours
@@ -33,6 +46,9 @@ from pointit.services.selector.selection_methods import METHODS
 from pointit.services.selector.selection_publisher import Output, event_of
 
 log = logging.getLogger(__name__)
+
+MAX_ANSWER_S = 0.8 * REQUEST_TIMEOUT_S
+"""Time after which a caller of `set_thing` gets a reply without the result of the act, s."""
 
 Put = Callable[[list[Output]], list[Output]]
 """Publishes outputs and returns them."""
@@ -60,6 +76,9 @@ class SiteRole:
         self.engine = SelectionEngine(config, self._journal.add, make)
         self._selections = bus.publisher(topics.SELECTION)
         self._events = bus.publisher(topics.SELECTION_EVENTS)
+        self._outcomes = bus.publisher(OUTCOMES)
+        self._waiting: dict[tuple[str, int], asyncio.Future[ActOutcome]] = {}
+        """Callers that wait for the outcome of an event, by its object and stamp."""
 
     def begin(self) -> None:
         """Restore what was selected before a restart, republish possibly unpublished events, and serve."""
@@ -86,18 +105,26 @@ class SiteRole:
         self._bus.subscribe(topics.CONVEYOR_STATE, self._on_conveyor)
         self._bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
         self._bus.subscribe(topics.CLAIM, self._on_claim)
+        self._bus.subscribe(THING_STATES, self._on_states)
+        self._bus.subscribe(ACT_RESULTS, self._on_result)
+        self._bus.watch(CARRIER_ALIVE, self._on_carrier)
 
     def commit(self) -> None:
         """Write events to the journal, before they are published."""
         self._journal.commit(self._clock.now_ns())
 
-    def publish(self, _user: str, message: Selection | SelectionEvent | Claim) -> None:
+    def publish(self, _user: str, message: Selection | SelectionEvent | Claim | ActOutcome) -> None:
         """Publish what `engine` returned."""
         if isinstance(message, Selection):
             self._selections.put(message)
         elif isinstance(message, SelectionEvent):
             self._events.put(message)
             self._journal.mark_published(message.seq)
+        elif isinstance(message, ActOutcome):
+            self._outcomes.put(message)
+            waiting = self._waiting.get((message.object_id, message.event_ns))
+            if waiting is not None and not waiting.done():
+                waiting.set_result(message)
 
     def check(self, now_ns: int) -> None:
         """Maintain the journal, and show who claims too much. Called periodically."""
@@ -119,6 +146,15 @@ class SiteRole:
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         self._put(self.engine.on_event(event))
 
+    def _on_states(self, states: ThingStates, carrier: str) -> None:
+        self._put(self.engine.on_states(carrier, states, self._clock.now_ns()))
+
+    def _on_result(self, result: ActResult, carrier: str) -> None:
+        self._put(self.engine.on_result(carrier, result, self._clock.now_ns()))
+
+    def _on_carrier(self, carrier: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        self._put(self.engine.on_carrier(carrier, present, self._clock.now_ns()))
+
     def _on_claim(self, claim: Claim, user: str) -> None:
         self._put(self.engine.on_claim(user, claim, self._clock.now_ns()))
 
@@ -139,7 +175,22 @@ class SiteRole:
         outputs = self._put(self.engine.set_thing(user, query, self._clock.now_ns()))
         if not outputs:
             return Done(message=f"{query.thing} is {'on' if query.on else 'off'} already")
-        return Done(message=_done_message(outputs))
+        message = _done_message(outputs)
+        event = next((each for each in _events(outputs) if each.carriers), None)
+        if event is None:
+            return Done(message=message)
+        key = event.object_id, event.stamp_ns
+        waiting = self._waiting[key] = asyncio.get_running_loop().create_future()
+        try:
+            async with asyncio.timeout(MAX_ANSWER_S):
+                outcome = await waiting
+        except TimeoutError:
+            return Done(message=f"{message}; {', '.join(event.carriers)} did not tell the result yet")
+        finally:
+            del self._waiting[key]
+        if outcome.result == "failed":
+            raise RefusedError(f"{event.kind or event.object_id}: {outcome.text}")
+        return Done(message=message if outcome.result == "done" else f"{message}: started")
 
     async def _set_method(self, query: SetMethod, _name: str) -> SetMethodReply:
         try:
@@ -195,11 +246,13 @@ class ShardRole:
         self._bus.subscribe(SELECTION, self._on_selection)
         self._bus.subscribe(SELECTION_EVENTS, self._on_event)
         self._bus.watch(SERVICE_ALIVE, self._on_service)
+        self._bus.subscribe(THING_STATES, self._on_states)
+        self._bus.watch(CARRIER_ALIVE, self._on_carrier)
 
     def commit(self) -> None:
         """Do nothing: the site's selector keeps the journal."""
 
-    def publish(self, user: str, message: Selection | SelectionEvent | Claim) -> None:
+    def publish(self, user: str, message: Selection | SelectionEvent | Claim | ActOutcome) -> None:
         """Publish what `engine` returned."""
         if isinstance(message, Claim):
             self._claims[user].put(message)
@@ -215,6 +268,12 @@ class ShardRole:
         if instance == "selector":
             self.engine.has_arbiter = present
             self._warn()
+
+    def _on_states(self, states: ThingStates, carrier: str) -> None:
+        self.engine.acts.on_states(carrier, states)
+
+    def _on_carrier(self, carrier: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        self.engine.acts.on_presence(carrier, present=present)
 
     def _warn(self) -> None:
         problem = f"{NO_ARBITER}: start it, or mend the network" if not self.engine.has_arbiter else ""

@@ -15,6 +15,7 @@ from pointit.schemas import (
     SelectionEvent,
     TrackedObjects,
 )
+from pointit.services.selector.acts import Acts
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS, Arbiter
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
@@ -69,6 +70,11 @@ class ShardEngine(PointingEngine):
         """Update the objects of `tracker`."""
         self._hovers.on_objects(tracker, objects)
         return []
+
+    @property
+    def acts(self) -> Acts:
+        """Return the carriers of things and their states. An unavailable one is shown as such."""
+        return self._ownership.acts
 
     def on_selection(self, selection: Selection) -> None:
         """Follow what the site's selector has decided."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from pointit.schemas import (
+    ActOutcome,
     Announced,
     Claim,
     Feedback,
@@ -38,7 +39,7 @@ class Output(NamedTuple):
 
     user: str
     """User of the topic. `""` for a topic of the site."""
-    message: Hover | Announced | Selection | SelectionEvent | Feedback | Claim
+    message: Hover | Announced | Selection | SelectionEvent | Feedback | Claim | ActOutcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +130,18 @@ class SelectionPublisher:
             return selection
         return selection.model_copy(update={"method": self.method, "dwell_s": dwell_s})
 
-    def event(self, record: Record) -> list[Output]:
-        """Record an event. Return its message, if it has one."""
+    def event(self, record: Record, carriers: tuple[str, ...] = ()) -> list[Output]:
+        """Record an event. Return its message, if it has one. `carriers`: who carries it out."""
         seq = self._count("event")
         self.write(record, seq)
         message = event_of(record, seq)
+        if message is not None and carriers:
+            message = message.model_copy(update={"carriers": carriers})
         return [] if message is None else [Output("", message)]
+
+    def outcome(self, outcome: ActOutcome) -> Output:
+        """Return the message of the result of an act."""
+        return Output("", outcome.model_copy(update={"seq": self._count("outcome")}))
 
     def write(self, record: Record, seq: int | None = None) -> None:
         """Record an event. `seq`: number of its message, or None if it has none."""

@@ -47,6 +47,7 @@ def topic_keys() -> dict[str, tuple[object, str]]:
                 "anna",
             ),
             "name": ("anna", "ben", "hall"),
+            "carrier": ("reactions", "home-assistant", "anna", "foxglove"),
         }.get(topic.placeholder, ("thing",))
         keys |= {topic.at(name): (topic, name) for name in names}
     return keys
@@ -63,6 +64,8 @@ def may_write(me: str, topic: object, name: str) -> bool:
         shared += ["pui.anna", "pui.ben", "selector.anna"]
         own = {"user": personal, "services": shared, "web": ["web"], "service": ["foxglove"]}
         return name in own.get(role, [])
+    if topic in (topics.THING_STATES, topics.ACT_RESULTS):
+        return role == "operator" or (role == "services" and name in [row.name for row in writers])
     if role == "user":
         if topic is topics.DEPLOYMENT:
             return name == me

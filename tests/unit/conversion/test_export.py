@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import pointit.schemas as models
 from pointit.cli.main import command
-from pointit.conversion.acts import Act, ActDetector, SelectionCsvRow
+from pointit.conversion.acts import ActDetector, PointingAct, SelectionCsvRow
 from pointit.conversion.export_csv import FILES, columns_of, export_csv
 from pointit.recording import container
 from pointit.recording.entries import Entry, Exchange
@@ -224,7 +224,7 @@ def acts(found: ActDetector) -> list[tuple[str, str, float, float, str]]:
     return [(act.user, act.object_id, act.begin_s, act.duration_s, act.outcome) for act in found.acts]
 
 
-def only_act(found: ActDetector) -> Act:
+def only_act(found: ActDetector) -> PointingAct:
     found.end()
     (act,) = found.acts
     return act

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor
-from pointit.services.listener.referents import Target
+from pointit.services.listener.referents import ReferentTarget
 from tests.support.bench import START_NS
 
 EYES: Vec3 = (0.0, 0.0, 1.64)
@@ -17,11 +17,11 @@ def at_ns(time_s: float) -> int:
     return START_NS + round(time_s * NS_PER_S)
 
 
-def thing(name: str, azimuth_deg: float, away_m: float = 2.5, low_deg: float = 0.0) -> Target:
+def thing(name: str, azimuth_deg: float, away_m: float = 2.5, low_deg: float = 0.0) -> ReferentTarget:
     """A box in that direction, as high as the eyes or `low_deg` below them."""
     sight = vector.direction(math.radians(azimuth_deg), math.radians(-low_deg))
     center_m = vector.add(EYES, vector.scale(sight, away_m))
-    return Target(kind="thing", name=name, center_m=center_m, size_m=(0.2, 0.2, 0.2))
+    return ReferentTarget(kind="thing", name=name, center_m=center_m, size_m=(0.2, 0.2, 0.2))
 
 
 def gesture(stays: Sequence[tuple[float, float, float]], rate_hz: float = 50.0) -> list[Cursor]:

@@ -121,7 +121,7 @@ test("the list tells people, objects and lamps in short lines", () => {
   person.line = { assumed: { position_m: [0, 0, 0], yaw_rad: 0 } } as never;
   person.hover = { object_id: "1a-1", progress: 0.456, action: "select" } as Hover;
   site.objects.set("conveyor", { stamp_ns: 0, seq: 0, latency_sigma_s: null, objects: [thing({ id: "1a-2", kind: "blue" }), thing({ id: "1a-1", bay: "1", bay_until_ns: 0 })] });
-  site.selection = { stamp_ns: 0, seq: 0, objects: [{ id: "1a-1", user: "user2", kind: "red", since_ns: 0, confidence: null }], reserved: [{ id: "1a-2", user: "user10", until_ns: 0 }], method: null, dwell_s: null };
+  site.selection = { stamp_ns: 0, seq: 0, objects: [{ id: "1a-1", user: "user2", kind: "red", since_ns: 0, confidence: null, is_pending: false }], reserved: [{ id: "1a-2", user: "user10", until_ns: 0 }], method: null, dwell_s: null };
   assert.deepEqual(peopleRows(site).map(({ key, text }) => [key, text]), [
     ["user2", "pointing; their position is not yet measured; points at red package, select 46 %"],
     ["user10", "nothing heard yet; their position is not known"],

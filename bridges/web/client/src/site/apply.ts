@@ -14,7 +14,7 @@ import { eventLine } from "../words";
 type Unseen =
   | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/step" | "users/{user}/ray"
   | "users/{user}/anchor" | "users/{user}/claim" | "users/{user}/speech"
-  | "configuration/{service}" | "requests/{service}";
+  | "things/{carrier}" | "acts/{carrier}" | "selection/outcomes" | "configuration/{service}" | "requests/{service}";
 type Shown = Omit<Topics, Unseen>;
 
 type Taker<M> = (keeper: Keeper, message: M, name: string, at: number) => void;

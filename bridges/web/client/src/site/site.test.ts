@@ -206,7 +206,7 @@ test("buttons that fired are not counted as a person's own", () => {
   const site = emptySite();
   const object = (id: string, mode: "claim" | "button" | "switch") => ({ id, mode }) as TrackedObject;
   site.objects.set("things", { stamp_ns: 0, seq: 0, objects: [object("kettle", "button"), object("radio", "switch"), object("box", "claim")] } as unknown as TrackedObjects);
-  const owned = (id: string, user: string) => ({ id, user, kind: "", since_ns: 0, confidence: null });
+  const owned = (id: string, user: string) => ({ id, user, kind: "", since_ns: 0, confidence: null, is_pending: false });
   site.selection = { stamp_ns: 0, seq: 0, objects: [owned("kettle", "ada"), owned("radio", "ada"), owned("box", "ada"), owned("gone", "ada"), owned("other", "ben")], reserved: [], method: null, dwell_s: null };
   assert.equal(ownCount(site, "ada"), 2);
 });

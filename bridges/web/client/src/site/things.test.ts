@@ -17,7 +17,7 @@ function site(): Site {
 }
 
 const event = (what: "selected" | "deselected", id: string, user: string, at_s: number, cause: SelectionEvent["cause"] = "dwell"): SelectionEvent =>
-  ({ event: what, object_id: id, user, cause, stamp_ns: at_s * S, kind: id, reason: "", bay: "", confidence: null, seq: 0 });
+  ({ event: what, object_id: id, user, cause, stamp_ns: at_s * S, kind: id, reason: "", bay: "", confidence: null, seq: 0, carriers: [] });
 
 function select(all: Site, id: string, user: string, at_s: number): void {
   noteChange(all, event("selected", id, user, at_s));

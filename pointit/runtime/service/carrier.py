@@ -1,0 +1,186 @@
+"""Carriers of acts: they carry out the selection events of things that have targets, and tell the results."""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from pointit.runtime.bus.contract import Bus
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import PointItError
+from pointit.schemas import ActResult, SelectionEvent, ThingState, ThingStates
+from pointit.schemas.selection import FailureCode, ResultKind, TargetState
+from pointit.schemas.text import hide_secrets, one_line
+from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
+
+log = logging.getLogger(__name__)
+
+MAX_AT_ONCE = 8
+"""Maximum number of acts on one thing that run at once. Further ones fail as `busy`."""
+MAX_TEXT = 300
+
+
+class ActFailedError(PointItError):
+    """An act was not done. Its text is one sentence with the remedy, its code the kind of failure."""
+
+    def __init__(self, code: FailureCode, text: str) -> None:
+        super().__init__(text)
+        self.code: FailureCode = code
+
+
+def _ignore() -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Act:
+    """The change of a thing that a person wants."""
+
+    event: SelectionEvent
+    tell_started: Callable[[], None] = _ignore
+    """To be called by a target when the act runs for long: people are told that it has started."""
+
+    @property
+    def thing(self) -> str:
+        """Return the thing."""
+        return self.event.object_id
+
+    @property
+    def on(self) -> bool:
+        """Return the wanted state. True if a button fired."""
+        return self.event.is_on
+
+    @property
+    def number(self) -> int:
+        """Return its number, unique among the acts on the same thing."""
+        return self.event.stamp_ns
+
+
+class Target(Protocol):
+    """Counterpart of a thing: a web server, a program, an entity of Home Assistant, a function."""
+
+    @property
+    def state(self) -> ThingState:
+        """Return its present state, with any id, and the limit of its acts."""
+        ...
+
+    async def carry_out(self, act: Act, /) -> None:
+        """Return when it is done. Raise ActFailedError if it is not. It is cancelled at the limit."""
+        ...
+
+
+class Carrier:
+    """Carries out the acts on the things of some targets, within a limit each, and tells the results."""
+
+    def __init__(self, bus: Bus, clock: Clock, name: str) -> None:
+        """Declare it as `name`. It has no things before `use`."""
+        self._bus, self._clock, self._name = bus, clock, name
+        self._targets: Mapping[str, Sequence[Target]] = {}
+        self._running: dict[asyncio.Task[None], str] = {}
+        self._last_states: tuple[ThingState, ...] | None = None
+        self._states = bus.publisher(THING_STATES, name)
+        self._results = bus.publisher(ACT_RESULTS, name)
+        self._subscription = bus.subscribe(SELECTION_EVENTS, self._on_event)
+        self._presence = bus.announce(CARRIER_ALIVE, name)
+        self.done = 0
+        """Number of acts that were done."""
+        self.failed = 0
+        """Number of acts that failed."""
+
+    def use(self, targets: Mapping[str, Sequence[Target]]) -> None:
+        """Use these targets of each thing from now on."""
+        self._targets = {name: each for name, each in targets.items() if each}
+        self.tell()
+
+    def tell(self) -> None:
+        """Tell the states of all things, if one has changed."""
+        states = tuple(_merged(name, targets) for name, targets in self._targets.items())
+        if states != self._last_states:
+            self._last_states = states
+            self._states.put(ThingStates(stamp_ns=self._clock.now_ns(), things=states))
+
+    async def close(self) -> None:
+        """End all acts, which have failed then, and take leave: its things have no carrier any more."""
+        self._subscription.close()
+        acts = list(self._running)
+        for task in acts:
+            task.cancel()
+        await asyncio.gather(*acts, return_exceptions=True)
+        with contextlib.suppress(PointItError):  # the bus is closed
+            self.use({})
+        self._presence.close()
+
+    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+        if self._name not in event.carriers:
+            return
+        act = Act(event, lambda: self._put_result(event, "started"))
+        if [*self._running.values()].count(act.thing) >= MAX_AT_ONCE:
+            self._tell_result(event, ActFailedError("busy", f"{MAX_AT_ONCE} acts on it still run: wait"))
+            return
+        task = asyncio.create_task(self._carry_out(act), name=f"act on {act.thing}")
+        self._running[task] = act.thing
+        task.add_done_callback(self._running.pop)
+
+    async def _carry_out(self, act: Act) -> None:
+        targets = self._targets.get(act.thing, ())
+        if not targets:
+            problem = ActFailedError("unavailable", "it has no target any more: point again")
+            self._tell_result(act.event, problem)
+            return
+        limit_s = _merged(act.thing, targets).limit_s
+        results: list[BaseException | None] = []
+        try:
+            async with asyncio.timeout(limit_s):
+                results = await asyncio.gather(
+                    *(each.carry_out(act) for each in targets), return_exceptions=True
+                )
+        except TimeoutError:
+            results = [ActFailedError("no_answer", f"not done within {limit_s:g} s")]
+        except asyncio.CancelledError:
+            self._tell_result(act.event, ActFailedError("error", f"{self._name} ended before it was done"))
+            raise
+        self._tell_result(act.event, next((_failure(act, each) for each in results if each), None))
+
+    def _tell_result(self, event: SelectionEvent, problem: ActFailedError | None) -> None:
+        self.done += problem is None
+        self.failed += problem is not None
+        if problem is not None:
+            log.warning("%s: %s", event.object_id, problem)
+        self._put_result(event, "done" if problem is None else "failed", problem)
+
+    def _put_result(
+        self, event: SelectionEvent, result: ResultKind, problem: ActFailedError | None = None
+    ) -> None:
+        targets = self._targets.get(event.object_id, ())
+        state: TargetState = _merged(event.object_id, targets).state if targets else "unavailable"
+        with contextlib.suppress(PointItError):  # the bus is closed
+            self._results.put(
+                ActResult(
+                    stamp_ns=self._clock.now_ns(),
+                    object_id=event.object_id,
+                    event_ns=event.stamp_ns,
+                    result=result,
+                    state=state,
+                    code=problem.code if problem else "",
+                    text=one_line(hide_secrets(str(problem)), MAX_TEXT) if problem else "",
+                )
+            )
+
+
+def _failure(act: Act, error: BaseException) -> ActFailedError:
+    """Return the failure of one target. Of an unexpected error, the log has the traceback."""
+    if isinstance(error, ActFailedError):
+        return error
+    log.error("act on %s failed", act.thing, exc_info=error)
+    return ActFailedError("error", f"stopped by an unexpected error ({type(error).__name__}: {error})")
+
+
+def _merged(name: str, targets: Sequence[Target]) -> ThingState:
+    """Return the state of a thing with several targets: unavailable if one is, else the first one."""
+    states = [each.state for each in targets]
+    worst = next((each for each in states if each.state == "unavailable"), None)
+    known = next((each for each in states if each.state), states[0])
+    limit_s = max(each.limit_s for each in states)
+    return (worst or known).model_copy(update={"id": name, "limit_s": limit_s})

@@ -1,0 +1,220 @@
+"""Acts that carriers have not told the result of yet, and the states that they report. Pure."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from pointit.schemas import NS_PER_S, ActOutcome, ActResult, ThingState, ThingStates
+from pointit.schemas.environment import ThingMode
+from pointit.schemas.selection import FailureCode, ResultKind
+from pointit.services.selector.selection_publisher import Record
+
+MARGIN_S = 1.0
+"""Time beyond the limit of a thing after which its carrier is taken for dead, s."""
+
+
+@dataclass
+class PendingAct:
+    """An act whose carriers have not all told a final result."""
+
+    record: Record
+    waits_for: set[str]
+    limit_s: float
+    until_ns: int = 0
+    """Time at which it has failed, ns. 0 until the next check."""
+    is_newest: bool = True
+    """False if its object has changed since."""
+    started: set[str] = field(default_factory=set[str])
+    """Carriers in which it runs for long."""
+    is_reported: bool = False
+    """True if its start was reported."""
+    problem: tuple[FailureCode, str] = ("", "")
+    """FailureCode and sentence of the first carrier that failed."""
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Return its key: the object, and the stamp of its event."""
+        return self.record.object_id, self.record.stamp_ns
+
+    @property
+    def event(self) -> Literal["selected", "deselected"]:
+        """Return the wanted state."""
+        return "selected" if self.record.event == "selected" else "deselected"
+
+    @property
+    def user(self) -> str:
+        """Return the person of its event."""
+        return self.record.owner if self.event == "selected" else self.record.user
+
+    @property
+    def result(self) -> ResultKind:
+        """Return its result up to now."""
+        return "failed" if self.problem[0] else "started" if self.waits_for else "done"
+
+    def outcome(self, now_ns: int) -> ActOutcome:
+        """Return the message of its result, without a number."""
+        code, text = self.problem
+        return ActOutcome(
+            stamp_ns=now_ns,
+            event=self.event,
+            object_id=self.record.object_id,
+            kind=self.record.kind,
+            user=self.user,
+            event_ns=self.record.stamp_ns,
+            result=self.result,
+            code=code,
+            text=text,
+        )
+
+
+@dataclass
+class _Carrier:
+    states: dict[str, ThingState] = field(default_factory=dict[str, ThingState])
+    newest_ns: dict[str, int] = field(default_factory=dict[str, int])
+    """Stamp of the newest result of each thing. Older reports of its state are out of date."""
+    is_present: bool = False
+    is_lost: bool = False
+    """True if it was present and has ended without taking leave."""
+
+
+class Acts:
+    """Carriers of each thing with its states, and the acts without a result."""
+
+    def __init__(self) -> None:
+        self._carriers: dict[str, _Carrier] = {}
+        self._pending: dict[tuple[str, int], PendingAct] = {}
+        """By object and stamp of the event."""
+
+    def is_pending(self, object_id: str) -> bool:
+        """Return True if the result of an act on the object is not known yet."""
+        return any(name == object_id and not act.is_reported for (name, _), act in self._pending.items())
+
+    def refusal(self, object_id: str, event: str, mode: ThingMode) -> str:
+        """Return the reason for which an act on the object would fail now, or `""`."""
+        for name, carrier in self._carriers.items():
+            state = carrier.states.get(object_id)
+            if state is None or not _is_act(event, mode, state):
+                continue
+            if carrier.is_lost:
+                return f"{name} has ended: start it again"
+            if carrier.is_present and state.state == "unavailable":
+                return state.reason or f"{name} tells that it is unavailable"
+        return ""
+
+    def replace(self, object_id: str, mode: ThingMode) -> list[PendingAct]:
+        """Note that an object changes. Return the acts on a switch that this replaces."""
+        acts = [act for act in self._pending.values() if act.record.object_id == object_id]
+        for act in acts:
+            act.is_newest = False
+            if mode == "switch":
+                act.problem = ("replaced", "it was switched again before it was done")
+                del self._pending[act.key]
+        return acts if mode == "switch" else []
+
+    def begin(self, record: Record, mode: ThingMode) -> tuple[str, ...]:
+        """Note an event. Return its carriers: all of the object but the one whose report caused it."""
+        if record.event not in ("selected", "deselected") or record.reason:  # it is so already
+            return ()
+        states = {
+            name: state
+            for name, each in self._carriers.items()
+            if (state := each.states.get(record.object_id)) is not None
+            and each.is_present
+            and name != record.user
+            and _is_act(record.event, mode, state)
+        }
+        if states:
+            limit_s = MARGIN_S + max(state.limit_s for state in states.values())
+            act = PendingAct(record, {*states}, limit_s)
+            self._pending[act.key] = act
+        return tuple(states)
+
+    def on_result(self, carrier: str, result: ActResult) -> PendingAct | None:
+        """Note a result. Return the act if it is complete, or runs for long in all that are left."""
+        known = self._carriers.get(carrier)
+        is_final = result.result != "started"
+        if is_final and known is not None and (state := known.states.get(result.object_id)) is not None:
+            known.states[result.object_id] = state.model_copy(update={"state": result.state})
+            known.newest_ns[result.object_id] = result.stamp_ns
+        act = self._pending.get((result.object_id, result.event_ns))
+        if act is None or carrier not in act.waits_for:
+            return None
+        if is_final:
+            is_failed = result.result == "failed"
+            return self._settle(act, carrier, (result.code or "error", result.text) if is_failed else None)
+        act.started.add(carrier)
+        return self._start(act)
+
+    def on_states(self, carrier: str, states: ThingStates) -> set[str]:
+        """Note what a carrier reports. Return the things whose state was known before."""
+        known = self._carriers.setdefault(carrier, _Carrier())
+        before = known.states
+        known.states = {
+            each.id: before[each.id]
+            if each.id in before and known.newest_ns.get(each.id, 0) > states.stamp_ns
+            else each
+            for each in states.things
+        }
+        return {name for name, each in before.items() if each.state in ("on", "off")}
+
+    def on_presence(self, carrier: str, *, present: bool) -> list[PendingAct]:
+        """Note that a carrier runs, or has ended. Return the acts that have failed by that."""
+        known = self._carriers.setdefault(carrier, _Carrier())
+        known.is_lost = known.is_present and not present
+        known.is_present = present
+        if present:
+            return []
+        problem: tuple[FailureCode, str] = (
+            "unavailable",
+            f"{carrier} has ended before it was done: start it again",
+        )
+        acts = [each for each in self._pending.values() if carrier in each.waits_for]
+        return [act for act in acts if self._settle(act, carrier, problem) is not None]
+
+    def expire(self, now_ns: int, speed: float) -> list[PendingAct]:
+        """Return the acts whose carriers have not told a result in time. `speed`: of the site's time."""
+        for act in self._pending.values():
+            act.until_ns = act.until_ns or now_ns + int(act.limit_s * speed * NS_PER_S)
+        late = [each for each in self._pending.values() if now_ns > each.until_ns]
+        for act in late:
+            names = ", ".join(sorted(act.waits_for))
+            act.problem = ("no_answer", f"{names} did not tell the result in time: look at `pointit doctor`")
+            del self._pending[act.key]
+        return late
+
+    def reported(self) -> Iterable[tuple[str, str, bool]]:
+        """Return thing, carrier and state of all things without an act under way whose targets agree."""
+        reports: dict[str, tuple[str, set[bool]]] = {}
+        pending = {name for name, _stamp_ns in self._pending}
+        for name, carrier in self._carriers.items():
+            for thing, each in carrier.states.items() if carrier.is_present else ():
+                if each.state in ("on", "off") and thing not in pending:
+                    reports.setdefault(thing, (name, set()))[1].add(each.state == "on")
+        return [(thing, name, True in is_on) for thing, (name, is_on) in reports.items() if len(is_on) == 1]
+
+    def has_state(self, object_id: str, state: str) -> bool:
+        """Return True if a target reports that the object is `on`, or `off`."""
+        states = (each.states.get(object_id) for each in self._carriers.values())
+        return any(each is not None and each.state == state for each in states)
+
+    def _start(self, act: PendingAct) -> PendingAct | None:
+        if act.is_reported or not act.waits_for <= act.started:
+            return None
+        act.is_reported = True
+        return act
+
+    def _settle(
+        self, act: PendingAct, carrier: str, problem: tuple[FailureCode, str] | None
+    ) -> PendingAct | None:
+        act.waits_for.discard(carrier)
+        if problem is not None and not act.problem[0]:
+            act.problem = problem
+        if act.waits_for:
+            return None if act.problem[0] else self._start(act)
+        del self._pending[act.key]
+        return act
+
+
+def _is_act(event: str, mode: ThingMode, state: ThingState) -> bool:
+    """Return True if a target has something to do. It has nothing to do when a button or a claim is over."""
+    return event == "selected" or (event == "deselected" and (mode == "switch" or state.state != ""))

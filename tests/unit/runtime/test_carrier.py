@@ -1,0 +1,145 @@
+"""A carrier carries out the events that name it, within limits, and tells each result once."""
+
+import asyncio
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+
+from pointit.runtime.service.carrier import MAX_AT_ONCE, Act, ActFailedError, Carrier
+from pointit.schemas import ActResult, SelectionEvent, ThingState, ThingStates
+from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
+from tests.support.bench import Bench, in_virtual_time, memory_bench, until
+
+
+class Lamp:
+    def __init__(self, takes_s: float = 0.0, error: Exception | None = None, limit_s: float = 5.0) -> None:
+        self.state = ThingState(id="", state="off", limit_s=limit_s)
+        self.takes_s, self.error = takes_s, error
+        self.acts: list[Act] = []
+
+    async def carry_out(self, act: Act) -> None:
+        self.acts.append(act)
+        if self.takes_s > 2.0:
+            act.tell_started()
+        await asyncio.sleep(self.takes_s)
+        if self.error is not None:
+            raise self.error
+        self.state = self.state.model_copy(update={"state": "on" if act.on else "off"})
+
+
+class Site:
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.states: list[ThingStates] = bench.collect(THING_STATES)
+        self.results: list[ActResult] = bench.collect(ACT_RESULTS)
+        self.present: list[bool] = []
+        bench.bus.watch(CARRIER_ALIVE, lambda _name, present: self.present.append(present))
+        self.carrier = Carrier(bench.bus, bench.clock, "home")
+
+    async def act(
+        self, name: str = "lamp", *, number: int = 1, carriers: tuple[str, ...] = ("home",)
+    ) -> None:
+        event = SelectionEvent(
+            stamp_ns=number, event="selected", object_id=name, user="anna", carriers=carriers
+        )
+        self.bench.put(SELECTION_EVENTS, event)
+        await self.bench.settle(3)
+
+    @property
+    def told(self) -> list[tuple[str, str, str]]:
+        return [(each.result, each.code, each.text) for each in self.results]
+
+
+@asynccontextmanager
+async def site() -> AsyncGenerator[Site]:
+    async with memory_bench() as bench:
+        made = Site(bench)
+        try:
+            yield made
+        finally:
+            await made.carrier.close()
+
+
+@in_virtual_time
+async def test_a_result_has_the_state_after_it_and_only_what_names_the_carrier_is_carried_out() -> None:
+    async with site() as home:
+        lamp = Lamp()
+        home.carrier.use({"lamp": [lamp]})
+        await home.act(carriers=("other",))
+        await home.act(number=7)
+        await until(lambda: bool(home.results))
+        (result,) = home.results
+        assert (result.object_id, result.event_ns, result.result, result.state) == ("lamp", 7, "done", "on")
+        assert len(lamp.acts) == 1
+
+
+@in_virtual_time
+async def test_failures_are_told_by_their_sentence_and_errors_of_targets_by_their_type() -> None:
+    async with site() as home:
+        errors = [ActFailedError("refused", "not allowed"), ValueError("what?")]
+        for number, error in enumerate(errors):
+            home.carrier.use({"lamp": [Lamp(), Lamp(error=error)]})
+            await home.act(number=number)
+            await until(lambda: len(home.results) > number)  # noqa: B023 - awaited here
+        await home.act("gone", number=9)
+        await until(lambda: len(home.results) == 3)
+        assert home.told == [
+            ("failed", "refused", "not allowed"),
+            ("failed", "error", "stopped by an unexpected error (ValueError: what?)"),
+            ("failed", "unavailable", "it has no target any more: point again"),
+        ]
+        assert (home.carrier.done, home.carrier.failed) == (0, 3)
+
+
+@in_virtual_time
+async def test_the_limit_is_that_of_the_thing() -> None:
+    async with site() as home:
+        home.carrier.use({"lamp": [Lamp(takes_s=6.0)], "cover": [Lamp(takes_s=30.0, limit_s=60.0)]})
+        await home.act("lamp")
+        await home.act("cover", number=2)
+        await until(lambda: len(home.results) == 4, 60.0)
+        assert [(each.object_id, each.result, each.text) for each in home.results] == [
+            ("lamp", "started", ""),
+            ("cover", "started", ""),
+            ("lamp", "failed", "not done within 5 s"),
+            ("cover", "done", ""),
+        ]
+
+
+@in_virtual_time
+async def test_too_many_acts_at_once_are_refused_and_those_that_run_are_not_hurt() -> None:
+    async with site() as home:
+        home.carrier.use({"lamp": [Lamp(takes_s=1.0)], "other": [Lamp()]})
+        for number in range(MAX_AT_ONCE + 1):
+            await home.act(number=number)
+        await home.act("other", number=99)
+        await until(lambda: len(home.results) == MAX_AT_ONCE + 2)
+        assert [each.code for each in home.results].count("busy") == 1
+        assert [each.result for each in home.results].count("done") == MAX_AT_ONCE + 1
+
+
+@in_virtual_time
+async def test_states_are_told_when_they_change_and_one_that_is_unavailable_counts() -> None:
+    async with site() as home:
+        lamp, plug = Lamp(), Lamp()
+        plug.state = ThingState(id="", state="unavailable", reason="no power")
+        home.carrier.use({"lamp": [lamp, plug], "none": []})
+        home.carrier.tell()
+        await until(lambda: len(home.states) == 1)
+        plug.state = ThingState(id="")
+        home.carrier.tell()
+        await until(lambda: len(home.states) == 2)
+        assert [[(one.id, one.state, one.reason) for one in each.things] for each in home.states] == [
+            [("lamp", "unavailable", "no power")],
+            [("lamp", "off", "")],
+        ]
+
+
+@in_virtual_time
+async def test_a_carrier_that_ends_tells_that_its_acts_have_failed_and_takes_leave() -> None:
+    async with site() as home:
+        home.carrier.use({"lamp": [Lamp(takes_s=4.0)]})
+        await home.act()
+        await home.carrier.close()
+        await until(lambda: home.present == [True, False])
+        assert home.told[-1] == ("failed", "error", "home ended before it was done")
+        assert home.states[-1].things == ()

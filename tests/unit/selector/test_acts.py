@@ -1,0 +1,220 @@
+"""Acts on things with carriers: people are told of success after its outcome, failures are taken back."""
+
+from typing import Any
+
+import pytest
+
+from pointit.schemas import ActOutcome, ActResult, Feedback, SelectionEvent, SetThing, ThingState, ThingStates
+from pointit.schemas.selection import NOT_DONE, REPORTED
+from pointit.services.selector.selection_publisher import Output
+from tests.unit.selector.room import at
+from tests.unit.selector.test_things import Things, thing
+
+LAMP = ThingState(id="lamp", state="off")
+
+
+class Home(Things):
+    """A room with a lamp (switch), a crate (claim) and screws (button), and the carrier `home` of some."""
+
+    def __init__(self, *states: ThingState, limit_s: float = 5.0) -> None:
+        self.outcomes: list[ActOutcome] = []
+        self.cues: list[tuple[str, str, str]] = []
+        super().__init__(
+            thing("lamp", mode="switch"), thing("screws", 1.0), thing("crate", -1.0, mode="claim")
+        )
+        self.point(80.0, 0.1)
+        self.limit_s = limit_s
+        self.report(*(states or (LAMP,)))
+        self.take(self.engine.on_carrier("home", True, at(self.time_s)))
+
+    def take(self, outputs: list[Output]) -> None:
+        super().take(outputs)
+        for user, message in outputs:
+            if isinstance(message, ActOutcome):
+                self.outcomes.append(message)
+            elif isinstance(message, Feedback):
+                self.cues.append((user, message.cue, message.text))
+
+    def report(self, *states: ThingState, carrier: str = "home") -> None:
+        limited = tuple(each.model_copy(update={"limit_s": self.limit_s}) for each in states)
+        message = ThingStates(stamp_ns=at(self.time_s), things=limited)
+        self.take(self.engine.on_states(carrier, message, at(self.time_s)))
+
+    def tell(
+        self, result: str, carrier: str = "home", event: SelectionEvent | None = None, **fields: Any
+    ) -> None:
+        act = event or self.acts[-1]
+        message = ActResult.model_validate(
+            {"stamp_ns": at(self.time_s), "object_id": act.object_id, "event_ns": act.stamp_ns,
+             "result": result, **fields}
+        )  # fmt: skip
+        self.take(self.engine.on_result(carrier, message, at(self.time_s)))
+
+    def set(self, name: str, user: str = "anna", *, on: bool | None = None) -> None:
+        self.point(80.0, 0.02)
+        self.take(self.engine.set_thing(user, SetThing(thing=name, on=on), at(self.time_s)))
+
+    @property
+    def acts(self) -> list[SelectionEvent]:
+        return [event for event in self.events if event.carriers]
+
+    @property
+    def selected(self) -> list[tuple[str, bool]]:
+        return [(one.id, one.is_pending) for one in self.engine.selection(at(self.time_s)).objects]
+
+
+def test_a_person_is_told_of_a_switch_when_its_carrier_is_done() -> None:
+    home = Home()
+    assert home.point(0.0, 3.0) == [("selected", "lamp")]
+    assert home.acts[0].carriers == ("home",)
+    assert (home.selected, home.cues, home.outcomes) == ([("lamp", True)], [], [])
+    home.tell("done", state="on")
+    assert (home.selected, home.cues) == ([("lamp", False)], [("anna", "selected", "lamp selected")])
+    (outcome,) = home.outcomes
+    assert (outcome.result, outcome.user, outcome.event_ns) == ("done", "anna", home.acts[0].stamp_ns)
+    home.tell("failed", code="error")
+    assert len(home.outcomes) == 1, "it has one outcome"
+
+
+def test_a_switch_that_its_carrier_refuses_goes_back_with_the_reason() -> None:
+    home = Home()
+    home.set("lamp")
+    home.tell("failed", code="refused", text="the token may not", state="off")
+    assert home.selected == []
+    assert home.cues == [("anna", "refused", "lamp: the token may not")]
+    assert (home.events[-1].event, home.events[-1].reason) == ("deselected", f"{NOT_DONE}the token may not")
+    assert home.events[-1].carriers == ()
+    home.report(LAMP.model_copy(update={"state": "on"}))
+    home.set("lamp")
+    home.tell("failed", code="no_effect", text="it stays on", state="on")
+    assert home.selected == [("lamp", False)], "a lamp that does not go off is on"
+
+
+def test_a_switch_that_went_on_in_spite_of_a_failure_stays_on() -> None:
+    home = Home()
+    home.set("lamp")
+    home.tell("failed", code="no_answer", text="no answer", state="on")
+    assert home.selected == [("lamp", False)]
+    assert home.cues[-1][1] == "refused"
+
+
+@pytest.mark.parametrize("is_dead", [False, True])
+def test_an_act_fails_when_its_carrier_is_late_or_dies(*, is_dead: bool) -> None:
+    home = Home()
+    home.set("lamp")
+    if is_dead:
+        home.take(home.engine.on_carrier("home", False, at(home.time_s)))
+    else:
+        home.point(80.0, 5.9)
+        assert home.outcomes == []
+        home.point(80.0, 0.5)
+    (outcome,) = home.outcomes
+    assert (outcome.result, outcome.code) == ("failed", "unavailable" if is_dead else "no_answer")
+    assert home.selected == []
+    home.tell("done", state="on")
+    assert len(home.outcomes) == 1, "what comes late is not told again"
+    if is_dead:
+        home.set("lamp")
+        assert home.cues[-1] == ("anna", "refused", "home has ended: start it again")
+        home.report(LAMP)
+        home.take(home.engine.on_carrier("home", True, at(home.time_s)))
+        home.set("lamp")
+        assert home.selected == [("lamp", True)]
+
+
+def test_what_is_unavailable_is_refused_before_it_is_tried_by_pointing_and_by_programs() -> None:
+    home = Home(ThingState(id="lamp", state="unavailable", reason="no power: switch it on at the wall"))
+    assert home.point(0.0, 0.5) == []
+    assert home.hover.action == "refuse"
+    assert home.point(0.0, 3.0) == [("refused", "lamp")]
+    home.set("lamp", "bert")
+    assert home.cues == [(user, "refused", "no power: switch it on at the wall") for user in ("anna", "bert")]
+    assert (home.acts, home.selected) == ([], [])
+
+
+def test_the_newest_act_on_a_switch_counts_whoever_did_it() -> None:
+    home = Home()
+    for user in ("anna", "bert", "carl"):
+        home.set("lamp", user)
+    on, off, again = home.acts
+    assert [(each.event_ns, each.code) for each in home.outcomes] == [
+        (on.stamp_ns, "replaced"), (off.stamp_ns, "replaced"),
+    ]  # fmt: skip
+    home.tell("failed", event=on, code="replaced", state="off")
+    assert home.selected == [("lamp", True)]
+    home.tell("done", event=again, state="on")
+    assert home.selected == [("lamp", False)]
+    assert home.cues == [("carl", "selected", "lamp selected")]
+
+
+def test_a_thing_with_two_carriers_is_done_when_both_are_and_failed_when_one_is() -> None:
+    home = Home()
+    home.report(ThingState(id="lamp"), carrier="reactions")
+    home.take(home.engine.on_carrier("reactions", True, at(home.time_s)))
+    home.set("lamp")
+    assert set(home.acts[0].carriers) == {"home", "reactions"}
+    home.tell("done", state="on")
+    assert home.outcomes == []
+    home.tell("failed", "reactions", code="error", text="exit code 3")
+    assert [(each.result, each.text) for each in home.outcomes] == [("failed", "exit code 3")]
+    assert home.selected == [("lamp", False)], "the lamp itself is on"
+
+
+def test_what_runs_for_long_is_told_when_it_has_started_and_again_if_it_fails() -> None:
+    home = Home(ThingState(id="screws"), limit_s=60.0)
+    home.set("screws")
+    home.tell("started")
+    assert home.cues == [("anna", "selected", "screws started")]
+    home.point(80.0, 30.0)
+    home.tell("failed", code="error", text="exit code 3")
+    assert [each.result for each in home.outcomes] == ["started", "failed"]
+    assert home.cues[1:] == [("anna", "refused", "screws: exit code 3")]
+    home.set("screws", "bert")
+    home.tell("started")
+    home.tell("done")
+    assert [cue for user, cue, _text in home.cues if user == "bert"] == ["selected"], "the success once"
+
+
+def test_a_button_fires_again_while_its_first_act_runs() -> None:
+    home = Home(ThingState(id="screws"))
+    home.set("screws")
+    home.point(80.0, 1.0)
+    home.set("screws", "bert")
+    first, second = home.acts
+    home.tell("done", event=second)
+    home.tell("failed", event=first, code="error", text="exit code 3")
+    assert [(each.user, each.result) for each in home.outcomes] == [("bert", "done"), ("anna", "failed")]
+
+
+def test_the_end_of_a_claim_is_no_act_and_is_possible_without_its_carrier() -> None:
+    home = Home(ThingState(id="crate"))
+    assert home.point(-21.0, 3.0) == [("selected", "crate")]
+    home.tell("done")
+    home.take(home.engine.on_carrier("home", False, at(home.time_s)))
+    home.take(home.engine.clear("anna", at(home.time_s)))
+    assert (home.events[-1].event, home.events[-1].carriers) == ("deselected", ())
+
+
+def test_a_switch_follows_its_target_and_says_so_only_at_first() -> None:
+    home = Home(LAMP.model_copy(update={"state": "on"}))
+    assert (home.selected, home.events[-1].reason) == ([("lamp", False)], REPORTED)
+    home.report(LAMP)
+    assert (home.selected, home.events[-1].reason) == ([], "")
+    assert (home.events[-1].user, home.events[-1].carriers) == ("home", ())
+
+
+def test_a_report_from_before_the_result_does_not_switch_it_back() -> None:
+    home = Home()
+    home.set("lamp")
+    home.point(80.0, 0.1)
+    before = ThingStates(stamp_ns=at(home.time_s - 0.05), things=(LAMP,))
+    home.tell("done", state="on")
+    home.take(home.engine.on_states("home", before, at(home.time_s)))
+    assert home.selected == [("lamp", False)]
+
+
+def test_a_thing_without_carriers_is_done_at_once_also_if_a_carrier_was_never_there() -> None:
+    home = Home()
+    home.report(ThingState(id="screws", state="unavailable", reason="of a run before"), carrier="gone")
+    home.set("screws")
+    assert (home.acts, home.cues) == ([], [("anna", "selected", "screws selected")])

@@ -92,7 +92,7 @@ class Web(Service[WebConfig]):
         access = Access(self._token, config.viewer_token or new_token())
         access.know_hosts([exposure_check.address(config, config.port)[0]])
         recent = Recent(self.bus.site)
-        self._model = SiteModel(self.NAME, self._now_s(), recent)
+        self._model = SiteModel(self.NAME, self._now_s(), recent, self._on_valid)
         self._history = EventHistory(self.bus, self.clock, self._model.cache)
         self._downloads = Downloads(recent, config.record_s, self.clock)
         version = pointit_version()
@@ -304,24 +304,17 @@ class Web(Service[WebConfig]):
     def _on(self, topic: Topic[Any], message: Message, name: str) -> None:
         if not self._model.take(topic, name, message, self.clock.now_ns(), self._now_s()):
             self.bus.warn("keys", f"more than {MAX_KEYS} keys: {topic.key} of {name} is not shown to pages")
-            return
-        self._on_message(message, name)
-        if isinstance(message, StripsFrame):
-            self._scan_server.lights({strip.id: strip.rgb for strip in message.strips})
-        elif isinstance(message, LampColor):
-            self._lights.hear(name, message.color)
-            self._scan_server.lights({name: bytes(message.color)})
+        if isinstance(message, Deployment):
+            self._devices.on_deployment(message)
+            self._changed(now=not message.services)  # this process may end with the run
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
     def _on_measured(self, topic: Topic[Any], message: Message, name: str) -> None:
         self._metrics.take(name, message)
         self._on(topic, message, name)
 
-    def _on_message(self, message: Message, name: str) -> None:
+    def _on_valid(self, message: Message, name: str) -> None:
         match message:
-            case Deployment():
-                self._devices.on_deployment(message)
-                self._changed(now=not message.services)  # this process may end with the run
             case SelectionEvent():
                 self._history.add(message)
             case Health():
@@ -347,8 +340,17 @@ class Web(Service[WebConfig]):
                 self._phones.interaction(name, message)
             case Announced() | Feedback() | Understood():
                 self._phones.feedback(name, message)
+            case StripsFrame() | LampColor():
+                self._on_light(message, name)
             case _:
                 pass
+
+    def _on_light(self, message: StripsFrame | LampColor, name: str) -> None:
+        if isinstance(message, StripsFrame):
+            self._scan_server.lights({strip.id: strip.rgb for strip in message.strips})
+        else:
+            self._lights.hear(name, message.color)
+            self._scan_server.lights({name: bytes(message.color)})
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._model.set_service(instance, present, self._now_s())
@@ -369,8 +371,8 @@ class Web(Service[WebConfig]):
             self._people.on_leave(user)
             self._wrists.forget(user)
             self._phones.forget(user)
-            self._model.on_person_left(user)
-            self._pages.notify_pages()
+        self._model.set_person(user, present)
+        self._pages.notify_pages()
         self._changed()
 
     # Time.

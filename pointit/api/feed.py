@@ -7,7 +7,6 @@ import functools
 import inspect
 import itertools
 import logging
-import weakref
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping
 from typing import Any, Generic, TypeVar
 
@@ -18,6 +17,7 @@ from pointit.runtime.errors import AccessDeniedError, ConfigError, NoMessageErro
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import Environment, Message, SelectionEvent, topics
 from pointit.schemas.topics import ANY, Delivery, Topic
+from pointit.site.site_state import SiteState
 
 log = logging.getLogger(__name__)
 
@@ -185,28 +185,6 @@ class Feed(AsyncIterator[T], Generic[T]):
         return self._pick(await self._buffer.take())
 
 
-class PresentNames:
-    """The names that are present, and those who follow them."""
-
-    def __init__(self) -> None:
-        self.names = frozenset[str]()
-        self._gone = set[str]()
-        self.buffers = weakref.WeakSet[ReceiveBuffer[frozenset[str]]]()
-
-    def on_change(self, name: str, is_there: bool) -> None:  # noqa: FBT001 - the bus's signature
-        """Record that `name` has arrived or left, and publish the present names."""
-        (self._gone.discard if is_there else self._gone.add)(name)
-        names = self.names | {name} if is_there else self.names - {name}
-        if names != self.names:
-            self.names = names
-            for buffer in self.buffers:
-                buffer.put(names, "")
-
-    def merge(self, listed: set[str]) -> None:
-        """Add who was listed while changes already came, except those who left meanwhile."""
-        self.names |= listed - self._gone
-
-
 M = TypeVar("M", bound=Message)
 
 TIMEOUT_S = 2.0
@@ -214,17 +192,21 @@ TIMEOUT_S = 2.0
 
 
 class Newest(Mapping[str, M], Generic[M]):
-    """The newest message of each person, tracker, service or lamp; kept up to date from the first use on.
+    """The newest message of each person, tracker, service or lamp that is there, from the first use on.
 
     Nothing but `wait` waits, so `[name]`, `get` and `value` find nothing yet at the first use. On a secured
     site each name is received from its own first use on, since an identity may read only some.
     """
 
-    def __init__(self, bus: MemoryBus, topic: Topic[M], check_open: Callable[[], None]) -> None:
+    def __init__(
+        self, bus: MemoryBus, topic: Topic[M], check_open: Callable[[], None], state: SiteState
+    ) -> None:
         self._bus = bus
         self._topic = topic
         self._check_open = check_open
-        self._values: dict[str, M] = {}
+        self._state = state
+        self._values = state.all(topic)
+        self._now_s = asyncio.get_running_loop().time
         self._changed = asyncio.Event()
         self._subscriptions: dict[str, Subscription] = {}
 
@@ -232,13 +214,15 @@ class Newest(Mapping[str, M], Generic[M]):
         """Return the newest message of `name`.
 
         Raises:
-            NoMessageError: If nothing has come yet.
+            NoMessageError: If nothing has come yet, or the person, writer or tracker has left.
             BusClosedError: If the site is closed.
         """
         self._receive(name)
         if name in self._values:
             return self._values[name]
-        raise NoMessageError(f"nothing has come on {self._topic.at(name)} yet; `wait` for it")
+        raise NoMessageError(
+            f"nothing has come on {self._topic.at(name)} yet, or it ended with its writer; `wait` for it"
+        )
 
     def __iter__(self) -> Iterator[str]:
         self._receive(ANY)
@@ -281,6 +265,7 @@ class Newest(Mapping[str, M], Generic[M]):
 
     def _receive(self, name: str) -> Subscription:
         self._check_open()
+        self._state.tick(self._now_s())
         self._topic.at(name)
         which = (self._bus.is_restricted and name) or ANY
         if which not in self._subscriptions:
@@ -288,37 +273,37 @@ class Newest(Mapping[str, M], Generic[M]):
         return self._subscriptions[which]
 
     def _on_message(self, message: M, name: str) -> None:
-        self._values[name] = message
+        self._state.take(self._topic, name, message, self._now_s())
         self._changed.set()
 
 
 class Latest:
     """The newest messages of a site. Each topic is received from its first use on."""
 
-    def __init__(self, bus: MemoryBus, check_open: Callable[[], None]) -> None:
-        self.cursor = Newest(bus, topics.CURSOR, check_open)
+    def __init__(self, bus: MemoryBus, check_open: Callable[[], None], state: SiteState) -> None:
+        self.cursor = Newest(bus, topics.CURSOR, check_open, state)
         """Cursors by person."""
-        self.ray = Newest(bus, topics.RAY, check_open)
+        self.ray = Newest(bus, topics.RAY, check_open, state)
         """Pointing rays by person."""
-        self.hover = Newest(bus, topics.HOVER, check_open)
+        self.hover = Newest(bus, topics.HOVER, check_open, state)
         """Objects under cursors by person."""
-        self.pose = Newest(bus, topics.POSE, check_open)
+        self.pose = Newest(bus, topics.POSE, check_open, state)
         """Poses by person."""
-        self.interaction = Newest(bus, topics.INTERACTION, check_open)
+        self.interaction = Newest(bus, topics.INTERACTION, check_open, state)
         """States of the interaction by person."""
-        self.objects = Newest(bus, topics.OBJECTS, check_open)
+        self.objects = Newest(bus, topics.OBJECTS, check_open, state)
         """Objects by tracker."""
-        self.robot = Newest(bus, topics.ROBOT_STATE, check_open)
+        self.robot = Newest(bus, topics.ROBOT_STATE, check_open, state)
         """States by robot."""
-        self.health = Newest(bus, topics.HEALTH, check_open)
+        self.health = Newest(bus, topics.HEALTH, check_open, state)
         """Reports by service instance."""
-        self.lamp = Newest(bus, topics.LAMP_COLOR, check_open)
+        self.lamp = Newest(bus, topics.LAMP_COLOR, check_open, state)
         """Colours by lamp."""
-        self.selection = Newest(bus, topics.SELECTION, check_open)
+        self.selection = Newest(bus, topics.SELECTION, check_open, state)
         """All selected objects."""
-        self.map = Newest(bus, topics.MAP, check_open)
+        self.map = Newest(bus, topics.MAP, check_open, state)
         """The room."""
-        self.conveyor = Newest(bus, topics.CONVEYOR_STATE, check_open)
+        self.conveyor = Newest(bus, topics.CONVEYOR_STATE, check_open, state)
         """The state of the conveyor."""
 
 

@@ -25,7 +25,9 @@ from pointit.schemas import (
     summarize_validation_error,
 )
 from pointit.schemas.system import instance_of, split_instance
-from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, OBJECTS, SERVICE_ALIVE
+from pointit.schemas.topics import BUTTON, FEEDBACK, INTERACTION, OBJECTS
+from pointit.site.following import follow_site
+from pointit.site.site_state import Change, SiteState
 
 Gesture = Literal["press", "double", "hold"]
 
@@ -68,18 +70,17 @@ class _Person:
     def __init__(self, bus: Bus, user: str, declared: contextlib.ExitStack) -> None:
         self.supervisor = instance_of("supervisor", user)
         self._user = user
-        self._present: set[str] = set()
-        self._newest: Interaction | None = None
+        self._site = SiteState(self._on_change, on_service=lambda *_: self._changed.set())
         self._is_cued = False
         self._changed = asyncio.Event()
-        declared.callback(bus.watch(SERVICE_ALIVE, self._on_presence).close)
-        declared.callback(bus.subscribe(INTERACTION, self._on_interaction, user).close)
-        declared.callback(bus.subscribe(FEEDBACK, self._on_cue, user).close)
+        now_s = asyncio.get_running_loop().time
+        for watch in follow_site(self._site, bus, now_s, (INTERACTION, FEEDBACK), user):
+            declared.callback(watch.close)
 
     async def first(self, patience_s: float) -> Interaction:
         """Return the interaction as soon as it and the supervisor are known."""
-        await self._until(lambda: bool(self._newest and self.supervisor in self._present), patience_s)
-        if self._newest is None or self.supervisor not in self._present:
+        await self._until(lambda: bool(self._newest and self.supervisor in self._site.services), patience_s)
+        if self._newest is None or self.supervisor not in self._site.services:
             raise NoAnswerError(f"{self._user} has no supervisor: {self._advice()}")
         return self._newest
 
@@ -91,6 +92,10 @@ class _Person:
             await self._until(lambda: self._newest is not before, CUE_FIRST_S)
         return None if self._newest is before and not self._is_cued else self._newest
 
+    @property
+    def _newest(self) -> Interaction | None:
+        return self._site.get(INTERACTION, self._user)
+
     async def _until(self, condition: Callable[[], bool], patience_s: float) -> None:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
@@ -99,24 +104,17 @@ class _Person:
                     await self._changed.wait()
 
     def _advice(self) -> str:
-        people = sorted(
-            user for service, user in map(split_instance, self._present) if service == "supervisor"
-        )
-        if self.supervisor in self._present:
+        services = self._site.services
+        people = sorted(user for service, user in map(split_instance, services) if service == "supervisor")
+        if self.supervisor in services:
             return f"{self.supervisor} is present but says nothing, see `pointit doctor`"
         there = f"there is {', '.join(people)}" if people else "there are no other people either"
         return f"{there}; {add_or_similar(self._user, people)}"
 
-    def _on_presence(self, instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
-        (self._present.add if here else self._present.discard)(instance)
-        self._changed.set()
-
-    def _on_interaction(self, interaction: Interaction, _user: str) -> None:
-        self._newest = interaction
-        self._changed.set()
-
-    def _on_cue(self, cue: Feedback, _user: str) -> None:
-        self._is_cued = self._is_cued or (cue.cue not in ("selected", "deselected") and cue.turn_rad is None)
+    def _on_change(self, change: Change) -> None:
+        cue = change.message
+        if isinstance(cue, Feedback) and cue.cue not in ("selected", "deselected") and cue.turn_rad is None:
+            self._is_cued = True
         self._changed.set()
 
 

@@ -4,12 +4,13 @@ import asyncio
 import contextlib
 import functools
 import weakref
+from collections import defaultdict
 from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Coroutine, Sequence
 from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
 from pointit.api import requests
-from pointit.api.feed import F, Feed, Latest, PresentNames, ReceiveBuffer, check_things, is_reaction, react
+from pointit.api.feed import F, Feed, Latest, ReceiveBuffer, check_things, is_reaction, react
 from pointit.api.inputs import Tracker, press
 from pointit.api.loop_thread import closed_error
 from pointit.api.requests import Lamp
@@ -43,6 +44,8 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic, check_name
+from pointit.site.following import follow_site
+from pointit.site.site_state import SiteState
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -65,11 +68,17 @@ class Site:
         self._failure: Exception | None = None
         self._is_closed = False
         self._ended = asyncio.Event()
-        self._present: dict[str, PresentNames] = {}
+        self._state = SiteState(
+            on_person=lambda *_: self._publish_names(topics.USER_ALIVE),
+            on_service=lambda *_: self._publish_names(topics.SERVICE_ALIVE),
+        )
+        self._followers: defaultdict[Presence, weakref.WeakSet[ReceiveBuffer[frozenset[str]]]] = defaultdict(
+            weakref.WeakSet
+        )
         self._watches: list[Closable] = []
         self._reactions = set[asyncio.Task[None]]()
         self._speech = functools.cache(functools.partial(bus.publisher, topics.SPEECH))
-        self.latest = Latest(bus, self._check_open)
+        self.latest = Latest(bus, self._check_open, self._state)
         """The newest messages by topic and name."""
         send = self.call
         self.select = requests.SelectRequests[
@@ -95,10 +104,11 @@ class Site:
         """Yield the site of `bus`, as soon as it is known who is there."""
         site = cls(bus, clock)
         try:
-            for presence in (topics.USER_ALIVE, topics.SERVICE_ALIVE):
-                present_names = site._present[presence.key] = PresentNames()
-                site._watches.append(bus.watch(presence, present_names.on_change))
-                present_names.merge(await bus.list_present(presence))
+            site._watches += follow_site(site._state, bus, asyncio.get_running_loop().time, ())
+            for user in await bus.list_present(topics.USER_ALIVE) - site._state.former_people:
+                site._state.set_person(user, present=True)
+            for instance in await bus.list_present(topics.SERVICE_ALIVE) - site._state.former_services:
+                site._state.set_service(instance, present=True)
             yield site
         finally:
             site._close()
@@ -322,11 +332,17 @@ class Site:
     def _presence(self, presence: Presence) -> Feed[frozenset[str]]:
         self._check_open()
         buffer = ReceiveBuffer[frozenset[str]](Delivery.STATE)
-        present = self._present[presence.key]
-        present.buffers.add(buffer)
+        self._followers[presence].add(buffer)
         self._buffers.add(buffer)
-        buffer.put(present.names, "")
+        buffer.put(self._names(presence), "")
         return Feed(buffer, itemgetter(1), self._speed)
+
+    def _names(self, presence: Presence) -> frozenset[str]:
+        return self._state.people if presence is topics.USER_ALIVE else self._state.services
+
+    def _publish_names(self, presence: Presence) -> None:
+        for buffer in self._followers[presence]:
+            buffer.put(self._names(presence), "")
 
     def _feed(
         self,

@@ -284,7 +284,7 @@ class SyncNewest(Mapping[str, M], Generic[M]):
     @overload
     def get(self, key: str, default: M | T, /) -> M | T: ...
     def get(self, key: str, default: Any = None, /) -> Any:
-        """Return the newest message of `key`, or `default` if nothing has come yet."""
+        """Return the newest message of `key`, or `default` without one."""
         return self._thread.call(lambda: self._newest.get(key, default))
 
     @property

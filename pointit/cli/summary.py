@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -216,15 +215,10 @@ def figures(monitor: Monitor) -> Text:
     if monitor.score.target_kinds:
         counts: dict[str, Any] = monitor.score.counts()
         parts.append(f"selected {counts['selected']}, missed {counts['missed']}, wrong {counts['wrong']}")
-    received_s, now_s = dict(monitor.heard_s), time.monotonic()
-    ill = [
-        name
-        for name, health in list(monitor.health.items())
-        if health.warnings or now_s - received_s.get(name, now_s) > SILENT_S
-    ]
     text = Text(" · ".join(parts))
-    silent = {name for name, at_s in received_s.items() if now_s - at_s > SILENT_S}
-    if outage := find_outage(received_s, silent, monitor.lost_router):
+    lost = monitor.lost(SILENT_S)
+    ill = lost.union(name for name, health in list(monitor.health.items()) if health.warnings)
+    if outage := find_outage({*monitor.health, *lost}, lost, monitor.lost_router):
         text.append(f"  {outage.sentence}; {outage.remedy}", style="red")
     elif ill:
         text.append(f"  look at: {', '.join(sorted(ill))} (pointit doctor)", style="yellow")

@@ -101,7 +101,8 @@ def instruction_lines(monitor: Monitor) -> list[Text]:
 
 def color_of(monitor: Monitor, user: str) -> str:
     """Return the style of a person's own colour; white is the terminal's text colour."""
-    color = monitor.colors.get(user, WHITE)
+    profile = monitor.profiles.get(user)
+    color = WHITE if profile is None else profile.cursor_color
     return "bold" if color == WHITE else f"bold rgb({color[0]},{color[1]},{color[2]})"
 
 

@@ -25,7 +25,7 @@ Key = tuple[Topic[Any], str]
 
 MAX_SILENCE_S: Mapping[Topic[Any], float] = {OBJECTS: 3.0}
 """Topics that end when they are silent for longer, s. A tracker sends 25 messages a second."""
-MAX_KEYS = 4096
+MAX_KEYS = 65_536
 """Maximum number of keys; the number of names is unbounded."""
 MAX_FORMER = 1000
 """Maximum number of people, services and keys that are remembered after their end; the oldest go first."""

@@ -130,10 +130,18 @@ class LatestValueCache:
         self._gone = 0
         self._feeds: set[PageFeed] = set()
 
+    def has_room(self, topic: Topic[Any], name: str) -> bool:
+        """Return True if a message of `topic` at `name` may be put."""
+        if topic.delivery is Delivery.EVENT or (topic.key, name) in self._entries:
+            return True
+        if len(self._entries) >= self._max_keys:
+            self._drop_gone()
+        return len(self._entries) < self._max_keys
+
     def put(
         self, topic: Topic[Any], name: str, payload: bytes, *, stamp_ns: int = 0, urgent: bool = False
-    ) -> bool:
-        """Store a message of `topic` at `name`; return False if there is no room for its key.
+    ) -> None:
+        """Store a message of `topic` at `name`.
 
         `urgent` messages wait only for slow pages, see `PageFeed.wait_s`. Events are sorted into the history
         by `stamp_ns`.
@@ -142,15 +150,10 @@ class LatestValueCache:
         if topic.delivery is Delivery.EVENT:
             self._events.append((stamp_ns, change))
             self._event_count += 1
-            return True
-        if (topic.key, name) not in self._entries and len(self._entries) >= self._max_keys:
-            self._drop_gone()
-            if len(self._entries) >= self._max_keys:
-                return False
+            return
         self._set(change)
         if urgent:
             self.urgent_version = self._version
-        return True
 
     def recall(self, past: Iterable[tuple[int, Change]]) -> None:
         """Set events, with their stamps, that were not received here; they replace those set before."""

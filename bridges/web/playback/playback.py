@@ -26,7 +26,6 @@ class Playback:
         self._past = past
         self.model = SiteModel(OWN, 0.0)
         self.speed = 1.0
-        self._users: set[str] = set()
         self._at_ns = past.began_ns
         self._since_s = now_s
         """When the position was `_at_ns`."""
@@ -55,7 +54,6 @@ class Playback:
         past = self._past
         at_ns = min(max(at_ns, past.began_ns), past.read_ns)
         model = SiteModel(OWN, past.began_ns / NS_PER_S)
-        self._users.clear()
         for entry in past.states_at(at_ns):
             if not isinstance(entry.row, Topic) or entry.row.delivery is not Delivery.EVENT:
                 self._apply(entry, model)
@@ -91,7 +89,7 @@ class Playback:
 
     def status(self) -> Status:
         """Return the status of the site at the position."""
-        people = [PersonLine(user=user) for user in sorted(self._users)]
+        people = [PersonLine(user=user) for user in sorted(self.model.state.people)]
         return self.model.status(people, self._at_ns / NS_PER_S, viewers=1, lan_url="", speed=1.0)
 
     def _move(self, at_ns: int, now_s: float) -> None:
@@ -113,11 +111,8 @@ class Playback:
         elif row is SERVICE_ALIVE:
             if body or self._past.ended_ns - entry.time_ns > GRACE_NS:  # else the recording ends with its run
                 model.set_service(name, bool(body), at_s)
-        elif row is USER_ALIVE and body:
-            self._users.add(name)
         elif row is USER_ALIVE:
-            self._users.discard(name)
-            model.on_person_left(name)
+            model.set_person(name, bool(body))
 
     def _tick(self) -> None:
         """Remove what is no longer valid, once a recorded second."""

@@ -8,9 +8,10 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from pointit.launch.plan.plan import Watcher
-from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
 from pointit.runtime.clock import Clock
 from pointit.schemas import (
     NS_PER_S,
@@ -19,9 +20,7 @@ from pointit.schemas import (
     Environment,
     Feedback,
     Health,
-    Hover,
     Interaction,
-    LampColor,
     Localization,
     Selection,
     SelectionEvent,
@@ -30,11 +29,12 @@ from pointit.schemas import (
     UserPose,
     topics,
 )
-from pointit.schemas.base import Rgb
 from pointit.schemas.problems import ROUTER_LOST
 from pointit.schemas.text import one_line
 from pointit.services.led_driver.outputs import FRAME_RATE
-from pointit.services.registry import RECORDER
+from pointit.services.registry import RECORDER, person_of
+from pointit.site.following import follow_site
+from pointit.site.site_state import Change, SiteState
 
 UNKNOWN = "object"
 """Kind of an object that no tracker has listed."""
@@ -235,25 +235,14 @@ class Monitor:
     watchers: Sequence[Watcher] = ()
     environment: Environment | None = None
     frame: StripsFrame | None = None
-    cursors: dict[str, Cursor] = field(default_factory=dict[str, Cursor])
-    hovers: dict[str, Hover] = field(default_factory=dict[str, Hover])
-    interactions: dict[str, Interaction] = field(default_factory=dict[str, Interaction])
-    poses: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
     found: dict[str, UserPose] = field(default_factory=dict[str, UserPose])
     """Last poses found by pointing, also of people who have left."""
     solved: dict[str, int] = field(default_factory=dict[str, int])
     """Stamps of solved localizations whose pose has not arrived yet."""
-    localizations: dict[str, Localization] = field(default_factory=dict[str, Localization])
     refusals: dict[str, str] = field(default_factory=dict[str, str])
     """Last refusal reason of the localizer by person, until they try again."""
     cues: dict[str, str] = field(default_factory=dict[str, str])
     """Text of the last refusal cue by person, until they try again; the selector also refuses."""
-    colors: dict[str, Rgb] = field(default_factory=dict[str, Rgb])
-    """Each person's colour."""
-    lamps: dict[str, LampColor] = field(default_factory=dict[str, LampColor])
-    health: dict[str, Health] = field(default_factory=dict[str, Health])
-    heard_s: dict[str, float] = field(default_factory=dict[str, float])
-    """Monotonic time of a service's last Health, since another machine's clock may differ."""
     events: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
     latency: Latency = field(default_factory=Latency)
     is_recorded: bool = False
@@ -271,32 +260,38 @@ class Monitor:
     """Sum and number of the frame rates that each controller's port reported."""
     _listening: list[Closable] = field(default_factory=list[Closable])
 
+    def __post_init__(self) -> None:
+        self.site = site = SiteState(self._on_change, on_person=self._on_user, on_service=self._on_service)
+        self.cursors = site.all(topics.CURSOR)
+        self.hovers = site.all(topics.HOVER)
+        self.interactions = site.all(topics.INTERACTION)
+        self.poses = site.all(topics.POSE)
+        self.localizations = site.all(topics.LOCALIZATION)
+        self.profiles = site.all(topics.PROFILE)
+        self.lamps = site.all(topics.LAMP_COLOR)
+        self.health = site.all(topics.HEALTH)
+        self._handlers: dict[AnyTopic, Callable[[Any, str, Any], None]] = {
+            topics.MAP: self._on_map,
+            topics.OBJECTS: lambda message, tracker, _: self.score.on_objects(tracker, message),
+            topics.SELECTION_EVENTS: self._on_event,
+            topics.SELECTION: lambda state, *_: self.score.on_selection(state),
+            topics.INTERACTION: self._on_interaction,
+            topics.POSE: self._on_pose,
+            topics.LOCALIZATION: self._on_localization,
+            topics.ANCHOR: self._on_anchor,
+            topics.FEEDBACK: self._on_feedback,
+            topics.PROFILE: _ignore,
+            topics.HOVER: _ignore,
+            topics.LAMP_COLOR: _ignore,
+            topics.HEALTH: self._on_health,
+            topics.CURSOR: self._on_cursor,
+            topics.STRIPS_FRAME: self._on_frame,
+        }
+
     def attach(self, bus: Bus) -> None:
         """Subscribe on `bus`; where one person is shown, to no one else's cursors and the like."""
-        user_pattern = self.person or topics.ANY
-        self._listening += [
-            bus.subscribe(topics.MAP, self._on_map),
-            bus.subscribe(topics.OBJECTS, lambda message, tracker: self.score.on_objects(tracker, message)),
-            bus.subscribe(topics.SELECTION_EVENTS, self._on_event),
-            bus.subscribe(topics.SELECTION, lambda state, _name: self.score.on_selection(state)),
-            bus.subscribe(topics.INTERACTION, self._on_interaction, user_pattern),
-            bus.subscribe(topics.POSE, self._on_pose, user_pattern),
-            bus.subscribe(topics.LOCALIZATION, self._on_localization, user_pattern),
-            bus.subscribe(topics.ANCHOR, self._on_anchor, user_pattern),
-            bus.subscribe(topics.FEEDBACK, self._on_feedback, user_pattern),
-            bus.subscribe(
-                topics.PROFILE,
-                lambda profile, user: self.colors.update({user: profile.cursor_color}),
-                user_pattern,
-            ),
-            bus.subscribe(topics.HOVER, lambda hover, user: self.hovers.update({user: hover}), user_pattern),
-            bus.subscribe(topics.LAMP_COLOR, lambda lamp, name: self.lamps.update({name: lamp})),
-            bus.subscribe(topics.HEALTH, self._on_health),
-            bus.subscribe(topics.CURSOR, self._on_cursor, user_pattern),
-            bus.subscribe(topics.STRIPS_FRAME, self._on_frame),
-            bus.watch(topics.USER_ALIVE, self._on_user),
-            bus.watch(topics.SERVICE_ALIVE, self._on_service),
-        ]
+        user = self.person or topics.ANY
+        self._listening += follow_site(self.site, bus, time.monotonic, self._handlers, user)
         for watcher in self.watchers:
             self._listening += watcher.attach(bus, self._add_event_of)
 
@@ -323,6 +318,14 @@ class Monitor:
         problems = (each for health in list(self.health.values()) for each in health.problems)
         return next((each.subject for each in problems if each.code == ROUTER_LOST), "")
 
+    def lost(self, silent_s: float) -> set[str]:
+        """Return services that have left, or have been silent for `silent_s`, but of people who have left."""
+        now_s = time.monotonic()
+        received_s = {name: self.site.received_s(topics.HEALTH, name) or now_s for name in list(self.health)}
+        silent = {name for name, at_s in received_s.items() if now_s - at_s > silent_s}
+        people = ("", *self.site.people)
+        return silent | {each for each in self.site.former_services if person_of(each) in people}
+
     def refusal(self, user: str) -> str:
         """Return the reason of a person's last refusal, or `""` once they try again."""
         interaction = self.interactions.get(user)
@@ -347,19 +350,19 @@ class Monitor:
             watcher.on_service(instance, is_present=present)
 
     def _on_user(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if not present:  # all their services have ended, so their last state is outdated
-            states = (self.cursors, self.hovers, self.interactions, self.poses, self.localizations)
-            for newest in (*states, self.refusals, self.cues, self.colors):
-                newest.pop(user, None)
-            for instance in [name for name, health in self.health.items() if health.user == user]:
-                del self.health[instance], self.heard_s[instance]
+        if not present:
+            self._try_again(user)
 
-    def _on_map(self, environment: Environment, _name: str) -> None:
+    def _on_change(self, change: Change) -> None:
+        if change.message is not None:
+            self._handlers[change.topic](change.message, change.name, change.previous)
+
+    def _on_map(self, environment: Environment, *_: object) -> None:
         self.environment = environment
         for watcher in self.watchers:
             watcher.on_map(environment)
 
-    def _on_event(self, event: SelectionEvent, _name: str) -> None:
+    def _on_event(self, event: SelectionEvent, *_: object) -> None:
         self.score.on_event(event)
         if event.event == "deselected" and not (event.cause or event.reason):
             return  # a button is over
@@ -373,9 +376,7 @@ class Monitor:
         if not self.person or event.user == self.person:
             self._add_event(f"{kind}{number} {event.event}{who}{reason}")
 
-    def _on_interaction(self, interaction: Interaction, user: str) -> None:
-        before = self.interactions.get(user)
-        self.interactions[user] = interaction
+    def _on_interaction(self, interaction: Interaction, user: str, before: Interaction | None) -> None:
         if before is not None and before.state == "idle" != interaction.state:
             self._try_again(user)
         begins = before is None and interaction.state == "idle" and not interaction.reason
@@ -384,8 +385,7 @@ class Monitor:
                 f"{user}: {interaction.state}. {interaction.reason or interaction.next_step}".rstrip()
             )
 
-    def _on_pose(self, pose: UserPose, user: str) -> None:
-        self.poses[user] = pose
+    def _on_pose(self, pose: UserPose, user: str, _before: UserPose | None) -> None:
         if pose.method == "fixed":  # given since then
             self.found.pop(user, None)
             return
@@ -402,9 +402,7 @@ class Monitor:
         if pose.method in FOUND:
             self.found[user] = pose
 
-    def _on_localization(self, localization: Localization, user: str) -> None:
-        before = self.localizations.get(user)
-        self.localizations[user] = localization
+    def _on_localization(self, localization: Localization, user: str, before: Localization | None) -> None:
         if (
             localization.phase == "solved"
             and localization.purpose == "pose"
@@ -417,7 +415,7 @@ class Monitor:
         elif localization.phase == "refused" and localization.reason:
             self.refusals[user] = localization.reason
 
-    def _on_anchor(self, anchor: Anchor, user: str) -> None:
+    def _on_anchor(self, anchor: Anchor, user: str, _before: object) -> None:
         at = f" at {anchor.target_id}" if anchor.target_id else ""
         if anchor.accepted:
             off_deg = math.degrees(anchor.azimuth_error_rad)
@@ -425,7 +423,7 @@ class Monitor:
         else:
             self._add_event(f"{user}: anchor{at} rejected: {anchor.reason}".rstrip(": "))
 
-    def _on_feedback(self, feedback: Feedback, user: str) -> None:
+    def _on_feedback(self, feedback: Feedback, user: str, _before: object) -> None:
         if feedback.cue == "refused":
             self.cues[user] = feedback.text
         elif feedback.cue == "localized":
@@ -435,17 +433,14 @@ class Monitor:
         self.refusals.pop(user, None)
         self.cues.pop(user, None)
 
-    def _on_health(self, health: Health, instance: str) -> None:
-        self.heard_s[instance] = time.monotonic()
-        self.health[instance] = health
+    def _on_health(self, health: Health, *_: object) -> None:
         for figure in health.figures:
             if figure.name.startswith(FRAME_RATE):
                 port = figure.name.removeprefix(FRAME_RATE).strip()
                 sum_hz, count = self._light_hz.get(port, (0.0, 0))
                 self._light_hz[port] = (sum_hz + figure.value, count + 1)
 
-    def _on_cursor(self, cursor: Cursor, user: str) -> None:
-        self.cursors[user] = cursor
+    def _on_cursor(self, cursor: Cursor, *_: object) -> None:
         if cursor.surface != "none" or cursor.solid:
             self.cursor_count += 1
             if self.first_cursor_unix_s is None:
@@ -456,9 +451,13 @@ class Monitor:
             )
         self.latency.on_cursor(cursor)
 
-    def _on_frame(self, frame: StripsFrame, _name: str) -> None:
+    def _on_frame(self, frame: StripsFrame, *_: object) -> None:
         self.frame = frame
         self.frame_count += 1
         if self.first_frame_unix_s is None:
             self.first_frame_unix_s = time.time()
         self.latency.on_frame(frame, self.clock.now_ns(), self.clock.speed)
+
+
+def _ignore(*_: object) -> None:
+    """Do nothing: the message is only held."""

@@ -12,7 +12,7 @@ from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, VersionError
 from pointit.schemas import Environment, PointingRay, Selection, TrackedObject, TrackedObjects, UserPose
 from pointit.schemas.environment import Frame
-from pointit.schemas.topics import ANY, MAP, OBJECTS, POSE, RAY, SELECTION
+from pointit.schemas.topics import ANY, MAP, OBJECTS, POSE, RAY, SELECTION, USER_ALIVE
 from tests.support.bench import until
 
 
@@ -33,6 +33,20 @@ async def test_the_latest_is_kept_from_the_first_use_on(bus: MemoryBus, site: Si
         _ = site.latest.selection.value
     bus.publisher(SELECTION).put(Selection(stamp_ns=1))
     assert (await site.latest.selection.wait()).stamp_ns == 1 == site.latest.selection.value.stamp_ns
+
+
+async def test_the_latest_ends_with_its_person_and_the_pose_returns_with_them(
+    bus: MemoryBus, site: Site
+) -> None:
+    anna = bus.announce(USER_ALIVE, "anna")
+    bus.publisher(POSE, "anna").put(UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0))
+    assert (await site.latest.pose.wait("anna")).stamp_ns == 1
+    anna.close()
+    await until(lambda: "anna" not in site.latest.pose, what="no pose of who has left")
+    with pytest.raises(NoMessageError, match="or it ended with its writer"):
+        _ = site.latest.pose["anna"]
+    bus.announce(USER_ALIVE, "anna")
+    assert (await site.latest.pose.wait("anna")).stamp_ns == 1
 
 
 async def test_the_latest_ends_with_the_site(bus: MemoryBus, site: Site) -> None:

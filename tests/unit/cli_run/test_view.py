@@ -220,6 +220,7 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
     monitor = monitor_of()
     monitor.attach(bus)
     token = bus.announce(topics.USER_ALIVE, "anna")
+    service = bus.announce(topics.SERVICE_ALIVE, "pointing.anna")
     bus.publisher(topics.MAP).put(Environment(stamp_ns=1, name="test", strips=(strip(),)))
     thing = TrackedObject(id="x-1", kind="red", position_m=(0.0, 0.0, 0.0))
     bus.publisher(topics.OBJECTS, "conveyor").put(TrackedObjects(stamp_ns=1, objects=(thing,)))
@@ -256,6 +257,7 @@ async def test_it_follows_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
         assert what in text
     assert "frame 7 Hz" not in text  # that is what somebody read
     assert "look at: pointing.anna (pointit doctor)" in text
+    service.close()
     token.close()  # anna leaves, and what she did last with her
     await until(lambda: "anna" not in monitor.cursors)
     text = "\n".join(shown(monitor, 200))
@@ -316,7 +318,7 @@ def test_a_lost_router_is_one_sentence_instead_of_every_service_by_name() -> Non
     lost = Problem(code=LOST, sentence=ROUTER_LOST.format(where=where, ago_s=5), subject=where)
     for name in ("pui", "selector", "keeper", "pointing.anna"):
         report = health(name, lost.sentence).model_copy(update={"problems": (lost,)})
-        monitor.health[name], monitor.heard_s[name] = report, time.monotonic()
+        monitor.site.take(topics.HEALTH, name, report, time.monotonic())
     text = figures(monitor).plain
     assert "the router at tcp/10.0.0.1:7447 does not answer: nothing arrives from other machines; " in text
     assert "look at" not in text

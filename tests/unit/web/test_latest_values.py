@@ -67,7 +67,8 @@ def test_what_is_gone_is_not_kept_for_ever() -> None:
     cache = LatestValueCache(max_keys=MAX_GONE + 10)
     feed = cache.open(FAST_HZ)
     for number in range(5 * MAX_GONE):
-        assert cache.put(CURSOR, f"user{number}", b"1"), "forgotten keys fill the cache"
+        assert cache.has_room(CURSOR, f"user{number}"), "forgotten keys fill the cache"
+        cache.put(CURSOR, f"user{number}", b"1")
         cache.forget(CURSOR, f"user{number}")
         feed.take(float(number))
         feed.ack(feed.in_flight + feed._acked)
@@ -78,12 +79,13 @@ def test_a_stalled_page_does_not_keep_others_from_new_keys_for_ever() -> None:
     cache = LatestValueCache(max_keys=3)
     feed = cache.open(FAST_HZ)
     for name in ("a", "b", "c"):
-        assert cache.put(CURSOR, name, b"1")
-    assert not cache.put(CURSOR, "d", b"1")
-    assert cache.put(CURSOR, "a", b"2")
+        assert cache.has_room(CURSOR, name)
+        cache.put(CURSOR, name, b"1")
+    assert not cache.has_room(CURSOR, "d")
+    assert cache.has_room(CURSOR, "a")
     cache.forget(CURSOR, "b")
     cache.close(feed)
-    assert cache.put(CURSOR, "d", b"1")
+    assert cache.has_room(CURSOR, "d")
 
 
 RING = 5

@@ -135,8 +135,8 @@ def kept(entries: list[Entry], window_s: float = 600.0) -> Recent:
             recent.add(each.time_ns, each.row, each.name, each.body, moment(each).payload)
             if each.row is topics.SERVICE_ALIVE:
                 model.set_service(each.name, each.body, at_s)
-            elif not each.body:
-                model.on_person_left(each.name)
+            else:
+                model.set_person(each.name, each.body)
     return recent
 
 

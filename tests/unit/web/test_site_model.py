@@ -1,24 +1,16 @@
 """State and status of the site, and keys of what has gone, bounded even against invented names."""
 
-from collections.abc import Sequence
-from typing import Any
-
 import pytest
 
 from pointit.bridges.web.model import site_model as module
 from pointit.bridges.web.model.site_model import (
     GRACE_S,
     LEFT_S,
-    MAX_TRACKER_AGE_S,
     MISSED_S,
     WINDOW_S,
-    WITH_WRITER,
     Deployments,
     SiteModel,
     SiteObservation,
-    Trackers,
-    keys_of_person,
-    keys_of_service,
 )
 from pointit.bridges.web.pages.latest_values import LatestValueCache
 from pointit.bridges.web.playback.recent import Recent
@@ -37,27 +29,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.environment import Thing
 from pointit.schemas.system import RUN
-from pointit.schemas.topics import (
-    ANNOUNCED,
-    CONVEYOR_STATE,
-    CURSOR,
-    DEPLOYMENT,
-    FEEDBACK,
-    HEALTH,
-    HOVER,
-    INTERACTION,
-    LAMP_COLOR,
-    LOCALIZATION,
-    MAP,
-    OBJECTS,
-    POSE,
-    PROFILE,
-    SELECTION,
-    SELECTION_EVENTS,
-    STEERING,
-    STRIPS_FRAME,
-    Topic,
-)
+from pointit.schemas.topics import DEPLOYMENT, LAMP_COLOR, MAP, POSE, SELECTION_EVENTS
 
 DEPLOYED_PUI = ExpectedService(service="pui", command=("pointit", "service", "pui"))
 DEPLOYED = {"run.s": Deployment(stamp_ns=0, name="s", services=(DEPLOYED_PUI,))}
@@ -177,56 +149,6 @@ def test_reports_of_who_is_not_there_are_not_kept(sight: SiteObservation) -> Non
     assert sight._reports.keys() == {"web"}
 
 
-def gone(instance: str, present: Sequence[str], known: dict[Topic[Any], list[str]]) -> set[tuple[str, str]]:
-    return {
-        (topic.key, name) for topic, name in keys_of_service(instance, present, lambda t: known.get(t, []))
-    }
-
-
-def test_what_has_lost_its_writer_goes() -> None:
-    known: dict[Topic[Any], list[str]] = {CURSOR: ["anna", "ben"], MAP: [""], SELECTION: [""]}
-    assert gone("pui", ["selector"], known) == {
-        (CURSOR.key, "anna"),
-        (CURSOR.key, "ben"),
-        (HEALTH.key, "pui"),
-    }
-
-
-def test_what_another_still_writes_stays() -> None:
-    known: dict[Topic[Any], list[str]] = {LAMP_COLOR: ["l1"]}
-    assert gone("led-driver", ["led-driver"], known) == {(HEALTH.key, "led-driver")}  # its successor
-    assert (LAMP_COLOR.key, "l1") in gone("led-driver", ["pui"], known)
-
-
-def test_one_persons_service_takes_nothing_of_others() -> None:
-    known: dict[Topic[Any], list[str]] = {INTERACTION: ["anna", "ben"], LOCALIZATION: ["anna"]}
-    present = ["supervisor.ben", "localizer.anna"]
-    assert gone("supervisor.anna", present, known) == {
-        (INTERACTION.key, "anna"),
-        (HEALTH.key, "supervisor.anna"),
-    }
-
-
-def test_what_outsiders_may_write_does_not_go_with_a_service() -> None:
-    assert not {MAP, OBJECTS, POSE, PROFILE, DEPLOYMENT} & set(WITH_WRITER)
-    assert {CURSOR, HOVER, STRIPS_FRAME, CONVEYOR_STATE, SELECTION} <= set(WITH_WRITER)
-
-
-def test_all_that_is_a_persons_goes_with_them() -> None:
-    gone_with_anna = {topic for topic, user in keys_of_person("anna") if user == "anna"}
-    assert gone_with_anna == {PROFILE, POSE, LOCALIZATION, CURSOR, HOVER, ANNOUNCED, INTERACTION, STEERING}
-    assert FEEDBACK not in gone_with_anna, "what happened, happened"
-
-
-def test_a_silent_tracker_is_gone_once() -> None:
-    trackers = Trackers()
-    trackers.add("conveyor", 0.0)
-    trackers.add("robot", 2.0)
-    assert trackers.silent(MAX_TRACKER_AGE_S) == []
-    assert trackers.silent(MAX_TRACKER_AGE_S + 0.1) == [(OBJECTS, "conveyor")]
-    assert trackers.silent(MAX_TRACKER_AGE_S + 0.2) == []
-
-
 def deployment(*instances: str, scenario: str = "") -> Deployment:
     services = tuple(
         ExpectedService(service=service, user=user)
@@ -242,17 +164,17 @@ def test_what_has_vanished_is_missed_for_a_day() -> None:
     assert deployments.over({"pui"}, 99.0 + MISSED_S) == []
     assert set(deployments.known) == {"anna"}
     assert deployments.over({"pui"}, 100.0 + MISSED_S) == [(DEPLOYMENT, "anna")]
-    assert deployments.known == {}
+    deployments.drop("anna")
     assert deployments.over(set(), 101.0 + MISSED_S) == []
 
 
 def test_what_was_ended_on_purpose_is_over_at_once() -> None:
-    deployments = Deployments("web")
-    deployments.put("anna", deployment("pointing.anna"), 0.0)
-    assert deployments.put("anna", deployment(), 1.0) == [(DEPLOYMENT, "anna")]
-    assert deployments.known == {}
-    assert deployments.put("ben", deployment(), 1.0) == [(DEPLOYMENT, "ben")], "a page that came since"
-    assert deployments.over(set(), 2.0 + MISSED_S) == []
+    model = SiteModel("web", 0.0)
+    model.take(DEPLOYMENT, "anna", deployment("pointing.anna"), 1, 0.0)
+    assert model.cache.names(DEPLOYMENT) == ["anna"]
+    model.take(DEPLOYMENT, "anna", deployment(), 2, 1.0)
+    model.take(DEPLOYMENT, "ben", deployment(), 2, 1.0)
+    assert model.cache.names(DEPLOYMENT) == []
 
 
 def test_the_page_itself_keeps_no_deployment() -> None:
@@ -267,6 +189,7 @@ def test_one_scenario_replaces_another_and_no_persons_part() -> None:
     deployments.put("anna", deployment("pointing.anna"), 0.0)
     replaced = deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), 0.0)
     assert replaced == [(DEPLOYMENT, "scenario_3")]
+    deployments.drop("scenario_3")
     assert set(deployments.known) == {"anna", "scenario_4"}
     assert deployments.put("scenario_4", deployment("pui", scenario="scenario_4"), 0.0) == []
 
@@ -281,7 +204,7 @@ def test_another_scenario_is_told_from_the_same_again() -> None:
     assert not deployments.is_another(scenario("scenario_4"))
     assert not deployments.is_another(scenario(""))  # one person's part
     assert deployments.is_another(scenario("scenario_1"))
-    deployments.put("run", deployment(), 1.0)
+    deployments.drop("run")
     assert deployments.is_another(scenario("scenario_1")), "it ended before the other began"
 
 

@@ -11,7 +11,7 @@ Whose presence was never seen counts as present. Times in seconds are of any mon
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
@@ -23,8 +23,8 @@ from pointit.services.registry import PROCESSES, present_writers
 M = TypeVar("M", bound=Message)
 Key = tuple[Topic[Any], str]
 
-MAX_SILENCE_S: Mapping[Topic[Any], float] = {OBJECTS: 3.0}
-"""Topics that end when they are silent for longer, s. A tracker sends 25 messages a second."""
+MAX_TRACKER_AGE_S = 3.0
+"""A tracker without messages for longer (s) is gone. It sends 25 a second."""
 MAX_KEYS = 65_536
 """Maximum number of keys; the number of names is unbounded."""
 MAX_FORMER = 1000
@@ -198,11 +198,10 @@ class SiteState:
         self._on_person(user, False)
 
     def tick(self, now_s: float) -> None:
-        """Remove what has been silent for too long."""
-        for topic, silence_s in MAX_SILENCE_S.items():
-            for name in list(self._messages.get(topic, ())):
-                if now_s - self._received_s[topic, name] > silence_s:
-                    self.forget(topic, name)
+        """Remove trackers that have been silent for too long."""
+        for name in list(self.all(OBJECTS)):
+            if now_s - self._received_s[OBJECTS, name] > MAX_TRACKER_AGE_S:
+                self.forget(OBJECTS, name)
 
     def _is_invalid(self, topic: Topic[Any], name: str) -> bool:
         if topic in ACCOUNTS:

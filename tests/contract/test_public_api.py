@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 import pointit
 from pointit.api import requests as api_requests
 from pointit.schemas.topics import REQUESTS, SET_METHOD, Request
+from pointit.services.registry import PROCESSES
 from tests.contract import public_api
 
 ROOT = Path(__file__).parents[2]
@@ -45,7 +46,8 @@ def test_stubs_and_module_have_the_same_names() -> None:
 
 
 def test_importing_loads_neither_the_command_line_nor_the_services() -> None:
-    unwanted = ("click", "rich", "typer", "numpy", "pointit.services", "pointit.launch", "pointit.cli")
+    services = [row.package for row in PROCESSES]
+    unwanted = ("click", "rich", "typer", "numpy", "pointit.launch", "pointit.cli", *services)
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", STRANGER, *unwanted], capture_output=True, text=True, check=True
     )

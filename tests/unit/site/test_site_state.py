@@ -28,7 +28,7 @@ from pointit.schemas.topics import (
 )
 from pointit.services.registry import SHOWN
 from pointit.site import site_state as module
-from pointit.site.site_state import MAX_SILENCE_S, Change, SiteState, ends_with_writers, is_personal
+from pointit.site.site_state import MAX_TRACKER_AGE_S, Change, SiteState, ends_with_writers, is_personal
 
 POSED = UserPose(stamp_ns=1, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0)
 CURSED = Cursor(stamp_ns=1)
@@ -134,10 +134,10 @@ def test_a_report_that_comes_before_the_presence_of_its_service_is_shown_with_it
 def test_a_silent_tracker_is_gone_once(site: SiteState, changes: list[Change]) -> None:
     site.take(OBJECTS, "conveyor", CURSED, 0.0)
     site.take(OBJECTS, "robot", CURSED, 2.0)
-    site.tick(MAX_SILENCE_S[OBJECTS])
+    site.tick(MAX_TRACKER_AGE_S)
     assert gone(changes) == set()
-    site.tick(MAX_SILENCE_S[OBJECTS] + 0.1)
-    site.tick(MAX_SILENCE_S[OBJECTS] + 0.2)
+    site.tick(MAX_TRACKER_AGE_S + 0.1)
+    site.tick(MAX_TRACKER_AGE_S + 0.2)
     assert [each for each in changes if each.message is None] == [Change(OBJECTS, "conveyor", None, CURSED)]
 
 

@@ -6,14 +6,19 @@
 
 import importlib
 import os
+import sys
 from typing import Any
 
 if os.path.isfile(f"{__path__[0]}/services"):  # noqa: PTH113 - `pathlib` takes longer than all else here
-    raise ImportError(
+    _SENTENCE = (
         f"{__path__[0]}: services, schemas and bridges are text files here, not symbolic links: git wrote "
         "this checkout without links; on Windows, switch on its developer mode; then run "
         "`git config core.symlinks true`, then `git checkout -- pointit`, or install a wheel"
     )
+    if sys.argv[0] == "-m" or os.path.basename(sys.argv[0]) in ("pointit", "pointit.exe"):  # noqa: PTH119
+        sys.stderr.write(f"Error: {_SENTENCE}\n")
+        sys.exit(2)
+    raise ImportError(_SENTENCE)
 
 _HOMES = {
     "PointItError": "pointit.errors",

@@ -14,6 +14,11 @@ die() {
     exit 1
 }
 
+if [ -f "$ROOT/pointit/services" ]; then
+    say "${0##*/}: pointit/services is a text file, not a symbolic link: git wrote this checkout without links; on Windows, switch on its developer mode; then run \`git config core.symlinks true\`, then \`git checkout -- pointit\`"
+    exit 2
+fi
+
 is_new_enough() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
 
 # Prints the newest Python that will do, or nothing; $BASE_PYTHON goes before all others.

@@ -81,13 +81,19 @@ def test_the_package_links_to_the_rooms_beside_it() -> None:
 
 def test_a_checkout_without_symbolic_links_says_so_in_a_sentence(tmp_path: Path) -> None:
     links = [f"pointit/{name}" for name in sources.LINKS]
+    files = ("pointit/__init__.py", "pointit/__main__.py", "scripts/demo", "scripts/lib.sh", *links)
     git = ("git", "-c", "core.symlinks=false", "checkout-index", f"--prefix={tmp_path}/")
-    subprocess.run([*git, "pointit/__init__.py", "pointit/__main__.py", *links], cwd=ROOT, check=True)
+    subprocess.run([*git, *files], cwd=ROOT, check=True)
     assert (tmp_path / "pointit/services").read_text() == "../services"
-    done = python("-m", "pointit", "list", cwd=tmp_path)
-    (sentence,) = [line for line in done.stderr.splitlines() if line.startswith("ImportError: ")]
-    assert "are text files here, not symbolic links" in sentence
-    assert "`git config core.symlinks true`, then `git checkout -- pointit`" in sentence
+    told = python("-m", "pointit", "list", cwd=tmp_path)
+    script = subprocess.run([tmp_path / "scripts/demo"], capture_output=True, text=True, check=False)
+    for done in (told, script):
+        (sentence,) = done.stderr.splitlines()
+        assert "git wrote this checkout without links" in sentence
+        assert "`git config core.symlinks true`, then `git checkout -- pointit`" in sentence
+        assert (done.returncode, done.stdout) == (2, "")
+    imported = python("-c", "import pointit", cwd=tmp_path)
+    assert f"ImportError: {tmp_path}/pointit: services, schemas and bridges are text files" in imported.stderr
 
 
 def test_the_package_is_typed_and_every_room_a_package() -> None:

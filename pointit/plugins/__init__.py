@@ -71,6 +71,8 @@ from pointit.schemas import (
     Strip,
     StripFrame,
     StripsFrame,
+    TrackedObject,
+    TrackedObjects,
     Word,
     topics,
 )
@@ -131,6 +133,9 @@ from pointit.services.selector.selection_methods import (
     SelectionProgress,
 )
 from pointit.services.service_plugin import SERVICES, ServicePlugin
+from pointit.services.user_sim.config import UserSimConfig
+from pointit.services.user_sim.goal import PersonGoal
+from pointit.services.user_sim.service import UserSim
 from pointit.site.following import follow_site, follow_topics
 from pointit.site.site_state import Change, SiteState
 from pointit.speech.grammar import Vocabulary
@@ -175,6 +180,7 @@ __all__ = [
     "OrderStatus",
     "Output",
     "OutputConfig",
+    "PersonGoal",
     "PersonMethod",
     "PixelOutput",
     "Plugin",
@@ -221,8 +227,12 @@ __all__ = [
     "TakeOff",
     "Timer",
     "Topic",
+    "TrackedObject",
+    "TrackedObjects",
     "UdpOutput",
     "UdpOutputConfig",
+    "UserSim",
+    "UserSimConfig",
     "View",
     "Vocabulary",
     "Word",

@@ -1,14 +1,14 @@
 """The simulated person: looks, decides, reaches, corrects by the cursor, presses the button."""
 
 import math
-from functools import partial
+from collections.abc import Callable
 
 import numpy as np
 
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, ButtonEvent, ImuSample, Message
-from pointit.services.user_sim.behaviour import asked_goal, make_behaviour
+from pointit.services.user_sim.behaviour import Behaviour, asked_goal, make_behaviour
 from pointit.services.user_sim.body import Arm, OpenLoopError, StandingPosition, Wristband
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.correction import Correction
@@ -25,7 +25,14 @@ RATE_STEP_NS = 10_000_000
 class SimulatedPerson:
     """One simulated person with their wristband. Step it at the band's rate."""
 
-    def __init__(self, config: UserSimConfig, user: str, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        config: UserSimConfig,
+        user: str,
+        rng: np.random.Generator,
+        new_behaviour: Callable[[], Behaviour | None] = lambda: None,
+    ) -> None:
+        """Create. `new_behaviour` returns what they do while they may point; None: what `config` says."""
         hand_rng, eye_rng, band_rng, foot_rng, decision_rng = rng.spawn(5)
         given = config.aim.skill
         self.user = user
@@ -50,7 +57,9 @@ class SimulatedPerson:
         self._sight = Sight(config.aim.visual_delay_s, config.deadline)
         self._perception = Perception(self._sight, self._correction, config.mind.check_period_s)
         times = DecisionTimes(config, skill, decision_rng)
-        self._new_behaviour = partial(make_behaviour, config, self._perception.things, times, decision_rng)
+        self._new_behaviour = lambda: (
+            new_behaviour() or make_behaviour(config, self._perception.things, times, decision_rng)
+        )
         self._behaviour = self._new_behaviour()
         self._has_yielded = False
         self._band = Wristband(yaw_rad, config.wristband, band_rng)

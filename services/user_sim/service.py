@@ -8,6 +8,7 @@ import numpy as np
 from pointit.runtime.clock import ticks
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, WRIST_PATIENCE_S, Message, WristSample, topics
+from pointit.services.user_sim.behaviour import Behaviour
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.person import SimulatedPerson
 
@@ -37,16 +38,16 @@ class UserSim(Service[UserSimConfig]):
         super().__init__(config, context)
         # the name is part of the seed, so that several people with one seed are not the same person
         seed = None if config.seed is None else [config.seed, zlib.crc32(self.user.encode())]
-        self._person = SimulatedPerson(config, self.user, np.random.default_rng(seed))
+        self._person = SimulatedPerson(config, self.user, np.random.default_rng(seed), self.new_behaviour)
         self._page_ns: int | None = None
         """Time of the last sample from the page that moves the wrist, ns."""
         self._has_yielded = False
         self._imu = self.bus.publisher(topics.IMU, self.user)
         self._button = self.bus.publisher(topics.BUTTON, self.user)
         for shared in IN_THE_ROOM:
-            self.bus.subscribe(shared, self._see)
+            self.bus.subscribe(shared, self.see)
         for own in OWN:
-            self.bus.subscribe(own, self._see, self.user)
+            self.bus.subscribe(own, self.see, self.user)
         self.bus.subscribe(topics.WRIST, self._on_wrist, self.user)
 
     async def run(self) -> None:
@@ -69,7 +70,12 @@ class UserSim(Service[UserSimConfig]):
         timeout_ns = WRIST_PATIENCE_S * NS_PER_S * self.clock.speed
         return self._page_ns is not None and abs(now_ns - self._page_ns) <= timeout_ns
 
-    def _see(self, message: Message, name: str) -> None:
+    def new_behaviour(self) -> Behaviour | None:
+        """Return what the person does while they may point. None: what the parameters say."""
+        return None
+
+    def see(self, message: Message, name: str) -> None:
+        """Show a message to the person."""
         self._person.see(self.clock.now_ns(), message, name)
 
 

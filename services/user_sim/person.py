@@ -32,7 +32,7 @@ class SimulatedPerson:
         rng: np.random.Generator,
         new_behaviour: Callable[[], Behaviour | None] = lambda: None,
     ) -> None:
-        """Create. `new_behaviour` returns what they do while they may point; None: what `config` says."""
+        """Create. `new_behaviour` returns their behaviour while they may point, or None for `config`'s."""
         hand_rng, eye_rng, band_rng, foot_rng, decision_rng = rng.spawn(5)
         given = config.aim.skill
         self.user = user

@@ -71,7 +71,7 @@ class UserSim(Service[UserSimConfig]):
         return self._page_ns is not None and abs(now_ns - self._page_ns) <= timeout_ns
 
     def new_behaviour(self) -> Behaviour | None:
-        """Return what the person does while they may point. None: what the parameters say."""
+        """Return the behaviour of the person while they may point, or None for that of the parameters."""
         return None
 
     def see(self, message: Message, name: str) -> None:

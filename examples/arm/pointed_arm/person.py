@@ -46,7 +46,7 @@ class ArmUserConfig(UserSimConfig):
 
 
 class Wish(Message):
-    """What the simulated person means, for trials: nobody else may know it."""
+    """The wish of the simulated person, for trials: nobody else may know it."""
 
     box: str = ""
     place_m: Vec3 = (0.0, 0.0, 0.0)
@@ -64,17 +64,17 @@ class ArmUser(UserSim):
     NAME: ClassVar[str] = "arm-user"
     SCOPE: ClassVar[Scope] = "user"
     CONFIG = ArmUserConfig
-    config: ArmUserConfig
 
     def __init__(self, config: ArmUserConfig, context: Context) -> None:
         self.rng = np.random.default_rng([config.seed or 0, zlib.crc32(b"arm")])
+        self.places_m = config.places_m
         super().__init__(config, context)
         self.wishes = self.bus.publisher(WISH, self.user)
         self._speech = self.bus.publisher(topics.SPEECH, self.user)
         self.bus.subscribe(topics.OBJECTS, self._see_hand, "arm")
 
     def new_behaviour(self) -> "Taking":
-        """Return what they do while they may point."""
+        """Return their behaviour while they may point."""
         return Taking(self)
 
     def say(self, text: str, now_ns: int) -> None:
@@ -140,7 +140,7 @@ class Taking:
         """Return a box, and a free place for it."""
         at = self._boxes_m
         box = sorted(at)[int(self._rng.integers(len(at)))]
-        places = self._person.config.places_m
+        places = self._person.places_m
         free = [place for place in places if min(math.dist(place, xy[:2]) for xy in at.values()) > 0.15]
         x, y = free[int(self._rng.integers(len(free)))]
         self._turns += 1

@@ -43,6 +43,7 @@ STANDS_M = 0.02
 STAYS = 0.75
 """Share of the angle to the present box within which another one must be, to be meant instead."""
 SUCTION_S = 0.3
+BEAD_M = (0.06, 0.06, 0.06)
 LOST = "the link to the arm is lost: it holds what it holds; mend the link"
 COLORS = ("red", "green", "blue", "yellow", "orange", "purple")
 
@@ -116,7 +117,7 @@ class Arm(Service[ArmConfig]):
         self._tip = self._goal = self._from_m = self._park_m
         self._over = self._held = self._owner = self._text = ""
         self._hindrance = ""
-        """Why the hand cannot hover where its owner points, or an empty text."""
+        """Reason why the hand cannot hover where its owner points, or an empty text."""
         self._program: Program | None = None
         self._rays: dict[str, Ray] = {}
         self._people_m: dict[str, Vec3] = {}
@@ -218,7 +219,7 @@ class Arm(Service[ArmConfig]):
         yield from self._go(self._above(place_m))
 
     def _put_back(self) -> str:
-        """Take back what was begun. Return the sentence about it."""
+        """Return a held box to its place, or stop taking one. Returns the sentence about it."""
         if not self.arm.has_link:
             return LOST
         if self._held:
@@ -346,13 +347,13 @@ class Arm(Service[ArmConfig]):
             )  # fmt: skip
 
     def _shown_links(self) -> Iterator[TrackedObject]:
-        """Return beads along the links, for whoever draws tracked objects, and the hand."""
+        """Return beads along the links, as the page draws boxes only, and the hand."""
         angles = joint_angles(self.config.base_m, self._tip)
         ends = [self.config.base_m, *(link_ends(self.config.base_m, angles) if angles else ())]
         for link, (start, end) in enumerate(pairwise(ends)):
-            for bead in range(6):
-                x, y, z = (np.array(start) + bead / 6.0 * np.subtract(end, start)).tolist()
-                yield TrackedObject(id=f"arm.{link}.{bead}", kind="arm", position_m=(x, y, z), length_m=0.07)
+            for bead in range(7):
+                x, y, z = (np.array(start) + bead / 7.0 * np.subtract(end, start)).tolist()
+                yield TrackedObject(id=f"arm.{link}.{bead}", kind="arm", position_m=(x, y, z), size_m=BEAD_M)
         yield TrackedObject(id="hand", kind="arm", position_m=self._tip, length_m=0.05)
 
 

@@ -51,7 +51,7 @@ async def photograph(scenario: str, shows: str, picture: str) -> None:
 
 
 async def photograph_all() -> None:
-    """Take both: a simulated person flies the quadrotor, and another one has the arm take a box."""
+    """Photograph both: one simulated person flies the quadrotor, another one has the arm take a box."""
     await photograph("scenario_5", SHOWS_FLIGHT, "robots.webp")
     await photograph("examples/arm/arm.yaml", SHOWS_HOLDING, "arm.webp")
 

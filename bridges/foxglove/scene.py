@@ -229,6 +229,16 @@ class FoxgloveScene:
         self._colors: dict[str, LampColor] = {}
         self._selection: dict[str, Selection] = {}
         self._conveyor: dict[str, ConveyorState] = {}
+        self._newest: dict[type[Message], dict[str, Any]] = {
+            Hover: self._hovers,
+            TrackedObjects: self._objects,
+            RobotState: self._robots,
+            RobotPlan: self._plans,
+            Steering: self._steering,
+            LampColor: self._colors,
+            Selection: self._selection,
+            ConveyorState: self._conveyor,
+        }
         self._frame: StripsFrame | None = None
         self._is_lit = False
         self._names: dict[Part, set[str]] = {}
@@ -281,12 +291,21 @@ class FoxgloveScene:
         """Return True if something that expires is shown."""
         return bool(self._pointed_s or self._hovers or self._objects or self._robots)
 
+    def end(self, kind: type[Message], name: str) -> None:
+        """Forget the message of this kind and name, which is no longer valid."""
+        if kind is Cursor and self._pointed_s.pop(name, None) is not None:
+            self._people[name].cursor = None
+        elif kind is Goal and name in self._people:
+            self._people[name].goal = None
+        elif kind is StripsFrame:
+            self._frame = None
+        elif kind in self._newest:
+            self._newest[kind].pop(name, None)
+        self.changed |= {"people", "pixels", "lamps", "bays", "objects", "robots"}
+
     def leave(self, user: str) -> None:
         """Forget a person who has left."""
         self._people.pop(user, None)
-        self._pointed_s.pop(user, None)
-        self._hovers.pop(user, None)
-        self._steering.pop(user, None)
         self.changed |= {"people", "frames", "objects", "robots"}
 
     def draw(self, part: Part, now_ns: int) -> Picture:

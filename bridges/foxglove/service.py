@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import functools
 import logging
 import socket
 from collections.abc import Callable, Sequence
@@ -15,12 +14,22 @@ from foxglove import Channel
 from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.foxglove.scene import PARTS, EventLog, FoxgloveScene, LogLine
 from pointit.bridges.foxglove.server import LOG, Server, picture_topic
-from pointit.plugins import Context, Scope, Service, Subscription, Timer
+from pointit.plugins import (
+    Change,
+    Context,
+    Scope,
+    Service,
+    SiteState,
+    Subscription,
+    Timer,
+    follow_site,
+    follow_topics,
+)
 from pointit.runtime.address_config import is_loopback
 from pointit.runtime.host.name_lookup import own_address
 from pointit.schemas import Environment, Message
 from pointit.schemas.catalogue.json_channel import JsonChannel, channel_name
-from pointit.schemas.topics import HEALTH, SERVICE_ALIVE, USER_ALIVE, Delivery, Topic
+from pointit.schemas.topics import HEALTH, Delivery, Topic
 from pointit.services.registry import SHOWN
 
 log = logging.getLogger(__name__)
@@ -72,12 +81,10 @@ class Foxglove(Service[FoxgloveConfig]):
         self._sent_s = 0.0
         self._fast_subscriptions: list[Subscription] = []
         self._rest_timer = Timer(self.bus.call_later, self._rest)
-        for topic in SHOWN:
-            if topic not in FAST:
-                self._subscribe(topic)
+        self._site = SiteState(self._on_change, on_person=self._on_person, on_service=self._on_service)
+        slow_topics = [topic for topic in SHOWN if topic not in FAST]
+        follow_site(self._site, self.bus, self._loop.time, slow_topics)
         self._read_fast_topics()
-        self.bus.watch(USER_ALIVE, self._on_person)
-        self.bus.watch(SERVICE_ALIVE, self._on_service)
 
     async def run(self) -> None:
         """Serve viewers until cancelled.
@@ -99,13 +106,10 @@ class Foxglove(Service[FoxgloveConfig]):
         finally:
             await self._server.close()
 
-    def _subscribe(self, topic: Topic[Any]) -> Subscription:
-        return self.bus.subscribe(topic, functools.partial(self._on_message, topic))
-
     def _read_fast_topics(self) -> None:
         """Subscribe to the fast topics while viewers are connected, or long enough to learn the keys."""
         if not self._fast_subscriptions:
-            self._fast_subscriptions = [self._subscribe(topic) for topic in FAST]
+            self._fast_subscriptions = follow_topics(self._site, self.bus, self._loop.time, FAST)
         self._rest_timer.cancel()
         self._rest_timer.start(LOOK_S)
 
@@ -120,7 +124,14 @@ class Foxglove(Service[FoxgloveConfig]):
         with contextlib.suppress(RuntimeError):  # the loop has ended, and the server is about to
             self._loop.call_soon_threadsafe(call)
 
-    def _on_message(self, topic: Topic[Any], message: Message, name: str) -> None:
+    def _on_change(self, change: Change) -> None:
+        topic, name, message = change.topic, change.name, change.message
+        if message is None:
+            if mirrored := self._mirrored.pop(topic.at(name), None):
+                mirrored.channel.close()
+            self._scene.end(topic.message, name)
+            self._schedule_frame()
+            return
         self._scene.take(message, name, self._loop.time())
         if isinstance(message, Environment):
             self.bus.warn("map", "; ".join(self._scene.problems[:3]))
@@ -160,10 +171,6 @@ class Foxglove(Service[FoxgloveConfig]):
             return
         self._scene.leave(user)
         self._event_log.leave(user)
-        for key, each in list(self._mirrored.items()):
-            if each.topic.placeholder == "user" and each.name == user:
-                del self._mirrored[key]
-                each.channel.close()
         self._schedule_frame()
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
@@ -202,6 +209,7 @@ class Foxglove(Service[FoxgloveConfig]):
         now_s, now_ns = self._loop.time(), self.clock.now_ns()
         self._sent_s = now_s
         self._scene.forget(now_s)
+        self._site.tick(now_s)
         for part in PARTS:
             if part in self._scene.changed and self._server.viewers.of(picture_topic(part)):
                 self._server.show(part, self._scene.draw(part, now_ns), now_ns)

@@ -6,12 +6,12 @@ import dataclasses
 import functools
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.ros2.graph.backend import Backend, Graph, check_apart
 from pointit.bridges.ros2.graph.backends import check_endpoint, opened
-from pointit.bridges.ros2.routing.conversion_state import INPUT_TOPICS, ConversionState, PresenceCache
+from pointit.bridges.ros2.routing.conversion_state import INPUT_TOPICS, ConversionState
 from pointit.bridges.ros2.routing.inbox import Inbox
 from pointit.bridges.ros2.routing.outbox import Outbox
 from pointit.bridges.ros2.routing.ros_users import RosUsers
@@ -21,8 +21,8 @@ from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.trackers import tracker_routes
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import Message
-from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE, Topic
+from pointit.site.following import follow_site
+from pointit.site.site_state import Change, SiteState
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +48,6 @@ class Ros2(Service[Ros2Config]):
         self._leave_out(_unusable(self._table, types))
         file = self._table.file
         self._state = ConversionState(types, world=file.world, person=file.person, kinds=file.kinds)
-        self._people, self._services = PresenceCache("user"), PresenceCache("service")
 
     def _leave_out(self, unusable: Mapping[str, str]) -> None:
         for name, why in unusable.items():
@@ -101,15 +100,15 @@ class Ros2(Service[Ros2Config]):
             ros_users = RosUsers(self.config.people, self._table.inward, site, inbox, outbox)
             stack.callback(ros_users.close)
             backend.watch(functools.partial(self._look, outbox, inbox, ros_users))
-            for topic in dict.fromkeys((*outbox.topics, *INPUT_TOPICS)):
-                subscription = self.bus.subscribe(topic, functools.partial(self._on_message, outbox, topic))
-                stack.callback(subscription.close)  # before leaving the graph, which takes a while
-            user_watch = self.bus.watch(USER_ALIVE, functools.partial(self._on_user_presence, outbox, inbox))
-            stack.callback(user_watch.close)
-            service_watch = self.bus.watch(
-                SERVICE_ALIVE, functools.partial(self._on_service_presence, outbox, ros_users)
+            shown = SiteState(
+                functools.partial(self._show, outbox),
+                on_person=functools.partial(self._on_person, outbox, inbox),
+                on_service=functools.partial(self._on_service, outbox, ros_users),
             )
-            stack.callback(service_watch.close)
+            now_s = asyncio.get_running_loop().time
+            topics = dict.fromkeys((*outbox.topics, *INPUT_TOPICS))
+            for watch in follow_site(shown, self.bus, now_s, topics):
+                stack.callback(watch.close)  # before leaving the graph, which takes a while
             self.bus.call_later(NOTED_S, functools.partial(_note, backend))
             await asyncio.Event().wait()
 
@@ -121,33 +120,26 @@ class Ros2(Service[Ros2Config]):
         inbox.on_graph(here)
         ros_users.on_graph(here)
 
-    def _on_message(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
-        if all(each.admits(topic, message, name) for each in (self._people, self._services)):
-            self._show(outbox, topic, message, name)
+    def _show(self, outbox: Outbox, change: Change) -> None:
+        if change.message is not None:
+            self._state.take(change.name, change.message, self.clock.now_ns())
+            outbox.take(change.topic, change.message, change.name)
+        elif change.previous is not None:
+            self._state.end(change.name, change.previous)
 
-    def _show(self, outbox: Outbox, topic: Topic[Any], message: Message, name: str) -> None:
-        self._state.take(name, message, self.clock.now_ns())
-        outbox.take(topic, message, name)
-
-    def _on_user_presence(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001
+    def _on_person(self, outbox: Outbox, inbox: Inbox, user: str, present: bool) -> None:  # noqa: FBT001
         if present:
             self._state.person(user).is_here = True  # their frame is known from now on
             outbox.join(user)
             inbox.join(user)
-            for topic, message in self._people.on_join(user):
-                self._show(outbox, topic, message, user)
         else:
-            self._people.on_leave(user)
             outbox.leave(user)
             inbox.leave(user)
             self._state.forget(user)
 
-    def _on_service_presence(self, outbox: Outbox, ros_users: RosUsers, instance: str, present: bool) -> None:  # noqa: FBT001
+    def _on_service(self, outbox: Outbox, ros_users: RosUsers, instance: str, present: bool) -> None:  # noqa: FBT001
         ros_users.on_presence(instance, present)
-        if present:
-            self._services.on_join(instance)  # its next report is complete
-        else:
-            self._services.on_leave(instance)
+        if not present:
             outbox.end(instance)
 
 

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from pointit.runtime.bus.contract import AnyTopic, Bus, Closable
+from pointit.runtime.bus.contract import AnyTopic, Bus, Closable, Subscription
 from pointit.schemas.topics import ANY, SERVICE_ALIVE, USER_ALIVE
 from pointit.site.site_state import SiteState
 
@@ -22,7 +22,7 @@ def follow_site(
 
 def follow_topics(
     state: SiteState, bus: Bus, now_s: Callable[[], float], topics: Iterable[AnyTopic], user: str = ANY
-) -> list[Closable]:
+) -> list[Subscription]:
     """Subscribe `state` to `topics` only."""
 
     def take(topic: AnyTopic, message: Any, name: str) -> None:

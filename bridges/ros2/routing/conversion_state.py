@@ -1,11 +1,5 @@
-"""State of the site for conversions: the newest messages, departed people and services.
+"""State of the site for conversions: the newest messages, in the form in which they are converted."""
 
-Late messages about people who have left, as the end of their cursor, must not bring them back, nor a
-service's last report. People who return after a restart or a lost router do not repeat their states, which
-are kept here.
-"""
-
-import collections
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -35,53 +29,10 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.pointing import SurfaceKind
-from pointit.schemas.topics import Delivery, Topic
+from pointit.schemas.topics import Topic
 
 if TYPE_CHECKING:
     from pointit.forearm.forearm_yaw import ForearmYaw
-
-
-MAX_REMEMBERED = 1000
-"""Maximum number of names; the oldest are evicted first."""
-
-States = tuple[tuple[Topic[Any], Message], ...]
-
-
-class PresenceCache:
-    """Remembers the states of people, or of services, and their departures."""
-
-    def __init__(self, placeholder: str) -> None:
-        """Create an empty cache. Unknown names count as present.
-
-        Args:
-            placeholder: placeholder of their topics. All other topics pass.
-        """
-        self._placeholder = placeholder
-        self._gone: collections.OrderedDict[str, None] = collections.OrderedDict()
-        self._states: collections.OrderedDict[str, dict[Topic[Any], Message]] = collections.OrderedDict()
-
-    def admits(self, topic: Topic[Any], message: Message, name: str) -> bool:
-        """Store a message about `name`. Return True if it is to be shown now."""
-        if topic.placeholder != self._placeholder:
-            return True
-        if topic.delivery is Delivery.STATE:
-            self._states.setdefault(name, {})[topic] = message
-            if len(self._states) > MAX_REMEMBERED:
-                self._states.popitem(last=False)
-        return name not in self._gone
-
-    def on_join(self, name: str) -> States:
-        """Record an arrival. Return the states to publish if the name had left."""
-        if name not in self._gone:
-            return ()
-        del self._gone[name]
-        return tuple(self._states.get(name, {}).items())
-
-    def on_leave(self, name: str) -> None:
-        """Record a departure."""
-        self._gone[name] = None
-        if len(self._gone) > MAX_REMEMBERED:
-            self._gone.popitem(last=False)
 
 
 KINDS = ("blue", "red", "green", "yellow", "orange", "purple")
@@ -228,6 +179,27 @@ class ConversionState:
                 self.selection = message
             case Environment():
                 self._set_room(message)
+            case _:
+                pass
+
+    def end(self, name: str, message: Message) -> None:
+        """Forget a message that is no longer valid."""
+        person = self.people.get(name, Person())
+        match message:
+            case Cursor():
+                person.cursor = None
+            case Hover():
+                person.hover = None
+            case Steering():
+                person.steering = None
+            case TrackedObjects():
+                self._tracked.pop(name, None)
+            case RobotState():
+                self._robots.pop(name, None)
+            case RobotPlan():
+                self._plans.pop(name, None)
+            case Selection():
+                self.selection = None
             case _:
                 pass
 

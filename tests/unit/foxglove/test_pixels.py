@@ -145,5 +145,5 @@ def test_way_points_are_numbered_until_they_are_sent_or_the_person_leaves() -> N
     made.take(models.Steering(stamp_ns=2), "anna", 0.0)
     assert shown(made) == {}
     made.take(models.Steering(stamp_ns=3, waypoints_m=((0, 0, 0),)), "anna", 0.0)
-    made.leave("anna")
+    made.end(models.Steering, "anna")
     assert shown(made) == {}

@@ -7,13 +7,12 @@ from pydantic import ValidationError
 
 from pointit.bridges.ros2.config import BackendConfig, Ros2Config
 from pointit.bridges.ros2.graph.backend import check_apart, place_of
-from pointit.bridges.ros2.routing.conversion_state import MAX_REMEMBERED, PresenceCache
 from pointit.bridges.ros2.service import Ros2
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch, check_launches
 from pointit.schemas import Cursor, Figure, Health, ImuSample, UserPose
-from pointit.schemas.topics import CURSOR, HEALTH, IMU, POSE, SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas.topics import CURSOR, HEALTH, POSE, SERVICE_ALIVE, USER_ALIVE
 from tests.support.bench import START_NS, Bench, memory_bench, until
 from tests.unit.ros2.graph_of_one import FakeBackend, graph
 
@@ -122,17 +121,6 @@ async def test_nothing_is_said_while_the_graph_is_left(
 
 def figures(reports: list[Health]) -> tuple[Figure, ...]:
     return reports[-1].figures if reports else ()
-
-
-def test_only_so_many_are_remembered() -> None:
-    attendance = PresenceCache("user")
-    for count in range(MAX_REMEMBERED + 1):
-        assert attendance.admits(POSE, PLACE, f"user{count}")
-        attendance.on_leave(f"user{count}")
-    assert attendance.admits(IMU, HELD, "user0")
-    assert not attendance.admits(IMU, HELD, "user1")
-    assert attendance.on_join("user0") == ()
-    assert attendance.on_join("user1") == ((POSE, PLACE),)
 
 
 async def test_what_goes_wrong_is_logged_in_ros(bench: Bench, backend: FakeBackend) -> None:

@@ -100,14 +100,14 @@ class Ros2(Service[Ros2Config]):
             ros_users = RosUsers(self.config.people, self._table.inward, site, inbox, outbox)
             stack.callback(ros_users.close)
             backend.watch(functools.partial(self._look, outbox, inbox, ros_users))
-            shown = SiteState(
+            site_state = SiteState(
                 functools.partial(self._show, outbox),
                 on_person=functools.partial(self._on_person, outbox, inbox),
                 on_service=functools.partial(self._on_service, outbox, ros_users),
             )
             now_s = asyncio.get_running_loop().time
             topics = dict.fromkeys((*outbox.topics, *INPUT_TOPICS))
-            for watch in follow_site(shown, self.bus, now_s, topics):
+            for watch in follow_site(site_state, self.bus, now_s, topics):
                 stack.callback(watch.close)  # before leaving the graph, which takes a while
             self.bus.call_later(NOTED_S, functools.partial(_note, backend))
             await asyncio.Event().wait()

@@ -81,6 +81,10 @@ class Quantiles(SchemaModel):
     sum_s: Annotated[float, Field(description="sum of the counted values")] = 0.0
 
 
+BODY = "body "
+"""Prefix of the figure of a rigid body of motion capture: 1 if it is used, 0 if not."""
+
+
 class Figure(SchemaModel):
     """A number of a service's own, such as a drift."""
 

@@ -15,8 +15,8 @@ from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.schemas import NS_PER_S, TrackedObject
 from pointit.schemas.environment import Frame
 
-MAX_POSITION_M = 1000.0
-"""Limit of a coordinate, m. Unseen bodies may have NaN or 1e20."""
+MAX_COORDINATE = 1e6
+"""Limit of a coordinate in any unit. Unseen bodies may have NaN or 1e20."""
 ARRIVAL_SIGMA_S = 0.02
 """1 sigma of the time of exposure if the server states no times of a known clock, s."""
 
@@ -32,6 +32,8 @@ class BodySample(NamedTuple):
     is_tracked: bool
     measured: int | None
     """Number of its markers that cameras saw, or None if the frame does not tell."""
+    fault: str = ""
+    """Reason why the stream does not tell which body it is, or `""`."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,14 @@ class TimedFrame:
     """Axis of the stream that points up, `y` or `z`, unless the configuration states another."""
 
 
+def decode_name(data: bytes) -> str:
+    """Return a text in UTF-8, or in the code page of Windows, in which old versions write."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode("cp1252", "replace")
+
+
 def body_sample(
     number: int,
     position_m: Sequence[float],
@@ -56,10 +66,8 @@ def body_sample(
 ) -> BodySample:
     """Return a body; one whose values are not finite, too large or no rotation is not tracked."""
     (x, y, z), (qx, qy, qz, qw) = position_m, orientation_xyzw
-    length, limit_m = math.hypot(qx, qy, qz, qw), MAX_POSITION_M
-    if not (
-        -limit_m < x < limit_m and -limit_m < y < limit_m and -limit_m < z < limit_m and 0.9 < length < 1.1
-    ):
+    length, limit = math.hypot(qx, qy, qz, qw), MAX_COORDINATE
+    if not (-limit < x < limit and -limit < y < limit and -limit < z < limit and 0.9 < length < 1.1):
         return BodySample(number, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.0, is_tracked=False, measured=None)
     turn = (qx / length, qy / length, qz / length, qw / length)
     error_m = error_m if math.isfinite(error_m) else 0.0
@@ -83,6 +91,14 @@ MIN_MEASURED = 3
 """Least number of markers that cameras see, below which Motive computes the others by the model."""
 MIN_SIGMA_M, MAX_SIGMA_M = 0.001, 1.0
 """Limits of 1 sigma of a position, m: the error that servers state is that of the fit to the markers."""
+MAX_DISTANCE_M = 100.0
+"""Largest distance from the origin of the stream, m."""
+MIN_HEIGHT_M = -0.5
+"""Least height above the floor of a body, m."""
+HEAD_HEIGHTS_M = (0.8, 2.3)
+"""Limits of the height of a head above the floor when it is first used, m."""
+MAX_NAMES = 10
+"""Number of names in a sentence."""
 VELOCITY_NS = NS_PER_S // 10
 """Time over which a velocity is taken, ns."""
 
@@ -104,6 +120,8 @@ class _Track:
     pose: BodyPose | None = None
     """The last one that was used."""
     poses: deque[BodyPose] = field(default_factory=deque[BodyPose])
+    streamed_ns: int = 0
+    """Time of the last frame that has it."""
     seen_ns: int = 0
     """Time at which it was seen last, used or not."""
     jumped_ns: int = 0
@@ -132,26 +150,38 @@ class Bodies:
         self._jumps: dict[str, int] = {}
         """Sentences about jumps, and when they happened."""
         self._frame_ns = 0
+        self._has_head = False
+        """True once a head was where one can be, so that axes and unit of the stream are right."""
 
     def update(self, timed: TimedFrame, frame: Frame | None) -> list[BodyPose]:
         """Return the usable bodies of a frame, in {W}. `frame`: that of the cameras, None for {W}."""
         self._frame_ns = timed.stamp_ns
+        if len(self._tracks) > MAX_BODIES:
+            self._tracks = {name: track for name, track in self._tracks.items() if self._is_streamed(track)}
         counts = Counter(name for name, _ in timed.bodies)
-        used: list[BodyPose] = []
-        is_y_up = (self._config.up or timed.up) == "y"
+        poses: list[tuple[_Track, BodyPose]] = []
+        head_tracks: list[_Track] = []
+        is_y_up, scale = (self._config.up or timed.up) == "y", 0.001 if self._config.unit == "mm" else 1.0
         for name, body in timed.bodies[:MAX_BODIES]:
-            track = self._tracks.get(name)
-            if track is None:
-                track = _Track()
-                if len(self._tracks) < 2 * MAX_BODIES:
-                    self._tracks[name] = track
-            track.fault = _fault(name, body, counts[name])
-            if not track.fault:
-                pose = _in_world(name, body, timed.stamp_ns, frame, is_y_up=is_y_up)
-                if self._is_plausible(track, pose):
-                    _follow(track, pose)
-                    used.append(pose)
-        return used
+            track = self._tracks.setdefault(name, _Track())
+            track.streamed_ns, track.fault = timed.stamp_ns, _fault(name, body, counts[name])
+            if track.fault:
+                continue
+            pose = _in_world(name, body, timed.stamp_ns, frame, is_y_up=is_y_up, scale=scale)
+            if track.pose is None or track.jumped_ns:
+                track.fault = self._implausibility(pose, scale * math.hypot(*body.position_m))
+            head_tracks += [track] if self._is_head(name) else []
+            poses += [] if track.fault else [(track, pose)]
+        refused = [track for track in head_tracks if track.fault]
+        self._has_head = len(head_tracks) > len(refused) or (
+            self._has_head and not any(track.jumped_ns for track in refused)
+        )
+        if refused and not self._has_head:
+            return []  # the same axes and unit are those of all bodies
+        used = [(track, pose) for track, pose in poses if self._is_plausible(track, pose)]
+        for track, pose in used:
+            _follow(track, pose)
+        return [pose for _, pose in used]
 
     def current(self, now_ns: int) -> Iterator[tuple[BodyPose, Vec3]]:
         """Yield the bodies that are seen, with their velocities. `now_ns`: time of the newest frame."""
@@ -168,33 +198,58 @@ class Bodies:
             if pose.name not in worn
         )
 
-    @property
-    def unused(self) -> int:
-        """Return the number of bodies that are in the stream and not used."""
-        return sum(
-            track.pose is None or track.pose.stamp_ns != self._frame_ns for track in self._tracks.values()
-        )
+    def states(self) -> dict[str, bool]:
+        """Return the bodies of the stream by name: True if it is used in the last frame."""
+        return {
+            name: track.pose is not None and track.pose.stamp_ns == self._frame_ns
+            for name, track in self._tracks.items()
+            if self._is_streamed(track)
+        }
 
     def problem(self, now_ns: int) -> str:
         """Return a sentence about bodies that are not used, or `""`."""
         self._jumps = {text: at_ns for text, at_ns in self._jumps.items() if now_ns - at_ns < REPORT_NS}
         problems = list(self._jumps)
+        names = sorted(self.states())
         for name in self._config.bodies:
-            track = self._tracks.get(name)
-            if track is None and self._frame_ns:
-                names = sorted(self._tracks)
-                known = did_you_mean(name, names) or f"it has {', '.join(names) or 'none'};"
+            if name not in names and self._frame_ns:
+                known = did_you_mean(name, names) or f"it has {', '.join(names[:MAX_NAMES]) or 'none'};"
                 program = self._config.program
                 problems.append(
                     f"{program} streams no body {name!r}: {known} correct `bodies`, or rename it there"
                 )
-        for name, track in self._tracks.items():
-            is_worn = name in self._config.bodies or "two bodies" in track.fault
+        for name in names:
+            track = self._tracks[name]
+            is_reported = name in self._config.bodies or "uncover" not in track.fault
             last_ns = 0 if track.pose is None else track.pose.stamp_ns
-            if track.fault and is_worn and self._frame_ns - last_ns > UNSEEN_NS:
+            if track.fault and is_reported and self._frame_ns - last_ns > UNSEEN_NS:
                 problems.append(track.fault)
         more = f" ({len(problems) - 1} more)" if problems[1:] else ""
         return f"{problems[0]}{more}" if problems else ""
+
+    def _is_streamed(self, track: _Track) -> bool:
+        return self._frame_ns - track.streamed_ns <= UNSEEN_NS
+
+    def _is_head(self, name: str) -> bool:
+        worn = self._config.bodies.get(name)
+        return worn is not None and bool(worn.person) and worn.part == "head"
+
+    def _implausibility(self, pose: BodyPose, distance_m: float) -> str:
+        """Return a sentence if a body is where none can be, so that unit or axes are not those declared."""
+        if distance_m > MAX_DISTANCE_M:
+            return (
+                f"{pose.name} is {distance_m:.0f} m from the cameras' origin, limit {MAX_DISTANCE_M:.0f} m: "
+                "correct `unit`"
+            )
+        height_m = pose.position_m[2]
+        low_m, high_m = HEAD_HEIGHTS_M if self._is_head(pose.name) else (MIN_HEIGHT_M, math.inf)
+        if low_m <= height_m <= high_m:
+            return ""
+        limits = f"{low_m:g} to {high_m:g} m are accepted at first"
+        return (
+            f"{pose.name} is {height_m:.2f} m above the floor, {limits}: correct `up`, "
+            "`unit`, `frame` or `bodies`"
+        )
 
     def _is_plausible(self, track: _Track, pose: BodyPose) -> bool:
         """Return False if the body has just jumped."""
@@ -202,8 +257,13 @@ class Bodies:
         if last is None or not _has_jumped(last, pose, (pose.stamp_ns - seen_ns) / NS_PER_S):
             track.jumped_ns = 0
             return True
-        others = [each.pose for each in self._tracks.values() if each.pose is not None]
-        others = [each for each in others if each.name != pose.name]
+        others = [
+            each.pose
+            for each in self._tracks.values()
+            if each.pose is not None
+            and each.pose.name != pose.name
+            and pose.stamp_ns - each.pose.stamp_ns <= SWAP_NS
+        ]
         nearest = min(others, key=lambda each: math.dist(each.position_m, pose.position_m), default=last)
         moved_m = math.dist(last.position_m, pose.position_m)
         is_swap = nearest is not last and math.dist(nearest.position_m, pose.position_m) < JUMP_M < moved_m
@@ -239,8 +299,11 @@ def front_azimuth(pose: BodyPose) -> float:
     return vector.azimuth(rotation.rotate(pose.orientation_xyzw, (1.0, 0.0, 0.0)))
 
 
-def _in_world(name: str, body: BodySample, stamp_ns: int, frame: Frame | None, *, is_y_up: bool) -> BodyPose:
-    position_m, turn, sigma_m = body.position_m, body.orientation_xyzw, body.error_m
+def _in_world(
+    name: str, body: BodySample, stamp_ns: int, frame: Frame | None, *, is_y_up: bool, scale: float
+) -> BodyPose:
+    position_m = vector.scale(body.position_m, scale)
+    turn, sigma_m = body.orientation_xyzw, scale * body.error_m
     if is_y_up:
         position_m = (position_m[0], -position_m[2], position_m[1])
         turn = (turn[0], -turn[2], turn[1], turn[3])
@@ -254,6 +317,8 @@ def _in_world(name: str, body: BodySample, stamp_ns: int, frame: Frame | None, *
 
 def _fault(name: str, body: BodySample, count: int) -> str:
     """Return the reason why a body cannot be used, or `""`."""
+    if body.fault:
+        return body.fault
     if count > 1:
         return f"two bodies are called {name!r} and are not used: rename one"
     if not body.is_tracked:

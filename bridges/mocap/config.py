@@ -7,7 +7,8 @@ from pydantic import Field, model_validator
 from pointit.runtime.config.config import Config
 from pointit.schemas.base import Name
 
-MAX_BODIES = 500
+MAX_BODIES = 256
+"""Number of bodies of a stream and of a configuration."""
 
 
 class WornBodyConfig(Config):
@@ -25,6 +26,11 @@ class WornBodyConfig(Config):
         description="place on the person. head: gives the position; forearm, of the arm with the "
         "IMU: gives the yaw",
     )
+
+    @property
+    def meaning(self) -> str:
+        """Return the part of a person, or the kind of an object."""
+        return f"{self.part} of {self.person}" if self.person else self.kind
 
 
 class MocapConfig(Config):
@@ -51,6 +57,9 @@ class MocapConfig(Config):
         description="axis that points up in the stream. Empty: y for Motive (`Up Axis` of its streaming "
         "panel), as QTM states it",
     )
+    unit: Literal["m", "mm"] = Field(
+        default="m", description="unit of the positions that Motive streams; QTM's are as its protocol says"
+    )
     tracker: Name = Field(default="mocap", description="name of the tracker, unique on the site")
     frame: str = Field(
         default="", description="frame of the map that is the cameras' origin on the floor; empty for {W}"
@@ -72,7 +81,9 @@ class MocapConfig(Config):
         return "QTM" if self.system == "qtm" else "Motive"
 
     @model_validator(mode="after")
-    def _parts_occur_once(self) -> "MocapConfig":
+    def _check_unit_and_parts(self) -> "MocapConfig":
+        if self.system == "qtm" and self.unit != "m":
+            raise ValueError("unit: QTM streams millimetres by its protocol: leave it out")
         parts = [(each.person, each.part) for each in self.bodies.values() if each.person]
         for person, part in parts:
             if parts.count((person, part)) > 1:

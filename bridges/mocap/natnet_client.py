@@ -6,11 +6,11 @@ import ipaddress
 import socket
 import sys
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from pointit.bridges.mocap import natnet_packets
-from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, TimedFrame
+from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, BodySample, TimedFrame
 from pointit.bridges.mocap.natnet_packets import MalformedPacketError, MocapFrame, ServerInfo, read_models
 from pointit.bridges.mocap.server_search import BROADCAST, open_datagram_socket, search_servers
 from pointit.runtime.config.plugins import FoundDevice
@@ -93,7 +93,7 @@ class NatNetSession:
         """Description of the server, or None while it is not connected."""
         self._on_frame = on_frame
         self._clock: ServerClock | None = None
-        self._names: dict[int, str] | None = None
+        self._names: dict[int, tuple[str, ...]] | None = None
         self._is_model_stale = True
         self._last: MocapFrame | None = None
         self._since_ns = 0
@@ -227,8 +227,8 @@ class NatNetSession:
         if any(body.id not in self._names for body in frame.bodies):
             self._is_model_stale = True
         self._used_ns, self._frame_fault = now_ns, ""
-        named = tuple((self._names.get(body.id) or f"body {body.id}", body) for body in frame.bodies)
-        self._on_frame(TimedFrame(stamp_ns, sigma_s, named))
+        bodies = tuple(each for body in frame.bodies for each in _named(body, self._names.get(body.id)))
+        self._on_frame(TimedFrame(stamp_ns, sigma_s, bodies))
 
     def _stamp(self, frame: MocapFrame, now_ns: int) -> tuple[int, float]:
         """Return the time of exposure, and its 1 sigma in s."""
@@ -237,6 +237,16 @@ class NatNetSession:
         if time is None:
             return now_ns, ARRIVAL_SIGMA_S
         return time[0], time[1] / NS_PER_S + (0.0 if frame.exposure_ticks else USB_LATENCY_SIGMA_S)
+
+
+def _named(body: BodySample, names: tuple[str, ...] | None) -> Iterator[tuple[str, BodySample]]:
+    """Yield a body under its name, or under each of several that share its id, with the fault."""
+    names = tuple(name or f"body {body.id}" for name in names or ("",))
+    if names[1:]:
+        text = f"the bodies {', '.join(names)} have one streaming id, {body.id}, and are not used: give each"
+        body = body._replace(fault=f"{text} its own in Motive")
+    for name in names:
+        yield name, body
 
 
 def _is_repeated(frame: MocapFrame, last: MocapFrame) -> bool:

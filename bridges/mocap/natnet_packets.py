@@ -9,7 +9,8 @@ import struct
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from pointit.bridges.mocap.bodies import BodySample, body_sample
+from pointit.bridges.mocap.bodies import BodySample, body_sample, decode_name
+from pointit.bridges.mocap.config import MAX_BODIES
 
 COMMAND_PORT = 1510
 DATA_PORT = 1511
@@ -96,7 +97,7 @@ class PacketReader:
         if end < 0:
             raise MalformedPacketError(f"a text does not end after byte {self.at}")
         begin, self.at = self.at, end + 1
-        return self.data[begin:end].decode("utf-8", "replace")
+        return decode_name(self.data[begin:end])
 
 
 def packet(message: int, payload: bytes = b"") -> bytes:
@@ -177,7 +178,7 @@ def _frame(reader: PacketReader, version: Version) -> MocapFrame:
     for skip in (_skip_marker_sets, _skip_markers):
         count, end = _section(reader, is_sized=is_sized)
         skip(reader, count) if end is None else reader.skip(end - reader.at)
-    count, end = _section(reader, is_sized=is_sized)
+    count, end = _section(reader, is_sized=is_sized, limit=MAX_BODIES)
     if end is None:
         bodies = [_body(reader, version) for _ in range(count)]
     else:
@@ -212,9 +213,11 @@ def _frame(reader: PacketReader, version: Version) -> MocapFrame:
     return MocapFrame(number, tuple(bodies), exposure, sent, flags)
 
 
-def _section(reader: PacketReader, *, is_sized: bool) -> tuple[int, int | None]:
+def _section(reader: PacketReader, *, is_sized: bool, limit: int = MAX_COUNT) -> tuple[int, int | None]:
     """Return the number of items of a section, and the byte after it if it is stated."""
     count = reader.count()
+    if count > limit:
+        raise MalformedPacketError(f"{count} items, limit {limit}")
     if not is_sized:
         return count, None
     size = reader.count()
@@ -257,13 +260,13 @@ _MARKER_SET, _RIGID_BODY, _SKELETON, _PLATE, _DEVICE, _CAMERA = range(6)
 """Kinds of models."""
 
 
-def read_models(payload: bytes, version: Version) -> dict[int, str]:
-    """Return the names of the rigid bodies by their ids.
+def read_models(payload: bytes, version: Version) -> dict[int, tuple[str, ...]]:
+    """Return the names of the rigid bodies by their ids. Several of one id cannot be told apart.
 
     Raises:
         MalformedPacketError: If the list is damaged.
     """
-    reader, names = PacketReader(payload), dict[int, str]()
+    reader, names = PacketReader(payload), dict[int, tuple[str, ...]]()
     try:
         for _ in range(reader.count()):
             kind = reader.count(0)
@@ -273,7 +276,7 @@ def read_models(payload: bytes, version: Version) -> dict[int, str]:
                 end = reader.at + size
             if kind == _RIGID_BODY:
                 name, number = _body_model(reader, version)
-                names[number] = name
+                names[number] = (*names.get(number, ()), name)
             elif end is None:
                 _skip_model(reader, kind, version)
             if end is not None:

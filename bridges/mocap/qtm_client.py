@@ -15,7 +15,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, TimedFrame, body_sample
+from pointit.bridges.mocap.bodies import ARRIVAL_SIGMA_S, TimedFrame, body_sample, decode_name
+from pointit.bridges.mocap.config import MAX_BODIES
 from pointit.bridges.mocap.server_search import BROADCAST, search_servers
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.config.plugins import FoundDevice
@@ -77,7 +78,7 @@ class QtmSession:
         if b"<!DOCTYPE" in text:
             raise ValueError("its settings have a document type")
         try:
-            root = ET.fromstring(_decoded(text))  # noqa: S314 - entities need a document type
+            root = ET.fromstring(decode_name(text.rstrip(b"\0")))  # noqa: S314 - entities need a document type
         except ET.ParseError as error:
             raise ValueError(f"its settings are no XML ({error})") from error
         names = [(each.findtext("Name") or "").strip() for each in root.iterfind("The_6D/Body")]
@@ -166,15 +167,6 @@ class QtmSession:
         return now_ns - late_ns, late_ns
 
 
-def _decoded(text: bytes) -> str:
-    """Return the text of old versions, too, which write names in the code page of Windows."""
-    text = text.rstrip(b"\0")
-    try:
-        return text.decode("utf-8")
-    except UnicodeDecodeError:
-        return text.decode("cp1252", "replace")
-
-
 def _quaternion(matrix: Sequence[float]) -> Quaternion:
     """Return the rotation of a matrix that is given by columns. Its length differs from 1 if it is none."""
     a, b, c, d, e, f, g, h, i = matrix
@@ -208,10 +200,12 @@ POLL_S = 1.0
 """Period at which settings that have changed are asked for, s."""
 PROBE_S = 5.0
 """Time without packets after which the server is asked whether it is there, s."""
-MAX_PACKET = 1 << 22
+MAX_PACKET = 1 << 20
 """Limit of the size of a packet. Settings have some hundred kilobytes."""
 MAX_COMPONENTS = 32
 """Limit of the components of a frame. One is asked for, and QTM has 19 kinds."""
+MAX_ROUND_PACKETS = 256
+"""Number of packets that are used before others get their turn, at most one frame among them."""
 RATE = "frequency:100"
 """Frames that are asked for. Cameras with a higher rate would only cost time."""
 _HEADER, _COMPONENTS_AT = struct.Struct("<II"), 12
@@ -257,11 +251,13 @@ class QtmClient(asyncio.Protocol):
         self._warn = warn
         self._port = port
         self._interface = interface
-        self._packets = b""
+        self._packets = bytearray()
+        self._is_waiting = False
+        """True if packets have come that the next turn of the loop uses."""
         self._protocol: Any = None
         """Sends commands, and gives their answers."""
         self._transport: Any = None
-        self._end, self._changed = asyncio.Event(), asyncio.Event()
+        self._end = asyncio.Event()
         self._is_starting = False
         """True while frames, or that there are none yet, are the answer to `StreamFrames`."""
         self._end_reason = self._refusal = ""
@@ -283,25 +279,40 @@ class QtmClient(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin."""
-        self._packets, self._transport = b"", transport
+        self._packets, self._is_waiting, self._transport = bytearray(), False, transport
         self._end.clear()
         self._protocol = self._commands.QTMProtocol(loop=asyncio.get_running_loop())
         self._protocol.connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        """Use the packets that are complete."""
+        """Use the packets that are complete, a round in each turn of the loop."""
         self._packets += data
         self._has_packets = True
-        while len(self._packets) >= _HEADER.size:
-            size, kind = _HEADER.unpack_from(self._packets)
+        if not self._is_waiting:
+            self._use_round()
+
+    def _use_round(self) -> None:
+        self._is_waiting, at, is_cut = False, 0, False
+        for count in range(MAX_ROUND_PACKETS):
+            if is_cut or len(self._packets) - at < _HEADER.size:
+                break
+            size, kind = _HEADER.unpack_from(self._packets, at)
             if not _HEADER.size <= size <= MAX_PACKET or kind > _LAST_TYPE:
                 self._end_reason = "sends no packets of QTM"
                 self._transport.abort()
                 return
-            if len(self._packets) < size:
-                return
-            packet, self._packets = self._packets[:size], self._packets[size:]
-            self._use(kind, packet)
+            if len(self._packets) - at < size:
+                break
+            at += size
+            self._use(kind, bytes(self._packets[at - size : at]))
+            is_cut = kind == _DATA or count == MAX_ROUND_PACKETS - 1
+        del self._packets[:at]
+        self._is_waiting = is_cut and len(self._packets) >= _HEADER.size
+        if self._is_waiting:
+            self._transport.pause_reading()
+            asyncio.get_running_loop().call_soon(self._use_round)
+        else:
+            self._transport.resume_reading()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End the commands that wait."""
@@ -315,7 +326,6 @@ class QtmClient(asyncio.Protocol):
                 answer.set_exception(ConnectionResetError(self._end_reason))
                 answer.exception()  # nobody may wait for it
         self._end.set()
-        self._changed.set()
 
     def _use(self, kind: int, packet: bytes) -> None:
         try:
@@ -323,7 +333,6 @@ class QtmClient(asyncio.Protocol):
                 self._use_frame(packet[_HEADER.size :])
             elif kind == _EVENT:
                 self._session.set_event(packet[_HEADER.size])
-                self._changed.set()
                 return
             elif kind == _ERROR:
                 self._refusal = _text(packet[_HEADER.size :])
@@ -342,7 +351,7 @@ class QtmClient(asyncio.Protocol):
             (count,) = struct.unpack_from("<I", data, position)
             end = position + _BODIES_AT + count * _BODY.size
             (size,) = struct.unpack_from("<I", data, position - _HEADER.size)
-            if end > min(len(data), position - _HEADER.size + size):
+            if count > MAX_BODIES or end > min(len(data), position - _HEADER.size + size):
                 raise ValueError(f"{count} bodies in a component of {size} bytes")
             rows = _BODY.iter_unpack(data[position + _BODIES_AT : end])
             bodies = [(row[:3], row[3:12], row[12]) for row in rows]
@@ -373,8 +382,7 @@ class QtmClient(asyncio.Protocol):
         while not self._end.is_set():
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(POLL_S):
-                    await self._changed.wait()
-            self._changed.clear()
+                    await self._end.wait()
             idle_s, self._has_packets = (0.0 if self._has_packets else idle_s + POLL_S), False
             if idle_s >= PROBE_S and not self._end.is_set():
                 await connection.qtm_version()
@@ -433,4 +441,4 @@ def _ignore(_frame: object) -> None:
 
 
 def _text(data: bytes) -> str:
-    return data.partition(b"\0")[0].decode("utf-8", "replace")
+    return decode_name(data.partition(b"\0")[0])

@@ -6,13 +6,14 @@ from typing import ClassVar
 from pointit.bridges.mocap.bodies import Bodies, TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
 from pointit.bridges.mocap.mocap_systems import check_system, open_system
-from pointit.bridges.mocap.people import WornBodies
+from pointit.bridges.mocap.people import MAX_METRIC, WornBodies
 from pointit.maps.frames import frame_of
 from pointit.runtime.clock import ticks
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Environment, ImuSample, TrackedObjects, UserPose
 from pointit.schemas.environment import Frame
+from pointit.schemas.system import BODY
 from pointit.schemas.topics import IMU, MAP, OBJECTS, POSE
 
 RATE_HZ = 25.0
@@ -58,6 +59,8 @@ class Mocap(Service[MocapConfig]):
             name: self.bus.publisher(POSE, name) for name in self._worn_bodies.names
         }  # fmt: skip
         self._had_objects = False
+        self._shown_bodies = set[str]()
+        """Names of the metrics of bodies."""
         self.bus.subscribe(MAP, self._on_map)
         for name in self._worn_bodies.names:
             self.bus.subscribe(IMU, self._on_imu, name)
@@ -111,10 +114,19 @@ class Mocap(Service[MocapConfig]):
         self.bus.set_metric("clock sigma", None if sigma_s is None else 1e3 * sigma_s, "ms")
         self.bus.set_metric("frame rate", self._used_frames, "Hz")
         self.bus.set_metric("damaged packets", self._session.damaged or None)
-        self.bus.set_metric("unused bodies", self._bodies.unused or None)
+        self._report_bodies()
         for name, (value, unit) in self._worn_bodies.figures(now_ns).items():
             self.bus.set_metric(name, value, unit)
         self._used_frames = 0
+
+    def _report_bodies(self) -> None:
+        states = {f"{BODY}{name}"[:MAX_METRIC]: value for name, value in self._bodies.states().items()}
+        self.bus.set_metric("unused bodies", sum(not value for value in states.values()) or None)
+        for name in self._shown_bodies - states.keys():
+            self.bus.set_metric(name, None)
+        for name, value in states.items():
+            self.bus.set_metric(name, float(value))
+        self._shown_bodies = set(states)
 
     def _on_frame(self, timed: TimedFrame) -> None:
         if self.config.frame and self._frame is None:

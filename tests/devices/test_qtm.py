@@ -14,6 +14,7 @@ import pytest
 from pointit.bridges.mocap import qtm_client
 from pointit.bridges.mocap.config import MocapConfig
 from pointit.bridges.mocap.mocap_systems import MOCAP_SYSTEMS
+from pointit.bridges.mocap.qtm_client import QtmSession
 from pointit.bridges.mocap.service import Mocap
 from pointit.cli.plugins.devices import rows
 from pointit.geometry import rotation
@@ -120,6 +121,48 @@ async def test_bodies_beyond_their_component_are_damage_and_not_read_from_the_ne
         markers = struct.pack("<IIIHH", 16 + 48, 1, 3, 0, 0) + bytes(48)
         qtm.send(qtm_server.packet(qtm_server.DATA, bytes(three) + markers))
         await until(lambda: watcher.warns("packets that cannot be read"))
+
+
+@pytest.mark.parametrize(
+    "flood", [struct.pack("<II", 8, 9), qtm_server.frame(5, bodies(0))], ids=["empty", "frames"]
+)
+async def test_a_flood_of_packets_leaves_others_their_turn(
+    flood: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = qtm_client.QtmClient(QtmSession("qtm-pc", lambda _: None), time.time_ns, lambda _: None)
+    calls: list[str] = []
+
+    class Flooded(asyncio.Transport):
+        def pause_reading(self) -> None:
+            calls.append("pause")
+
+        def resume_reading(self) -> None:
+            calls.append("resume")
+
+    client.connection_made(Flooded())
+    used: list[int] = []
+
+    def use(kind: int, _packet: bytes) -> None:
+        used.append(kind)
+
+    monkeypatch.setattr(client, "_use", use)
+    client.data_received(flood * 2000)
+    turns = 0
+    while calls[-1] == "pause":
+        turns += 1
+        assert len(used) <= turns * qtm_client.MAX_ROUND_PACKETS
+        await asyncio.sleep(0)
+    assert (len(used), calls[-1]) == (2000, "resume")
+    assert turns >= (7 if len(flood) == 8 else 1999)
+
+
+async def test_a_frame_of_thousands_of_bodies_is_damage() -> None:
+    qtm = server()
+    async with serving(qtm) as port, running(port, system="qtm") as (watcher, _):
+        await until(lambda: watcher.sees("cup"))
+        qtm.send(qtm_server.frame(10, [LOST] * 4000))
+        await until(lambda: watcher.warns("packets that cannot be read"))
+        assert qtm.commands.count("version 1.8") == 1, "the connection went on"
 
 
 @contextlib.asynccontextmanager

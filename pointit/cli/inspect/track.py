@@ -1,15 +1,17 @@
 """`pointit track`: trackers and their objects."""
 
 import asyncio
+import contextlib
 import math
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Unpack
 
 import click
 import numpy as np
+from pydantic import ValidationError
 
 from pointit.cli.common.output import (
     OutputSection,
@@ -24,10 +26,13 @@ from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.cli.inspect.topics import RateMeter, window_options
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
-from pointit.schemas import NS_PER_S, TrackedObjects, UserPose, encode
-from pointit.schemas.topics import OBJECTS, POSE
+from pointit.schemas import NS_PER_S, Configuration, Health, TrackedObjects, UserPose, encode
+from pointit.schemas.system import BODY
+from pointit.schemas.topics import CONFIGURATION, HEALTH, OBJECTS, POSE
 from pointit.services.pui.tracked_objects import DuplicateFinder
 
+MOCAP = "mocap"
+"""Service of motion capture."""
 MAX_LINES = 4096
 """Largest number of messages of a window whose age counts; of more, the latest."""
 
@@ -63,11 +68,23 @@ class ObjectRow:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BodyRow:
+    """One rigid body of motion capture."""
+
+    body: str
+    service: str
+    configured_as: str
+    """Kind or part of a person, or `""` if it is not configured."""
+    state: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Tracking:
     """All trackers over one window."""
 
     trackers: tuple[TrackerRow, ...]
     objects: tuple[ObjectRow, ...]
+    bodies: tuple[BodyRow, ...]
     truth: tuple[TruthRow, ...]
     twins: tuple[str, ...]
     """Objects that two trackers report: a sentence each."""
@@ -81,6 +98,9 @@ class TrackerMeters:
         self._meters: dict[str, RateMeter] = {}
         self._ages_s: dict[str, deque[float]] = {}
         self._newest: dict[str, TrackedObjects] = {}
+        self._bodies: dict[str, dict[str, str]] = {}
+        """States of the bodies of motion capture by services."""
+        self._configured: dict[str, dict[str, str]] = {}
         self._pose_errors = PoseErrors()
         self._duplicate_finder = DuplicateFinder()
 
@@ -101,6 +121,24 @@ class TrackerMeters:
         ages_s.append((arrived_ns - message.stamp_ns) / NS_PER_S)
         self._newest[tracker] = message
         self._pose_errors.add(message, tracker)
+
+    def add_health(self, health: Health, instance: str) -> None:
+        """Add the bodies that motion capture reports."""
+        if health.service == MOCAP:
+            self._bodies[instance] = {
+                figure.name.removeprefix(BODY): "used" if figure.value else "not used"
+                for figure in health.figures
+                if figure.name.startswith(BODY)
+            }
+
+    def add_configuration(self, configuration: Configuration, instance: str) -> None:
+        """Add the bodies that motion capture is configured for."""
+        from pointit.bridges.mocap.config import MocapConfig  # noqa: PLC0415 - for few sites
+
+        if configuration.service == MOCAP:
+            with contextlib.suppress(ValidationError):
+                config = MocapConfig.model_validate_json(configuration.parameters)
+                self._configured[instance] = {name: each.meaning for name, each in config.bodies.items()}
 
     def add_pose(self, user: str, pose: UserPose) -> None:
         """Add the pose of a person, which is compared with that of trackers."""
@@ -130,9 +168,17 @@ class TrackerMeters:
         return Tracking(
             trackers=tuple(trackers),
             objects=tuple(_object_rows(self._newest)),
+            bodies=tuple(self._body_rows()),
             truth=self._pose_errors.take(),
             twins=tuple(twin.sentence for twin in duplicates),
         )
+
+    def _body_rows(self) -> Iterator[BodyRow]:
+        for service, states in sorted(self._bodies.items()):
+            configured = self._configured.get(service, {})
+            for body in sorted(states.keys() | configured.keys()):
+                state = states.get(body, "not in the stream")
+                yield BodyRow(body=body, service=service, configured_as=configured.get(body, ""), state=state)
 
 
 def _object_rows(newest: dict[str, TrackedObjects]) -> list[ObjectRow]:
@@ -184,20 +230,22 @@ async def _measure(
             meters.add(tracker, message, arrived_s=loop.time(), arrived_ns=time.time_ns())
 
         bus.subscribe(OBJECTS, on_objects)
+        bus.subscribe(HEALTH, meters.add_health)
+        bus.subscribe(CONFIGURATION, meters.add_configuration)
         bus.subscribe(POSE, lambda pose, user: meters.add_pose(user, pose))
         while True:
             await asyncio.sleep(window_s)
             tracking = meters.take(loop.time(), window_s)
             read_on = show(tracking, window_s, as_json=as_json)
             if not (watch and read_on):
-                return 0 if tracking.trackers else EXIT_FAILED
+                return 0 if tracking.trackers or tracking.bodies else EXIT_FAILED
 
 
 def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
     """Print one window. Return False if the reader of the pipe is gone."""
     if as_json:
         return write_line(to_json({"window_s": window_s, **asdict(tracking)}))
-    if not tracking.trackers:
+    if not (tracking.trackers or tracking.bodies):
         click.echo(
             f"no tracker sent a message within {window_s:g} s; start one, or see `pointit doctor`", err=True
         )
@@ -220,6 +268,11 @@ def show(tracking: Tracking, window_s: float, *, as_json: bool) -> bool:
         roomy = frozenset(("kind", "yaw_deg"))
         print_table(
             screen, OutputSection(name="objects", about="as last reported", rows=objects, roomy=roomy)
+        )
+    if tracking.bodies:
+        bodies: tuple[dict[str, Any], ...] = tuple(asdict(row) for row in tracking.bodies)
+        print_table(
+            screen, OutputSection(name="bodies", about="in the stream and as configured", rows=bodies)
         )
     print_errors(screen, tracking.truth)
     for sentence in tracking.twins:

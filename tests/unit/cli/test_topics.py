@@ -18,7 +18,17 @@ from pointit.cli.inspect.call import build_query, requests
 from pointit.cli.inspect.topics import RateMeter, TopicCounter, Wanted, resolve, resolve_all, show_rates
 from pointit.cli.inspect.track import TrackerMeters, Tracking, show
 from pointit.cli.main import command
-from pointit.schemas import NS_PER_S, ImuSample, TrackedObject, TrackedObjects, UserPose, topics
+from pointit.schemas import (
+    NS_PER_S,
+    Configuration,
+    Health,
+    ImuSample,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+    topics,
+)
+from pointit.schemas.system import Figure
 from pointit.services.registry import PROCESSES
 from tests.support.bench import memory_bench
 
@@ -315,6 +325,28 @@ async def test_rates_of_objects_or_poses_come_with_the_errors_of_poses(
     show_rates(rates, 1.0, 0, truth, as_json=True)
     shown = json.loads(capsys.readouterr().out)["truth"][0]
     assert shown["position_error_m"] == pytest.approx(0.3)
+
+
+def test_bodies_of_motion_capture_are_listed_beside_the_configured_ones(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    meters, figures = TrackerMeters(), {"body Kappe": 1.0, "body cup": 0.0, "frame rate": 120.0}
+    health = Health(
+        stamp_ns=BEGIN_NS, service="mocap", instance="mocap", pid=1,
+        figures=tuple(Figure(name=name, value=value) for name, value in figures.items()),
+    )  # fmt: skip
+    parameters = '{"server": "motive", "bodies": {"cap": {"person": "anna"}, "cup": {"kind": "red"}}}'
+    for text in (parameters, "not JSON"):
+        configuration = Configuration(stamp_ns=BEGIN_NS, service="mocap", instance="mocap", parameters=text)
+        meters.add_configuration(configuration, "mocap")
+    meters.add_health(health, "mocap")
+    assert show(meters.take(3.0, 3.0), 3.0, as_json=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert [" ".join(line.split()) for line in lines if "mocap" in line] == [
+        "Kappe mocap - used",
+        "cap mocap head of anna not in the stream",
+        "cup mocap red not used",
+    ]  # fmt: skip
 
 
 def test_without_a_tracker_the_remedy_is_told(capsys: pytest.CaptureFixture[str]) -> None:

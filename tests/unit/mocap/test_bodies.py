@@ -102,7 +102,7 @@ def test_bodies_that_are_unseen_or_filled_in_from_the_model_leave_and_are_report
     assert stream.problem == ""
     stream.put(("cup", hidden), times=200)
     assert sentence in stream.problem
-    assert stream.bodies.unused == 1
+    assert stream.bodies.states() == {"cup": False}
 
 
 def test_two_bodies_that_exchange_names_are_not_used_and_both_are_named() -> None:
@@ -144,6 +144,69 @@ def test_a_body_that_motive_does_not_stream_is_named_with_similar_ones() -> None
     assert stream.problem == (
         "Motive streams no body 'cupp': did you mean cup? correct `bodies`, or rename it there"
     )
+
+
+def test_a_body_that_is_renamed_or_removed_is_named_as_at_the_start() -> None:
+    stream = Stream(bodies={"cap": {"person": "anna"}, "cup": {}})
+    stream.put(("cap", body(1.0, z=1.7)), ("cup", body(2.0)), times=100)
+    assert stream.problem == ""
+    stream.put(("Kappe", body(1.0, z=1.7)), ("cup 1", body(2.0)), times=250)
+    assert stream.problem == (
+        "Motive streams no body 'cap': it has Kappe, cup 1; correct `bodies`, or rename it there (1 more)"
+    )
+    stream.put(("cap", body(1.0, z=1.7)), times=250)
+    assert stream.problem.startswith("Motive streams no body 'cup': did you mean cap?")
+
+
+def test_a_person_whose_head_is_beside_where_one_can_be_refuses_the_stream_with_the_parameters() -> None:
+    """As of a Motive that streams z up, read as y up: the cap of a person at (1, -1.5)."""
+    room = (("cup", body(0.5, 1.0, 0.8)), ("cap", body(1.0, -1.5, 1.7)))
+    stream = Stream(up="y", bodies={"cap": {"person": "anna"}, "cup": {"kind": "red"}})
+    assert not stream.put(*room, times=100)
+    assert stream.objects == {}
+    assert stream.problem == (
+        "cap is -1.50 m above the floor, 0.8 to 2.3 m are accepted at first: correct `up`, `unit`, `frame` "
+        "or `bodies`"
+    )
+    assert Stream(bodies={"cap": {"person": "anna"}}).put(*room) == {"cup", "cap"}
+
+
+def test_a_person_who_sits_down_later_or_comes_sitting_ends_nothing() -> None:
+    stream = Stream(bodies={"cap": {"person": "anna"}, "hat": {"person": "ben"}})
+    for tick in range(200):
+        used = stream.put(("cap", body(1.0, z=1.7 - 0.006 * tick)), ("cup", body(3.0)))
+        assert used == {"cap", "cup"}
+    used = stream.put(("cap", body(1.0, z=0.5)), ("hat", body(2.0, z=0.6)), ("cup", body(3.0)))
+    assert used == {"cap", "cup"}
+    assert "hat is 0.60 m above the floor" in stream.problem
+    assert "hat" in stream.put(("hat", body(2.0, z=0.9)))
+
+
+def test_axes_that_change_while_it_streams_are_refused_again() -> None:
+    stream = Stream(bodies={"cap": {"person": "anna"}})
+    stream.put(("cap", body(1.0, -1.5, 1.7)), ("cup", body(0.5, 1.0, 0.8)), times=50)
+    assert not stream.put(("cap", body(1.0, 1.7, -1.5)), ("cup", body(0.5, 0.8, 1.0)), times=1200)
+    assert "cap is -1.50 m above the floor" in stream.problem
+
+
+@pytest.mark.parametrize(("unit", "is_used"), [("m", False), ("mm", True)])
+def test_millimetres_are_read_as_declared_and_refused_else(unit: str, *, is_used: bool) -> None:
+    stream = Stream(unit=unit)
+    assert bool(stream.put(("cup", body(1000.0, 1500.0, 800.0)), times=2)) is is_used
+    if is_used:
+        assert stream.place("cup") == pytest.approx((1.0, 1.5, 0.8))
+    else:
+        assert "cup is 1972 m from the cameras' origin, limit 100 m: correct `unit`" in stream.problem
+    with pytest.raises(ValidationError, match="QTM streams millimetres by its protocol"):
+        MocapConfig(system="qtm", unit="mm")
+
+
+def test_a_body_that_is_where_one_that_left_was_has_not_been_exchanged() -> None:
+    stream = Stream()
+    stream.put(("cup", body(1.0)), ("plate", body(3.0)), times=50)
+    stream.put(("cup", body(1.0)), times=500)
+    stream.put(("cup", body(3.0)), times=2)
+    assert "cup jumped by 2.00 m" in stream.problem
 
 
 @pytest.mark.parametrize(

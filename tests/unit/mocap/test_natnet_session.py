@@ -1,10 +1,12 @@
 """A session with a server of NatNet: connection, clock, names, and streams that are not used."""
 
 import random
+import struct
 
 import pytest
 
-from pointit.bridges.mocap.bodies import TimedFrame
+from pointit.bridges.mocap.bodies import Bodies, TimedFrame
+from pointit.bridges.mocap.config import MocapConfig
 from pointit.bridges.mocap.natnet_client import NatNetSession, ServerClock
 from pointit.schemas import NS_PER_S
 from tests.support.bench import START_NS
@@ -149,6 +151,27 @@ def test_names_are_asked_for_again_when_models_changed_or_an_unknown_body_comes(
     talk.asked.clear()
     talk.answer({})
     assert 4 not in talk.asked, "names that are known are not asked for"
+
+
+def test_bodies_of_one_streaming_id_are_not_used_and_both_are_named() -> None:
+    talk = Conversation()
+    talk.stream(1, flags=2)
+    models = natnet.models({1: "cap", 2: "cup", 7: "cuff"}).replace(
+        struct.pack("<ii", 7, -1), struct.pack("<ii", 1, -1)
+    )
+    talk.session.receive(models, talk.now_ns)
+    bodies = Bodies(MocapConfig.model_validate({"up": "z", "bodies": {"cuff": {}}}))
+    for _ in range(250):
+        talk.stream(1, Body(1, (1.0, 1.0, 1.0)), Body(1, (3.0, 1.0, 1.0)), Body(2, (2.0, 2.0, 1.0)))
+        assert [pose.name for pose in bodies.update(talk.used[-1], None)] == ["cup"]
+    sentence = "the bodies cap, cuff have one streaming id, 1, and are not used: give each its own in Motive"
+    assert sentence in bodies.problem(talk.now_ns)
+
+
+def test_more_bodies_than_a_room_has_are_damage() -> None:
+    talk = Conversation()
+    talk.stream(1, *(Body(number) for number in range(257)))
+    assert (talk.used, talk.session.damaged) == ([], 1)
 
 
 def test_a_server_that_is_silent_is_connected_to_anew() -> None:

@@ -132,7 +132,7 @@ def commands() -> Iterator[str]:
     yield "`pointit COMMAND --help` prints the same."
     root = front()
     yield from _command(
-        root, click.Context(root, info_name="pointit", terminal_width=WIDTH, show_default=True), 1
+        root, click.Context(root, info_name="pointit", terminal_width=WIDTH, **root.context_settings), 1
     )
 
 

@@ -18,7 +18,7 @@ def problems(text: str) -> Iterator[str]:
     for written in COMMAND.findall(text):
         words = shlex.split(written.replace("…", ""))[1:]
         command: click.Command = front()
-        context = click.Context(command)
+        context = click.Context(command, **command.context_settings)  # click remembers the names of help
         while words and isinstance(command, click.Group):
             inner = command.get_command(context, words[0])
             if inner is None:

@@ -93,7 +93,7 @@ def test_every_parameter_has_an_argument_of_its_name(path: tuple[str, ...]) -> N
 @pytest.mark.parametrize("path", PATHS, ids=" ".join)
 def test_every_option_is_explained(path: tuple[str, ...]) -> None:
     found = loaded(path)
-    for parameter in found.get_params(click.Context(found)):
+    for parameter in found.get_params(click.Context(found, help_option_names=[])):
         if isinstance(parameter, click.Option):
             assert parameter.help, parameter.name
 

@@ -29,6 +29,41 @@ KINDS = ("connection", "state", "visualization")
 STANDARD_PREFIX = re.compile(r"[^/]+/v\d")
 """Levels before the manufacturer by the standard: interface and major version."""
 
+COUNTS = 1 << 32
+"""Number of different values of a counter."""
+MAX_ERRORS = 1000
+"""Maximum number of errors of a message of which the rest is used."""
+MAX_ROUNDS = 8
+"""Maximum number of times that a message is read: parts are nested less deeply."""
+MAX_SHOWN = 40
+"""Maximum number of characters of a value in a sentence."""
+MAX_NAMES = 4
+"""Maximum number of fields in a sentence."""
+
+Json = dict[str, Any] | list[Any] | str | float | None
+"""Decoded JSON."""
+
+Text = Annotated[str, StringConstraints(max_length=500)]
+Number = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+Word = Annotated[str, StringConstraints(max_length=MAX_SHOWN)]
+"""Value of an enumeration. Unknown ones are kept, for the caller to decide about."""
+
+LATE_S = 10.0
+"""A message is not later than this, s. A timestamp that is farther back is that of a clock that was set."""
+
+MAX_BYTES = 1 << 20
+"""Maximum size of a message."""
+
+ACTIVE_STOPS = frozenset({"AUTOACK", "MANUAL", "REMOTE"})
+MODES = frozenset({"AUTOMATIC", "SEMIAUTOMATIC", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"})
+
+HARMLESS_LEVELS = frozenset({"WARNING", "URGENT", "CRITICAL"})
+"""Levels of errors with which an AGV accepts new orders."""
+IF_UNREADABLE = {**dict.fromkeys(("positionInitialized", "localized"), False), "errorLevel": "FATAL"}
+"""Values of fields that state something unreadable, where the default would be harmless."""
+LOST_CONNECTIONS = frozenset({"OFFLINE", "CONNECTIONBROKEN", "CONNECTION_BROKEN", "HIBERNATING"})
+
 
 class AgvTopic(NamedTuple):
     """Topic of an AGV."""
@@ -62,21 +97,6 @@ def agv_topics(prefix: str = "") -> tuple[str, ...]:
     return tuple(f"{prefix or '+/+'}/+/+/{kind}" for kind in KINDS)
 
 
-COUNTS = 1 << 32
-"""Number of different values of a counter."""
-MAX_ERRORS = 1000
-"""Maximum number of errors of a message of which the rest is used."""
-MAX_ROUNDS = 8
-"""Maximum number of times that a message is read: parts are nested less deeply."""
-MAX_SHOWN = 40
-"""Maximum number of characters of a value in a sentence."""
-MAX_NAMES = 4
-"""Maximum number of fields in a sentence."""
-
-Json = dict[str, Any] | list[Any] | str | float | None
-"""Decoded JSON."""
-
-
 def _time(text: object) -> float:
     """Return the time of an ISO 8601 timestamp, Unix s. Raises ValueError if it is none."""
     if not isinstance(text, str):
@@ -90,12 +110,8 @@ def _whole(value: object) -> object:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-Text = Annotated[str, StringConstraints(max_length=500)]
-Number = Annotated[float, Field(ge=-1e6, le=1e6)]
 Count = Annotated[int, BeforeValidator(_whole), Field(ge=0, lt=COUNTS)]
 Seconds = Annotated[float, BeforeValidator(_time)]
-Word = Annotated[str, StringConstraints(max_length=MAX_SHOWN)]
-"""Value of an enumeration. Unknown ones are kept, for the caller to decide about."""
 
 
 class TolerantModel(BaseModel):
@@ -220,10 +236,6 @@ def _shorten(text: str) -> str:
     return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."
 
 
-LATE_S = 10.0
-"""A message is not later than this, s. A timestamp that is farther back is that of a clock that was set."""
-
-
 class TimestampCheck:
     """Recognizes messages of one topic that come late, by their timestamps."""
 
@@ -247,17 +259,7 @@ class TimestampCheck:
         self._stamp_s = None
 
 
-MAX_BYTES = 1 << 20
-"""Maximum size of a message."""
-
-ACTIVE_STOPS = frozenset({"AUTOACK", "MANUAL", "REMOTE"})
-MODES = frozenset({"AUTOMATIC", "SEMIAUTOMATIC", "MANUAL", "SERVICE", "TEACHIN", "TEACH_IN"})
 MODES |= {"STARTUP", "INTERVENED"}
-HARMLESS_LEVELS = frozenset({"WARNING", "URGENT", "CRITICAL"})
-"""Levels of errors with which an AGV accepts new orders."""
-IF_UNREADABLE = {**dict.fromkeys(("positionInitialized", "localized"), False), "errorLevel": "FATAL"}
-"""Values of fields that state something unreadable, where the default would be harmless."""
-LOST_CONNECTIONS = frozenset({"OFFLINE", "CONNECTIONBROKEN", "CONNECTION_BROKEN", "HIBERNATING"})
 
 
 class _MessageWithHeader(TolerantModel):

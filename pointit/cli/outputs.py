@@ -47,6 +47,25 @@ from pointit.services.pui.config import PuiConfig
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+LED_DRIVER = "led-driver"
+"""Instance whose frames are shown. Without it the strips are dark."""
+
+WHITE = (255, 255, 255)
+KEYS = "arrows turn the beam, + and - change the step, Enter when it is there"
+
+CONNECT_S = 1.0
+"""Time for outputs to connect before the first step, s."""
+
+DARK: Rgb = (0, 0, 0)
+ENDS_S = 3.0
+RUN_S = 4.0
+"""Time in which a pixel runs along the strip, s."""
+COLOR_S = 1.5
+RUN_PICTURES = 120
+"""Maximum number of pictures of the running pixel."""
+COLORED_PIXELS = 10
+COLORS: dict[str, Rgb] = {"red": (255, 0, 0), "green": (0, 255, 0), "blue": (0, 0, 255)}
+
 
 class PrintedHealth(NullHealth):
     """Prints each new warning."""
@@ -107,10 +126,6 @@ def read_setup(
     if room is None or driver is None or all(each.kind == NONE for each in driver.outputs):
         raise ConfigError(f"{scenario} has no output: add --output, as in --output ddp:HOST")
     return room, driver
-
-
-LED_DRIVER = "led-driver"
-"""Instance whose frames are shown. Without it the strips are dark."""
 
 
 class PrintedWarnings(NullHealth):
@@ -229,10 +244,6 @@ class SiteFrames:
                 self._output.show_lamp(name, (0, 0, 0))
 
 
-WHITE = (255, 255, 255)
-KEYS = "arrows turn the beam, + and - change the step, Enter when it is there"
-
-
 @click.command("calibrate")
 @click.option(
     "--at",
@@ -339,21 +350,6 @@ def report(config: SpotlightConfig, pose: FittedPose) -> list[str]:
     if pose.is_mirrored:
         lines.append(f"invert_pan: {'false' if config.invert_pan else 'true'}")
     return lines
-
-
-CONNECT_S = 1.0
-"""Time for outputs to connect before the first step, s."""
-
-
-DARK: Rgb = (0, 0, 0)
-ENDS_S = 3.0
-RUN_S = 4.0
-"""Time in which a pixel runs along the strip, s."""
-COLOR_S = 1.5
-RUN_PICTURES = 120
-"""Maximum number of pictures of the running pixel."""
-COLORED_PIXELS = 10
-COLORS: dict[str, Rgb] = {"red": (255, 0, 0), "green": (0, 255, 0), "blue": (0, 0, 255)}
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,25 @@ METHODS = {"fixed": "told", "static_targets": "lamps", "moving_target": "robot",
 CANDIDATES = 3
 """Number of candidate robots that are named."""
 
+REFRESH_HZ = 8
+"""Refresh rate of the view, which is drawn in a thread of its own."""
+NAME_WIDTH = 8
+BORDER_WIDTH = 4
+"""Columns of the frame and its padding."""
+MAX_STRIPS = 6
+"""Strips drawn one per line; more are drawn side by side, without the marks below them."""
+MARGINS = 6
+"""Columns of the border that its title cannot use."""
+BORDER_HEIGHT = 2
+GAP_WIDTH = 2
+CELLS_PER_M = 8
+"""Scale of strips drawn side by side; it shrinks if one is wider than the terminal."""
+OLD_EVENTS, PLACES, EVENTS, WORDS, STRIPS = range(5)
+"""Order in which parts are left out of a low terminal."""
+END = "Ctrl-C ends it"
+Worth: TypeAlias = tuple[int, int] | None
+"""Priority of a part: the lowest is left out first. None: always shown."""
+
 
 def pose_lines(monitor: Monitor, width: int) -> RenderableType | None:
     """Return people's poses, or None if none is known."""
@@ -206,26 +225,6 @@ def _span(duration_ns: int) -> str:
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.0f} h"
-
-
-REFRESH_HZ = 8
-"""Refresh rate of the view, which is drawn in a thread of its own."""
-NAME_WIDTH = 8
-BORDER_WIDTH = 4
-"""Columns of the frame and its padding."""
-MAX_STRIPS = 6
-"""Strips drawn one per line; more are drawn side by side, without the marks below them."""
-MARGINS = 6
-"""Columns of the border that its title cannot use."""
-BORDER_HEIGHT = 2
-GAP_WIDTH = 2
-CELLS_PER_M = 8
-"""Scale of strips drawn side by side; it shrinks if one is wider than the terminal."""
-OLD_EVENTS, PLACES, EVENTS, WORDS, STRIPS = range(5)
-"""Order in which parts are left out of a low terminal."""
-END = "Ctrl-C ends it"
-Worth: TypeAlias = tuple[int, int] | None
-"""Priority of a part: the lowest is left out first. None: always shown."""
 
 
 @dataclass(frozen=True)

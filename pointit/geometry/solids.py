@@ -22,6 +22,30 @@ from pointit.geometry.vector import Vec3
 
 Vec2 = tuple[float, float]
 
+RIM_POINTS = 24
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+GOLDEN_STEPS = 40
+"""Steps of the golden section search, which shrink the bracket by 4e-9."""
+HALVINGS = 60
+
+Edge = tuple[Vec3, Vec3]
+"""Start of an edge, and vector to its end."""
+
+MAX_EYES = 32
+"""Limit of origins of rays for which a box keeps its outline."""
+
+_Outer = tuple[float, float, float, Vec3, Vec3, Vec3]
+"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start, span, and start
+seen from the origin."""
+
+GRAZING_RAD = math.radians(5.0)
+"""Angle below which a trembling hand moves the intersection too much (pointing.md §5)."""
+
+FLOOR_RAD = math.radians(5.0)
+"""Slope up to which a plane is a floor on which things stand."""
+LEVEL = 1e-6
+"""Inclination of the normal below which a plane is level."""
+
 
 def _first_ahead(first: float, last: float) -> float | None:
     """Return where a ray meets a solid, crossed from `first` to `last`, or None if that is behind it."""
@@ -75,13 +99,6 @@ def do_intersect(a: Vec2, b: Vec2, c: Vec2, d: Vec2) -> bool:
 
 def _is_between(a: Vec2, b: Vec2, c: Vec2) -> bool:
     return min(a[0], b[0]) <= c[0] <= max(a[0], b[0]) and min(a[1], b[1]) <= c[1] <= max(a[1], b[1])
-
-
-RIM_POINTS = 24
-GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-GOLDEN_STEPS = 40
-"""Steps of the golden section search, which shrink the bracket by 4e-9."""
-HALVINGS = 60
 
 
 class CylinderSolid:
@@ -220,13 +237,6 @@ class CylinderSolid:
         x, y, z = point
         shrink = min(1.0, self._radius / max(math.hypot(x, y), 1e-12))
         return (x * shrink, y * shrink, min(max(z, 0.0), self._height))
-
-
-Edge = tuple[Vec3, Vec3]
-"""Start of an edge, and vector to its end."""
-
-MAX_EYES = 32
-"""Limit of origins of rays for which a box keeps its outline."""
 
 
 class Solid(Protocol):
@@ -426,11 +436,6 @@ def _others(axis: int) -> list[int]:
     return [other for other in range(3) if other != axis]
 
 
-_Outer = tuple[float, float, float, Vec3, Vec3, Vec3]
-"""Edge of an outline: x, y, z of the outward normal of its plane through the origin; start, span, and start
-seen from the origin."""
-
-
 def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
     """Return the edges between a face seen from `origin_m` and one that is not: none for an origin inside."""
     outline: list[_Outer] = []
@@ -441,15 +446,6 @@ def _outline(half: Vec3, origin_m: Vec3) -> list[_Outer]:
             outward = -1.0 if vector.dot(normal, origin_m) < 0.0 else 1.0  # away from the box's centre
             outline.append((*vector.scale(normal, outward), start, span, reach))
     return outline
-
-
-GRAZING_RAD = math.radians(5.0)
-"""Angle below which a trembling hand moves the intersection too much (pointing.md §5)."""
-
-FLOOR_RAD = math.radians(5.0)
-"""Slope up to which a plane is a floor on which things stand."""
-LEVEL = 1e-6
-"""Inclination of the normal below which a plane is level."""
 
 
 def plane_axes(normal: Vec3) -> tuple[Vec3, Vec3]:

@@ -59,6 +59,19 @@ GRACE_NS = NS_PER_S // 20
 NEAR_NS = NS_PER_S
 """Largest difference of the times at which a service sent a request then and now, ns."""
 
+SETTLE_NS = NS_PER_S // 1000
+"""Time after the last entry in which the services answer it, ns."""
+
+MAX_GAP_NS = 600 * NS_PER_S
+"""Longest time without entries that is replayed, ns. After a longer one the site's clock has jumped."""
+
+STARTING_NS = NS_PER_S // 20
+"""Time after a beginning in mid-session in which services put the states and cues with which they start, ns.
+These are not compared: the recorded ones are older."""
+
+LIVE_STARTING_S = 3.0
+"""The same on a site from any beginning, s: services take their time to start there."""
+
 
 class Edge:
     """Writes messages and announces presences on a bus."""
@@ -198,20 +211,6 @@ class Skipped:
                 total,
                 keys,
             )
-
-
-SETTLE_NS = NS_PER_S // 1000
-"""Time after the last entry in which the services answer it, ns."""
-
-MAX_GAP_NS = 600 * NS_PER_S
-"""Longest time without entries that is replayed, ns. After a longer one the site's clock has jumped."""
-
-STARTING_NS = NS_PER_S // 20
-"""Time after a beginning in mid-session in which services put the states and cues with which they start, ns.
-These are not compared: the recorded ones are older."""
-
-LIVE_STARTING_S = 3.0
-"""The same on a site from any beginning, s: services take their time to start there."""
 
 
 class ReplaySource(Protocol):

@@ -53,6 +53,40 @@ from pointit.services.supervisor.transitions import OFFSET_PURPOSE
 MAX_BURST = 256
 """Entries that are put at once, at most, before the services get their turn, as queues are bounded."""
 
+Level = Literal["edge", "rays", "cursors"]
+"""Inputs taken from the recording: those of devices and other systems, or also rays, or also cursors."""
+
+SERVICES: dict[Level, tuple[str, ...]] = {
+    "edge": ("keeper", "pui", "localizer", "supervisor", "pointing", "goal", "selector", "led-driver"),
+    "rays": ("keeper", "pui", "supervisor", "goal", "selector", "led-driver"),
+    "cursors": ("selector", "led-driver"),
+}
+"""Services that run again, in the order in which they are started."""
+
+OF_TRACKERS = ("left", "dispatched")
+"""Selection events that trackers publish, not the selector."""
+
+OF_SELECTOR = ("selected", "deselected")
+"""Cues that only the selector gives."""
+
+CALLED_BY_SERVICES: tuple[topics.Request[Any, Any], ...] = (
+    topics.START_LOCALIZATION,
+    topics.CANCEL_LOCALIZATION,
+    topics.POINT_ANCHOR,
+    topics.SET_POSE,
+)
+"""Requests of the supervisor. People and other programs may send them, too."""
+
+OBSERVERS = ("recorder", "web", "ros2", "foxglove")
+"""Processes that show a site or connect it with others. A site has its own, whatever a recording says."""
+
+MAX_NAME = 64
+"""Characters of a name that are used, at most."""
+_UNSAFE = re.compile(r"[^\w. ()+,=@-]")
+
+GATHERING_NS = 5 * NS_PER_S
+"""Time after the beginning within which retained states reach a recorder, ns."""
+
 
 class RecordingClock:
     """Begins at a time of a recording and follows the running loop's time, which may be virtual."""
@@ -83,35 +117,6 @@ class RecordingClock:
         self._burst = 0 if left_s > 0.0 or self._burst >= MAX_BURST else self._burst + 1
         if self._burst == 0:
             await asyncio.sleep(max(left_s, 0.0))
-
-
-Level = Literal["edge", "rays", "cursors"]
-"""Inputs taken from the recording: those of devices and other systems, or also rays, or also cursors."""
-
-SERVICES: dict[Level, tuple[str, ...]] = {
-    "edge": ("keeper", "pui", "localizer", "supervisor", "pointing", "goal", "selector", "led-driver"),
-    "rays": ("keeper", "pui", "supervisor", "goal", "selector", "led-driver"),
-    "cursors": ("selector", "led-driver"),
-}
-"""Services that run again, in the order in which they are started."""
-
-OF_TRACKERS = ("left", "dispatched")
-"""Selection events that trackers publish, not the selector."""
-
-OF_SELECTOR = ("selected", "deselected")
-"""Cues that only the selector gives."""
-
-CALLED_BY_SERVICES: tuple[topics.Request[Any, Any], ...] = (
-    topics.START_LOCALIZATION,
-    topics.CANCEL_LOCALIZATION,
-    topics.POINT_ANCHOR,
-    topics.SET_POSE,
-)
-"""Requests of the supervisor. People and other programs may send them, too."""
-
-
-OBSERVERS = ("recorder", "web", "ros2", "foxglove")
-"""Processes that show a site or connect it with others. A site has its own, whatever a recording says."""
 
 
 class ReplayError(PointItError):
@@ -185,11 +190,6 @@ def _writers(row: topics.Topic[Any], name: str) -> Iterable[str]:
     if row is not topics.OBJECTS:
         return row.writers
     return ("pui",) if name == TRACKER else (writer for writer in row.writers if writer != "pui")
-
-
-MAX_NAME = 64
-"""Characters of a name that are used, at most."""
-_UNSAFE = re.compile(r"[^\w. ()+,=@-]")
 
 
 def write_room(room: Environment, folder: Path) -> Path | None:
@@ -301,10 +301,6 @@ def _thing(thing: Thing) -> dict[str, object]:
 
 def _line(line: tuple[tuple[float, float, float], ...]) -> list[list[float]]:
     return [list(vertex) for vertex in line]
-
-
-GATHERING_NS = 5 * NS_PER_S
-"""Time after the beginning within which retained states reach a recorder, ns."""
 
 
 @dataclass

@@ -37,6 +37,28 @@ HEARTBEAT_S = 0.5
 MAX_ATTACHMENT_BYTES = 4096
 """Messages with a longer attachment are dropped."""
 
+MAX_OPEN = 64
+"""Limit of queries that a queryable has accepted and not answered. Further ones are refused."""
+QUERY_TIMEOUT_S = 600.0
+"""Time for which Zenoh keeps a query alive. The querier has a deadline of its own, and cancels."""
+MAX_REASON_CHARACTERS = 500
+MAX_ANSWERS = 16
+"""Limit of answers to one query that wait for the loop. Further ones are dropped."""
+
+log = logging.getLogger(__name__)
+
+Mode = Literal["peer", "client", "router"]
+CONNECT_TIMEOUT_MS = 1000
+"""Duration of one attempt at most. Closing a session waits for the current attempt."""
+SCOUTING_DELAY_MS = 500
+"""Time that a peer waits for other peers when it opens."""
+QUERY_TIMEOUT_MS = 600_000
+"""Lifetime of forwarded queries. Our own have deadlines of their own."""
+SEND_BATCHES = 16
+"""Batches of 64 KB that wait for a slower link before messages are dropped."""
+MAX_MESSAGE_BYTES = 16 * 1024 * 1024
+"""Size limit of reassembled messages, unless we route for others."""
+
 
 def bytes_of(data: zenoh.ZBytes | None) -> bytes | None:
     """Return the content of a payload or attachment."""
@@ -104,15 +126,6 @@ class RawPublisher(Declaration):
             self._writer.put(payload, attachment=attachment)
         except zenoh.ZError as error:
             raise BusClosedError("the writer or its session was closed") from error
-
-
-MAX_OPEN = 64
-"""Limit of queries that a queryable has accepted and not answered. Further ones are refused."""
-QUERY_TIMEOUT_S = 600.0
-"""Time for which Zenoh keeps a query alive. The querier has a deadline of its own, and cancels."""
-MAX_REASON_CHARACTERS = 500
-MAX_ANSWERS = 16
-"""Limit of answers to one query that wait for the loop. Further ones are dropped."""
 
 
 class IncomingQuery:
@@ -302,22 +315,6 @@ class RawQuerier(Declaration):
         if is_oversized(sample.payload, sample.attachment, self._max_bytes):
             return QueryReply(b"", None, f"its answer is longer than {self._max_bytes} bytes")
         return QueryReply(sample.payload.to_bytes(), bytes_of(sample.attachment))
-
-
-log = logging.getLogger(__name__)
-
-
-Mode = Literal["peer", "client", "router"]
-CONNECT_TIMEOUT_MS = 1000
-"""Duration of one attempt at most. Closing a session waits for the current attempt."""
-SCOUTING_DELAY_MS = 500
-"""Time that a peer waits for other peers when it opens."""
-QUERY_TIMEOUT_MS = 600_000
-"""Lifetime of forwarded queries. Our own have deadlines of their own."""
-SEND_BATCHES = 16
-"""Batches of 64 KB that wait for a slower link before messages are dropped."""
-MAX_MESSAGE_BYTES = 16 * 1024 * 1024
-"""Size limit of reassembled messages, unless we route for others."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -74,6 +74,31 @@ NEAR_RAD = 0.05
 MAX_READINGS = 64
 """Number of readings that a trial remembers; it must not need memory of its own."""
 
+NOT_FINITE: tuple[Quaternion, ...] = (
+    (math.nan, math.nan, math.nan, math.nan),
+    (0.0, 0.0, math.nan, 1.0),
+    (math.inf, 0.0, 0.0, 0.0),
+    (0.0, -math.inf, 0.0, 1.0),
+)
+NOT_UNIT: tuple[Quaternion, ...] = (
+    (0.0, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 2.0),
+    (0.5, 0.0, 0.0, 0.0),
+    (1e20, 1e20, 1e20, 1e20),
+)
+BURST = 3000
+LOT = 100
+FLOOD_BYTES = 1_500_000
+PIECE_BYTES = 8192
+SETTLE_S = 0.1
+"""Time for the source, and for the loop below it, to free what is done with, s."""
+
+SILENCE_S = 0.4
+VIRTUAL_SILENCE_S = 120.0
+MAX_CPU = 0.06
+"""Maximum CPU share of a source without input, in cores. Waiting takes 0.02. A busy loop takes the share of a
+core that a busy machine leaves."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ImuHarness(DeviceHarness[ImuSource]):
@@ -254,26 +279,6 @@ async def calls_in_the_loop(harness: ImuHarness) -> None:
         trial.health.require_in_loop()
 
 
-NOT_FINITE: tuple[Quaternion, ...] = (
-    (math.nan, math.nan, math.nan, math.nan),
-    (0.0, 0.0, math.nan, 1.0),
-    (math.inf, 0.0, 0.0, 0.0),
-    (0.0, -math.inf, 0.0, 1.0),
-)
-NOT_UNIT: tuple[Quaternion, ...] = (
-    (0.0, 0.0, 0.0, 0.0),
-    (0.0, 0.0, 0.0, 2.0),
-    (0.5, 0.0, 0.0, 0.0),
-    (1e20, 1e20, 1e20, 1e20),
-)
-BURST = 3000
-LOT = 100
-FLOOD_BYTES = 1_500_000
-PIECE_BYTES = 8192
-SETTLE_S = 0.1
-"""Time for the source, and for the loop below it, to free what is done with, s."""
-
-
 @IMU_SUITE.check(
     "Treat what cannot be parsed as one bad reading: catch the parser's error there, and limit a message's "
     "length",
@@ -365,13 +370,6 @@ async def bounded_memory(harness: ImuHarness) -> None:
         await requirements.require_bounded_memory(flood, f"{FLOOD_BYTES} bytes without a reading")
         await trial.hear("after many bytes without a reading, none was delivered")
         await requirements.require_bounded_memory(many, f"{2 * BURST} readings")
-
-
-SILENCE_S = 0.4
-VIRTUAL_SILENCE_S = 120.0
-MAX_CPU = 0.06
-"""Maximum CPU share of a source without input, in cores. Waiting takes 0.02. A busy loop takes the share of a
-core that a busy machine leaves."""
 
 
 @IMU_SUITE.check("Catch OSError around connecting, and try again after a pause", sends)

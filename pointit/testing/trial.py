@@ -39,6 +39,20 @@ LOOK_S = 0.02
 END_WITHIN_S = 2.0
 """Time for a loop to close after its result is known, s."""
 
+P = TypeVar("P", bound=Plugin)
+H = TypeVar("H", bound="Harness[Any]")
+AT_ONCE = 16
+"""Checks that run at the same time: most of them wait."""
+TIMEOUT_FACTORS = 6.0
+"""A check that has not come to an end within this many times the harness's timeout hangs."""
+CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
+
+T = TypeVar("T", bound="Trial")
+CANCEL_S = 1.0
+"""Time within which a plug-in must have ended after it was cancelled, s."""
+ABSENT_S = 0.2
+"""Time for which a device is away, s."""
+
 
 class LoopWatch:
     """Measures how long the event loop of another thread stands still.
@@ -154,15 +168,6 @@ def run_in_own_loop(
     if outcome and outcome[0] is not None:
         raise outcome[0]
     return hung
-
-
-P = TypeVar("P", bound=Plugin)
-H = TypeVar("H", bound="Harness[Any]")
-AT_ONCE = 16
-"""Checks that run at the same time: most of them wait."""
-TIMEOUT_FACTORS = 6.0
-"""A check that has not come to an end within this many times the harness's timeout hangs."""
-CheckFunction = Callable[[H], Coroutine[Any, Any, None]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,13 +324,6 @@ def _run(function: CheckFunction[H], harness: H) -> None:
         line = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{line.filename}, line {line.lineno}, in {line.name}"
         raise CheckFailedError(f"a callback raised {type(error).__name__}: {error}, in {where}") from error
-
-
-T = TypeVar("T", bound="Trial")
-CANCEL_S = 1.0
-"""Time within which a plug-in must have ended after it was cancelled, s."""
-ABSENT_S = 0.2
-"""Time for which a device is away, s."""
 
 
 class TrialClock:

@@ -18,6 +18,15 @@ from pointit.services.conveyor_sim.config import ConveyorSimConfig, KindNumber
 from pointit.services.conveyor_sim.network import Piece
 from pointit.services.conveyor_sim.traffic import TOLERANCE_M, Package, Traffic
 
+END = "end"
+"""Name of the step after the last one, when nothing more is fed."""
+
+_Share = Annotated[float, Field(ge=0, le=1e6)]
+_Interval = Annotated[float, Field(gt=0, le=3600)]
+
+ROUNDING_S = 0.5e-9
+"""Times are whole nanoseconds; sums of their floats are off by less than half a nanosecond."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FeedSpec:
@@ -117,13 +126,6 @@ def configured(config: ConveyorSimConfig, entries: Sequence[str], seed: int) -> 
         count=feeder.count,
     )
     return [Feeder("feeder", entries, supply, seed=seed)]
-
-
-END = "end"
-"""Name of the step after the last one, when nothing more is fed."""
-
-_Share = Annotated[float, Field(ge=0, le=1e6)]
-_Interval = Annotated[float, Field(gt=0, le=3600)]
 
 
 class _Entry(BaseModel):
@@ -368,10 +370,6 @@ class Feeders:
         for feeder, (taken, due_s) in zip(self.all, state["feeders"], strict=True):
             feeder.taken, feeder.due_s = taken, due_s
         self.is_on = state.get("feeding", True)  # older versions could not pause
-
-
-ROUNDING_S = 0.5e-9
-"""Times are whole nanoseconds; sums of their floats are off by less than half a nanosecond."""
 
 
 class NoRoomError(Exception):

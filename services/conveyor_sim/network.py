@@ -19,6 +19,26 @@ Array = NDArray[np.float64]
 NONE = -1
 """Instead of the index of a piece or junction: there is none."""
 
+APART = math.cos(math.radians(10.0))
+"""Cosine of the angle above which ways that leave one place diverge there."""
+CROSSING_M = 0.05
+"""Lines that pass each other closer than this cross."""
+SAMPLE_M = 1e-3
+"""Distance between the points of a bridge at which crossings are looked for."""
+SHARP = math.cos(math.radians(30.0))
+"""Cosine of the turn above which packages that follow each other would come closer than along their way."""
+MAX_WIDENING = 3.0
+"""Largest factor by which junctions of ways at a narrow angle are extended."""
+BENT = 1.05
+"""Additional factor, since the angle may change along the way."""
+PAST_M = 1e-3
+
+Extent = dict[int, tuple[float, float]]
+"""Start and end by section; below 0 and beyond the section's length where it continues there."""
+
+SNAP_M = 1e-3
+"""Places on a belt closer together than this are merged; shorter gaps are closed."""
+
 
 @dataclass(slots=True, eq=False)
 class Piece:
@@ -79,24 +99,6 @@ class Piece:
         if to_m is not None:
             return self.target, to_m - (bridge_m - offset_m)
         return "", 0.0
-
-
-APART = math.cos(math.radians(10.0))
-"""Cosine of the angle above which ways that leave one place diverge there."""
-CROSSING_M = 0.05
-"""Lines that pass each other closer than this cross."""
-SAMPLE_M = 1e-3
-"""Distance between the points of a bridge at which crossings are looked for."""
-SHARP = math.cos(math.radians(30.0))
-"""Cosine of the turn above which packages that follow each other would come closer than along their way."""
-MAX_WIDENING = 3.0
-"""Largest factor by which junctions of ways at a narrow angle are extended."""
-BENT = 1.05
-"""Additional factor, since the angle may change along the way."""
-PAST_M = 1e-3
-
-Extent = dict[int, tuple[float, float]]
-"""Start and end by section; below 0 and beyond the section's length where it continues there."""
 
 
 class Junctions:
@@ -241,10 +243,6 @@ def _touch(a: Extent, b: Extent) -> bool:
         a[section][0] < b[section][1] + PAST_M and b[section][0] < a[section][1] + PAST_M
         for section in a.keys() & b.keys()
     )
-
-
-SNAP_M = 1e-3
-"""Places on a belt closer together than this are merged; shorter gaps are closed."""
 
 
 class Network:

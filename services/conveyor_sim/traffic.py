@@ -10,6 +10,16 @@ from pointit.services.conveyor_sim.network import NONE, SHARP, BeltRoutes, Netwo
 
 PAST_M = 1e-6
 
+Way = tuple[int, ...]
+"""Pieces in order."""
+
+TOLERANCE_M = 1e-9
+"""Overlap of touching packages by rounding."""
+RETRY_M = 0.01
+"""Distance of belt motion after which a package that waits for a junction tries again."""
+STEP_S = 0.05
+"""Longest time step with linked belts."""
+
 
 @dataclass(slots=True, eq=False)
 class Package:
@@ -77,10 +87,6 @@ class Package:
             ]:
                 package.way += (following[0],)
         return package
-
-
-Way = tuple[int, ...]
-"""Pieces in order."""
 
 
 class EntryRequest(NamedTuple):
@@ -326,14 +332,6 @@ class LastWay:
                 break
             way += ahead
         return tuple(way)
-
-
-TOLERANCE_M = 1e-9
-"""Overlap of touching packages by rounding."""
-RETRY_M = 0.01
-"""Distance of belt motion after which a package that waits for a junction tries again."""
-STEP_S = 0.05
-"""Longest time step with linked belts."""
 
 
 class Traffic:

@@ -31,6 +31,34 @@ NO_TARGET_RAD = np.array([1.8, 0.5])
 DOWNWARDS_RAD = math.radians(-15.0)
 """Mean elevation of rays at no robot."""
 
+MAX_RAYS = 2048
+"""Largest number of rays in the window; the oldest are dropped."""
+
+MAX_AHEAD_S = 0.5
+"""Longest time for which a robot is extrapolated beyond its newest report."""
+
+MIN_LEVEL = 0.2
+"""Lower bound of the cosine of an elevation: a steeper ray has no usable azimuth."""
+
+MIN_STEP_S = 1e-3
+"""Lower bound of the time between two reports: their difference is no velocity if a clock was set."""
+
+MAX_VARIANCE = 1e4
+"""Upper bound of a pose's variances: m², rad²."""
+
+PERIOD_NS = NS_PER_S // 5
+"""Time between two identifications without a press."""
+PENDING_NS = 3 * NS_PER_S
+"""Time after a press within which an unclear choice may still become clear by pointing on."""
+LIKELY = 0.1
+"""Probability from which a robot is named as one that may be meant."""
+ONE = 0.8
+"""Share of the likeliest robot in all likely ones from which only a place beside it may be meant instead."""
+RATHER = 0.5
+"""Probability from which staying asks whether a robot is meant: nothing else says that one is wanted."""
+SHOWN_STEP = 0.05
+"""Resolution of published probabilities, which are rounded down: what is shown is not stated too high."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class IdentificationSettings:
@@ -153,22 +181,6 @@ def _log_density(values: Array, spread: Array, noise: Array, scales: Sequence[fl
     sizes = np.log(np.einsum("kii->ki", roots)).sum(axis=1)
     logs = -0.5 * np.square(whitened).sum(axis=1) - sizes
     return float(np.logaddexp.reduce(logs)) - math.log(len(scales)) - 0.5 * len(values) * math.log(math.tau)
-
-
-MAX_RAYS = 2048
-"""Largest number of rays in the window; the oldest are dropped."""
-
-MAX_AHEAD_S = 0.5
-"""Longest time for which a robot is extrapolated beyond its newest report."""
-
-MIN_LEVEL = 0.2
-"""Lower bound of the cosine of an elevation: a steeper ray has no usable azimuth."""
-
-MIN_STEP_S = 1e-3
-"""Lower bound of the time between two reports: their difference is no velocity if a clock was set."""
-
-MAX_VARIANCE = 1e4
-"""Upper bound of a pose's variances: m², rad²."""
 
 
 @dataclass(frozen=True)
@@ -354,20 +366,6 @@ def _positions(track: _Track, times_ns: NDArray[np.int64]) -> tuple[Array, Array
     leg = np.clip(np.searchsorted(own_s, wanted_s) - 1, 0, len(speeds) - 1)
     velocities = np.where((wanted_s < 0.0)[:, None], 0.0, speeds[leg])
     return places[leg] + (wanted_s - own_s[leg])[:, None] * velocities, velocities
-
-
-PERIOD_NS = NS_PER_S // 5
-"""Time between two identifications without a press."""
-PENDING_NS = 3 * NS_PER_S
-"""Time after a press within which an unclear choice may still become clear by pointing on."""
-LIKELY = 0.1
-"""Probability from which a robot is named as one that may be meant."""
-ONE = 0.8
-"""Share of the likeliest robot in all likely ones from which only a place beside it may be meant instead."""
-RATHER = 0.5
-"""Probability from which staying asks whether a robot is meant: nothing else says that one is wanted."""
-SHOWN_STEP = 0.05
-"""Resolution of published probabilities, which are rounded down: what is shown is not stated too high."""
 
 
 class ChosenRobot(NamedTuple):

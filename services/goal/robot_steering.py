@@ -50,6 +50,19 @@ HOW: dict[str, str] = {
     "ground": "stay at places to set way-points, then press to send it",
 }
 
+Output = Goal | Feedback | Steering
+
+MAX_ROBOT_AGE_NS = 2 * NS_PER_S
+"""Time without a report of a robot's process after which its user loses it and no user can choose it, s."""
+TICK_NS = NS_PER_S // 5
+"""Time between two checks for missing answers."""
+LAND_BEFORE_S = (0.6, 0.1)
+"""Part of the past before a press whose mean cursor is the landing place: pressing moves the arm."""
+MAX_WAYPOINTS = 32
+"""Largest number of way-points of one path."""
+MAX_ROBOTS = 64
+"""Largest number of robots that are considered."""
+
 
 class RobotCue(NamedTuple):
     """A cue for the person."""
@@ -149,20 +162,6 @@ class TakenRobot:
                 "selected", f"{self.name} has arrived", sign_of="localized", place_m=state.position_m
             )
         return RobotCue("refused", f"{self.name} stopped {away_m:.1f} m before its goal: send it again")
-
-
-Output = Goal | Feedback | Steering
-
-MAX_ROBOT_AGE_NS = 2 * NS_PER_S
-"""Time without a report of a robot's process after which its user loses it and no user can choose it, s."""
-TICK_NS = NS_PER_S // 5
-"""Time between two checks for missing answers."""
-LAND_BEFORE_S = (0.6, 0.1)
-"""Part of the past before a press whose mean cursor is the landing place: pressing moves the arm."""
-MAX_WAYPOINTS = 32
-"""Largest number of way-points of one path."""
-MAX_ROBOTS = 64
-"""Largest number of robots that are considered."""
 
 
 class RobotSteering:

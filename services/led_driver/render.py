@@ -46,6 +46,21 @@ _ROUNDING = 1e-6
 _APART_M = 1.0
 """Gap between lines on the axis on which all lie one after the other. Look-ups reach no further."""
 
+Bytes = NDArray[np.uint8]
+PATTERNS = ("solid", "dashed", "dotted", "striped", "hollow", "tailed")
+"""Patterns of the profile. A segment has the index."""
+_DASHED, _DOTTED, _STRIPED, _HOLLOW, _TAILED = range(1, 6)
+BODY, FILL, GAP, OWNER, MARGIN = range(5)
+"""Roles of pixels: body, its other level by the gauge, dark of patterns, owner's colour, margins."""
+MARGIN_COLORS = 4
+"""Maximum number of alternating colours."""
+ROLES = MARGIN + MARGIN_COLORS
+"""Tolerance, pixels."""
+_ROUNDING_M = 1e-9
+"""Distance beyond an object's end at which a pixel is still on it."""
+_MANY = 1e9
+"""Limit of the count of pixels."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Run:
@@ -247,22 +262,6 @@ def _run_along(pixels: Indices, at_m: Array, own_m: float) -> _Run:
 
 def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return np.concatenate(parts) if parts else np.zeros(0)
-
-
-Bytes = NDArray[np.uint8]
-PATTERNS = ("solid", "dashed", "dotted", "striped", "hollow", "tailed")
-"""Patterns of the profile. A segment has the index."""
-_DASHED, _DOTTED, _STRIPED, _HOLLOW, _TAILED = range(1, 6)
-BODY, FILL, GAP, OWNER, MARGIN = range(5)
-"""Roles of pixels: body, its other level by the gauge, dark of patterns, owner's colour, margins."""
-MARGIN_COLORS = 4
-"""Maximum number of alternating colours."""
-ROLES = MARGIN + MARGIN_COLORS
-"""Tolerance, pixels."""
-_ROUNDING_M = 1e-9
-"""Distance beyond an object's end at which a pixel is still on it."""
-_MANY = 1e9
-"""Limit of the count of pixels."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,55 @@ EITHER = 0.6
 REACTION_S = 0.3
 """Time from seeing the light of a candidate to the answer to it, s."""
 
+M = TypeVar("M", bound=Message)
+
+MAX_REPORT_AGE_S = 3.0
+"""Time after the last list of a tracker, or report of a robot, after which what it told is gone, s."""
+CHEST_M = 1.2
+"""Height of a person's middle, m."""
+PERSON_M = (0.5, 0.5, 1.2)
+"""Extent of a person who is pointed at, m."""
+MAX_TARGETS = 2000
+"""Limit of targets that are considered."""
+ROBOT_TRACKER = "robot."
+"""Beginning of the names of trackers that list one robot, which reports its state, too."""
+
+USUAL_WAY_RAD = math.radians(39.0)
+"""Way of the arm from which `sideways_rad` holds; for a shorter one it is less in proportion."""
+BENT_ARM_FACTOR = 2.5
+FIELD_SR = math.radians(80.0) * math.radians(50.0)
+"""Solid angle over which rays spread that are meant for none of the targets."""
+MAX_CANDIDATES = 8
+"""Largest number of candidates of a reply, and four times as many of `these`."""
+MIN_PROBABILITY = 0.005
+"""Least probability of a candidate of a reply."""
+SWEPT = 0.3
+"""The same of `these`: a ray that swept between two of them does not count for both."""
+OF_PLACES: dict[Deictic, float] = {"": 0.25, "this": 0.1, "that": 0.1, "here": 0.9, "there": 0.98}
+"""Share of places and directions in what is not one of the targets."""
+NEARER = 0.7
+"""Exponent of the distance by which `this` prefers what is near, and `that` what is far."""
+BY_DISTANCE: dict[Deictic, float] = {"this": -NEARER, "these": -NEARER, "here": -NEARER, "that": NEARER}
+OWN_PLACE = 0.5
+"""Probability before the rays that `here` is the speaker's own place, if no target is meant."""
+NO_RAYS = "no rays at that time: the person did not point, or is not localized"
+
+UTTERANCES = 5
+"""Number of utterances whose arrival decides."""
+WORDS = 24
+"""Number of deictic words whose gestures decide."""
+TYPICAL_S = -0.2
+"""Median time from a word to the arrival of the arm, s, with a clock that is right. It scatters by 0.08 s, of
+simulated people (docs/decisions/finished-experiments.md)."""
+EARLIEST_S, LATEST_S = -0.42, 0.03
+"""Range of that median beyond which a clock is named, s: of simulated ones that are right less than 1 of 60,
+of those that are 0.5 s off 9 of 10."""
+REMEDY = "synchronize it, or send the site's time"
+WINDOW_S = 1.5
+"""Time about a word in which its gesture is searched, s: wider than for its meaning."""
+CLOCK_MODEL = TimingModel(lag_sigma_s=0.8, held=0.0)
+"""Times of gestures about words of an unknown clock."""
+
 
 class Decision(NamedTuple):
     """Next step for a word: act, ask which one is meant, or refuse."""
@@ -89,20 +138,6 @@ def decide(
     if chances[0] < ASKED or sum(chances[:2]) < EITHER:
         return Decision("refuse", ())
     return Decision("ask", fitting[: 2 if len(chances) > 1 and chances[1] >= (1.0 - SURE) / 2.0 else 1])
-
-
-M = TypeVar("M", bound=Message)
-
-MAX_REPORT_AGE_S = 3.0
-"""Time after the last list of a tracker, or report of a robot, after which what it told is gone, s."""
-CHEST_M = 1.2
-"""Height of a person's middle, m."""
-PERSON_M = (0.5, 0.5, 1.2)
-"""Extent of a person who is pointed at, m."""
-MAX_TARGETS = 2000
-"""Limit of targets that are considered."""
-ROBOT_TRACKER = "robot."
-"""Beginning of the names of trackers that list one robot, which reports its state, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,25 +242,6 @@ class ReferentModel(TimingModel):
 
 
 MODEL = ReferentModel()
-USUAL_WAY_RAD = math.radians(39.0)
-"""Way of the arm from which `sideways_rad` holds; for a shorter one it is less in proportion."""
-BENT_ARM_FACTOR = 2.5
-FIELD_SR = math.radians(80.0) * math.radians(50.0)
-"""Solid angle over which rays spread that are meant for none of the targets."""
-MAX_CANDIDATES = 8
-"""Largest number of candidates of a reply, and four times as many of `these`."""
-MIN_PROBABILITY = 0.005
-"""Least probability of a candidate of a reply."""
-SWEPT = 0.3
-"""The same of `these`: a ray that swept between two of them does not count for both."""
-OF_PLACES: dict[Deictic, float] = {"": 0.25, "this": 0.1, "that": 0.1, "here": 0.9, "there": 0.98}
-"""Share of places and directions in what is not one of the targets."""
-NEARER = 0.7
-"""Exponent of the distance by which `this` prefers what is near, and `that` what is far."""
-BY_DISTANCE: dict[Deictic, float] = {"this": -NEARER, "these": -NEARER, "here": -NEARER, "that": NEARER}
-OWN_PLACE = 0.5
-"""Probability before the rays that `here` is the speaker's own place, if no target is meant."""
-NO_RAYS = "no rays at that time: the person did not point, or is not localized"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -391,23 +407,6 @@ def _swept(targets: Sequence[ReferentTarget], densities: Floats, model: Referent
     candidates.sort(key=lambda one: -one.probability)
     none = math.prod(1.0 - one.probability for one in candidates)
     return Referents(candidates=tuple(candidates[: 4 * MAX_CANDIDATES]), none=none, rays=rays)
-
-
-UTTERANCES = 5
-"""Number of utterances whose arrival decides."""
-WORDS = 24
-"""Number of deictic words whose gestures decide."""
-TYPICAL_S = -0.2
-"""Median time from a word to the arrival of the arm, s, with a clock that is right. It scatters by 0.08 s, of
-simulated people (docs/decisions/finished-experiments.md)."""
-EARLIEST_S, LATEST_S = -0.42, 0.03
-"""Range of that median beyond which a clock is named, s: of simulated ones that are right less than 1 of 60,
-of those that are 0.5 s off 9 of 10."""
-REMEDY = "synchronize it, or send the site's time"
-WINDOW_S = 1.5
-"""Time about a word in which its gesture is searched, s: wider than for its meaning."""
-CLOCK_MODEL = TimingModel(lag_sigma_s=0.8, held=0.0)
-"""Times of gestures about words of an unknown clock."""
 
 
 class RecogniserClock:

@@ -21,6 +21,11 @@ LAST_WORD_PURPOSE = "interaction"
 GRACE_NS = 2 * NS_PER_S
 """Time within which a requested localization begins, ns."""
 
+State = Literal["idle", "localizing", "pointing"]
+
+SETTLE_NS = NS_PER_S
+"""Time after the start for a known pose to arrive before autostart localizes the person, ns."""
+
 
 class Readiness:
     """Decides if a sample may start or resume pointing."""
@@ -170,9 +175,6 @@ class LocalizationAttempt:
         return aimed != self._aimed
 
 
-State = Literal["idle", "localizing", "pointing"]
-
-
 class InteractionPublisher:
     """Numbers states and cues, and skips unchanged states."""
 
@@ -226,10 +228,6 @@ class InteractionPublisher:
             return False
         flashes_ns.append(now_ns)
         return True
-
-
-SETTLE_NS = NS_PER_S
-"""Time after the start for a known pose to arrive before autostart localizes the person, ns."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,6 +39,57 @@ MAX_PIXELS = 64 * 4096
 MAX_PAIRS = 20_000_000
 """Limit of pixels times segments of belts that are compared, beyond that of any hall."""
 
+HUE_TOLERANCE = 0.09
+"""Maximum distance of a colour from another one of any brightness, as a share, to count as equal."""
+
+DARKEST = 0.04
+"""Minimum brightness of a cursor, as a share of its full colour."""
+
+TINTS = 32
+"""Number of distinct colours of a colormap."""
+
+Color = tuple[int, int, int]
+
+FULL = 1.5
+"""Minimum brightness of a selected thing relative to others, which is at least 2 as drawn."""
+
+GAP = 0.6
+"""Maximum relative brightness of a pixel of the pattern of a selected thing."""
+
+BRIGHTER = 1.2
+"""Minimum brightness of an own mark relative to a thing of the same colour. Selected ones are 1.27 darker."""
+
+UNKNOWN_DIM = 105.0
+"""Brightness of unselected things of a kind that was never seen unmarked."""
+
+LEVEL_SHARE = 0.8
+"""Minimum brightness of a cursor, as a share of its recent brightness."""
+ADAPTING = 0.96
+"""Factor on the expected brightness after each look without a cursor: the eyes adapt to dimmed strips."""
+TOO_WIDE = 1.6
+"""Maximum length of a run, in cursors, plus two pixels."""
+INTERLEAVED = 4.5
+"""Maximum distance of two own pixels, in pixels, where as many cursors overlap as have distinct colours."""
+SCALE_M = 0.7
+"""Distance from the felt direction that adds as much doubt as a third of the cursor's width, m."""
+MAX_DISTANCE_COST = 2.0
+"""Limit of the doubt by distance for a light that may not be a margin."""
+MAX_COST = 2.6
+"""Maximum doubt at which a run still counts as a cursor."""
+END_M = 0.06
+"""Distance beyond the end of a thing at which a run may be its margin, m. Twice that within, as margins are
+longer in a curve and where a cursor touches them."""
+NARROW = 0.8
+"""Share of the cursor's width below which a run is more likely a margin than a cursor."""
+MARK_SHARE = (0.3, 0.7)
+"""Range of the brightness of the mark of a ray that passes everything, as a share of the cursor's."""
+BLINK_LOOKS = 8
+"""Number of consecutive looks after which a dim pixel does not blink, but is a narrow cursor."""
+MIXED_PATTERNS = ("striped", "tailed")
+"""Patterns with the owner's colour in the body."""
+Span = tuple[Key, float, float]
+"""A line, and the interval of a thing on it, m."""
+
 
 @dataclass(frozen=True, slots=True)
 class ShownLine:
@@ -130,30 +181,6 @@ def _by_pixel(count: int, lines: Sequence[ShownLine]) -> list[list[Place]]:
         for arc_m, pixel in zip(line.arcs_m, line.at, strict=True):
             places[pixel].append((line, arc_m))
     return places
-
-
-HUE_TOLERANCE = 0.09
-"""Maximum distance of a colour from another one of any brightness, as a share, to count as equal."""
-
-DARKEST = 0.04
-"""Minimum brightness of a cursor, as a share of its full colour."""
-
-TINTS = 32
-"""Number of distinct colours of a colormap."""
-
-Color = tuple[int, int, int]
-
-FULL = 1.5
-"""Minimum brightness of a selected thing relative to others, which is at least 2 as drawn."""
-
-GAP = 0.6
-"""Maximum relative brightness of a pixel of the pattern of a selected thing."""
-
-BRIGHTER = 1.2
-"""Minimum brightness of an own mark relative to a thing of the same colour. Selected ones are 1.27 darker."""
-
-UNKNOWN_DIM = 105.0
-"""Brightness of unselected things of a kind that was never seen unmarked."""
 
 
 class OwnColor:
@@ -273,35 +300,6 @@ class UsualLooks:
 
 def _commonest(codes: Sequence[int]) -> int:
     return max(codes, key=codes.count)
-
-
-LEVEL_SHARE = 0.8
-"""Minimum brightness of a cursor, as a share of its recent brightness."""
-ADAPTING = 0.96
-"""Factor on the expected brightness after each look without a cursor: the eyes adapt to dimmed strips."""
-TOO_WIDE = 1.6
-"""Maximum length of a run, in cursors, plus two pixels."""
-INTERLEAVED = 4.5
-"""Maximum distance of two own pixels, in pixels, where as many cursors overlap as have distinct colours."""
-SCALE_M = 0.7
-"""Distance from the felt direction that adds as much doubt as a third of the cursor's width, m."""
-MAX_DISTANCE_COST = 2.0
-"""Limit of the doubt by distance for a light that may not be a margin."""
-MAX_COST = 2.6
-"""Maximum doubt at which a run still counts as a cursor."""
-END_M = 0.06
-"""Distance beyond the end of a thing at which a run may be its margin, m. Twice that within, as margins are
-longer in a curve and where a cursor touches them."""
-NARROW = 0.8
-"""Share of the cursor's width below which a run is more likely a margin than a cursor."""
-MARK_SHARE = (0.3, 0.7)
-"""Range of the brightness of the mark of a ray that passes everything, as a share of the cursor's."""
-BLINK_LOOKS = 8
-"""Number of consecutive looks after which a dim pixel does not blink, but is a narrow cursor."""
-MIXED_PATTERNS = ("striped", "tailed")
-"""Patterns with the owner's colour in the body."""
-Span = tuple[Key, float, float]
-"""A line, and the interval of a thing on it, m."""
 
 
 class SeenCursor(NamedTuple):

@@ -56,6 +56,24 @@ SETTLE_S = 0.5
 MAX_OPEN = 4096
 """Maximum number of samples that wait, and of those that are remembered as judged."""
 
+TOPICS: Mapping[str, AnyTopic] = {
+    "imu": topics.IMU,
+    "ray": topics.RAY,
+    "cursor": topics.CURSOR,
+    "hover": topics.HOVER,
+    "frame": topics.STRIPS_FRAME,
+}
+"""Topics of the hops that are messages."""
+
+SILENCE_S = 3.0
+"""Time without a new sample after which none is waited for."""
+
+LOOK_S = 0.1
+"""Interval at which arrived messages are joined."""
+
+MAX_WAITING = 65536
+"""Maximum number of messages between two of these times; the oldest are dropped."""
+
 
 @dataclass(slots=True)
 class SamplePath:
@@ -181,25 +199,6 @@ def _quantile(
     values = [value for path in paths if (value := span_s(path, hop)) is not None]
     # nearest rank: one of the values
     return float(np.quantile(values, share, method="inverted_cdf")) if values else None
-
-
-TOPICS: Mapping[str, AnyTopic] = {
-    "imu": topics.IMU,
-    "ray": topics.RAY,
-    "cursor": topics.CURSOR,
-    "hover": topics.HOVER,
-    "frame": topics.STRIPS_FRAME,
-}
-"""Topics of the hops that are messages."""
-
-SILENCE_S = 3.0
-"""Time without a new sample after which none is waited for."""
-
-LOOK_S = 0.1
-"""Interval at which arrived messages are joined."""
-
-MAX_WAITING = 65536
-"""Maximum number of messages between two of these times; the oldest are dropped."""
 
 
 @click.command(

@@ -43,6 +43,34 @@ from pointit.schemas.topics import (
 )
 from pointit.services.registry import person_of
 
+UNKNOWN_DRIFT_DEGPMIN = 10.0
+"""1 sigma from which a drift counts as unknown; real IMUs drift by as much."""
+
+METHODS = {
+    "fixed": "given",
+    "static_targets": "found by pointing at lamps",
+    "moving_target": "found by pointing at a moving robot",
+    "external": "from a tracker",
+}
+
+FAR_M = 5.0
+"""Distance outside the map's contents beyond which a position is likely a mistake."""
+
+TIMEOUT_S = 2.0
+"""Timeout of the localizer's first message, s."""
+LATE_S = 1.0
+"""Time an anchor may arrive after the Localization that ends it: they have different keys."""
+CANCEL_TIMEOUT_S = 0.5
+LISTEN_S = 0.3
+"""Time to listen for present services, for an error message."""
+RETRY_S = 0.5
+"""Minimum wait before a request to a busy localizer is repeated."""
+
+SHORT_S = 0.2
+"""Timeout for the pose before the anchor."""
+LESS_M = 0.01
+"""Growth of a sigma below which it is not reported."""
+
 
 class ChangingLine:
     """A status line that changes, and lines above it that stay."""
@@ -72,20 +100,6 @@ def changing_line() -> Generator[ChangingLine]:
         return
     with console.status("") as status:
         yield ChangingLine(status)
-
-
-UNKNOWN_DRIFT_DEGPMIN = 10.0
-"""1 sigma from which a drift counts as unknown; real IMUs drift by as much."""
-
-METHODS = {
-    "fixed": "given",
-    "static_targets": "found by pointing at lamps",
-    "moving_target": "found by pointing at a moving robot",
-    "external": "from a tracker",
-}
-
-FAR_M = 5.0
-"""Distance outside the map's contents beyond which a position is likely a mistake."""
 
 
 def sigmas(pose: UserPose) -> tuple[float, float]:
@@ -221,17 +235,6 @@ def out_of_map_warning(place: Vec3, room: Environment) -> str:
         f"{place[0]:g}, {place[1]:g} m is {away_m:.0f} m outside the contents of map {room.name!r}: "
         f"x {x_low:.1f} to {x_high:.1f} m, y {y_low:.1f} to {y_high:.1f} m"
     )
-
-
-TIMEOUT_S = 2.0
-"""Timeout of the localizer's first message, s."""
-LATE_S = 1.0
-"""Time an anchor may arrive after the Localization that ends it: they have different keys."""
-CANCEL_TIMEOUT_S = 0.5
-LISTEN_S = 0.3
-"""Time to listen for present services, for an error message."""
-RETRY_S = 0.5
-"""Minimum wait before a request to a busy localizer is repeated."""
 
 
 class AnchorNotStartedError(RefusedError):
@@ -386,12 +389,6 @@ def _ending(localization: Localization) -> str | None:
     if localization.purpose != "anchor":
         return "the localizer is busy with another procedure; try again when it is done"
     return None if localization.phase == "sampling" else localization.reason
-
-
-SHORT_S = 0.2
-"""Timeout for the pose before the anchor."""
-LESS_M = 0.01
-"""Growth of a sigma below which it is not reported."""
 
 
 def timeout_option(default_s: float = 30.0) -> click.Option:

@@ -53,6 +53,13 @@ SQUARE_RAD = math.radians(25.0)
 
 _UP: Vec3 = (0.0, 0.0, 1.0)
 
+POSES = (
+    ("ahead", "point level straight ahead, with the arm stretched and the palm down"),
+    ("up", "point straight up, with the arm stretched"),
+)
+NOTICEABLE_RAD = math.radians(2.0)
+"""Change of direction below which it is not reported."""
+
 
 class MountingError(ValueError):
     """The poses do not determine a mounting; the message has the reason and the remedy."""
@@ -186,14 +193,6 @@ def _report(forward: Quaternion, up: Quaternion, arm_from_true: Quaternion) -> F
         up_after_rad=vector.elevation(seen(up, axis)) - half_turn,
         heading_change_rad=vector.wrap(vector.azimuth(after) - vector.azimuth(before)),
     )
-
-
-POSES = (
-    ("ahead", "point level straight ahead, with the arm stretched and the palm down"),
-    ("up", "point straight up, with the arm stretched"),
-)
-NOTICEABLE_RAD = math.radians(2.0)
-"""Change of direction below which it is not reported."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,6 +53,17 @@ from pointit.services.supervisor.transitions import OFFSET_PURPOSE
 R = TypeVar("R")
 K = TypeVar("K", bound=BaseModel)
 
+STEADY_RAD = math.radians(3.0)
+"""Spread of the rays about their mean above which a pointing does not count."""
+DRIFT_FROM = 4
+"""Number of pointings needed to estimate a drift of the IMU."""
+DRIFT_OVER_S = 8.0
+"""Minimum time between the first and the last of them."""
+MAX_DROPPED = 1.0 / 3.0
+"""Share of dropped pointings above which the pose is wrong, not the person's pointing."""
+SCATTER_RAD = math.radians(20.0)
+"""Rms of all azimuths about their mean above which the pose must be wrong."""
+
 
 async def query_site(
     ask: Callable[[Bus], Awaitable[R]], connection: AbstractAsyncContextManager[Bus]
@@ -91,18 +102,6 @@ def read_local(user: str, file: StateFile[K], quantity: str, *, as_json: bool) -
         return None
     click.echo(f"{user}: no service runs; stored on this machine ({file.path}):")
     return state
-
-
-STEADY_RAD = math.radians(3.0)
-"""Spread of the rays about their mean above which a pointing does not count."""
-DRIFT_FROM = 4
-"""Number of pointings needed to estimate a drift of the IMU."""
-DRIFT_OVER_S = 8.0
-"""Minimum time between the first and the last of them."""
-MAX_DROPPED = 1.0 / 3.0
-"""Share of dropped pointings above which the pose is wrong, not the person's pointing."""
-SCATTER_RAD = math.radians(20.0)
-"""Rms of all azimuths about their mean above which the pose must be wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,6 +32,40 @@ from pointit.services.registry import Process
 from pointit.services.selector.selection_methods import METHODS
 from pointit.services.supervisor.transitions import OFFSET_PURPOSE, minute, offset_in_use
 
+ROS2 = "ros2"
+"""The process of the ROS 2 bridge: starts if the run requests it or the scenario names it."""
+PAGE = "web"
+"""The process of the page: belongs to a run, so it is not among a scenario's services."""
+SWEEP = {"elevation_deg": 2.0, "elevation_amplitude_deg": 5.0}
+"""Simulated device: the arm is nearly level, so that it points at objects at table or belt height."""
+
+CURSOR_COLORS = (
+    (255, 255, 255),
+    (86, 180, 233),
+    (240, 228, 66),
+    (204, 121, 167),
+    (230, 159, 0),
+    (0, 158, 115),
+)
+"""Cursor colours by person index: white, then hues that colour-blind people can distinguish (Okabe, Ito)."""
+PATTERNS = ("solid", "dashed", "striped", "dotted", "hollow", "tailed")
+"""Patterns of selected objects by person index: a second cue beside the colour."""
+
+OF_TWO_LAMPS: dict[str, Any] = {
+    "trust": {"max_position_sigma_m": 1.5, "max_yaw_sigma_deg": 30.0},
+    "drift": {"max_yaw_sigma_deg": 35.0},
+}
+"""With two lamps, as in the paper, poses are uncertain but still accepted."""
+FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 10.0, "give_up_s": 60.0}
+"""Localization by a robot: people follow it with the arm, s."""
+AIM_SHARE = 0.9
+"""Share of the uncertainty of a goal that the pose may cause: the aim adds to it."""
+LAMPS = "lamps"
+LOCALIZATIONS = re.compile(r"lamps|robot(:.*)?")
+"""Ways to localize people by pointing: at lamps, or by following a robot, which may be named."""
+ROBOT = "robot"
+"""The process of a robot, `robot.NAME` in scenarios."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
@@ -141,41 +175,6 @@ def seed_of(seed: int, part: str) -> int:
     parts are added or removed.
     """
     return int(np.random.SeedSequence([seed, zlib.crc32(part.encode())]).generate_state(1)[0])
-
-
-ROS2 = "ros2"
-"""The process of the ROS 2 bridge: starts if the run requests it or the scenario names it."""
-PAGE = "web"
-"""The process of the page: belongs to a run, so it is not among a scenario's services."""
-SWEEP = {"elevation_deg": 2.0, "elevation_amplitude_deg": 5.0}
-"""Simulated device: the arm is nearly level, so that it points at objects at table or belt height."""
-
-CURSOR_COLORS = (
-    (255, 255, 255),
-    (86, 180, 233),
-    (240, 228, 66),
-    (204, 121, 167),
-    (230, 159, 0),
-    (0, 158, 115),
-)
-"""Cursor colours by person index: white, then hues that colour-blind people can distinguish (Okabe, Ito)."""
-PATTERNS = ("solid", "dashed", "striped", "dotted", "hollow", "tailed")
-"""Patterns of selected objects by person index: a second cue beside the colour."""
-
-OF_TWO_LAMPS: dict[str, Any] = {
-    "trust": {"max_position_sigma_m": 1.5, "max_yaw_sigma_deg": 30.0},
-    "drift": {"max_yaw_sigma_deg": 35.0},
-}
-"""With two lamps, as in the paper, poses are uncertain but still accepted."""
-FOLLOWING: dict[str, Any] = {"method": "moving_target", "window_s": 10.0, "give_up_s": 60.0}
-"""Localization by a robot: people follow it with the arm, s."""
-AIM_SHARE = 0.9
-"""Share of the uncertainty of a goal that the pose may cause: the aim adds to it."""
-LAMPS = "lamps"
-LOCALIZATIONS = re.compile(r"lamps|robot(:.*)?")
-"""Ways to localize people by pointing: at lamps, or by following a robot, which may be named."""
-ROBOT = "robot"
-"""The process of a robot, `robot.NAME` in scenarios."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,6 +37,9 @@ Q = TypeVar("Q", bound=Query)
 R = TypeVar("R", bound=Reply)
 T = TypeVar("T")
 
+CLOSE_TIMEOUT_S = 1.0
+"""Timeout for cancelled servers when the bus closes, s."""
+
 
 class _Mailboxes(list[Mailbox]):
     """A list that can be referenced weakly."""
@@ -313,10 +316,6 @@ def no_answer(request: Request[Any, Any], key: str, timeout_s: float | None = No
     return NoAnswerError(
         f"{request.server} does not answer {key}{waited}; is it running? See `pointit doctor`"
     )
-
-
-CLOSE_TIMEOUT_S = 1.0
-"""Timeout for cancelled servers when the bus closes, s."""
 
 
 class MemoryBus(Participant):

@@ -1,7 +1,7 @@
 """Connection of a process to the network: site, addresses, credentials, lease. Loads no Zenoh.
 
-It holds `link.json` (site, addresses, name, role), the authority's certificate `ca.pem`, and `cert.pem` with
-`key.pem`, or `password` on a site with passwords.
+A folder of credentials, made by `pointit site`, holds `link.json` (site, addresses, name, role), the
+authority's certificate `ca.pem`, and `cert.pem` with `key.pem`, or `password` on a site with passwords.
 """
 
 import datetime as dt
@@ -33,6 +33,37 @@ SOON = dt.timedelta(days=30)
 SECURE = re.compile(r"(?:tls|quic)/(?:\[(?P<ipv6>[^\]]+)\]|(?P<host>[^/:]+)):(?P<port>\d+)")
 PASSWORD_FORM = re.compile(rb"[A-Za-z0-9_-]+")
 """Characters of a password."""
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+"""The address where `pointit run` listens and every other command connects, on this machine only."""
+DEFAULT_SITE = "lab"
+
+MAX_PORT = 65535
+ENDPOINT = re.compile(
+    r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
+)
+"""Addresses that Zenoh accepts: host and port, or those of other protocols (`serial//dev/ttyUSB0`)."""
+ROUTER_LOST = "router at {where} lost {ago_s:.0f} s ago; trying again"
+"""Sentence in the health of every service of a process that has lost its router."""
+LEASE_MS = 3000
+"""A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
+
+ROOM = "@may"
+"""The part of a key that stands before the identity and the permission under test."""
+VERBS = ("writes", "reads", "serves", "asks")
+"""The permissions."""
+JOIN = "joins"
+"""Permission to join, granted below `ROOM` to every identity with any right."""
+
+SILENT_S = 3.0
+"""Time without a report at which a present service is stopped, or too busy to report, s."""
+MANY = 4
+"""Minimum number of services that are gone together. Of fewer, each is named with its own remedy."""
+
+AGAIN = (
+    "is its process stopped (`kill -CONT PID`), or its machine off or cut off? Else start it again where it "
+    "ran, with `pointit run` or `pointit router`; the services come back by themselves"
+)
 
 
 class LinkFile(Config):
@@ -169,21 +200,6 @@ def _password(folder: Path) -> str:
     return password.decode()
 
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-"""The address where `pointit run` listens and every other command connects, on this machine only."""
-DEFAULT_SITE = "lab"
-
-MAX_PORT = 65535
-ENDPOINT = re.compile(
-    r"(tcp|udp|tls|quic|ws)/(\[[\w:.%]+\]|[^/:\s]+):(?P<port>\d{1,5})([?#]\S*)?|(serial|unixsock-stream|unixpipe|vsock)/\S+"
-)
-"""Addresses that Zenoh accepts: host and port, or those of other protocols (`serial//dev/ttyUSB0`)."""
-ROUTER_LOST = "router at {where} lost {ago_s:.0f} s ago; trying again"
-"""Sentence in the health of every service of a process that has lost its router."""
-LEASE_MS = 3000
-"""A peer that is silent this long is taken for gone: a stopped process is noticed within 5 s."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Link:
     """Connection of a process: it listens and relays for its clients, or connects, or neither."""
@@ -223,25 +239,6 @@ def ports_of(endpoints: Sequence[str]) -> set[int]:
     """Return the ports of addresses that have one."""
     found = (ENDPOINT.fullmatch(endpoint.partition("#")[0]) for endpoint in endpoints)
     return {int(address["port"]) for address in found if address and address["port"]}
-
-
-ROOM = "@may"
-"""The part of a key that stands before the identity and the permission under test."""
-VERBS = ("writes", "reads", "serves", "asks")
-"""The permissions."""
-JOIN = "joins"
-"""Permission to join, granted below `ROOM` to every identity with any right."""
-
-
-SILENT_S = 3.0
-"""Time without a report at which a present service is stopped, or too busy to report, s."""
-MANY = 4
-"""Minimum number of services that are gone together. Of fewer, each is named with its own remedy."""
-
-AGAIN = (
-    "is its process stopped (`kill -CONT PID`), or its machine off or cut off? Else start it again where it "
-    "ran, with `pointit run` or `pointit router`; the services come back by themselves"
-)
 
 
 @dataclass(frozen=True)

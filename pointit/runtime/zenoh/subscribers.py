@@ -53,6 +53,18 @@ MAX_WRITERS = 1000
 Writer = tuple[str, int]
 """Session id, and number of the writer in the session."""
 
+MAX_USERS = 256
+MAX_NAMES = 4096
+"""Maximum number of names of a placeholder other than users, such as lamps and service instances."""
+SILENT_S = 60.0
+"""Time without a message after which a name may be replaced by a new one, s."""
+
+AT_ONCE = 32
+"""Maximum number of pending queries."""
+EMPTY_RETRY_S = (0.05, 0.2, 0.7)
+"""Delays before unanswered queries are repeated, s. A new process may not be known everywhere yet."""
+BUSY = "the keeper is busy with too many other questions; ask later"
+
 
 @dataclass(slots=True, eq=False)
 class _Gap:
@@ -176,13 +188,6 @@ class EventRecovery:
         lost = gap.given_up + sum(number > gap.first_counted for number in gap.wanted - gap.samples.keys())
         if lost:
             self._lose(lost)
-
-
-MAX_USERS = 256
-MAX_NAMES = 4096
-"""Maximum number of names of a placeholder other than users, such as lamps and service instances."""
-SILENT_S = 60.0
-"""Time without a message after which a name may be replaced by a new one, s."""
 
 
 class NameAllowlist:
@@ -405,13 +410,6 @@ class ZenohSubscription(MailboxSubscription):
         if not sample_input.mailboxes:
             self._inputs.pop(self._key, None)
             sample_input.undeclare()
-
-
-AT_ONCE = 32
-"""Maximum number of pending queries."""
-EMPTY_RETRY_S = (0.05, 0.2, 0.7)
-"""Delays before unanswered queries are repeated, s. A new process may not be known everywhere yet."""
-BUSY = "the keeper is busy with too many other questions; ask later"
 
 
 def recall_for_others(

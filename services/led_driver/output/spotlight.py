@@ -51,6 +51,11 @@ KEY = re.compile(rb"\x1b[\[O]([ABCD])|([-+=]|[ \r\n])")
 ARROWS = {b"A": (0, 1), b"B": (0, -1), b"C": (1, 0), b"D": (-1, 0)}
 """Steps of pan and tilt by up, down, right, left."""
 
+LARGEST_RANGE_DEG = 1080.0
+
+DARK: Rgb = (0, 0, 0)
+FULL = 255
+
 
 @dataclass(frozen=True, slots=True)
 class Angles:
@@ -193,9 +198,6 @@ class ManualAim:
             self.angles = turned
 
 
-LARGEST_RANGE_DEG = 1080.0
-
-
 class ChannelMap(Config):
     """Channels of the fixture in the order of its manual, the first one is 1. 0: it has none."""
 
@@ -315,10 +317,6 @@ class SpotlightConfig(AddressConfig, OutputConfig):
     def mounting(self) -> HeadMounting:
         """Return the pose of the fixture."""
         return HeadMounting.from_degrees(self.position_m, self.yaw_deg, self.pitch_deg, self.roll_deg)
-
-
-DARK: Rgb = (0, 0, 0)
-FULL = 255
 
 
 @dataclass(frozen=True, slots=True)

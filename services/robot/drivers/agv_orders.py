@@ -14,6 +14,29 @@ from pointit.vda5050 import AgvState, blocked_by
 Version = Literal["1.1.0", "2.0.0", "2.1.0"]
 ActionType = Literal["cancelOrder", "stateRequest"]
 
+Point = tuple[float, float]
+
+SAME_M = 0.01
+"""Distance below which two places are the same, m."""
+MAX_POINTS = 1000
+"""Maximum number of way-points."""
+
+PREFIX = "pointit-"
+"""Beginning of the ids of our orders. One that nobody steers is cancelled, also that of an earlier run."""
+OTHER_MASTER = "another master control has given the AGV an order"
+RESEND_S = 1.0
+"""Time without an answer after which a message is sent again, s. Orders are lost in radio networks."""
+MAX_TRIES = 5
+"""Number of times that an order is sent before it counts as failed."""
+SAME_TARGET_M = 0.1
+"""Change of a target that is not worth an order, m. A cursor trembles by some centimetres."""
+NODES_AHEAD = 4
+"""Maximum number of released nodes ahead of the AGV. Updates must arrive before the AGV brakes."""
+
+Outcome = Literal["accepted", "done", "cancelled", "refused", "failed"]
+Tell = Callable[[int, Outcome, str], None]
+"""Called with the number of a command, what became of it, and the reason."""
+
 
 @dataclass(frozen=True, slots=True)
 class OrderNode:
@@ -154,14 +177,6 @@ def _edge(order: Order, start: OrderNode, end: OrderNode) -> dict[str, Any]:
     return made
 
 
-Point = tuple[float, float]
-
-SAME_M = 0.01
-"""Distance below which two places are the same, m."""
-MAX_POINTS = 1000
-"""Maximum number of way-points."""
-
-
 class Route:
     """Way-points ahead of the nodes that were handed out."""
 
@@ -200,23 +215,6 @@ class Route:
             if away_m > SAME_M:
                 return to
         return None
-
-
-PREFIX = "pointit-"
-"""Beginning of the ids of our orders. One that nobody steers is cancelled, also that of an earlier run."""
-OTHER_MASTER = "another master control has given the AGV an order"
-RESEND_S = 1.0
-"""Time without an answer after which a message is sent again, s. Orders are lost in radio networks."""
-MAX_TRIES = 5
-"""Number of times that an order is sent before it counts as failed."""
-SAME_TARGET_M = 0.1
-"""Change of a target that is not worth an order, m. A cursor trembles by some centimetres."""
-NODES_AHEAD = 4
-"""Maximum number of released nodes ahead of the AGV. Updates must arrive before the AGV brakes."""
-
-Outcome = Literal["accepted", "done", "cancelled", "refused", "failed"]
-Tell = Callable[[int, Outcome, str], None]
-"""Called with the number of a command, what became of it, and the reason."""
 
 
 def has_other_master(state: AgvState) -> bool:

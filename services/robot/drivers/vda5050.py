@@ -63,6 +63,41 @@ if TYPE_CHECKING:
 
 TopicLevel = Annotated[str, StringConstraints(max_length=200, pattern=r"^[^/#+\x00]*$")]
 
+REPEAT_S = 0.08
+"""Age of a report that is repeated while the AGV stands, s. It sends its state when it begins to drive."""
+POLL_S = 0.4
+"""Time without a message at which an AGV that has an order is asked for its state, s."""
+SILENT_S = 35.0
+"""Time without a message after which an AGV counts as lost, s. By the standard it sends one every 30 s."""
+
+FARTHEST_M = 1e6
+"""Limit of coordinates, m."""
+SLOWEST_MPS = 0.05
+"""Smallest speed that is ordered, m/s; at 0 an AGV would never arrive."""
+
+MqttPublication = tuple[str, str]
+"""MQTT topic and payload."""
+
+MAX_AGVS = 500
+"""Limit of AGVs on one broker."""
+
+REPORT_TOPICS = tuple(each for each in agv_topics() if not each.endswith("/visualization"))
+
+TOPICS = (("connection", 1), ("state", 0), ("visualization", 0))
+"""Topics of an AGV, with their quality of service by the standard."""
+
+TICK_S = 0.05
+"""Maximum interval between two checks for messages to send or results to report, s."""
+
+RETRY_S = 1.0
+"""Wait after an error, s."""
+
+ACK_S = 5.0
+"""Time for a broker to acknowledge a message, after which the connection counts as lost, s."""
+
+END_S = 0.4
+"""Maximum time to stop the AGV at the end, s."""
+
 
 class Vda5050Config(BrokerConfig):
     """One AGV on an MQTT broker."""
@@ -95,22 +130,6 @@ class Vda5050Config(BrokerConfig):
         le=20,
         description="maximum number of orders and updates per second, since an AGV plans again at each",
     )
-
-
-REPEAT_S = 0.08
-"""Age of a report that is repeated while the AGV stands, s. It sends its state when it begins to drive."""
-POLL_S = 0.4
-"""Time without a message at which an AGV that has an order is asked for its state, s."""
-SILENT_S = 35.0
-"""Time without a message after which an AGV counts as lost, s. By the standard it sends one every 30 s."""
-
-FARTHEST_M = 1e6
-"""Limit of coordinates, m."""
-SLOWEST_MPS = 0.05
-"""Smallest speed that is ordered, m/s; at 0 an AGV would never arrive."""
-
-MqttPublication = tuple[str, str]
-"""MQTT topic and payload."""
 
 
 class Agv:
@@ -352,27 +371,6 @@ def _problem(command: Command) -> str:
 
 def _wrapped(yaw_rad: float | None) -> float | None:
     return None if yaw_rad is None else wrap(yaw_rad)
-
-
-MAX_AGVS = 500
-"""Limit of AGVs on one broker."""
-
-REPORT_TOPICS = tuple(each for each in agv_topics() if not each.endswith("/visualization"))
-
-TOPICS = (("connection", 1), ("state", 0), ("visualization", 0))
-"""Topics of an AGV, with their quality of service by the standard."""
-
-TICK_S = 0.05
-"""Maximum interval between two checks for messages to send or results to report, s."""
-
-RETRY_S = 1.0
-"""Wait after an error, s."""
-
-ACK_S = 5.0
-"""Time for a broker to acknowledge a message, after which the connection counts as lost, s."""
-
-END_S = 0.4
-"""Maximum time to stop the AGV at the end, s."""
 
 
 async def find_agvs(seconds: float) -> Sequence[FoundDevice]:

@@ -37,6 +37,25 @@ BASE_S = 0.25
 TURN_S = 0.1
 """Least time between two directions whose difference is a turn rate."""
 
+NEAR_M = 1.0
+"""Distance beyond a person's own space in which `max_approach_mps` is the limit."""
+SPARE_S = 0.1
+"""Time by which a robot brakes earlier than it must."""
+SPARE = 0.8
+"""Share of the acceleration that is planned with."""
+LEAD_S = 0.5
+"""Time by which a set-point is farther away than the way to stop, so that a robot need not brake for it."""
+MIN_MPS = 0.02
+"""Speed at which a robot may always go to a permitted place."""
+TURN_STEP_RAD = math.radians(30.0)
+"""Angle between two directions in which a robot that turns is checked."""
+
+TOO_FAST_MPS = 0.2
+"""Excess over the limit near people at which a robot is stopped: it is still slowing down below that."""
+LEAVING = 0.5
+"""Least gain of clearance, by the rise or fall, of a robot that rises or comes down in a person's space."""
+NO_MAP = "the map of the room has not come yet, with its fences: see that `pui` runs"
+
 
 class Reports:
     """Newest usable report, and the problem of later ones."""
@@ -133,20 +152,6 @@ class Reports:
             )
 
 
-NEAR_M = 1.0
-"""Distance beyond a person's own space in which `max_approach_mps` is the limit."""
-SPARE_S = 0.1
-"""Time by which a robot brakes earlier than it must."""
-SPARE = 0.8
-"""Share of the acceleration that is planned with."""
-LEAD_S = 0.5
-"""Time by which a set-point is farther away than the way to stop, so that a robot need not brake for it."""
-MIN_MPS = 0.02
-"""Speed at which a robot may always go to a permitted place."""
-TURN_STEP_RAD = math.radians(30.0)
-"""Angle between two directions in which a robot that turns is checked."""
-
-
 def stopping_m(config: RobotConfig, speed_mps: float) -> float:
     """Return the way to a standstill from `speed_mps`."""
     return speed_mps * config.reaction_s + speed_mps**2 / (2.0 * config.max_acceleration_mps2)
@@ -227,13 +232,6 @@ def _from(config: RobotConfig, way_m: float, end_mps: float) -> float:
     a = SPARE * config.max_acceleration_mps2
     reaction = a * (config.reaction_s + SPARE_S)
     return math.sqrt(reaction**2 + 2.0 * a * way_m + end_mps**2) - reaction
-
-
-TOO_FAST_MPS = 0.2
-"""Excess over the limit near people at which a robot is stopped: it is still slowing down below that."""
-LEAVING = 0.5
-"""Least gain of clearance, by the rise or fall, of a robot that rises or comes down in a person's space."""
-NO_MAP = "the map of the room has not come yet, with its fences: see that `pui` runs"
 
 
 class Safety:

@@ -23,6 +23,8 @@ SECRET_NAME = re.compile(
     r"token|passw(or)?d|passphrase|secret|credential|authorization|cookie|key$", re.IGNORECASE
 )
 """Part of the name of a field whose value is a secret."""
+LANGUAGE = r"^([A-Za-z]{2,3}(-[A-Za-z0-9]{2,8}){0,3})?$"
+"""Pattern of the tag of a language, such as `de` or `en-GB`, or of `""`."""
 _SPACE = re.compile(r"\s+")
 _WEB_ADDRESS = re.compile(r"\b(https?|wss?)://([^\s'\"<>`]{1,4096})", re.IGNORECASE)
 _HOST = re.compile(r"(\[[^\]]*\]|[^:]*)(:\d*)?")

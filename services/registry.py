@@ -155,6 +155,11 @@ PROCESSES: list[Process] = [
         serves=(topics.FIND_REFERENTS,),
     ),
     Process(
+        name="speaker", scope="site", room="bridges",
+        about="names that are announced, spoken by the loudspeaker of this machine",
+        reads=(topics.ANNOUNCED,), writes=(),
+    ),
+    Process(
         name="user-sim", scope="user",
         about="a simulated person who sees lights, reaches for targets and holds",
         reads=(

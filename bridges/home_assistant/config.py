@@ -11,6 +11,7 @@ from pointit.runtime.address_config import described_error, parse_address
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import expand_home, read_limited
+from pointit.schemas.text import LANGUAGE
 
 MAX_TOKEN_BYTES = 4096
 """Maximum size of the file of a token. A token of Home Assistant has about 200 bytes."""
@@ -51,6 +52,9 @@ class HomeAssistantConfig(Config):
     )
     voice: Annotated[str, _entity("tts")] = Field(
         default="", description="text-to-speech entity, such as tts.piper; the first one if empty"
+    )
+    language: str = Field(
+        default="", pattern=LANGUAGE, description="language of the names, such as de; the voice's if empty"
     )
     rate_hz: float = Field(
         default=5.0, gt=0, le=50, description="maximum rate of commands to one entity; the newest counts, Hz"

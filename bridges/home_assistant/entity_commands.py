@@ -23,6 +23,7 @@ from pointit.bridges.home_assistant.hover_feedback import (
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile, site_folder
+from pointit.schemas.problems import NAMES_SPOKEN
 
 log = logging.getLogger(__name__)
 
@@ -59,6 +60,8 @@ class EntityCommands:
         self._connection: HomeAssistantConnection | None = None
         self._pending: dict[str, tuple[str, ServiceCall]] = {}
         """Newest call of each entity that is not sent yet, with the parameter to correct if it fails."""
+        self._spoken = 0
+        """Number of names that text-to-speech entities have spoken."""
         self._ended: set[str] = set()
         """Entities that show this hover no more: they were switched, or its time is over."""
         self._slow_calls: Counter[str] = Counter()
@@ -160,6 +163,9 @@ class EntityCommands:
                 )
             else:
                 self._bus.clear("actions", entity)
+                if call.domain == "tts":
+                    self._spoken += 1
+                    self._bus.set_metric(NAMES_SPOKEN, self._spoken)
             return True
         is_slow = self._slow_calls[entity] >= MAX_SLOW_CALLS
         if entity in self._hovered() and entity not in self._ended and not is_slow:

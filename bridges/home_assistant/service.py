@@ -23,6 +23,7 @@ from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import Announced, Environment, Hover, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
+from pointit.schemas.problems import VOICE
 from pointit.schemas.selection import REPEATED_REASON
 from pointit.schemas.topics import ANNOUNCED, HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
 
@@ -205,14 +206,21 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     def _on_announced(self, announced: Announced, user: str) -> None:
         """Speak the name of the thing that a person points at, unless they point elsewhere meanwhile."""
-        voices = [self.config.voice] if self.config.voice else sorted(self._states)
-        voice = next((each for each in voices if each.startswith("tts.")), "")
+        voice = self._voice()
         if not announced.object_id and user == self._addressee:
             self._commands.drop(voice)
         elif announced.object_id and self._commands.is_connected and voice:
             self._addressee = user
             data = {"media_player_entity_id": self.config.speaker, "message": announced.label}
+            if self.config.language:
+                data["language"] = self.config.language
             self._commands.send(ServiceCall(voice, "tts", "speak", data), "`speaker` or `voice`")
+
+    def _voice(self) -> str:
+        """Return the text-to-speech entity that speaks, or `""` if none is available."""
+        voices = [self.config.voice] if self.config.voice else sorted(self._states)
+        available = (each for each in voices if not self._is_unavailable(each))
+        return next((each for each in available if each.startswith("tts.")), "")
 
     def _on_hover(self, hover: Hover, user: str) -> None:
         before = self._hovers.get(user, ("", 0.0))[0]
@@ -279,8 +287,10 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 missing.append(f"{entity} {use}" + (f" ({hint})" if hint else ""))
             elif self._is_unavailable(entity):
                 unavailable.append(f"{entity} {use}")
-        if self.config.speaker and not any(each.startswith("tts.") for each in self._states):
-            missing.append("any text-to-speech entity, for `speaker` (add one there, e.g. Piper)")
+        is_silent = self.config.speaker and not self._voice()
+        silent = f"nobody hears names: {self.config.voice or 'any text-to-speech entity'} is not available"
+        remedy = "look into its integration, or add one there, e.g. Piper"
+        self.bus.warn(VOICE, f"{silent}; {remedy}" if is_silent else "")
         names = _listed(missing)
         remedy = "correct `home_assistant` in the map or site"
         self.bus.warn("entities", names and f"not in Home Assistant: {names}; {remedy}")

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.config.config import Config
+from pointit.schemas.text import LANGUAGE
 
 
 class Place(Config):
@@ -52,6 +53,11 @@ class WebConfig(AddressConfig):
         default="",
         description="device that speaks the names that the selector announces: page or phone; people can "
         "change it there. Empty: none",
+    )
+    language: str = Field(
+        default="",
+        pattern=LANGUAGE,
+        description="language of these names, such as de, unless people choose another. Empty: the browser's",
     )
     devices_at: str = Field(
         default="",

@@ -107,14 +107,14 @@ class Web(Service[WebConfig]):
             rate_hz=config.wrist_rate_hz,
             ended=self._changed,
         )
+        hello = functools.partial(hello_of, version=version, site=self.bus.site, language=config.language)
         self._pages = Pages(
             self._model.cache,
             self.bus,
             self._status,
             rate_hz=config.rate_hz,
             max_viewers=config.most_viewers,
-            version=version,
-            speaks=config.announce == "page",
+            hello=functools.partial(hello, speaks=config.announce == "page"),
         )
         self._visits = Visits(recent, self._pages, self.clock, version)
         bundle = Bundle()
@@ -125,9 +125,7 @@ class Web(Service[WebConfig]):
             answer=lambda page, ask: answer_request(self._actions, page, "wrist", ask),
             changed=self._changed,
             warnings=self.bus,
-            greeting=hello_of(
-                "wrist", version=version, site=self.bus.site, speaks=config.announce == "phone"
-            ),
+            greeting=hello("wrist", speaks=config.announce == "phone"),
         )
         self._phones = Phones(host, self._pairing, bundle)
         self._solver = SolverProcess()
@@ -281,6 +279,7 @@ class Web(Service[WebConfig]):
         await self._pages.open(socket, role, self, self._on_closed, paired_user)
 
     def _on_closed(self, page: str) -> None:
+        self._people.forget_voice(page)
         if self._wrists.close(page):
             self._changed()
 

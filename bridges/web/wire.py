@@ -94,6 +94,7 @@ class Hello(WireModel):
     speaks: Annotated[
         bool, Field(description="names of things are spoken here, unless the person chose otherwise")
     ] = False
+    language: Annotated[str, Field(description="of these names; the browser's if empty")] = ""
 
 
 class ServiceLine(WireModel):

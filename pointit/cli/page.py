@@ -261,7 +261,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
         )
     page_options: dict[str, Any] = {"port": port} if port is not None else {}
     if (announce := options.get("announce")) in SPEAKING:
-        page_options["announce"] = announce
+        page_options |= {"announce": announce, "language": options.get("language") or ""}
     tokens, notes = stored_tokens(options["site"], renew=options["new_link"])
     page = page_of(
         choices,

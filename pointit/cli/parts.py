@@ -19,6 +19,8 @@ class Added:
     beside: Sequence["Beside"] = ()
     services: Sequence[str] = ()
     """Names of services that it puts there, for `--set`."""
+    site_services: Sequence[str] = ()
+    """Services that it adds to those of the scenario."""
     settings: Sequence[str] = ()
     """Parameters of services, as in `--set`, which wins over them."""
     notes: Sequence[str] = ()
@@ -48,7 +50,7 @@ PersonCheck: TypeAlias = Callable[[str], None]
 """Checks whether a command may start the services of a person; raises ConfigError."""
 
 _ROBOT_ROOMS = ("pointit.launch.robots", "pointit.services.user_sim")
-_NAMES_ROOMS = ("pointit.speech", "pointit.services.selector.methods.estimate", "pointit.diagnosis")
+_NAMES_ROOMS = ("pointit.bridges.speaker", "pointit.services.selector.methods.estimate", "pointit.diagnosis")
 
 RUN_PARTS: tuple[OptionalPart[RunPart], ...] = (
     OptionalPart("pointit.cli.page:PAGE_PART", ("pointit.launch.page", "pointit.bridges.web")),

@@ -37,6 +37,7 @@ DEVICES = {
         "keeper": "retained_states.py",
         "mocap": "natnet_client.py qtm_client.py server_search.py",
         "recorder": "sink.py",
+        "speaker": "speech_synthesizer.py",
         "led-driver": """
             outputs.py output/adalight.py output/pixel_output.py output/udp_output.py
             output/ddp.py output/artnet.py output/e131.py output/expander.py output/mqtt_output.py

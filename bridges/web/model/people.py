@@ -11,11 +11,21 @@ from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S, ButtonEvent, Speech, Step, UserPose, Word, WristSample
+from pointit.schemas.problems import NAMES_SPOKEN, VOICE
 from pointit.schemas.topics import BUTTON, POSE, SPEECH, STEP, WRIST
 
 Gesture = Literal["press", "double", "hold"]
 BROWSER = "browser"
 """Name of the recogniser of people's browsers in messages."""
+
+
+VoiceProblem = Literal["", "none", "language", "silent"]
+VOICE_PROBLEMS: Mapping[VoiceProblem, str] = {
+    "none": "the browser has no voices; open the page in another browser, or use --announce speaker",
+    "language": "the browser has no voice of the language; choose another one in its settings",
+    "silent": "the browser speaks nothing; click the page or press a key, and see whether its sound is on",
+}
+"""Reasons why a page's names are not heard, and the remedies."""
 
 
 class Writers(NamedTuple):
@@ -34,7 +44,9 @@ class People:
         self._bus = bus
         self._clock = clock
         self._writers: dict[str, Writers] = {}
-        self._presses = self._steps = 0
+        self._presses = self._steps = self._spoken = 0
+        self._voices: dict[str, tuple[str, VoiceProblem]] = {}
+        """By page: its person, and why they hear nothing."""
         self._poses: dict[str, Publisher[UserPose]] = {}
         """Poses of people who wear a headset."""
         self.states: dict[str, str] = {}
@@ -59,6 +71,8 @@ class People:
     def on_leave(self, user: str) -> None:
         """Remove `user`."""
         self.states.pop(user, None)
+        for page in [page for page, (who, _) in self._voices.items() if who == user]:
+            self.forget_voice(page)
         if (pose := self._poses.pop(user, None)) is not None:
             pose.close_nowait()
         for writer in self._writers.pop(user, ()):
@@ -92,6 +106,26 @@ class People:
         self._writers[user].step.put(
             Step(stamp_ns=self._clock.now_ns(), seq=self._steps, by=by, to=to, source=source)
         )
+
+    def on_voice(self, page: str, user: str, spoken: int, problem: VoiceProblem) -> str:
+        """Count names that `page` has spoken to `user`. Return why they hear nothing, or `""`."""
+        self._spoken += spoken
+        self._bus.set_metric(NAMES_SPOKEN, self._spoken)
+        self._voices[page] = user, problem
+        return self._report_voice(user)
+
+    def forget_voice(self, page: str) -> None:
+        """Forget the voice of a page that has ended."""
+        if page in self._voices:
+            self._report_voice(self._voices.pop(page)[0])
+
+    def _report_voice(self, user: str) -> str:
+        """Warn if no page of `user` is heard. Return the sentence, or `""`."""
+        problems = [problem for who, problem in self._voices.values() if who == user]
+        is_silent = bool(problems) and "" not in problems
+        sentence = f"{user} hears no names: {VOICE_PROBLEMS[problems[-1]]}" if is_silent else ""
+        self._bus.warn(VOICE, sentence, user)
+        return sentence
 
     def speak(self, user: str, words: Sequence[Mapping[str, Any]]) -> None:
         """Publish words of `user`, who must be present; `words` have ages of wall time, s."""

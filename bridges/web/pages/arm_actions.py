@@ -8,6 +8,8 @@
   person begins to point. `give`: give it back, whichever page moves it.
 - `tremor`, `{"rms_deg": number}`: tremor of that arm.
 - `centre`: the person's arm points at the middle of the room right now.
+- `report_voice`, `{"spoken": 1, "problem": "" | "none" | "language" | "silent"}`: names that the page has
+  spoken to the person since the last report, and why nothing is heard; the reply has it in words.
 - `speak`, `{"words": [{"text", "start_s", "end_s", "confidence"}]}`: what the person said. Times are ages of
   onset and end when it is sent, s, so that no clock has to agree.
 """
@@ -17,6 +19,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from pointit.bridges.web.model.people import VoiceProblem
 from pointit.bridges.web.pages.action import (
     CONTROL,
     WRIST,
@@ -156,6 +159,17 @@ async def _speak(context: ActionContext, sender: PageSender, speak: Speak) -> Js
     return {"message": ""}
 
 
+class ReportVoice(ActionParameters):
+    """Names that the browser has spoken to the person, and why it speaks none."""
+
+    spoken: int = Field(ge=0, le=100)
+    problem: VoiceProblem
+
+
+async def _report_voice(context: ActionContext, sender: PageSender, report: ReportVoice) -> JsonObject:
+    return {"message": context.people.on_voice(sender.page, sender.user, report.spoken, report.problem)}
+
+
 ARM_ACTIONS: tuple[Action[Any], ...] = (
     Action("press", "person", Press, WRIST, _press),
     Action("step", "person", StepBeside, WRIST, _step),
@@ -163,5 +177,6 @@ ARM_ACTIONS: tuple[Action[Any], ...] = (
     Action("give", "person", NoParameters, WRIST, _give),
     Action("tremor", "person", Tremor, CONTROL, _set_tremor),
     Action("centre", "person", NoParameters, WRIST, _centre),
+    Action("report_voice", "person", ReportVoice, WRIST, _report_voice),
     Action("speak", "person", Speak, WRIST, _speak),
 )

@@ -98,7 +98,9 @@ async def answer_request(context: ActionContext, page: str, role: Role, ask: Ask
     return Answer(id=ask.id, reply=reply)
 
 
-def hello_of(role: Role, *, version: str, site: str, speaks: bool = False, user: str = "") -> Hello:
+def hello_of(
+    role: Role, *, version: str, site: str, speaks: bool = False, language: str = "", user: str = ""
+) -> Hello:
     """Return the greeting of a page of this role. Its headset may move `user`."""
     return Hello(
         version=version,
@@ -108,6 +110,7 @@ def hello_of(role: Role, *, version: str, site: str, speaks: bool = False, user:
         deeds=tuple(action.name for action in ACTIONS if role in action.roles),
         user=user,
         speaks=speaks,
+        language=language,
     )
 
 

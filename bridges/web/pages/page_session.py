@@ -15,7 +15,6 @@ from starlette.responses import PlainTextResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from pointit.bridges.web.pages.latest_values import LatestValueCache, PageFeed, TokenBucket
-from pointit.bridges.web.pages.page_requests import hello_of
 from pointit.bridges.web.wire import (
     IN_FLIGHT,
     OWN_FAULT,
@@ -24,6 +23,7 @@ from pointit.bridges.web.wire import (
     Answer,
     Ask,
     HeadsetMotion,
+    Hello,
     Play,
     Received,
     Role,
@@ -315,16 +315,14 @@ class Pages:
         *,
         rate_hz: float,
         max_viewers: int,
-        version: str,
-        speaks: bool,
+        hello: Callable[..., Hello],
     ) -> None:
-        self._speaks = speaks
+        self._hello = hello
         self._cache = cache
         self._bus = bus
         self._status = status
         self._rate_hz = rate_hz
         self._max_viewers = max_viewers
-        self._version = version
         self._sessions: set[PageSession] = set()
         self._count = 0
         self._past_pages = 0
@@ -360,10 +358,7 @@ class Pages:
         self._sessions.add(session)
         self._count_viewers()
         try:
-            hello = hello_of(
-                role, version=self._version, site=self._bus.site, speaks=self._speaks, user=paired_user()
-            )
-            await session.run(hello.model_dump_json())
+            await session.run(self._hello(role, user=paired_user()).model_dump_json())
         finally:
             self._sessions.discard(session)
             self._cache.close(session.feed)

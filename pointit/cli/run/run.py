@@ -347,7 +347,9 @@ def run(
     given = [setting for each in added for setting in each.settings]
     is_moved = any(each.moves_wrists for each in added)
     asked = choices
-    choices = dataclasses.replace(choices, page=is_moved, settings=(*given, *choices.settings))
+    services = (*choices.services, *(name for each in added for name in each.site_services))
+    settings = (*given, *choices.settings)
+    choices = dataclasses.replace(choices, page=is_moved, services=services, settings=settings)
     launches = scenario_launches(chosen, choices, people)
     check_settings(launches, asked, *(name for each in added for name in each.services))
     duration_s = options["duration"]

@@ -26,7 +26,7 @@ from pointit.speech.grammar import RESERVED, spoken
 from pointit.speech.verbs import Verb, VerbContext, verb_of_things
 
 if TYPE_CHECKING:
-    from pointit.speech.audio import SpeechSynthesizer
+    from pointit.bridges.speaker.speech_synthesizer import SpeechSynthesizer
     from pointit.speech.interpreter import Interpreter
 
 
@@ -142,7 +142,7 @@ async def _listen(
     **at: Unpack[AtSite],
 ) -> int:
 
-    from pointit.speech.audio import SpeechSynthesizer  # noqa: PLC0415 - as above
+    from pointit.bridges.speaker.speech_synthesizer import SpeechSynthesizer  # noqa: PLC0415 - as above
     from pointit.speech.interpreter import Interpreter  # noqa: PLC0415 - as above
 
     own, problem = own_verbs(verbs)
@@ -151,7 +151,7 @@ async def _listen(
             raise AccessDeniedError(denied)
         clock = SiteClock(bus)
         interpreter = Interpreter(bus, clock, user, own)
-        synthesizer = SpeechSynthesizer(clock) if speak else None
+        synthesizer = SpeechSynthesizer(clock, on_problem=say) if speak else None
 
         def tell(understood: Understood) -> None:
             _tell(understood)

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from pointit.bridges.speaker.speech_synthesizer import require_synthesizer
 from pointit.cli.parts import Added, RunPart
 from pointit.cli.summary import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
@@ -16,21 +17,23 @@ from pointit.launch.plan.launches import Choices, site_launches
 from pointit.launch.plan.plan import MakeWatcher, OnEvent, Scenario
 from pointit.launch.plan.scenario_catalog import room_of
 from pointit.runtime.bus.contract import Bus, Closable
-from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials
 from pointit.runtime.mqtt.broker import discovery_prefix
-from pointit.schemas import Announced, Environment, SelectionEvent, Step
-from pointit.schemas.topics import ANNOUNCED, ANY, SELECTION_EVENTS, STEP
+from pointit.schemas import Announced, Environment, Health, SelectionEvent, Step
+from pointit.schemas.problems import NAMES_SPOKEN, VOICE
+from pointit.schemas.text import LANGUAGE
+from pointit.schemas.topics import ANNOUNCED, ANY, HEALTH, SELECTION_EVENTS, STEP
 from pointit.services.registry import HOME_ASSISTANT, with_service_name
-from pointit.speech.audio import SpeechSynthesizer
 
 HOME = HOME_ASSISTANT.name
 SELECTOR = ("selector.method=estimate", 'selector.estimate.announce.people=["*"]')
-DEVICES = ("page", "phone", "speaker")
+SPEAKER = "speaker"
+"""Value of `--announce`, and the service that it adds."""
+DEVICES = ("page", "phone", SPEAKER)
 PLAYER = "media_player."
 """Begin of the media players of Home Assistant."""
-COUNTED = ("announced", "stepped", "confirmed")
+COUNTED = ("stepped", "confirmed")
 SUPERVISOR = ("supervisor.press_while_pointing=confirms",)
 
 
@@ -39,6 +42,13 @@ def _speaking_device(_context: click.Context, _parameter: click.Parameter, value
     if value is None or value in DEVICES or re.fullmatch(rf"{re.escape(PLAYER)}[a-z0-9_]+", value):
         return value
     raise click.BadParameter(f"{value!r}: choose {', '.join(DEVICES)}, or {PLAYER}NAME of Home Assistant")
+
+
+def _language_tag(_context: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
+    """Return `value` if it is a tag of a language."""
+    if value is None or (value and re.match(LANGUAGE, value)):
+        return value
+    raise click.BadParameter(f"{value!r}: write the tag of a language, such as de or en-GB")
 
 
 def _announce_options(function: Any) -> Any:
@@ -50,21 +60,31 @@ def _announce_options(function: Any) -> Any:
         "their phone, the speaker of this machine (espeak-ng), or a media player of Home Assistant. The "
         "button confirms what was heard; swipe or arrow keys step to another thing",
     )
-    return option(function)
+    language = click.option(
+        "--language",
+        callback=_language_tag,
+        metavar="TAG",
+        help="language of the names of --announce, such as de; otherwise that of the browser or voice",
+    )
+    return option(language(function))
 
 
 class NameWatcher:
-    """Counts what is announced, stepped to and confirmed, and speaks the names if there is a synthesizer."""
+    """Counts the names that were spoken, the steps and the confirmations."""
 
-    def __init__(self, synthesizer: SpeechSynthesizer | None = None) -> None:
-        self._synthesizer = synthesizer
+    def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
+        self._spoken: dict[str, float] = {}
+        """Number of names by the service that speaks them."""
+        self._problems: dict[str, str] = {}
+        """The reason why nobody hears names, by that service."""
 
     def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
         """Subscribe on `bus`. Return the subscriptions."""
         del on_event
         return (
             bus.subscribe(ANNOUNCED, self._on_announced, ANY),
+            bus.subscribe(HEALTH, self._on_health),
             bus.subscribe(STEP, self._on_step, ANY),
             bus.subscribe(SELECTION_EVENTS, self._on_event),
         )
@@ -76,14 +96,22 @@ class NameWatcher:
         """Ignore services."""
 
     def summary(self) -> Mapping[str, Any]:
-        """Return the number of names, steps and selections by a press."""
-        return {"names": {each: self._counts[each] for each in COUNTED}}
+        """Return the number of names that were spoken and were not, of steps and selections by a press."""
+        announced = round(sum(self._spoken.values()))
+        unheard = max(self._counts["said"] - announced, 0)
+        counts = {"announced": announced, "unheard": unheard}
+        problem = next(filter(None, self._problems.values()), "")
+        return {"names": {**counts, **{each: self._counts[each] for each in COUNTED}, "problem": problem}}
 
     def _on_announced(self, announced: Announced, _user: str) -> None:
-        if announced.object_id:
-            self._counts["announced"] += 1
-            if self._synthesizer is not None:
-                self._synthesizer.speak(announced.label)
+        self._counts["said"] += bool(announced.object_id)
+
+    def _on_health(self, health: Health, instance: str) -> None:
+        for figure in health.figures:
+            if figure.name == NAMES_SPOKEN:
+                self._spoken[instance] = figure.value
+        problems = [each.sentence for each in health.problems if each.code == VOICE]
+        self._problems[instance] = problems[0] if problems else ""
 
     def _on_step(self, _step: Step, _user: str) -> None:
         self._counts["stepped"] += 1
@@ -94,8 +122,10 @@ class NameWatcher:
 
 def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
     """Return the parameters and the watcher of names. Raises ConfigError if nothing can be announced."""
-    announce = options["announce"]
+    announce, language = options["announce"], options["language"]
     if announce is None:
+        if language:
+            raise ConfigError("--language is that of spoken names: add --announce")
         return Added()
     if "selector" not in scenario.site:
         raise ConfigError(
@@ -107,10 +137,16 @@ def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any])
     players = (f"{HOME}.speaker={announce}",) if announce.startswith(PLAYER) else ()
     if players and HOME not in {*scenario.site, *map(with_service_name, choices.services)}:
         raise ConfigError(f"--announce {announce}: Home Assistant is not connected; {HOME_REMEDY}")
-    synthesizer = SpeechSynthesizer(WallClock(), "--announce speaker") if announce == "speaker" else None
+    speaker = (SPEAKER,) if announce == SPEAKER else ()
+    if speaker:
+        require_synthesizer("--announce speaker")
+    voice = HOME if players else SPEAKER if speaker else ""
+    languages = (f"{voice}.language={language}",) if voice and language else ()
+    presses = SUPERVISOR if "supervisor" in scenario.user else ()
     return Added(
-        settings=(*SELECTOR, *players, *(SUPERVISOR if "supervisor" in scenario.user else ())),
-        watchers=[lambda _launches: NameWatcher(synthesizer)],
+        site_services=speaker,
+        settings=(*SELECTOR, *players, *languages, *presses),
+        watchers=[lambda _launches: NameWatcher()],
     )
 
 
@@ -118,11 +154,15 @@ def announcement_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return the sentence on the names of a summary."""
     if not (counts := summary.get("names")):
         return []
-    announced, stepped, confirmed = (counts[each] for each in COUNTED)
-    return [f"Names: {announced} announced, {stepped} steps, {confirmed} confirmed."]
+    unheard = f", {counts['unheard']} more not heard" if counts["unheard"] else ""
+    why = f" ({counts['problem']})" if counts["problem"] else ""
+    steps, confirmed = (counts[each] for each in COUNTED)
+    return [f"Names: {counts['announced']} announced{unheard}{why}, {steps} steps, {confirmed} confirmed."]
 
 
-NAMES_PART = RunPart(heading="Names", names=("announce",), options=_announce_options, add=_add_names)
+NAMES_PART = RunPart(
+    heading="Names", names=("announce", "language"), options=_announce_options, add=_add_names
+)
 NAMES_DISPLAY = DisplayPart(
     rows=lambda _monitor, _width: None, lines=lambda _monitor: (), summary=announcement_lines
 )

@@ -25,7 +25,11 @@ LABELS = {"a": "Radio", "b": "Kettle", "c": "Toaster", "d": "Window", "e": "Heat
 SPOKEN = """
 window.spoken = [];
 Object.defineProperty(window, "speechSynthesis", { value: {
-  speak({ text, lang, rate }) { if (text) window.spoken.push(text); window.last = [lang, rate]; },
+  speak(each) {
+    if (each.text) window.spoken.push(each.text);
+    window.last = [each.lang, each.rate];
+    each.onstart?.();
+  },
   cancel() { window.cuts = (window.cuts ?? 0) + 1; },
   getVoices() { return [{ lang: "en-GB" }, { lang: "it-IT" }]; },
 } });

@@ -7,6 +7,7 @@ import pytest
 
 import pointit.schemas as models
 from pointit.schemas import topics
+from pointit.schemas.problems import VOICE
 from tests.integration.web.pages import VIEWER, Page, serving
 from tests.support.bench import START_NS, Bench, ManualClock, memory_bench, until
 
@@ -128,3 +129,28 @@ async def test_a_page_that_only_looks_on_moves_the_person_of_its_phone_link_alon
             await wear(wearer)
             await until(lambda: operator.person("anna")["moved_by"] == "own")
             assert "only looks on" in await take(wearer)
+
+
+async def test_names_that_a_page_has_spoken_are_counted_and_why_nothing_is_heard_is_told() -> None:
+    async with memory_bench(ManualClock()) as bench, serving(bench) as server, server.page() as page:
+        health = bench.collect(topics.HEALTH, "web")
+        await people(bench, page, "anna")
+
+        async def report(spoken: int, problem: str, page: Page = page) -> str:
+            query = {"spoken": spoken, "problem": problem}
+            answer = await page.ask(deed="report_voice", name="anna", query=query)
+            return str(answer["reply"]["message"])
+
+        def told() -> list[str]:
+            return [each.sentence for each in health[-1].problems if each.code == VOICE]
+
+        sentence = "anna hears no names: the browser has no voices; open the page in another browser"
+        assert sentence in await report(0, "none")
+        await until(lambda: bool(health) and sentence in str(told()), what="the warning")
+        async with server.page() as other:
+            assert await report(2, "", other) == ""
+            await until(lambda: ("names spoken", 2.0) in [(f.name, f.value) for f in health[-1].figures])
+            assert told() == [], "another page of the person is heard"
+        await until(lambda: bool(told()), what="the warning, as that page has gone")
+        assert await report(1, "") == ""
+        await until(lambda: not told(), what="that it is heard")

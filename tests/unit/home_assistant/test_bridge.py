@@ -182,8 +182,25 @@ async def test_speaker_without_a_voice_or_with_a_wrong_name_is_reported(
 ) -> None:
     home = MemoryHome({"media_player.kitchen": ("idle", {})})
     async with bridge(home, tmp_path, monkeypatch, speaker="media_player.kitchn") as (_bench, _site, health):
-        sentence = (
-            "media_player.kitchn that speaks (did you mean media_player.kitchen?), any text-to-speech "
-            "entity, for `speaker`"
-        )
-        await until(lambda: sentence in str(health[-1:]), what="both")
+        sentence = "media_player.kitchn that speaks (did you mean media_player.kitchen?); correct"
+        await until(lambda: sentence in str(health[-1:]), what="the player")
+        sentence = "nobody hears names: any text-to-speech entity is not available; look into"
+        await until(lambda: sentence in str(health[-1:]), what="the voice")
+
+
+async def test_the_first_voice_that_is_available_speaks_in_the_language_and_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    voices: dict[str, tuple[str, dict[str, Any]]] = {
+        "tts.cloud_voice": ("unavailable", {}),
+        "tts.piper": ("unknown", {}),
+    }
+    home = MemoryHome(voices | {"media_player.kitchen": ("idle", {})})
+    parameters = {"speaker": "media_player.kitchen", "language": "de"}
+    async with bridge(home, tmp_path, monkeypatch, **parameters) as (bench, _site, health):
+        bench.put(ANNOUNCED, Announced(stamp_ns=1, object_id="lamp", label="Lampe"), "anna")
+        data = {"media_player_entity_id": "media_player.kitchen", "message": "Lampe", "language": "de"}
+        await until(lambda: home.calls == [("tts.speak", "tts.piper", data)], what="the voice")
+        await until(lambda: "'names spoken', value=1" in str(health[-1].figures), what="the count")
+        home.set("tts.piper", "unavailable")
+        await until(lambda: "nobody hears names" in str(health[-1]), what="that there is none")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from pointit.bridges.speaker.speech_synthesizer import PROGRAM, SpeechSynthesizer
 from pointit.cli.things.listen import own_verbs
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import NS_PER_S, Speech, Understood, Word
-from pointit.speech.audio import PROGRAM, SpeechSynthesizer
 from pointit.speech.grammar import Command, SpokenRoom
 from pointit.speech.verbs import Packages, VerbContext
 from tests.support.bench import ManualClock, memory_bench

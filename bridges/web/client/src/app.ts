@@ -80,7 +80,7 @@ const connection = new Connection(site, recording ? await import("./past/recorde
   onUpdate: () => wake(),
   onHello: () => {
     tuning.forget();
-    speaker.setUsual(site.hello?.speaks ?? false);
+    speaker.setUsual(site.hello?.speaks ?? false, site.hello?.language ?? "");
   },
   onStatus: () => {
     controls.follow();
@@ -108,7 +108,11 @@ const guide = makeGuide(at("guide"), controls, mouse, pairing);
 const scenario = makeScenario(at("scenario"), at("progress"), controls);
 const belts = beltsPart(controls);
 const tuning = tuningPart(controls);
-const speaker = new Speaker(at("name"));
+const speaker = new Speaker(at("name"), (spoken, problem) => {
+  const may = controls.speaks && controls.person !== null;
+  if (may) void controls.askAloud({ deed: "report_voice", name: controls.user, query: { spoken, problem } });
+  return may;
+});
 let namedNs = 0;
 const look = makeLook(controls, speaker, changeLook);
 const panel = makePanel(at("panel"), controls, [

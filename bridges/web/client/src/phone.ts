@@ -41,7 +41,11 @@ class Wrist {
   /** Ids of the map's lamps, which the person sees by their names. */
   private lamps: readonly string[] = [];
   private hasArm = true;
-  private readonly speaker = new Speaker(document.getElementById("name")!);
+  private readonly speaker = new Speaker(document.getElementById("name")!, (spoken, problem) => {
+    const may = this.link.state === "open";
+    if (may) this.ask("report_voice", "voice", { spoken, problem });
+    return may;
+  });
   private awaited = new Map<number, string>();
   private readonly voice = new Voice({
     hearing: (text) => this.screen.say(`… ${text}`),
@@ -154,7 +158,7 @@ class Wrist {
     if (this.link.say({ kind: "turn", q, t_ms: t, session: this.session, battery: this.charge })) this.rate.tick(now);
   }
 
-  private ask(deed: "press" | "step" | "take" | "give" | "centre" | "speak", what: string, query: Record<string, unknown> = {}): void {
+  private ask(deed: "press" | "step" | "take" | "give" | "centre" | "speak" | "report_voice", what: string, query: Record<string, unknown> = {}): void {
     this.await(this.link.ask({ deed, key: "", name: "", query }), what);
   }
 
@@ -186,13 +190,14 @@ class Wrist {
   private hear(part: Heard): void {
     if (part.kind === "hello") {
       this.screen.write("who", part.user);
-      this.speaker.setUsual(part.speaks);
+      this.speaker.setUsual(part.speaks, part.language);
       this.lamps = part.lamps;
       this.show();
     } else if (part.kind === "answer") {
       const what = this.awaited.get(part.id);
       this.awaited.delete(part.id);
       if (part.error) this.screen.say(this.shown(part.error));
+      else if (what === "voice" && part.reply?.["message"]) this.screen.say(String(part.reply["message"]));
       else if (what === "give" || what === "take") this.hasArm = what === "take";
       else if (what === "centre") this.enter("button");
       this.show();

@@ -3,30 +3,45 @@
 import { el, write } from "./dom";
 
 interface Choices { on: boolean | null; lang: string; rate: number }
+/** Why nothing is heard: no voice at all, or of the language, or the browser does not speak. */
+export type VoiceProblem = "" | "none" | "language" | "silent";
 
 const STORED = "pointit-speaker";
 const RATES = [0.75, 1, 1.25, 1.5, 2];
+/** Time in which a browser knows its voices, and begins to speak, ms. */
+const PATIENCE_MS = 3000;
 
 export class Speaker {
   private readonly choices: Choices = { on: null, lang: "", rate: 1 };
   private isUsual = false;
+  /** Language unless the person chose another. */
+  private usualLang = "";
   private box: HTMLInputElement | null = null;
+  private readonly languages = el("select", { onchange: () => this.keep({ lang: this.languages.value }) });
+  private problem: VoiceProblem = "";
+  private waiting: ReturnType<typeof setTimeout> | undefined;
 
-  /** `region`: element with `aria-live`. */
-  constructor(private readonly region: HTMLElement) {
+  /** `region`: element with `aria-live`. `report`: is told of names that were spoken, and why nothing is heard; returns whether it could pass that on. */
+  constructor(private readonly region: HTMLElement, private readonly report: (spoken: number, problem: VoiceProblem) => boolean) {
     try {
       Object.assign(this.choices, JSON.parse(localStorage.getItem(STORED) ?? "{}"));
     } catch {
       // what is not ours counts as nothing
     }
+    window.speechSynthesis?.addEventListener?.("voiceschanged", () => {
+      this.offer();
+      if (this.problem !== "silent") this.tell(0, this.missing());
+    });
   }
 
   get isOn(): boolean { return this.choices.on ?? this.isUsual; }
 
-  /** Set whether names are spoken as long as the person has not chosen. */
-  setUsual(speaks: boolean): void {
+  /** Set whether and in which language names are spoken as long as the person has not chosen. */
+  setUsual(speaks: boolean, lang: string): void {
     this.isUsual = speaks;
+    this.usualLang = lang;
     if (this.box) this.box.checked = this.isOn;
+    if (speaks) setTimeout(() => this.tell(0, this.missing()), PATIENCE_MS);
   }
 
   /** Within a tap: phones speak nothing before a first utterance that a tap caused. */
@@ -43,38 +58,65 @@ export class Speaker {
 
   /** Fields to choose whether, in which language and how fast. */
   fields(): HTMLElement {
-    const { choices } = this, voices = window.speechSynthesis?.getVoices() ?? [];
-    const languages = [...new Set(voices.map(({ lang }) => lang))].sort();
-    const keep = (): void => {
-      choices.lang = lang.value;
-      choices.rate = Number(rate.value);
-      try {
-        localStorage.setItem(STORED, JSON.stringify(choices));
-      } catch {
-        // then it lasts as long as the page
-      }
-      this.unlock();
-    };
-    const option = (value: string, text: string, chosen: string) => el("option", { value, text, selected: value === chosen });
-    const on = this.box = el("input", { type: "checkbox", onchange: () => {
-      choices.on = on.checked;
-      keep();
-    } });
+    const on = this.box = el("input", { type: "checkbox", onchange: () => this.keep({ on: on.checked }) });
     on.checked = this.isOn;
-    const lang = el("select", { onchange: keep }, option("", "as the page", choices.lang), ...languages.map((each) => option(each, each, choices.lang)));
-    const rate = el("select", { onchange: keep }, ...RATES.map((each) => option(String(each), `${each} ×`, String(choices.rate))));
+    const rate = el("select", { onchange: () => this.keep({ rate: Number(rate.value) }) },
+      ...RATES.map((each) => el("option", { value: String(each), text: `${each} ×`, selected: each === this.choices.rate })));
+    this.offer();
     return el("div", { className: "speaker" },
       el("label", { className: "check" }, on, el("span", { text: "Speak the names of things I point at" })),
-      el("label", {}, "Language ", lang), el("label", {}, "Rate ", rate));
+      el("label", {}, "Language ", this.languages), el("label", {}, "Rate ", rate));
+  }
+
+  private get lang(): string { return this.choices.lang || this.usualLang; }
+
+  private get voices(): readonly string[] {
+    return (window.speechSynthesis?.getVoices() ?? []).map(({ lang }) => lang);
+  }
+
+  /** Offer the languages that the browser knows now, some of which it learns late. */
+  private offer(): void {
+    const { lang } = this.choices, known = [...new Set([...this.voices, ...(lang ? [lang] : [])])].sort();
+    this.languages.replaceChildren(...["", ...known].map((each) => el("option", { value: each, text: each || "as the page", selected: each === lang })));
+  }
+
+  private keep(change: Partial<Choices>): void {
+    Object.assign(this.choices, change);
+    try {
+      localStorage.setItem(STORED, JSON.stringify(this.choices));
+    } catch {
+      // then it lasts as long as the page
+    }
+    this.tell(0, this.missing());
+    this.unlock();
+  }
+
+  /** What the browser lacks. */
+  private missing(): VoiceProblem {
+    const { voices, lang } = this, [main] = lang.toLowerCase().split("-");
+    return !this.isOn ? "" : !voices.length ? "none" : lang && !voices.some((each) => each.toLowerCase().split(/[-_]/)[0] === main) ? "language" : "";
+  }
+
+  private tell(spoken: number, problem: VoiceProblem): void {
+    if ((spoken || problem !== this.problem) && this.report(spoken, problem)) this.problem = problem;
   }
 
   private utter(text: string): void {
-    const synthesis = window.speechSynthesis;
-    if (!synthesis) return;
+    const synthesis = window.speechSynthesis, silent = (): void => this.tell(0, this.missing() || "silent");
+    if (!synthesis) return silent();
     synthesis.cancel();
     const utterance = new SpeechSynthesisUtterance(text);
-    if (this.choices.lang) utterance.lang = this.choices.lang;
+    if (this.lang) utterance.lang = this.lang;
     utterance.rate = this.choices.rate;
+    clearTimeout(this.waiting);
+    if (text) {
+      this.waiting = setTimeout(silent, PATIENCE_MS);
+      utterance.onstart = () => {
+        clearTimeout(this.waiting);
+        this.tell(1, this.missing());
+      };
+      utterance.onerror = ({ error }) => { if (error !== "interrupted" && error !== "canceled") silent(); };
+    }
     synthesis.speak(utterance);
   }
 }

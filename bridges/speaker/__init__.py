@@ -1,0 +1,1 @@
+"""Names that are announced, spoken by the loudspeaker of this machine."""

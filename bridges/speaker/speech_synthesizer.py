@@ -1,0 +1,109 @@
+"""A synthetic voice: it says one sentence at a time, and notices that it is not heard."""
+
+import asyncio
+import re
+import shutil
+from collections.abc import Callable
+
+from pointit.runtime.clock import Clock
+from pointit.runtime.errors import ConfigError
+from pointit.schemas import NS_PER_S, Speech, Understood
+
+PROGRAM = "espeak-ng"
+VOICE_REMEDY = f"choose another language (`{PROGRAM} --voices`)"
+SOUND_REMEDY = "does this machine have a sound card that its user may use (group audio)?"
+LONGEST = 200
+"""Number of characters that are said."""
+ECHO_NS = NS_PER_S // 4
+"""Time after the voice in which a microphone may still hear it, ns."""
+
+
+def require_synthesizer(user: str) -> None:
+    """Raise ConfigError, which names `user`, if the program that speaks is not installed."""
+    if shutil.which(PROGRAM) is None:
+        raise ConfigError(f"{user} needs `{PROGRAM}`: install it, such as `apt-get install {PROGRAM}`")
+
+
+class SpeechSynthesizer:
+    """Says one sentence at a time; a newer one ends it."""
+
+    def __init__(
+        self, clock: Clock, language: str = "", *, on_problem: Callable[[str], None] | None = None
+    ) -> None:
+        """Create.
+
+        Args:
+            clock: clock of the words that are heard.
+            language: such as `de`; `""` for the program's own.
+            on_problem: called with the reason why nothing is heard, and `""` once something is.
+
+        Raises:
+            ConfigError: If the program is not installed.
+        """
+        require_synthesizer("--speak")
+        self.spoken = 0
+        """Number of sentences that were spoken, or cut off."""
+        self._language = ("-v", language.lower()) if language else ()
+        self._on_problem = on_problem
+        self._problem = ""
+        self._clock = clock
+        self._saying: asyncio.Task[None] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+        """Sentences that are spoken, or being cut off."""
+        self._from_ns = self._until_ns = 0
+
+    def say(self, understood: Understood) -> None:
+        """Say the message; of a question only what is asked, since its answer is awaited."""
+        text = understood.message
+        if understood.result == "asked":
+            text = f"{text.partition('?')[0]}?"
+        if text:
+            self.speak(text)
+
+    def speak(self, text: str) -> None:
+        """Speak `text`. It cuts off what is being spoken."""
+        if self._saying is not None:
+            self._saying.cancel()
+        if self._until_ns < 2**62:  # else it goes on speaking
+            self._from_ns, self._until_ns = self._clock.now_ns(), 2**62
+        self._saying = asyncio.get_running_loop().create_task(self._run(text[:LONGEST]))
+        self._tasks.add(self._saying)
+        self._saying.add_done_callback(self._tasks.discard)
+
+    def _report(self, output: str) -> None:
+        """Report what the program said; it ends with 0 although it could not speak."""
+        found = re.search(r"^error:\s*(.*?)\.?$", output, re.IGNORECASE | re.MULTILINE)
+        fault = found[1] if found else ""
+        remedy = VOICE_REMEDY if "voice" in fault else SOUND_REMEDY
+        problem = f"nothing is heard: {PROGRAM} says {fault!r}; {remedy}" if fault else ""
+        if problem != self._problem and self._on_problem is not None:
+            self._on_problem(problem)
+        self._problem = problem
+
+    def is_echo(self, speech: Speech) -> bool:
+        """Return True if the words were heard while it spoke: they may be its own."""
+        is_during = self._from_ns <= speech.stamp_ns and self._until_ns + ECHO_NS >= speech.words[0].start_ns
+        return bool(self._from_ns) and is_during
+
+    async def close(self, *, cuts: bool = False) -> None:
+        """Wait until the sentence is spoken, or cut it off."""
+        if self._saying is not None and cuts:
+            self._saying.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _run(self, text: str) -> None:
+        """Run the program. The text comes by standard input, so that none is an option."""
+        silent, pipe = asyncio.subprocess.DEVNULL, asyncio.subprocess.PIPE
+        process = await asyncio.create_subprocess_exec(
+            PROGRAM, *self._language, "--stdin", stdin=pipe, stdout=silent, stderr=pipe
+        )
+        try:
+            _, output = await process.communicate(text.encode())
+            self._report(output.decode(errors="replace"))
+        finally:
+            self.spoken += bool(text) and not self._problem
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+            if self._saying is asyncio.current_task():  # no newer sentence is said
+                self._until_ns = self._clock.now_ns()

@@ -9,7 +9,7 @@ from pointit.schemas.text import hide_secrets
 
 CLOCK, CLOCK_LIMIT, DENIED, INVALID, LATE = "clock", "clock-limit", "denied", "invalid", "late"
 IDLE_ARM, ROUTER_LOST, TWICE, UNCERTAIN = "nobody", "router-lost", "twice", "uncertain"
-UNWRITABLE, EVENT_LOOP, OTHER = "unwritable", "event-loop", "other"
+UNWRITABLE, EVENT_LOOP, REVOKED, OTHER = "unwritable", "event-loop", "revoked", "other"
 CLOCK_CLAIM, EXCESS, STUCK, VOICE = "clock-claim", "excess", "stuck", "voice"
 NO_DATA = ("link", "port", "silent", "sensor", "sensors", "number")
 """Codes of a source from which nothing comes."""
@@ -20,6 +20,7 @@ CODES = {
     CLOCK_LIMIT: "the same, by so much that messages are refused",
     CLOCK_CLAIM: "only one person's services say that the clock of machine `subject` is wrong",
     DENIED: "identity `subject` lacks a right",
+    REVOKED: "identity `subject` was revoked, or its certificate replaced, and still connects",
     INVALID: "messages on `topic`, the last of writer `subject`, could not be decoded",
     LATE: "messages on `topic` came late, or after newer ones",
     IDLE_ARM: "nobody moves the arm yet",

@@ -29,6 +29,8 @@ from pointit.schemas.topics import ANNOUNCED, HOVER, MAP, SELECTION, SELECTION_E
 
 USER = "home-assistant"
 """Name by which it switches things."""
+FIRST_REPLY_S = 3.0
+"""Time after the login within which Home Assistant states everything, s."""
 RETRY_S = 2.0
 """Pause before the next connection, s."""
 CHECK_PERIOD_S = 0.5
@@ -122,10 +124,15 @@ class HomeAssistant(Service[HomeAssistantConfig]):
     async def _follow(self, connection: HomeAssistantConnection) -> None:
         """Read all states, then give things the states of their entities, except while these change."""
         self._states = {}
-        await connection.subscribe("state_changed", self._on_state_changed)
-        with contextlib.suppress(RefusedError):  # of an old version
-            await connection.subscribe("entity_registry_updated", self._on_registry)
-        self._states = await connection.states() | self._states  # events since the subscription are newer
+        silent = f"{self.config.url} accepts the token and then says nothing: restart Home Assistant"
+        silence = self.bus.call_later(FIRST_REPLY_S, lambda: self.bus.warn("connection", silent))
+        try:
+            await connection.subscribe("state_changed", self._on_state_changed)
+            with contextlib.suppress(RefusedError):  # of an old version
+                await connection.subscribe("entity_registry_updated", self._on_registry)
+            self._states = await connection.states() | self._states  # events since then are newer
+        finally:
+            silence.cancel()
         self._commands.open(connection, self._states)
         self.bus.clear("connection")
         self._report_entities()

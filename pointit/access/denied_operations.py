@@ -17,7 +17,7 @@ begin with a colour is the rest of a key, forged to blame another identity.
 import re
 import threading
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 from pointit.access.rights import max_rate_hz
 from pointit.runtime.link.link import ROOM
@@ -289,6 +289,11 @@ class DeniedOperations:
     def identity(self, connection: str) -> str:
         """Return the identity of a connection, or `""` if it has not done anything yet."""
         return self._names.get(connection, "").rpartition("/")[0]
+
+    def identities(self, common_names: Collection[str]) -> set[str]:
+        """Return the identities of those of `common_names` that have done something."""
+        with self._lock:
+            return {each.rpartition("/")[0] for each in self._names.values() if each in common_names}
 
     def _take(self, line: str, times: int, *, in_order: bool) -> None:
         at = line.find(THREAD) + len(THREAD)

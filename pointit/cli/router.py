@@ -21,12 +21,16 @@ from pointit.runtime.link.link import DEFAULT_ENDPOINT
 from pointit.runtime.router import Router, captured_log, raise_file_limit, running_router
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.process import log_option, run_until_shutdown
-from pointit.schemas.problems import DENIED, EXCESS, STUCK
+from pointit.schemas.problems import DENIED, EXCESS, REVOKED, STUCK
 
 log = logging.getLogger(__name__)
 
 TELL_S = 1.0
 """Interval at which denied operations are reported."""
+REVOCATION = (
+    "{identity} was revoked or its certificate replaced, and its processes go on: end them, or make it valid "
+    "with `pointit site renew {name}`, copy its folder there again, and restart them"
+)
 BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 """Files beside a router configuration of `pointit site` that it refers to."""
 
@@ -179,7 +183,10 @@ async def _tell(router: Router, denied: DeniedOperations, limits: ConnectionLimi
         by_address = {each.address: each for each in connections}
         waiting = router.unread(by_address)
         stuck = limits.stuck({by_address[address]: count for address, count in waiting.items()})
-        messages = {DENIED: sentences, EXCESS: exceeding, STUCK: stuck}
+        former = denied.identities(router.former) & sentences.keys()
+        revoked = {name: REVOCATION.format(identity=name, name=name.rpartition("/")[2]) for name in former}
+        sentences = {name: each for name, each in sentences.items() if name not in former}
+        messages = {DENIED: sentences, REVOKED: revoked, EXCESS: exceeding, STUCK: stuck}
         for kind, told in messages.items():
             for sentence in told.values():
                 if sentence not in logged:  # what lasts is logged once

@@ -25,9 +25,11 @@ from pointit.schemas.problems import (
     CLOCK,
     CLOCK_LIMIT,
     DENIED,
+    EVENT_LOOP,
     IDLE_ARM,
     INVALID,
     LATE,
+    REVOKED,
     ROUTER_LOST,
     SILENCING,
     TWICE,
@@ -38,16 +40,24 @@ from pointit.services.registry import person_of, row_of
 
 
 def unreachable(
-    connect: Sequence[str], stopped: Sequence[StoppedProcess], *, is_refused: bool, is_secured: bool
+    connect: Sequence[str],
+    stopped: Sequence[StoppedProcess],
+    *,
+    is_refused: bool,
+    is_secured: bool,
+    rejection: str = "",
 ) -> Finding:
     """Return the finding of an observer that cannot join.
 
     `is_refused`: nothing listens at `connect`. `stopped`: processes of this machine that may be the router.
+    `rejection`: reason and remedy if the router rejects the observer.
     """
     where = ", ".join(connect)
     if not is_refused and (pid := next((each.pid for each in stopped if each.may_route), 0)):
         sentence = f"the router at {where} does not answer: process {pid} is stopped (Ctrl-Z or SIGSTOP)"
         return replace(_finding(sentence, CONTINUE.format(pid=pid)), code="stopped")
+    if rejection:
+        return replace(_finding(rejection, ""), code="denied")
     if not is_refused:
         return _finding(
             f"the router at {where} does not answer", f"{AGAIN}; or give another address by --connect"
@@ -246,18 +256,22 @@ def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     by_name: dict[str, list[Finding]] = defaultdict(list)
     for each in symptoms:
-        if each.problem == DENIED:
+        if each.problem in (DENIED, REVOKED):
             by_name[each.subject].append(each)
     for name, group in by_name.items():
-        own = sorted(group, key=lambda each: is_router(each.service))
+        own = sorted(group, key=lambda each: (each.problem == DENIED, is_router(each.service)))
         services = {each.service for each in group}
         cause, follow = _first_of(own, "denied"), find_consequences(services, seen)
-        if is_router(own[0].service):
-            remedy = f"start it with its own credentials instead of those of {name}, or end it"
+        if own[0].problem == DENIED and is_router(own[0].service):
+            remedy = (
+                f"start it with its own credentials instead of those of {name}, or end it"
+                if name
+                else "give it credentials by --credentials (`pointit site user add NAME`), or end it"
+            )
             cause = replace(cause, finding=replace(cause.finding, remedy=remedy))
 
         def is_of_service(each: Finding, name: str = name) -> bool:
-            is_same = each.problem == DENIED and each.subject == name
+            is_same = each.problem in (DENIED, REVOKED) and each.subject == name
             return is_same or (each.code in GONE and split_instance(each.service)[1] == name)
 
         yield _also(_also(cause, follow), is_of_service)
@@ -353,6 +367,22 @@ def _late(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
         late = [each for each in late[1:] if not follow(each)]
 
 
+def _blocked(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
+    """Explain what a process does not do, or does late, by what blocks its event loop."""
+    for each in symptoms:
+        if each.problem == EVENT_LOOP:
+            process = seen.process_of(each.service)
+            services = {each.service, *seen.processes.get(process, ())}
+            sentence = f"process {process.pid} of machine {process.host}: {each.sentence}"
+            finding = replace(each, severity="error", sentence=sentence, services=tuple(sorted(services)))
+            cause = _process_cause(finding, seen)
+
+            def is_same(other: Finding, services: set[str] = services) -> bool:
+                return other.service in services and (may_pass(other) or other.problem == EVENT_LOOP)
+
+            yield replace(_also(cause, is_same), symptom=each)
+
+
 def _starved(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
     for finding in starved_machines(filter(may_pass, symptoms), seen):
         follow = find_consequences(set(finding.services), seen)
@@ -384,12 +414,12 @@ def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 EXPLANATIONS: tuple[Explanation, ...] = (
-    _lost_router, _clock, _disk, _rights, _stopped, _starved, _ended, _mass, _gone, _unwritten, _no_cursor,
-    _duplicates, _invalid, _late, _same_words,
+    _lost_router, _clock, _disk, _rights, _stopped, _blocked, _starved, _ended, _mass, _gone, _unwritten,
+    _no_cursor, _duplicates, _invalid, _late, _same_words,
 )  # fmt: skip
 """From the deepest causes to the nearest."""
 OF_ONE_PERSON: tuple[Explanation, ...] = (
-    _clock, _disk, _rights, _starved, _unwritten, _duplicates, _invalid, _late, _same_words,
+    _clock, _disk, _rights, _blocked, _starved, _unwritten, _duplicates, _invalid, _late, _same_words,
 )  # fmt: skip
 """The same for what one person's services claim."""
 

@@ -3,13 +3,19 @@
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
-from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, StoppedProcess, restart_remedy
+from pointit.diagnosis.observation import (
+    CONTINUE,
+    Code,
+    Finding,
+    Observation,
+    ReportedProcess,
+    StoppedProcess,
+    restart_remedy,
+)
 from pointit.runtime.bus.contract import AnyTopic
-from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.runtime.service.service import HEALTH_PERIOD_S
 from pointit.schemas.environment import Environment
 from pointit.schemas.system import RUN, split_instance
-from pointit.schemas.text import one_line
 from pointit.schemas.topics import CURSOR, HOVER, IMU, MAP, RAY
 from pointit.services.registry import HOME_ASSISTANT, person_of, present_writers, row_of
 
@@ -46,7 +52,7 @@ def find_missing(seen: Observation) -> Iterator[Finding]:
             "overloaded or cut off?"
         )
         again = seen.expected.get(instance, restart_remedy(instance, seen.options_of(instance)))
-        process = f"process {health.pid}" if health else "its process"
+        process = seen.process_of(instance).description if health else "its process"
         remedy = f"look at {process} (stopped: `kill -CONT`); else {again}"
         yield Finding("error", "silent", instance, sentence, remedy)
 
@@ -199,11 +205,11 @@ def stopped_services(findings: Sequence[Finding], seen: Observation) -> Iterator
 def starved_machines(findings: Iterable[Finding], seen: Observation) -> Iterator[Finding]:
     """Find machines with processes that get too little processor time, which explains `findings` symptoms."""
     affected = {each.service for each in findings}
-    by_host: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for instance in sorted(seen.present):
-        if (health := seen.newest(instance)) is not None:
-            by_host[health.host][health.pid].append(instance)
-    for host, processes in by_host.items():
+    by_host: dict[tuple[str, str], dict[int, list[str]]] = defaultdict(dict)
+    for process, services in seen.processes.items():
+        if present := [each for each in services if each in seen.present]:
+            by_host[process.host, process.claimant][process.pid] = present
+    for (host, claimant), processes in by_host.items():
         periods_s = {pid: min(map(seen.period_s, services)) for pid, services in processes.items()}
         starved = {
             pid: period_s
@@ -215,11 +221,11 @@ def starved_machines(findings: Iterable[Finding], seen: Observation) -> Iterator
         services = sorted(each for pid in starved for each in processes[pid])
         pid = max(starved, key=lambda each: starved[each])
         names = f"process {pid}" if len(starved) == 1 else f"{len(starved)} processes"
-        where = one_line(host, LONGEST_HOST) or "?"
+        says = f"{claimant} says: " if claimant else ""
         get = "gets" if len(starved) == 1 else "get"
         sentence = (
-            f"{names} of machine {where} ({listed(services)}) {get} too little processor time: reports come "
-            f"every {starved[pid]:.1f} s instead of every {HEALTH_PERIOD_S:g} s"
+            f"{says}{names} of machine {host} ({listed(services)}) {get} too little processor time: reports "
+            f"come every {starved[pid]:.1f} s instead of every {HEALTH_PERIOD_S:g} s"
         )
         remedy = "is the machine overloaded (`top`), or its processor time limited? end other programs there"
         yield Finding("warning", "starved", _subject(services), sentence, remedy, services=tuple(services))
@@ -231,13 +237,14 @@ def gone_processes(findings: Sequence[Finding], seen: Observation) -> Iterator[F
     for name, services in _processes(gone.keys(), seen).items():
         lost = sorted(gone[each].service for each in services if each in gone)
         silent = [each for each in lost if gone[each].code == "silent"]
-        pid = next((health.pid for each in lost if (health := seen.newest(each))), 0)
+        process = next((seen.process_of(each) for each in lost if seen.newest(each)), ReportedProcess("?", 0))
+        pid = process.pid
         stop = f"`kill -CONT {pid or 'PID'}`"
         code: Code = "silent" if silent == lost else "absent"
         if code == "silent":
             sentence = (
-                f"process {pid or '?'} does not report: {listed(lost)} are silent; is it stopped, overloaded "
-                "or cut off?"
+                f"{process.description} does not report: {listed(lost)} are silent; is it stopped, "
+                "overloaded or cut off?"
             )
             remedy = f"look at it where it runs (stopped: {stop}); else {_again(name, seen)}"
         else:
@@ -258,13 +265,9 @@ def _processes(gone: Collection[str], seen: Observation) -> dict[str, set[str]]:
         if len(services) > 1 and services <= left:
             processes[name] = set(services)
             left -= services
-    by_pid: dict[tuple[str, int], set[str]] = defaultdict(set)
-    for instance in seen.reports:
-        if (health := seen.newest(instance)) is not None:
-            by_pid[health.host, health.pid].add(instance)
-    for (host, pid), heard in by_pid.items():
-        if len(heard) > 1 and heard <= left:
-            processes[f"process {pid} of {host}"] = heard
+    for process, services in seen.processes.items():
+        if len(services) > 1 and left.issuperset(services):
+            processes[f"{process.description} of {process.host}"] = set(services)
     return processes
 
 
@@ -279,7 +282,8 @@ def _again(name: str, seen: Observation) -> str:
 
 def _runs(process: StoppedProcess, instance: str, seen: Observation) -> bool:
     health = seen.newest(instance)
-    if health is not None and health.host == seen.host:
+    is_claim = bool(seen.process_of(instance).claimant)
+    if health is not None and health.host == seen.host and not is_claim:
         return health.pid == process.pid
     names = [name for name, services in seen.services_of.items() if instance in services]
     return any(process.may_run(instance, name) for name in names or [""])

@@ -6,15 +6,17 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pointit.runtime.bus.contract import AnyTopic
+from pointit.runtime.bus.timeliness import LONGEST_HOST
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.link.link import SILENT_S
 from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health
 from pointit.schemas.problems import OTHER
 from pointit.schemas.system import RUN, instance_of, split_instance
 from pointit.schemas.table_types import NAME
+from pointit.schemas.text import one_line
 from pointit.schemas.topics import ANY
 from pointit.services.registry import person_of, present_writers, row_of
 
@@ -149,8 +151,15 @@ Python loads them all at once, which takes a busy machine a minute and more.
 """
 
 Severity = Literal["error", "warning", "note"]
-"""Error: something that the site needs does not work. Warning: it works worse, or not for long. Note: it is
-over, or nobody uses it yet. A site with notes only is healthy."""
+"""Severity of a finding:
+
+- error: something that the site needs does not work. A person cannot point, select or see the light, data is
+  lost, or a device is not there while others wait for it.
+- warning: it works worse, or not for long, or one service alone says so: late, uncertain, a battery.
+- note: it is over, or nobody uses it yet. A site with notes only is healthy.
+
+What follows from a finding is listed under it. What one person's services say is about that person only.
+"""
 Code = Literal[
     "unreachable",
     "empty",
@@ -175,6 +184,20 @@ Code = Literal[
     "unsure",
     "old-anchor",
 ]
+
+
+class ReportedProcess(NamedTuple):
+    """A process by its services' reports."""
+
+    host: str
+    pid: int
+    claimant: str = ""
+    """Person whose own services alone claim the numbers, or `""`: these may be forged."""
+
+    @property
+    def description(self) -> str:
+        """Return the process for people."""
+        return f"process {self.pid or '?'}{f' ({self.claimant} says)' if self.claimant else ''}"
 
 
 @dataclass(frozen=True)
@@ -284,6 +307,23 @@ class Observation:
     def options_of(self, instance: str) -> str:
         """Return the options of the command that starts `instance` on this site."""
         return self.options + self.credentials_of(person_of(instance) or "supervisor")
+
+    @cached_property
+    def processes(self) -> dict[ReportedProcess, list[str]]:
+        """Return the instances of each process that reports."""
+        processes: dict[ReportedProcess, list[str]] = {}
+        for instance in sorted(self.reports):
+            if self.newest(instance) is not None:
+                processes.setdefault(self.process_of(instance), []).append(instance)
+        return processes
+
+    def process_of(self, instance: str) -> ReportedProcess:
+        """Return the process in which `instance` says that it runs."""
+        of_runs = (names for name, names in self.services_of.items() if name.startswith(RUN))
+        claimant = "" if any(instance in names for names in of_runs) else person_of(instance)
+        health = self.newest(instance)
+        host, pid = (health.host, health.pid) if health else ("", 0)
+        return ReportedProcess(one_line(host, LONGEST_HOST) or "?", pid, claimant)
 
     def newest(self, instance: str) -> Health | None:
         """Return the last report of `instance`, or None."""

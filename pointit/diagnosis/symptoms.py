@@ -67,14 +67,13 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
         for problem in health.all_problems:
             sentence, subject = one_line(problem.sentence), one_line(problem.subject, LONGEST_HOST)
             is_note = problem.severity == "note"
-            remedy = "" if is_note or _says_what_to_do(sentence) else "look at its log, which has details"
             text = f"says: “{sentence}”" if person_of(instance) and not is_note else sentence
             yield Finding(
                 problem.severity,
                 "idle" if is_note else "warning",
                 instance,
                 text,
-                remedy,
+                "",
                 topic=one_line(problem.topic),
                 problem=problem.code,
                 subject=subject,
@@ -93,11 +92,6 @@ def find_in_reports(seen: Observation) -> Iterator[Finding]:
                 "more pixels than it carries?"
             )
             yield Finding("warning", "slow", instance, sentence, remedy)
-
-
-def _says_what_to_do(warning: str) -> bool:
-    """Return True if a warning continues after the problem: `...; do this`, `...: do this`."""
-    return any(mark in warning for mark in ("; ", ": ", "`"))
 
 
 def _twice(seen: Observation, instance: str, reports: Sequence[DiagnosisReport]) -> Iterator[Finding]:

@@ -7,7 +7,8 @@ PointItError                 its text is one sentence for a person: problem, pla
 │   ├── BusClosedError       used after `close`
 │   ├── ListenError          the address to listen on is in use
 │   ├── ConnectError         nothing answers at the address to connect to
-│   │   └── WrongSiteError   another site answers there
+│   │   ├── WrongSiteError   another site answers there
+│   │   └── RejectedError    its router rejects the credentials, or wants some
 │   ├── NoMessageError       nothing has come on a key
 │   └── VersionError         messages are of a version that cannot be read here
 └── RequestError
@@ -43,6 +44,10 @@ class ConnectError(BusError):
 
 class WrongSiteError(ConnectError):
     """At the address there are other sites, but not the one to join."""
+
+
+class RejectedError(ConnectError):
+    """The router there rejects the credentials, or wants some."""
 
 
 class NoMessageError(BusError, KeyError):

@@ -330,6 +330,8 @@ class Router:
         """Called in the loop after each change of `links`."""
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""
+        self.former: frozenset[str] = frozenset()
+        """Common names of revoked and replaced certificates."""
         self._health_publishers: dict[str, RouterHealthPublisher] = {}
         """By site."""
 
@@ -437,6 +439,9 @@ class Router:
         policies: list[dict[str, Any]] = json.loads(config.get_json("access_control/policies")) or []
         named = (str(policy.get("id") or "").rpartition("/") for policy in policies)
         self.roles = {identity: role for identity, _, role in named if identity}
+        former = (each for each in subjects if str(each["id"]).endswith("/former ones"))
+        names = (each.get("cert_common_names") or each.get("usernames") or () for each in former)
+        self.former = frozenset(name for each in names for name in each)
         return config
 
     def _look(self) -> Stamp:

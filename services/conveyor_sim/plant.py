@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 from pointit.geometry.polyline import Polyline
+from pointit.runtime.config.parameters import set_option
 from pointit.schemas import (
     NS_PER_S,
     BayCount,
@@ -146,9 +147,11 @@ def network_of(environment: Environment, config: ConveyorSimConfig) -> Network:
     if missing or not wanted:
         what = f"no {surface} {missing[0]!r}" if missing else f"no {surface}s"
         listed = ", ".join(lines) or "none"
+        lane = set_option("conveyor-sim", "lanes", f"[{next(iter(lines), '')}]")
+        other = set_option("conveyor-sim", "surface", "belt" if surface == "strip" else "strip")
         raise UnusableMapError(
-            f"lanes: map {environment.name!r} has {what}, there are {listed}; "
-            "set conveyor-sim.surface and conveyor-sim.lanes"
+            f"lanes: map {environment.name!r} has {what}, there are {listed}; use others, as by {lane}, or "
+            f"the other surface by {other}"
         )
     try:
         chosen = {lane: Polyline(lines[lane]) for lane in wanted}
@@ -207,7 +210,9 @@ class Plant:
                     raise UnusableMapError(
                         f"feeders.{feeder.name}: map {environment.name!r} has no {config.surface} {belt!r}, "
                         f"there are {', '.join(self.network.lines)}; "
-                        f"set conveyor-sim.feeders.{feeder.name}.belt"
+                        + set_option(
+                            "conveyor-sim", f"feeders.{feeder.name}.belt", next(iter(self.network.lines))
+                        )
                     )
         prefix = f"{start_ns // 1_000_000:x}"  # unique across restarts and maps
         self._infeed = Infeed(self._traffic, self._dispatch.assign_bay, prefix=prefix)

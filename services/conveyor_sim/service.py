@@ -4,6 +4,7 @@ import asyncio
 from typing import ClassVar
 
 from pointit.runtime.clock import ticks
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
@@ -93,13 +94,15 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         try:
             Plant(room, config, seed=0, start_ns=0)
         except UnusableMapError as error:
-            raise ConfigError(f"{error}, or choose another map: pui.map") from error
+            raise ConfigError(
+                f"{error}, or choose another map: {set_option('pui', 'map', 'NAME')}"
+            ) from error
         there = [bay.id for bay in room.bays]
         for name, bay in (("bay_selected", config.bay_selected), ("bay_rest", config.bay_rest)):
             if len(there) > 1 and bay not in there:
                 raise ConfigError(
                     f"{name}: map {room.name!r} has no bay {bay!r}, there are {', '.join(there)}; "
-                    f"set conveyor-sim.{name}"
+                    + set_option("conveyor-sim", name, there[0])
                 )
 
     async def run(self) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeGuard
 
 from pointit.geometry.rotation import Quaternion
+from pointit.runtime.config.parameters import set_option
 from pointit.schemas.base import unit_quaternion
 
 MAX_SENSORS = 8
@@ -68,13 +69,12 @@ class SensorChoice:
         sensors = self.several or [*self._sensors] * (len(self._sensors) >= MAX_SENSORS)
         names = ", ".join(sorted(name or "one without a name" for name in sensors))
         if self._wanted and sensors and self.used not in self._sensors:
-            return f"no sensor {self._wanted!r} is heard, but {names}: set {self._parameter} to one of them"
+            option = set_option("imu-bridge", self._parameter, min(sensors))
+            return f"no sensor {self._wanted!r} is heard, but {names}: use one of them, as by {option}"
         if self._wanted or len(sensors) < 2:
             return ""
-        return (
-            f"several sensors send in one stream ({names}), and none is used: set {self._parameter} to the "
-            "one on the wrist"
-        )
+        option = set_option("imu-bridge", self._parameter, "NAME")
+        return f"several sensors send in one stream ({names}), and none is used: name the wrist's by {option}"
 
 
 MIN_READABLE = 0.8

@@ -9,6 +9,7 @@ from typing import ClassVar
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.bus.timeliness import REMEDY, ClockSkewMonitor
 from pointit.runtime.clock import WallClock, sleep
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.service import Context, Scope, Service
@@ -114,8 +115,9 @@ class Keeper(Service[KeeperConfig]):
                 self.bus.warn(
                     "room",
                     f"{self._retained.refused} states found no room among {len(self._retained)} of "
-                    f"{self._retained.size / 1e6:.1f} MB and will not outlive their writers; raise "
-                    "max_values or max_mb, or find the service that writes them",
+                    f"{self._retained.size / 1e6:.1f} MB and will not outlive their writers; find the "
+                    f"service that writes them, or raise the limits of the keeper, as by "
+                    f"{set_option('keeper', 'max_mb', 64)}",
                 )
             if self._retained.changes != self._written:
                 self._changed.set()

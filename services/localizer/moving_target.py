@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry.floor_sigma import place_sigma_m
+from pointit.runtime.config.parameters import set_option
 from pointit.schemas import NS_PER_S, Candidate, PointingRay, TrackedObjects
 from pointit.schemas.base import Vec3
 from pointit.schemas.text import round_beyond
@@ -284,7 +285,7 @@ class TargetDisambiguator:
 def _undecided(object_id: str, other: RobotFit) -> Refusal:
     return Refusal(
         f"two robots move alike, {object_id} and {other.object_id}: make one of them move differently, "
-        "or set robot_id",
+        f"or name one by {set_option('localizer', 'robot_id', object_id)}",
         other.result.residual_rad,
     )
 

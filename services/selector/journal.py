@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pydantic import ConfigDict, TypeAdapter
 
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.store import Store, StoreLayout, read_rows
 from pointit.schemas import NS_PER_S, ReadHistory, ReadHistoryReply, SelectionEvent, encode
@@ -252,7 +253,8 @@ class History:
             RefusedError: If there is no journal, or it cannot be read.
         """
         if self._path is None:
-            raise RefusedError("this selector keeps no journal: start it with journal.enabled=true")
+            option = set_option("selector", "journal.enabled", "true")
+            raise RefusedError(f"this selector keeps no journal: start it with {option}")
         async with self._turn:
             try:
                 events = await asyncio.to_thread(_read, self._path, query)

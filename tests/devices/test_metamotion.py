@@ -286,7 +286,7 @@ async def test_of_two_boards_of_one_name_the_first_is_used_for_good_and_the_othe
         warning = session.health.warnings["sensors"]
         assert f"MetaWear ({used.address}, " in warning
         assert f"not MetaWear ({other.address}, " in warning
-        assert "set metamotion.sensor to the address of the right one" in warning
+        assert "--set imu-bridge.metamotion.sensor=ADDRESS" in warning
         await used.vanish()
         await session.until(
             lambda: f"{used.address.lower()} is not heard" in session.health.warnings.get("link", "")

@@ -68,7 +68,7 @@ def find() -> FoundDevices:
 
 
 def _device(kind: str, result: SearchResult, found: FoundDevice) -> ConnectedDevice:
-    label, _, _ = found.label.partition("; set ")  # parameters, which are set here
+    label, _, _ = found.label.partition("; --set ")  # parameters, which are set here
     pixels = found.details.get("pixels", 0)
     values: dict[str, Any] = {
         "kind": kind,

@@ -29,7 +29,7 @@ from pointit.diagnosis.causes import may_pass, unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_about, is_healthy
 from pointit.diagnosis.missing_services import home_things, is_anything_starting
 from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, stopped_processes
-from pointit.runtime.errors import ConnectError
+from pointit.runtime.errors import ConnectError, RejectedError
 from pointit.runtime.host.extras import CHECKOUT
 from pointit.runtime.link.link import DEFAULT_ENDPOINT, DEFAULT_SITE, SILENT_S, Link
 from pointit.runtime.link.options import given_credentials
@@ -215,10 +215,16 @@ def command(
     observer = SiteObserver(only)
     try:
         run_until_shutdown(_listen(observer, site, connect, timeout_s))
-    except ConnectError:
+    except ConnectError as error:
         is_refused = all(site_link.listens(each) is False for each in connect)
         stopped = stopped_processes(site, connect)
-        finding = unreachable(connect, stopped, is_refused=is_refused, is_secured=credentials is not None)
+        finding = unreachable(
+            connect,
+            stopped,
+            is_refused=is_refused,
+            is_secured=credentials is not None,
+            rejection=str(error) if isinstance(error, RejectedError) else "",
+        )
         return _show(Observation(began_s=0.0, now_s=0.0), [finding], known, site, as_json=as_json)
     if observer.seen is None:
         return INTERRUPTED

@@ -1,5 +1,6 @@
 """The parameters of a configuration as people see them: the option, the type and the default of each."""
 
+import shlex
 import types
 import typing
 from collections.abc import Collection, Iterator
@@ -11,6 +12,11 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from pointit.runtime.config.plugins import PluginConfig
+
+
+def set_option(service: str, parameter: str, value: object) -> str:
+    """Return the option that sets a parameter, as it must be typed: `--set imu-bridge.udp.host=0.0.0.0`."""
+    return f"--set {shlex.quote(f'{service}.{parameter}={value}')}"
 
 
 @dataclass(frozen=True)

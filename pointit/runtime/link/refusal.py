@@ -3,11 +3,13 @@
 import socket
 import ssl
 
-from pointit.runtime.link.link import CA, CERTIFICATE, KEY, SECURE, Credentials, PassingRefusal
+from pointit.runtime.link.link import CA, CERTIFICATE, ENDPOINT, KEY, SECURE, Credentials, PassingRefusal
 
 HANDSHAKE_S = 1.0
 """Time limit of each step when probing for the reason of a refusal."""
-NO_SECURED_ROUTER = "{} is not a router of a secured site; give its address with --connect"
+NO_SECURED_ROUTER = (
+    "{} is not a router of a secured site; give its address with --connect, or continue it if it is stopped"
+)
 X509_TOO_OLD, X509_TOO_YOUNG, X509_OTHER_HOST = 10, 9, (62, 64)
 """OpenSSL's verify codes: expired; not yet valid; the certificate names another host or address."""
 
@@ -22,12 +24,19 @@ REFUSALS = {
 """Meaning of a router's alert on our certificate, by the end of OpenSSL's name for it."""
 
 
-def connection_refusal(credentials: Credentials, endpoint: str) -> str:
+def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
     """Return a message if the router at `endpoint` rejects a connection, else `""` (also without an answer).
+
+    Without `credentials`, a router that speaks TLS does: it is one of a secured site.
 
     A `PassingRefusal` is not certain. Zenoh reports every refusal as a time-out, so the handshake is tried
     again without it. Blocks for up to 3 s: call it in a thread.
     """
+    if credentials is None:
+        wants = (
+            f"the router at {endpoint} is one of a secured site: give your identity by --credentials FOLDER"
+        )
+        return wants if _speaks_tls(endpoint) else ""
     found = SECURE.match(endpoint)
     if not found:
         return ""
@@ -59,6 +68,20 @@ def connection_refusal(credentials: Credentials, endpoint: str) -> str:
             f"persists, renew it with `pointit site renew {name}` and copy the folder here"
         )
     return ""
+
+
+def _speaks_tls(endpoint: str) -> bool:
+    found = ENDPOINT.fullmatch(endpoint)
+    if found is None or found[1] not in ("tcp", "tls"):
+        return False
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing is sent
+    try:
+        with socket.create_connection((found[2].strip("[]"), int(found["port"])), HANDSHAKE_S) as plain:
+            context.wrap_socket(plain).close()
+    except OSError:
+        return False
+    return True
 
 
 def _context(credentials: Credentials) -> ssl.SSLContext:

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Awaitable, Callable, Container
+from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -258,24 +258,28 @@ PERIOD_S = 0.25
 """Period of checks, s."""
 STALL_S = 0.5
 """Time for which a plug-in may block the loop, s."""
+OWN_STALL_S = 3.0
+"""The same for our own services, s: doctor calls them silent by then."""
 SHOWN_S = 30.0
 """Time for which health reports it, s."""
 _watches: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, "StallWatch"] = weakref.WeakKeyDictionary()
 
 
-def watch_for_stalls(module: str, label: str, sink: WarningSink) -> None:
-    """Report the plug-in `label` in `sink` if code in the package of `module` blocks the loop.
+def watch_for_stalls(module: str, label: str, sink: WarningSink, *, is_service: bool = False) -> None:
+    """Report `label` in `sink` if code in the package of `module` blocks the loop.
 
-    Our own code is not watched.
+    `is_service`: of our own code, services are watched only, each by the folder of its module.
     """
-    package = module.partition(".")[0]
+    package, _, rest = module.partition(".")
+    if package == "pointit" and is_service and rest:
+        package = module.rpartition(".")[0]
     if package != "pointit":
         loop = asyncio.get_running_loop()
         _watches.setdefault(loop, StallWatch(loop)).add(package, label, sink)
 
 
 class StallWatch:
-    """Watchdog thread of an event loop. If the loop is late, the running plug-in is the cause."""
+    """Watchdog thread of an event loop. If the loop is late, the running plug-in or service is the cause."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         """Watch `loop`, which runs in this thread, from the first plug-in until it is closed."""
@@ -310,15 +314,19 @@ class StallWatch:
         if found is None:
             return
         package, where = found
+        if "." in package and sign.wait(OWN_STALL_S - STALL_S):
+            return
         sinks = dict(self._packages[package])
         who = " or ".join(sorted(set(sinks.values())))
         log.error("%s blocks the event loop, and all services of this process, at %s", who, where)
         while not sign.wait(PERIOD_S):
             if self._loop.is_closed():
                 return
+        remedy = (
+            "end what floods it, or report this" if "." in package else "it must call what blocks in a thread"
+        )
         sentence = (
-            f"{who} has blocked the event loop for {time.monotonic() - asked_s:.1f} s at {where}: "
-            "it must call what blocks in a thread"
+            f"{who} has blocked the event loop for {time.monotonic() - asked_s:.1f} s at {where}: {remedy}"
         )
         with contextlib.suppress(RuntimeError):  # the loop was closed meanwhile
             for sink in sinks:
@@ -329,11 +337,12 @@ class StallWatch:
         self._loop.call_later(SHOWN_S, sink.clear, EVENT_LOOP, label)
 
 
-def find_blocking_package(frame: FrameType | None, packages: Container[str]) -> tuple[str, str] | None:
+def find_blocking_package(frame: FrameType | None, packages: Collection[str]) -> tuple[str, str] | None:
     """Return the package whose code runs in `frame` or called it, with file and line, or None."""
     while frame is not None:
-        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
-        if package in packages:
+        module = f"{frame.f_globals.get('__name__', '')}."
+        package = next((each for each in packages if module.startswith(f"{each}.")), "")
+        if package:
             code = frame.f_code
             return package, f"{Path(code.co_filename).name}:{frame.f_lineno} in {code.co_name}"
         frame = frame.f_back

@@ -224,8 +224,8 @@ async def _run_once(
     kind = launch.service
     own_bus = ServiceBus(bus, clock, kind.NAME, launch.instance, launch.user)
     takeover = TakeoverMonitor(bus, launch.instance)
-    if launch.plugin:
-        watch_for_stalls(kind.__module__, launch.plugin, own_bus)
+    if launch.plugin or kind.__module__.startswith("pointit."):
+        watch_for_stalls(kind.__module__, launch.plugin or launch.instance, own_bus, is_service=True)
     try:
         service = kind(launch.config, Context(bus=own_bus, clock=clock, user=launch.user, name=launch.name))
         health = own_bus.account(HEALTH)

@@ -21,8 +21,8 @@ from typing import Any
 
 import zenoh
 
-from pointit.runtime.errors import BusError, ConfigError, ConnectError, ListenError
-from pointit.runtime.host.extras import load_object
+from pointit.runtime.errors import BusError, ConfigError, ConnectError, ListenError, RejectedError
+from pointit.runtime.host.extras import is_there, load_object
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.runtime.link.link import LEASE_MS, Credentials, Link, PassingRefusal, check_addresses, ports_of
 from pointit.schemas.topics import check_name
@@ -248,7 +248,8 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
     Raises:
         ConfigError: as `configuration`.
         ListenError: If the address to listen on is in use.
-        ConnectError: If no router answered within `patience_s`, or if it refuses the credentials.
+        ConnectError: If no router answered within `patience_s`.
+        RejectedError: If it refuses the credentials, or wants some.
     """
     where = ", ".join(link.connect or link.listen)
     refusal: str = ""
@@ -271,10 +272,10 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
             welcome_s = loop.time()
         passes = isinstance(refusal, PassingRefusal) and loop.time() - welcome_s < PASSES_S
         if refusal and not passes and patience_s is not None:
-            raise ConnectError(refusal) from error
-        return ConnectError(
-            refusal or f"nobody answers at {where}; is `pointit run` or `pointit router` running there?"
-        )
+            raise RejectedError(refusal) from error
+        if refusal:
+            return RejectedError(refusal)
+        return ConnectError(f"nobody answers at {where}; is `pointit run` or `pointit router` running there?")
 
     def on_wait() -> None:
         nonlocal has_waited
@@ -304,12 +305,12 @@ async def open_session(link: Link, *, patience_s: float | None = None) -> zenoh.
 
 
 def refusals(link: Link) -> str:
-    """Return the first refusal of our credentials if all routers of `link` refuse them, else `""`.
+    """Return the first refusal of our credentials, or of none, if all routers of `link` refuse, else `""`.
 
     Blocks for up to 3 s per router.
     """
-    if link.credentials is None:
+    if link.credentials is None and not is_there(REFUSAL.partition(":")[0]):
         return ""
-    refusal_at: Callable[[Credentials, str], str] = load_object(REFUSAL, "joining a secured site")
+    refusal_at: Callable[[Credentials | None, str], str] = load_object(REFUSAL, "joining a secured site")
     reasons = [refusal_at(link.credentials, endpoint) for endpoint in link.connect]
     return reasons[0] if reasons and all(reasons) else ""

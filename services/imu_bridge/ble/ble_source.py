@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable, Generator, Sequence
 
 from pointit.runtime.clock import Clock
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.config.plugins import Discover, FoundDevice
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.plugin_guard import WarningSink
@@ -172,7 +173,8 @@ class WristSearch:
         ]
         sentence = (
             f"several wrists of the kind {kind.label} are within reach: {used.label} is used, not "
-            f"{', '.join(others[:NAMED])}; set {kind.plugin}.sensor to the address of the right one"
+            f"{', '.join(others[:NAMED])}; give the address of the right one by "
+            f"{set_option('imu-bridge', f'{kind.plugin}.sensor', 'ADDRESS')}"
         )
         self._warnings.warn("sensors", sentence if others and (is_named or not self._wanted) else "")
 
@@ -186,7 +188,8 @@ class WristSearch:
         others = (", ".join(labels[:NAMED]) or "none") + more
         verb = "is not heard" if wanted else "is heard"
         if wanted == self.used != "":
-            others += f"; to use one of them, set {self._kind.plugin}.sensor"
+            option = set_option("imu-bridge", f"{self._kind.plugin}.sensor", "ADDRESS")
+            others += f"; to use one of them: {option}"
         return (
             f"{what} {verb}; searching: switch it on, bring it near, and disconnect it from other programs "
             f"and phones (others within reach: {others})"

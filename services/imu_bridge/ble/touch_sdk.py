@@ -16,6 +16,7 @@ from pydantic import Field
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
@@ -143,7 +144,9 @@ _ASLEEP = Obstacle(
 )
 _UNREADABLE = Obstacle("sends messages that cannot be read: update its app and PointIt", 20.0)
 _NO_ORIENTATION = Obstacle(
-    "sends no orientation that can be used: set touch_sdk.orientation to fusion, or update its app", 20.0
+    "sends no orientation that can be used: try "
+    f"{set_option('imu-bridge', 'touch_sdk.orientation', 'fusion')}, or update its app",
+    20.0,
 )
 
 

@@ -12,6 +12,7 @@ from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.clock import Clock
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.network.udp_server import Address, PortSource
@@ -219,7 +220,8 @@ class DatagramSource(PortSource):
         health: HealthSink,
     ) -> None:
         """Read datagrams by a new `decoder` for each connection. `name` is the plug-in's."""
-        remedy = f"end the program that has it, or set another {name}.port, here and in the device's app"
+        port = set_option("imu-bridge", f"{name}.port", config.port % 65_535 + 1)
+        remedy = f"end the program that has it, or use another port, here ({port}) and in the device's app"
         super().__init__(name, (config.host, config.port), clock, health, remedy=remedy)
         self._make_decoder = decoder
         self._decoders: dict[Address, Decoder] = {}
@@ -299,9 +301,9 @@ class DatagramSource(PortSource):
         others = "" if self._is_chosen else ", ".join(self._senders.others(now_s))
         self._health.warn(
             "others",
-            f"{others} sends to port {place}, too, and is not used: set {self._name}.sensor to the address "
-            "of the one on the wrist, or another port in one of the apps (one that was restarted is used "
-            f"after {RESTARTED_S:g} s)"
+            f"{others} sends to port {place}, too, and is not used: give the address of the wrist's by "
+            f"{set_option('imu-bridge', f'{self._name}.sensor', 'ADDRESS')}, or another port in one of the "
+            f"apps (one that was restarted is used after {RESTARTED_S:g} s)"
             if others
             else "",
         )

@@ -9,6 +9,7 @@ from typing import Final, Literal, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
+from pointit.runtime.config.parameters import set_option
 from pointit.schemas import NS_PER_S
 from pointit.services.imu_bridge.network.datagram_source import (
     DatagramConfig,
@@ -200,6 +201,7 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
 
 
 GRAVITY_MPS2 = 9.80665
+ORDER_OPTION = set_option("imu-bridge", "osc.order", "xyzw")
 ORDERS: Final[dict[str, Order]] = {
     "/quaternion": "wxyz",  # NGIMU
     "/gyrosc/quat": "wxyz",
@@ -345,7 +347,8 @@ class OscDecoder(Decoder):
             known = ", ".join(self._addresses)
             self.unused = (
                 f"gets messages ({known}), but none with a documented orientation: switch it on in the app, "
-                "or set osc.address to the address of the quaternion and osc.order to wxyz or xyzw"
+                f"or name the quaternion by {set_option('imu-bridge', 'osc.address', '/ADDRESS')} and its "
+                f"order, xyzw or wxyz, by {ORDER_OPTION}"
             )
         return None
 
@@ -357,15 +360,17 @@ class OscDecoder(Decoder):
             hint = (
                 ""
                 if len(numbers) < 4
-                else ": set osc.first to the position of the quaternion's first, from 1, and "
-                "osc.sensor_position to that of the number that names the sensor, 0 if none does"
+                else ": give the positions, from 1, of the quaternion's first number and of the sensor's "
+                f"name, 0 if there is none, by {set_option('imu-bridge', 'osc.first', 2)} "
+                + set_option("imu-bridge", "osc.sensor_position", 0)
             )
             raise DatagramError(message.problem or f"has {len(numbers)} numbers, 4 were expected{hint}")
         reading = Reading(stamp_ns, orientation(four, self._order(address)), message.time_ns)
         at = self._config.sensor_position or 0
         if at > len(numbers):
             raise DatagramError(
-                f"has {len(numbers)} numbers: set osc.sensor_position to one of them, or to 0"
+                f"has {len(numbers)} numbers: name one of them, or 0, by "
+                + set_option("imu-bridge", "osc.sensor_position", 0)
             )
         number = (f"{numbers[at - 1]:.9g}",) if at else ()
         return NamedReading(reading, (address, *message.strings, *number))
@@ -401,7 +406,7 @@ class OscDecoder(Decoder):
         if self._config.order != "auto":
             return self._config.order
         if not self._is_documented(address):
-            raise DatagramError("has numbers in an unknown order: set osc.order to wxyz or xyzw")
+            raise DatagramError(f"has numbers in an unknown order: give it, xyzw or wxyz, by {ORDER_OPTION}")
         return ORDERS.get(address, "xyzw")
 
     def _changed_battery(self, numbers: Sequence[float]) -> Battery | None:

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 
 from pointit.runtime.address_config import AddressConfig
 from pointit.runtime.clock import Clock
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.schemas import Feedback
@@ -181,7 +182,8 @@ class SlimevrTrackers:
 
 
 TAKEN = (
-    "end the program that has it, such as a SlimeVR server, or set slimevr.port here and in the tracker's app"
+    "end the program that has it, such as a SlimeVR server, or use another port, here "
+    f"({set_option('imu-bridge', 'slimevr.port', protocol.PORT + 1)}) and in the tracker's app"
 )
 MAX_FOUND = 64
 BAD_S = 10.0
@@ -209,7 +211,7 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
                     "firmware": packet.firmware,
                     "board": float(packet.board),
                 }
-                label = f"{tracker.label()}; set imu-bridge.slimevr.host={ANY_HOST}"
+                label = f"{tracker.label()}; {set_option('imu-bridge', 'slimevr.host', ANY_HOST)}"
                 found[tracker.identity] = FoundDevice(tracker.identity, label, details)
 
     await receive_shared(protocol.PORT, seconds, on_datagram, remedy=TAKEN)
@@ -396,8 +398,8 @@ class SlimevrSource(PortSource):
         lacks = bool(sent) and self._config.sensor not in self._sensors
         self._health.warn(
             "number",
-            f"the tracker has no sensor {self._config.sensor}, but {', '.join(map(str, sent))}: set "
-            "slimevr.sensor"
+            f"the tracker has no sensor {self._config.sensor}, but {', '.join(map(str, sent))}: "
+            + set_option("imu-bridge", "slimevr.sensor", sent[0])
             if lacks
             else "",
         )

@@ -9,6 +9,7 @@ from collections.abc import Callable, Container
 
 from pointit.runtime.address_config import format_address, is_loopback
 from pointit.runtime.clock import Clock, Timer
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.plugin_guard import HealthSink, NullHealth, WarningSink
 from pointit.services.imu_bridge.sources import Deliver, Item, Reading
@@ -325,5 +326,5 @@ class PortSource(ABC):
     @property
     def _only_here(self) -> str:
         """Return a clause about the networks that are not heard, or `""`."""
-        remedy = f"set {self._name}.host={ANY_HOST} for devices of the network"
-        return f"; only this machine is heard there, {remedy}" if self._is_local else ""
+        option = set_option("imu-bridge", f"{self._name}.host", ANY_HOST)
+        return f"; only this machine is heard there: {option} for others" if self._is_local else ""

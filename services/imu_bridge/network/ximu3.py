@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pydantic import Field, field_validator
 
 from pointit.runtime.clock import Clock
+from pointit.runtime.config.parameters import set_option
 from pointit.runtime.config.plugins import FoundDevice
 from pointit.runtime.service.plugin_guard import HealthSink
 from pointit.schemas import Feedback
@@ -106,9 +107,8 @@ def announced(data: bytes, host: str) -> FoundDevice | None:
         return None
     if not (math.isfinite(battery) and math.isfinite(port)):
         return None
-    label = (
-        f"{name} {number}, battery {battery:.0f} %; it sends to UDP port {port:.0f}; set "
-        f"imu-bridge.ximu3.host={ANY_HOST}"
+    label = f"{name} {number}, battery {battery:.0f} %; it sends to UDP port {port:.0f}; " + set_option(
+        "imu-bridge", "ximu3.host", ANY_HOST
     )
     return FoundDevice(host, label, {"serial_number": number, "battery_percent": battery, "port": port})
 

@@ -28,6 +28,7 @@ from typing import ClassVar, Final
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
+from pointit.runtime.config.parameters import set_option
 from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading, Reconnected, Signal
@@ -322,7 +323,7 @@ class WitMotionFramer(SerialFramer):
         self._configure = False
         self.notice = (
             f"switched to {what}, {self._rate_hz} Hz, 6 axes (no magnetometer) until its power is off; "
-            "imu-bridge.serial.configure=false leaves it as it is"
+            f"{set_option('imu-bridge', 'serial.configure', 'false')} leaves it as it is"
         )
 
 

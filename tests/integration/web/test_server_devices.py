@@ -18,7 +18,7 @@ from tests.support.bench import Bench, memory_bench, until
 
 FOUND = {
     "imu-source": (
-        FoundDevice("02:00", "Tracker 02:00; set imu-bridge.slimevr.host=0.0.0.0", {"ip": "192.168.1.7"}),
+        FoundDevice("02:00", "Tracker 02:00; --set imu-bridge.slimevr.host=0.0.0.0", {"ip": "192.168.1.7"}),
         FoundDevice("Anna's phone", "Phone"),
     ),
     "led-output": (FoundDevice("kitchen.local", "Kitchen, 60 pixels", {"pixels": 60}),),

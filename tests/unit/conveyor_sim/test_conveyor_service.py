@@ -193,8 +193,8 @@ async def test_health_says_when_the_map_lacks_the_lanes() -> None:
         await bench.settle()
         assert view.report().warnings == (
             (
-                "lanes: map 'lab' has no strip '7', there are 0, 1; "
-                "set conveyor-sim.surface and conveyor-sim.lanes"
+                "lanes: map 'lab' has no strip '7', there are 0, 1; use others, as by --set "
+                "'conveyor-sim.lanes=[0]', or the other surface by --set conveyor-sim.surface=belt"
             ),
         )
         more = Strip(id="7", line_m=((0.0, 0.0, 0.0), (3.0, 0.0, 0.0)), pixels=10)

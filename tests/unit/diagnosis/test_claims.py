@@ -70,3 +70,20 @@ def test_a_forged_machine_and_stamp_are_a_claim(site: Callable[[], Site]) -> Non
     (clock,) = (each for each in findings if each.code == "clock")
     assert person_of(clock.service) == INSIDER
     assert clock.sentence.startswith(f"the services of {INSIDER} say that the clock of machine laptop-anna")
+
+
+def silent_site() -> Site:
+    """The process of the shared services does not report."""
+    site = router_with_people()
+    site.processes["site"] = replace(site.processes["site"], silence_s=9.0)
+    site.deployments.pop("run.scenario_4")
+    return site
+
+
+@pytest.mark.parametrize("site", [router_with_people, ill, silent_site])
+def test_a_forged_process_is_a_claim(site: Callable[[], Site]) -> None:
+    seen = site().seen()
+    truth = about_others(diagnose(seen))
+    for fields in ({"pid": 2, "host": "desk"}, {"pid": 77, "host": "desk"}, {"pid": 99, "host": "desk"}):
+        assert about_others(diagnose(with_claims(seen, (), **fields))) == truth
+        assert about_others(diagnose(with_claims(seen, (), uptime_s=9999.0, **fields))) == truth

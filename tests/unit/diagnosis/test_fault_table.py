@@ -256,7 +256,7 @@ def test_services_that_do_not_report_are_one_process_that_is_silent() -> None:
     site = change(router_with_people(), "anna", silence_s=3.5)
     (finding,) = problems(diagnose(site.seen()))
     assert (finding.code, finding.service) == ("silent", "anna")
-    assert "process 3 does not report" in finding.sentence
+    assert "process 3 (anna says) does not report" in finding.sentence
 
 
 def test_what_the_router_alone_refuses_is_a_matter_of_rights_with_a_remedy() -> None:

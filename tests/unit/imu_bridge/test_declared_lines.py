@@ -114,8 +114,8 @@ def test_two_sensors_of_a_port_are_refused_until_one_is_named() -> None:
     sensors = SensorChoice("serial.sensor")
     assert len(TextFramer("wxyz", form, sensors).feed(lines, 0)) <= 2  # before the second is proven
     assert sensors.warning == (
-        "several sensors send in one stream (elbow, wrist), and none is used: set serial.sensor to the one "
-        "on the wrist"
+        "several sensors send in one stream (elbow, wrist), and none is used: name the wrist's by "
+        "--set imu-bridge.serial.sensor=NAME"
     )
     config = SerialConfig(line=form, sensor="Wrist")
     items = Detection(config).feed(lines + b"elbow: button\nwrist: button\n", 7, 0.0)
@@ -159,7 +159,10 @@ def test_names_that_all_differ_are_reported_and_never_read() -> None:
 def test_configured_sensor_that_is_not_heard_is_named_with_those_that_are() -> None:
     sensors = SensorChoice("udp.sensor", "Wrist")
     assert not any(sensors.accepts("elbow") for _ in range(3))
-    assert sensors.warning == "no sensor 'wrist' is heard, but elbow: set udp.sensor to one of them"
+    assert (
+        sensors.warning
+        == "no sensor 'wrist' is heard, but elbow: use one of them, as by --set imu-bridge.udp.sensor=elbow"
+    )
     assert sensors.accepts("left", "wrist")
     assert sensors.warning == ""
 

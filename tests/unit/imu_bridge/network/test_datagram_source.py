@@ -172,7 +172,7 @@ async def test_named_sender_is_used() -> None:
 async def test_sender_that_freezes_is_lost_and_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(datagram_source, "LOST_S", 0.1)
     async with running(UDP) as wrist, phone_at(wrist.port) as phone:
-        await until(lambda: "set udp.host=0.0.0.0" in wrist.warnings.get("silent", ""))
+        await until(lambda: "--set imu-bridge.udp.host=0.0.0.0" in wrist.warnings.get("silent", ""))
         await sends(wrist, phone, content())
         await until(lambda: bool(wrist.of(Disconnected)))
         assert wrist.of(Disconnected)[0].reason.startswith("127.0.0.1 sends nothing any more")

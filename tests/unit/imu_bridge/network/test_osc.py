@@ -64,20 +64,22 @@ def test_address_and_order_are_configurable() -> None:
     assert items(decoder, "/wrist/7", *XYZW) == [Reading(NOW, XYZW)]
     assert items(decoder, "/wrist/8", *XYZW) == []
     assert items(decoder, "/quaternion", *XYZW) == []
-    with pytest.raises(DatagramError, match=r"/wrist/7 has numbers in an unknown order: set osc\.order"):
+    with pytest.raises(
+        DatagramError, match=r"/wrist/7 has numbers in an unknown order: .* --set imu-bridge\.osc\.order=xyzw"
+    ):
         items(OscDecoder(OscConfig(address="/wrist/7")), "/wrist/7", *XYZW)
 
 
 def test_quaternion_among_other_numbers_is_read_where_it_is_declared_to_be() -> None:
     with pytest.raises(
-        DatagramError, match=r"5 numbers, 4 were expected: set osc\.first .* osc\.sensor_position"
+        DatagramError, match=r"4 were expected: .* --set imu-bridge\.osc\.first=2 .*osc\.sensor_position=0"
     ):
         items(OscDecoder(OscConfig()), "/quaternion", 7.0, *WXYZ)
     with pytest.raises(ValidationError, match=r"osc\.first needs osc\.sensor_position: the position of"):
         OscConfig(first=2)
     config = OscConfig(first=2, sensor_position=0)
     assert items(OscDecoder(config), "/quaternion", 7.0, *WXYZ) == [Reading(NOW, XYZW)]
-    with pytest.raises(DatagramError, match=r"has 5 numbers: set osc\.sensor_position to one of them"):
+    with pytest.raises(DatagramError, match=r"has 5 numbers: name one .*osc\.sensor_position=0"):
         items(OscDecoder(OscConfig(first=2, sensor_position=6)), "/quaternion", 7.0, *WXYZ)
 
 
@@ -89,7 +91,7 @@ def test_sensors_that_a_number_names_are_not_mixed() -> None:
     readings = [item for each in stream for item in items(several, "/quaternion", *each)]
     assert len(readings) <= MIN_READINGS  # until both are proven
     assert re.search(
-        r"several sensors .*/quaternion 1, .* set osc\.sensor to the one", several.sensors.warning
+        r"several sensors .*/quaternion 1, .* --set imu-bridge\.osc\.sensor=NAME", several.sensors.warning
     )
     chosen = OscDecoder(OscConfig(first=3, sensor_position=2, sensor="1"))
     assert [item for each in stream for item in items(chosen, "/quaternion", *each)] == [

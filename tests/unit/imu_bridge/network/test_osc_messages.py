@@ -111,7 +111,7 @@ def test_stream_of_two_sensors_is_refused_until_one_is_named(
             for item in decoder.items(build_msg(str(address), arguments).dgram, NOW)
         ]
         assert found == [Reading(NOW, XYZW)] * count
-        assert ("set osc.sensor" in decoder.sensors.warning) is not bool(sensor)
+        assert ("--set imu-bridge.osc.sensor" in decoder.sensors.warning) is not bool(sensor)
 
 
 def test_orientations_of_one_address_and_time_are_those_of_several_sensors() -> None:
@@ -124,7 +124,9 @@ def test_orientations_of_one_address_and_time_are_those_of_several_sensors() -> 
         assert reading.world_from_sensor == pytest.approx(expected)
     decoder = OscDecoder(OscConfig())
     assert len([item for _ in range(9) for item in decoder.items(bundled(head, other), NOW)]) <= 2
-    assert "(/quaternion, /quaternion 2), and none is used: set osc.sensor" in decoder.sensors.warning
+    assert (
+        "(/quaternion, /quaternion 2), and none is used: name the wrist's by --set" in decoder.sensors.warning
+    )
 
 
 def test_button_beside_the_orientation_of_another_sensor_is_not_the_arms() -> None:

@@ -152,7 +152,7 @@ async def test_people_share_a_port_and_each_gets_all_of_their_own_phone() -> Non
 async def test_tracker_that_freezes_is_lost_and_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(slimevr, "LOST_S", 0.1)
     async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
-        await until(lambda: "set slimevr.host=0.0.0.0" in wrist.warnings.get("tracker", ""))
+        await until(lambda: "--set imu-bridge.slimevr.host=0.0.0.0" in wrist.warnings.get("tracker", ""))
         await connect(wrist, phone)
         await until(lambda: bool(wrist.of(Disconnected)))
         assert "02:00:00:00:00:01 (0.6.0 at 127.0.0.1) is out of reach" in wrist.of(Disconnected)[0].reason
@@ -180,7 +180,9 @@ async def test_sensor_that_the_tracker_lacks_is_named() -> None:
 
         def told() -> bool:
             phone.say(rotation(0))
-            return "has no sensor 3, but 0: set slimevr.sensor" in wrist.warnings.get("number", "")
+            return "has no sensor 3, but 0: --set imu-bridge.slimevr.sensor=0" in wrist.warnings.get(
+                "number", ""
+            )
 
         await until(told)
 

@@ -84,7 +84,7 @@ def test_announcement_of_the_manual_is_read() -> None:
     assert found is not None
     assert (
         found.label
-        == "x-IMU3 01234567, battery 80 %; it sends to UDP port 8000; set imu-bridge.ximu3.host=0.0.0.0"
+        == "x-IMU3 01234567, battery 80 %; it sends to UDP port 8000; --set imu-bridge.ximu3.host=0.0.0.0"
     )
     assert found.details["battery_percent"] == 80
 

@@ -1,0 +1,151 @@
+"""Sentences of doctor and of services: no placeholder is left, and each `--set` can be typed as it is."""
+
+import ast
+import itertools
+from collections.abc import Iterator
+
+import pytest
+
+from pointit.diagnosis.diagnose import diagnose
+from pointit.schemas.problems import CODES, Problem
+from pointit.schemas.topics import TOPICS
+from pointit.services.imu_bridge import sources
+from tests.architecture.sources import shipped, tree
+from tests.support.remedies import PLACEHOLDER, check_sentence, check_setting, set_options
+from tests.unit.diagnosis.fault_sites import READS, Site, one_process, router_with_people
+
+STATED = {
+    "ANY_HOST": ("0.0.0.0",),  # noqa: S104
+    "kind.plugin": ("metamotion", "touch_sdk"),
+    "self._kind.plugin": ("metamotion", "touch_sdk"),
+    "self._name": ("udp", "osc", "ximu3"),
+    "name": ("bay_selected", "udp"),
+    "self._parameter": ("serial.sensor", "udp.sensor", "osc.sensor", "ximu3.sensor"),
+    "feeder.name": ("a",),
+    "config.port % 65535 + 1": ("8001",),
+    "min(sensors)": ("wrist",),
+    "sent[0]": ("0",),
+    "object_id": ("agv1",),
+    "there[0]": ("1",),
+    "lane": ("[1]",),
+}
+"""Values of what varies in the arguments of `set_option`."""
+
+
+def texts(node: ast.expr) -> Iterator[str]:
+    """Yield the texts that an argument can have."""
+    if isinstance(node, ast.JoinedStr):
+        parts = [list(texts(each)) for each in node.values]
+        yield from ("".join(each) for each in itertools.product(*parts))
+    elif isinstance(node, ast.FormattedValue):
+        yield from texts(node.value)
+    elif isinstance(node, ast.Constant):
+        yield str(node.value)
+    elif isinstance(node, ast.IfExp):
+        yield from texts(node.body)
+        yield from texts(node.orelse)
+    else:
+        yield from STATED.get(ast.unparse(node), ("1",))
+
+
+def options() -> Iterator[str]:
+    for path in shipped():
+        for call in ast.walk(tree(path)):
+            if isinstance(call, ast.Call) and ast.unparse(call.func) == "set_option":
+                service, parameter, value = map(texts, call.args)
+                for each in itertools.product(service, parameter, value):
+                    if not each[1].startswith({"conveyor-sim": "udp", "imu-bridge": "bay"}.get(each[0], " ")):
+                        yield f"{each[0]}.{each[1]}={each[2]}"
+
+
+def test_every_option_of_a_remedy_is_accepted_by_the_parser() -> None:
+    settings = sorted(set(options()))
+    assert len(settings) > 20
+    for setting in settings:
+        check_setting(setting)
+
+
+def test_no_sentence_names_an_option_without_its_service() -> None:
+    """A text that tells people to set `udp.host` cannot be typed."""
+    plugins = sources.SOURCES.names
+    for path in shipped():
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                words = node.value.split()
+                told = {after for before, after in itertools.pairwise(words) if before == "set"}
+                assert not [each for each in told if each.partition(".")[0] in plugins and "." in each], path
+
+
+def sites() -> Iterator[str]:
+    """Yield every text that doctor shows of each code, topic and writer."""
+    for make, instances in (
+        (one_process, ("pointing.user1",)),
+        (router_with_people, ("pui", "pointing.anna")),
+    ):
+        for instance in instances:
+            for code in CODES:
+                site = make()
+                site.warnings[instance] = tuple(
+                    Problem(code=code, sentence="told", subject="subject", topic=topic.key)
+                    for topic in TOPICS[::3]
+                )
+                yield from rendered(site)
+        for topic in {each for topics in READS.values() for each in topics}:
+            for age_s in (None, 20.0):
+                site = make()
+                for service, reads in READS.items():
+                    for each in site.seen().present:
+                        if each.partition(".")[0] == service and topic in reads:
+                            site.ages_s[each, topic, "in"] = age_s
+                            site.invalid[each, topic] = 3
+                yield from rendered(site)
+
+
+def rendered(site: Site) -> Iterator[str]:
+    for each in diagnose(site.seen()):
+        yield f"{each.service} {each.sentence} {each.remedy}"
+
+
+def test_no_finding_has_a_placeholder() -> None:
+    count = 0
+    for count, text in enumerate(sites(), 1):  # noqa: B007
+        check_sentence(text)
+    assert count > 200
+
+
+def test_no_sentence_of_a_service_has_a_placeholder() -> None:
+    """No text in a call of `warn`, or in a constant that such a call names, is a key pattern."""
+    for path in shipped():
+        module = tree(path)
+        constants = {
+            ast.unparse(each.targets[0]): each.value for each in module.body if isinstance(each, ast.Assign)
+        }
+        for call in ast.walk(module):
+            if not (isinstance(call, ast.Call) and ast.unparse(call.func).endswith(".warn")):
+                continue
+            for node in (each for argument in call.args for each in ast.walk(argument)):
+                value = constants.get(ast.unparse(node), node) if isinstance(node, ast.Name) else node
+                text = value.value if isinstance(value, ast.Constant) else ""
+                assert not PLACEHOLDER.search(str(text)), f"{path}:{call.lineno}"
+
+
+@pytest.mark.parametrize(
+    ("text", "settings"),
+    [
+        ("use --set imu-bridge.udp.host=0.0.0.0 for others", ["imu-bridge.udp.host=0.0.0.0"]),
+        ("`--set pui.map=NAME`; or", ["pui.map=NAME"]),
+        ('(--set \'pui.surfaces=["a", "b"]\') or --set pui.map=x.', ['pui.surfaces=["a", "b"]', "pui.map=x"]),
+    ],
+)
+def test_options_are_found_in_a_sentence(text: str, settings: list[str]) -> None:
+    assert set_options(text) == settings
+
+
+def test_a_placeholder_and_a_wrong_option_are_noticed() -> None:
+    for wrong in (
+        "its input users/{user}/imu",
+        "try --set udp.host=0.0.0.0",
+        "--set imu-bridge.udp.port=PORT",
+    ):
+        with pytest.raises(Exception, match=r"udp|user"):
+            check_sentence(wrong)

@@ -19,8 +19,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from pointit.conversion.export_csv import Exported
+from pointit.conversion.export_csv import Exported, neutralize_formula
 from pointit.recording.entries import Entry
+from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
 from pointit.schemas import NS_PER_S, Cursor, ImuSample, Message, SelectionEvent, TrackedObjects, UserPose
@@ -207,7 +208,7 @@ def export_bids(
     if not recorded.people:
         raise ConfigError("the recording has no motion of a person: record a session with one")
     entities = "".join((f"_ses-{bids_label(session)}" if session else "", f"_task-{bids_label(task)}"))
-    begins = {name: f"sub-{label}{entities}" for name, label in _labels(recorded.people).items()}
+    begins = {name: f"sub-{subject_label(name)}{entities}" for name in sorted(recorded.people)}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         existing = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
@@ -256,17 +257,14 @@ def bids_label(name: str) -> str:
     return label
 
 
-def _labels(names: Iterable[str]) -> dict[str, str]:
-    """Return a label of its own for each name."""
-    labels: dict[str, str] = {}
-    for name in sorted(names):
-        label = base = bids_label(name)
-        number = 1
-        while label in labels.values():
-            number += 1
-            label = f"{base}x{number}"
-        labels[name] = label
-    return labels
+def subject_label(name: str) -> str:
+    """Return the label of the person `name`, which no other name has: `anna-2` is `annaX2d2`.
+
+    `X` and bytes that are no letters or digits of ASCII are written as `X` and two hexadecimal digits, so
+    that recordings of several days join a dataset without a list of its people.
+    """
+    plain = frozenset(b"0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWYZ")
+    return "".join(chr(byte) if byte in plain else f"X{byte:02x}" for byte in name.encode())
 
 
 class _RecordedMotion:
@@ -314,7 +312,7 @@ class _RecordedMotion:
             if person:
                 self.people.add(person)
             placement = "head" if person else MISSING
-            point = " ".join(each.id.split()) or "object"
+            point = _text_cell(each.id, "object")
             cells += _cells(point, "POS", each.position_m, "m", placement=placement, owner=person)
             if each.yaw_rad is not None:
                 channel = BidsChannel(point, "ORNT", "z", "rad", "room", placement, person)
@@ -350,7 +348,7 @@ class _RecordedMotion:
         acquired = datetime.fromtimestamp(onset_ns / NS_PER_S, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
         prefix = f"{subject}_{session}" if session else subject
         scans = place.parent.relative_to(staging) / f"{prefix}_scans.tsv"
-        known = _table(folder / scans) or {"filename": "filename\tacq_time"}
+        known = _table(folder / scans, "filename\tacq_time")
         header, *others = (line for name, line in known.items() if not name.startswith(f"motion/{begin}_"))
         columns = header.split("\t")
         cells = ({"filename": f"motion/{path.name}", "acq_time": acquired} for path in rows)
@@ -397,18 +395,38 @@ def _event_lines(events: Sequence[SelectionEvent], onset_ns: int) -> Iterator[st
     for event in sorted(events, key=lambda each: each.stamp_ns):
         onset = f"{(event.stamp_ns - onset_ns) / NS_PER_S:.6f}"
         texts = (event.event, event.object_id, event.kind, event.cause)
-        yield "\t".join((onset, MISSING, *(" ".join(text.split()) or MISSING for text in texts)))
+        yield "\t".join((onset, MISSING, *(_text_cell(text) for text in texts)))
 
 
-def _table(path: Path) -> dict[str, str]:
-    """Return the lines of a table by their first cells, its header first."""
-    lines = path.read_text(encoding="utf-8-sig").splitlines() if path.exists() else []
+def _text_cell(text: str, default: str = MISSING) -> str:
+    """Return `text` on one line, so that no spreadsheet takes it for a formula."""
+    return neutralize_formula(" ".join(text.split())) or default
+
+
+def _table(path: Path, new_header: str) -> dict[str, str]:
+    """Return the lines of a table by their first cells, its header first; `new_header` if it is not there.
+
+    Raises:
+        ConfigError: If it is no such table in UTF-8.
+    """
+    first = new_header.partition("\t")[0]
+    if not path.exists():
+        return {first: new_header}
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is not UTF-8 text; save it as tab-separated text in UTF-8") from error
+    if not lines or lines[0].partition("\t")[0] != first:
+        raise ConfigError(
+            f"{path}: begins with {format_value((lines or [''])[0][:40])}; save it as tab-separated text in "
+            f"UTF-8 whose first column is {first}"
+        )
     return {line.partition("\t")[0]: line for line in lines}
 
 
 def _write_dataset(staging: Path, folder: Path, subjects: Collection[str]) -> None:
     """Write the files about the whole dataset; those of an earlier export stay."""
-    known = _table(folder / _PARTICIPANTS) or {"participant_id": "participant_id"}
+    known = _table(folder / _PARTICIPANTS, "participant_id")
     filler = f"\t{MISSING}" * next(iter(known.values())).count("\t")
     participants = {subject: f"{subject}{filler}" for subject in subjects if subject not in known}
     _write_lines(staging / _PARTICIPANTS, {**known, **participants}.values())

@@ -18,8 +18,10 @@ from pointit.maps.model import CloudEntry
 from pointit.maps.ply_file import ascii_vertex_lines, binary_vertices, read_pcd_header, read_ply_header
 from pointit.maps.text_table import (
     MAX_HEADER_LINES,
+    MAX_LINE,
     TextLayout,
     Wanted,
+    check_lengths,
     column_indices,
     find_layout,
     shown_cells,
@@ -156,16 +158,17 @@ def _read_ply(path: Path, wanted: Wanted) -> Points:
 
 def _read_text(path: Path, wanted: Wanted) -> Points:
     with path.open(encoding="utf-8-sig", errors="surrogateescape") as file:  # a binary PCD is named below
-        sample = list(itertools.islice(file, MAX_HEADER_LINES))
+        sample = [line[:MAX_LINE] for line in itertools.islice(file, MAX_HEADER_LINES)]
     try:
         layout = _text_layout(sample, wanted)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     has_decimal_commas = layout.delimiter != "," and any("," in line for line in sample[layout.skip :])
     with path.open(encoding="utf-8-sig") as file:
+        rows = check_lengths(file, f"{path}: ")
         points = _table(
             path,
-            (line.replace(",", ".") for line in file) if has_decimal_commas else file,
+            (line.replace(",", ".") if has_decimal_commas else line for line in rows),
             columns=[layout.indices[axis] for axis in XYZ],
             skip=layout.skip,
             max_rows=MAX_POINTS + 1,

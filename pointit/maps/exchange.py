@@ -4,6 +4,7 @@ import csv
 import io
 import itertools
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -13,6 +14,7 @@ from pointit.maps.light_files.pixel_table import NO_COLUMNS, TablePixel, pixels_
 from pointit.maps.light_files.strip_fit import (
     FittedStrip,
     Note,
+    check_steps,
     first_pixels,
     fit_strips,
     free_name,
@@ -33,6 +35,8 @@ Array = NDArray[np.float64]
 
 LONE_PIXEL_M = 0.02
 """Length of a strip of one pixel in a file without any step from pixel to pixel, m."""
+BESIDE_CELLS = 1.5
+"""Longest step to a cell of a grid that is beside or diagonally beside, in cells."""
 VIEWS = {"top": (0, 1), "front": (0, 2), "side": (1, 2)}
 """Axes that become columns and rows of a ledmap."""
 
@@ -66,12 +70,13 @@ def from_csv(
     on_note: Note = no_note,
     columns: Mapping[str, DeclaredColumn] = NO_COLUMNS,
     first: int | None = None,
+    gap_m: float | None = None,
 ) -> dict[str, StripEntry]:
     """Return the strips of a CSV with one pixel a line.
 
     Columns are x, y, z, m, perhaps strip, and pixel or wire: the number on the strip or on the wire.
-    `columns` declares others. A strip ends where the next pixel is far away, or a number is skipped. Corners
-    are found. `on_note` receives a sentence on columns without use, and on each name that no map can have and
+    `columns` declares others. A strip ends where a number is skipped, or the next pixel is beyond `gap_m`.
+    `on_note` receives a sentence on columns without use, and on each name that no map can have and
     that is replaced.
 
     Args:
@@ -79,10 +84,11 @@ def from_csv(
         on_note: receives notes.
         columns: declared columns, by our names.
         first: number of the first pixel of a strip, or of the wire, 0 or 1. None if it is not declared.
+        gap_m: longest step within a strip, m. None if it is not declared.
 
     Raises:
-        ConfigError: If a line is not such, there are too many, or the numbers may be others. Names the line,
-            or the parameter that describes it.
+        ConfigError: If a line is not such, there are too many, the numbers may be others, or a step without
+            a name of the strip is too long. Names the line, or the parameter that describes it.
     """
     pixels, is_of_wire, unused = pixels_of(text, columns)
     if unused:
@@ -97,11 +103,8 @@ def from_csv(
         groups.setdefault(pixel.strip, []).append(pixel)
     if not groups:
         raise ConfigError("there are no pixels: write one a line, as x,y,z in metres")
-    min_number = min((pixel.number for pixel in pixels if pixel.number is not None), default=0)
-    if first is None and min_number == 1 and (not is_of_wire or "wire" in columns):
-        raise ConfigError("no pixel has the number 0; set first to 1 if they are numbered from 1, else to 0")
-    if first and pixels[0].number is not None and min_number < first:
-        raise ConfigError(f"a pixel has the number {min_number}; set first to 0")
+    min_number = min((pixel.number for pixel in pixels if pixel.number is not None), default=first or 0)
+    _check_first(min_number, first, is_declared=not is_of_wire or "wire" in columns)
     if not (is_of_wire or "pixel" in columns):
         _check_numbers_of_strips(groups, first or 0)
     found: list[tuple[str, int, FittedStrip]] = []
@@ -112,8 +115,24 @@ def from_csv(
         if not is_of_wire:
             numbers += end
             end = int(numbers[-1]) + 1
-        found += [(name, int(numbers[each.first]), each) for each in fit_strips(points, numbers, usual_m)]
+        if gap_m is None and not name:
+            for run in np.split(points, np.flatnonzero(np.diff(numbers) != 1) + 1):
+                check_steps(run)
+        fitted = fit_strips(points, numbers, usual_m, gap_m or math.inf)
+        found += [(name, int(numbers[each.first]), each) for each in fitted]
     return named_strips(found, {*groups}, on_note)
+
+
+def _check_first(lowest: int, first: int | None, *, is_declared: bool) -> None:
+    """Check that `lowest`, the lowest number of a pixel, 0 if they have none, agrees with `first`.
+
+    Raises:
+        ConfigError: If it does not.
+    """
+    if first is None and lowest == 1 and is_declared:
+        raise ConfigError("no pixel has the number 0; set first to 1 if they are numbered from 1, else to 0")
+    if first and lowest < first:
+        raise ConfigError(f"a pixel has the number {lowest}; set first to 0")
 
 
 def _check_numbers_of_strips(groups: Mapping[str, Sequence[TablePixel]], first: int) -> None:
@@ -242,27 +261,29 @@ def to_ledmap(file: MapFile, view: str, cell_m: float) -> str:
     )
 
 
-def from_ledmap(text: str, cell_m: float) -> dict[str, StripEntry]:
+def from_ledmap(text: str, cell_m: float, gap_m: float | None = None) -> dict[str, StripEntry]:
     """Return the strips of a WLED ledmap with width and height, on an upright plane, `cell_m` a cell.
 
-    A strip ends where the next pixel is far away, or a number is skipped.
+    A strip ends where a number is skipped, or the next pixel is beyond `gap_m`, m: None means in no cell
+    beside or diagonally beside.
 
     Raises:
         ConfigError: If it is not such.
     """
     cells, height = read_ledmap(text)
-    return _strips_in_grid(cells, height, cell_m)
+    return _strips_in_grid(cells, height, cell_m, gap_m)
 
 
 def _strips_in_grid(
-    cells: Sequence[tuple[int, int, int]], height: int, cell_m: float
+    cells: Sequence[tuple[int, int, int]], height: int, cell_m: float, gap_m: float | None = None
 ) -> dict[str, StripEntry]:
     """Return the strips of pixels, given by number, column and row, on an upright plane."""
     numbers = np.array([number for number, _, _ in cells], dtype=np.intp)
     points = cell_m * np.array(
         [[column, 0.0, height - 1 - row] for _, column, row in cells], dtype=np.float64
     )
-    found = [("", int(numbers[each.first]), each) for each in fit_strips(points, numbers, cell_m)]
+    fitted = fit_strips(points, numbers, cell_m, gap_m or BESIDE_CELLS * cell_m)
+    found = [("", int(numbers[each.first]), each) for each in fitted]
     return named_strips(found, ())
 
 

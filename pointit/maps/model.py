@@ -58,7 +58,9 @@ def _point(value: object) -> Vec3:
     try:
         x, y, z = (_number(number) for number in cast("list[object]", value))
     except (TypeError, ValueError):
-        raise ValueError(f"a point is three numbers [x, y, z] in metres, not {format_value(value)}") from None
+        raise ValueError(
+            f"a point is three numbers [x, y, z] in metres, up to {FARTHEST:g}, not {format_value(value)}"
+        ) from None
     return (x, y, z)
 
 

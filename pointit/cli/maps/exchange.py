@@ -398,6 +398,13 @@ CELL = click.option(
     metavar="LIST",
     help="of csv: columns by name or number and unit, x=1/cm,y=2/cm,z=3/cm,strip=Model,pixel=Node",
 )
+@click.option(
+    "--gap",
+    "gap_m",
+    type=Finite(0.001, 1000),
+    metavar="M",
+    help="of csv and ledmap: longest step within a strip, m  [default: of ledmap a cell beside]",
+)
 @click.option("--first", type=click.IntRange(0, 1), help="of csv: number of the first pixel  [default: 0]")
 @CELL
 @OUTPUT
@@ -414,6 +421,7 @@ def import_(
     preset: int | None,
     columns: str,
     first: int | None,
+    gap_m: float | None,
     cell_m: float,
     output: Path | None,
 ) -> None:
@@ -441,9 +449,9 @@ def import_(
         text = _read_text(source)
         try:
             if kind == "csv":
-                strips = exchange.from_csv(text, _print_note, parse_pixel_columns(columns), first)
+                strips = exchange.from_csv(text, _print_note, parse_pixel_columns(columns), first, gap_m)
             elif kind == "ledmap":
-                strips = exchange.from_ledmap(text, cell_m)
+                strips = exchange.from_ledmap(text, cell_m, gap_m)
             else:
                 strips = _strips_of_segments(text, preset, 1.0 / per_metre)
         except ConfigError as error:

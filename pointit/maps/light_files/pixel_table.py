@@ -11,6 +11,7 @@ from pointit.maps.text_table import (
     MAX_HEADER_LINES,
     DeclaredColumn,
     TextLayout,
+    check_lengths,
     find_layout,
     parse_columns,
     parse_number,
@@ -66,7 +67,7 @@ def pixels_of(
     Raises:
         ConfigError: If a line is no pixel, or it does not have the columns x, y and z, or `declared`.
     """
-    lines = text.splitlines()
+    lines = list(check_lengths(text.splitlines()))
     wanted = {name: name for name in AXES} | {name: each.source for name, each in declared.items()}
     optional = [name for name in PIXEL_COLUMNS if name not in wanted]
     if {"pixel", "wire"} & declared.keys():

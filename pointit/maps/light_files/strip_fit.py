@@ -1,11 +1,11 @@
 """Strips through pixels: an even line for each run, its name, and numbers of pixels on the wire.
 
-A strip of a map has its pixels evenly along its line. Pixels of other programs have gaps, bends, other
-pitches, slack between them, and may share a position. A run is divided where even pixels cannot show it. What
-is irregular throughout keeps one strip: its line makes a detour between two pixels that are nearer than the
-others, as the wire does.
+A strip of a map has its pixels evenly along its line. Pixels of other programs have bends, other pitches,
+slack between them, and may share a position. The line of irregular pixels makes a detour between two that are
+nearer than the others, as the wire does.
 """
 
+import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, pairwise
@@ -60,10 +60,9 @@ def shared_pixels(strips: Mapping[str, StripEntry]) -> Iterator[tuple[str, str]]
 
 Array = NDArray[np.float64]
 
-MIN_GAP = 1.7
-"""Step between two pixels, in steps around it, from which another strip begins. A grid's diagonal is 1.4."""
+MAX_STRIPS = 4000
 MAX_SLACK = 6.0
-"""Step, in steps, from which another strip begins even if the pixels are irregular throughout."""
+"""Step, in median steps, from which pixels without names of strips are refused if no gap is declared."""
 MAX_OFFSET = 0.1
 """Distance of a pixel of a strip from that of the file, in steps, up to which it is the same."""
 MAX_OFFSET_M = 0.005
@@ -72,10 +71,6 @@ EVEN = 0.05
 """Difference of two steps, in steps, up to which both are the same."""
 MAX_BENDS = 0.2
 """Share of steps round a bend, up to which a run is an even strip."""
-MIN_PIECE = 5
-"""Mean number of pixels of the parts into which an irregular run is divided by pitch."""
-_AROUND = 5
-"""Number of steps on either side of a step to which it is compared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,24 +84,41 @@ class FittedStrip:
     """Vertices, n x 3, m. The line reaches half a pixel beyond its ends."""
 
 
-def fit_strips(points: Array, numbers: NDArray[np.intp], usual: float) -> Iterator[FittedStrip]:
-    """Yield the strips through `points` in their order. A strip ends before a number that is skipped.
+def fit_strips(
+    points: Array, numbers: NDArray[np.intp], usual: float, gap_m: float = math.inf
+) -> Iterator[FittedStrip]:
+    """Yield the strips through `points` in their order.
+
+    A strip ends before a number that is skipped, and before a step above `gap_m`.
 
     Args:
         points: positions of pixels, n x 3, m.
         numbers: their numbers on the wire, n, ascending.
         usual: length of a pixel that is alone, m.
+        gap_m: longest step within a strip, m.
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    for start, stop in _parts(np.flatnonzero(np.diff(numbers) != 1), len(points)):
-        run = steps[start : stop - 1]
-        gaps = np.flatnonzero(_is_gap(run))
-        if len(run) >= MIN_PIECE and len(run) < MIN_PIECE * len(gaps):  # irregular throughout
-            gaps = np.flatnonzero(run > MAX_SLACK * median_step(run))
-        for low, high in _parts(gaps, stop - start):
-            for first in range(start + low, start + high, MAX_PIXELS):
-                last = min(first + MAX_PIXELS, start + high)
-                yield from _fit(points[first:last], first, usual)
+    edges = np.flatnonzero((np.diff(numbers) != 1) | (steps > gap_m)) + 1
+    for start, stop in pairwise([0, *edges.tolist(), len(points)]):
+        for first in range(start, stop, MAX_PIXELS):
+            run = points[first : min(first + MAX_PIXELS, stop)]
+            yield FittedStrip(first=first, pixels=len(run), line=_fitted_line(run, usual))
+
+
+def check_steps(points: Array) -> None:
+    """Check that `points` in their order, n x 3, m, may be one strip.
+
+    Raises:
+        ConfigError: If two of them are much farther apart than the others.
+    """
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    step = median_step(steps)
+    if step and (longest := float(steps.max())) > MAX_SLACK * step:
+        at = int(np.argmax(steps))
+        raise ConfigError(
+            f"pixels {at} and {at + 1} are {longest:.3g} m apart, and others {step:.3g} m; name strips in a "
+            f"column strip, or set gap to the longest step within a strip, such as {2.0 * step:.3g}"
+        )
 
 
 def pixels_along(line: Array, pixels: int) -> Array:
@@ -115,39 +127,14 @@ def pixels_along(line: Array, pixels: int) -> Array:
     return polyline.points_at((np.arange(pixels) + 0.5) * polyline.length_m / pixels)
 
 
-def _parts(cuts: NDArray[np.intp], count: int) -> Iterator[tuple[int, int]]:
-    """Yield the ranges between cuts; a cut is the index of the pixel before it."""
-    edges = [0, *(int(cut) + 1 for cut in cuts), count]
-    yield from ((low, high) for low, high in pairwise(edges) if high > low)
-
-
 def median_step(steps: Array) -> float:
     """Return the median of the steps that are not zero, 0 if all are."""
     moved = steps[steps > 0.0]
     return float(np.median(moved)) if len(moved) else 0.0
 
 
-def _is_gap(steps: Array) -> NDArray[np.bool_]:
-    """Return True for steps that are longer than those before and those behind."""
-    if len(steps) < 2:
-        return np.zeros(len(steps), dtype=np.bool_)
-    moved = np.where(steps > 0.0, steps, np.nan)
-    blank = np.full(_AROUND, np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(np.r_[blank, moved, blank], _AROUND)
-    usual = np.fmax(_lower_medians(windows[: len(steps)]), _lower_medians(windows[_AROUND + 1 :]))
-    return steps > MIN_GAP * np.where(np.isnan(usual), np.inf, usual)
-
-
-def _lower_medians(windows: Array) -> Array:
-    """Return the lower median of each row without its NaN, NaN if it has nothing else."""
-    counts = np.count_nonzero(~np.isnan(windows), axis=1)
-    middle = np.maximum(counts - 1, 0) // 2
-    medians: Array = np.sort(windows, axis=1)[np.arange(len(windows)), middle]
-    return medians
-
-
-def _fit(points: Array, first: int, usual: float) -> Iterator[FittedStrip]:
-    """Yield the strips of a run, `first` of the file on; `usual` is the step where the run has none."""
+def _fitted_line(points: Array, usual: float) -> Array:
+    """Return the line along which `points` are even; `usual` is the step where there is none."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     step = median_step(steps) or usual
     limit = min(MAX_OFFSET * min(step, usual), MAX_OFFSET_M)
@@ -159,27 +146,8 @@ def _fit(points: Array, first: int, usual: float) -> Iterator[FittedStrip]:
     for candidate in candidates:
         line = candidate()
         if np.linalg.norm(pixels_along(line, len(points)) - points, axis=1).max() <= limit:
-            yield FittedStrip(first=first, pixels=len(points), line=line)
-            return
-    cuts = _pitch_changes(steps, MAX_OFFSET * step)
-    if cuts and len(points) / (len(cuts) + 1) >= MIN_PIECE:
-        for low, high in _parts(np.array(cuts), len(points)):
-            yield from _fit(points[low:high], first + low, usual)
-        return
-    yield FittedStrip(first=first, pixels=len(points), line=_bent(points, float(steps.max()) or usual, 1e-6))
-
-
-def _pitch_changes(steps: Array, limit: float) -> list[int]:
-    """Return the pixels behind which the pitch changes, or which a longer step follows."""
-    along = np.r_[0.0, np.cumsum(steps)][:, None]
-    vertices = _vertices(np.arange(len(along), dtype=np.float64), along, limit)
-    cuts: list[int] = []
-    for low, high in pairwise(vertices):
-        if high - low == 1:  # a step alone is a gap
-            cuts.append(low)
-        elif high < len(along) - 1:
-            cuts.append(high)
-    return sorted({cut for cut in cuts if cut < len(along) - 1})
+            return line
+    return _bent(points, float(steps.max()) or usual, 1e-6)
 
 
 def _smooth(points: Array, step: float, limit: float) -> Array:
@@ -208,8 +176,10 @@ def _bent(points: Array, pitch: float, tolerance: float) -> Array:
             last = nodes[-1] - nodes[-2]
             towards = last / np.linalg.norm(last)
     line = np.array(nodes)
-    along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-    return _with_ends(line[_vertices(along, line, min(EVEN / 10 * pitch, MAX_OFFSET_M / 10))], pitch)
+    if len(line) < 1.5 * len(points):  # otherwise there is a detour nearly everywhere
+        along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+        line = line[_vertices(along, line, min(EVEN / 10 * pitch, MAX_OFFSET_M / 10))]
+    return _with_ends(line, pitch)
 
 
 def _with_ends(vertices: Array, step: float) -> Array:
@@ -225,7 +195,8 @@ def _with_ends(vertices: Array, step: float) -> Array:
 def _vertices(at: Array, points: Array, limit: float) -> list[int]:
     """Return the indices of points between which all others are within `limit` of where `at` has them.
 
-    Douglas-Peucker, with the position along the line in place of the nearest one.
+    Douglas-Peucker, with the position along the line in place of the nearest one. All are returned if there
+    would be many.
     """
     vertices, stack = {0, len(points) - 1}, [(0, len(points) - 1)]
     while stack:
@@ -238,6 +209,8 @@ def _vertices(at: Array, points: Array, limit: float) -> list[int]:
         )
         worst = int(np.argmax(apart))
         if apart[worst] > limit:
+            if len(vertices) > len(points) // 8 + 8:
+                return list(range(len(points)))
             corner = low + 1 + worst
             vertices.add(corner)
             stack += [(low, corner), (corner, high)]
@@ -256,6 +229,12 @@ def named_strips(
     found: Iterable[tuple[str, int, FittedStrip]], names: Container[str], on_note: Note = no_note
 ) -> dict[str, StripEntry]:
     """Return entries of strips, given by name (`""`: none), number of the first pixel, and line."""
+    found = list(found)
+    if len(found) > MAX_STRIPS:
+        raise ConfigError(
+            f"gives {len(found)} strips, limit {MAX_STRIPS}; set gap to the longest step within a strip, or "
+            "split the file"
+        )
     strips: dict[str, StripEntry] = {}
     end = 0
     for name, first, each in found:

@@ -12,6 +12,11 @@ from pointit.runtime.errors import ConfigError
 
 MAX_CELLS = 1_000_000
 """Limit of the cells of a ledmap."""
+MAX_PIXELS = 16_384
+"""Limit of the pixels of a ledmap or matrix, WLED's own."""
+MAX_SEGMENTS = 1000
+LAST_PIXEL = 262_143
+"""Largest number of a pixel on the wire, and of a column or row."""
 GAP = -1
 """Cell of a ledmap without a pixel."""
 _NO_PIXEL = 65535
@@ -65,6 +70,8 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
             data = [cast("Json", data)]
     if not isinstance(data, list):
         raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
+    if len(cast("Sequence[Any]", data)) > MAX_SEGMENTS:
+        raise ConfigError(f"has more than {MAX_SEGMENTS} segments, and WLED has 64; give its state")
     segments = [_segment(number, each) for number, each in enumerate(cast("Sequence[Any]", data))]
     return _behind_matrix(_used(segments), _matrix_size(whole))
 
@@ -103,7 +110,13 @@ def read_ledmap(text: str) -> tuple[list[tuple[int, int, int]], int]:
             )
     if not places:
         raise ConfigError("has no pixels, all cells are -1; write their numbers")
+    _check_pixels(len(places))
     return [(number, at % width, at // width) for number, at in sorted(places.items())], height
+
+
+def _check_pixels(count: int) -> None:
+    if count > MAX_PIXELS:
+        raise ConfigError(f"has {count} pixels, limit {MAX_PIXELS}, as of WLED; import its parts one by one")
 
 
 def _used(segments: Sequence[WledSegment | None]) -> list[WledSegment]:
@@ -223,8 +236,8 @@ def list_of(value: object) -> list[Any]:
 def _count(data: Json, key: str, where: str, otherwise: int) -> int:
     if (value := data.get(key)) is None:
         return otherwise
-    if (number := whole_number(value, f"{key} of {where}")) < 0:
-        raise ConfigError(f"{key} of {where} is {number}; write a whole number from 0")
+    if not 0 <= (number := whole_number(value, f"{key} of {where}")) <= LAST_PIXEL:
+        raise ConfigError(f"{key} of {where} is {number}; write a whole number from 0 to {LAST_PIXEL}")
     return number
 
 
@@ -232,7 +245,8 @@ def whole_number(value: object, where: str) -> int:
     """Return the whole number `value`, which may be written as 60.0 or "60"."""
     if isinstance(value, str) and _WHOLE.fullmatch(value):
         return int(value)
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 2**32
+    if not is_number or value != value // 1:
         raise ConfigError(f"{where} is {format_value(value)}; write a whole number")
     return int(value)
 
@@ -273,16 +287,18 @@ def read_matrix(text: str) -> tuple[list[Cell], int] | None:
         return None
     count = whole_number(inside(led, "matrix", "mpc") or len(panels), "mpc of hw.led.matrix")
     cells: dict[Cell, int] = {}
-    for number, panel in enumerate(panels[:count]):
+    for number, panel in enumerate(panels[: min(count, MAX_PIXELS)]):
         where = f"panel {number} of hw.led.matrix"
         if not isinstance(panel, dict):
             raise ConfigError(f"{where} is {format_value(panel)}; give WLED's cfg.json")
+        _check_pixels(len(cells))
         for cell in _panel_cells(cast("Mapping[str, Any]", panel), where):
             if (other := cells.setdefault(cell, number)) != number:
                 raise ConfigError(
                     f"{where} has column {cell[0]}, row {cell[1]}, which is of panel {other}, too; correct x "
                     "and y of the panels in WLED's 2D configuration"
                 )
+    _check_pixels(len(cells))
     ends = [_end(each) for each in list_of(inside(led, "ins"))]
     return list(cells), max(max(ends, default=0) - len(cells), 0)
 
@@ -290,8 +306,11 @@ def read_matrix(text: str) -> tuple[list[Cell], int] | None:
 def _panel_cells(panel: Mapping[str, Any], where: str) -> Iterator[Cell]:
     """Yield the cells of a panel in the order of its wire."""
     width, height, x, y = (whole_number(panel.get(key) or 0, f"{key} of {where}") for key in "whxy")
-    if width < 1 or height < 1 or min(x, y) < 0 or width * height > MAX_CELLS:
-        raise ConfigError(f"{where} has {width} x {height} pixels at {x}, {y}; give each panel its size")
+    if min(width, height) < 1 or width * height > MAX_PIXELS or not 0 <= min(x, y) <= max(x, y) <= LAST_PIXEL:
+        raise ConfigError(
+            f"{where} has {width} x {height} pixels at {x}, {y}; give each panel its size, at most "
+            f"{MAX_PIXELS} pixels, and its column and row, at most {LAST_PIXEL}"
+        )
     from_bottom, from_right, is_vertical, is_serpentine = (bool(panel.get(key)) for key in "brvs")
     lines, length = (width, height) if is_vertical else (height, width)
     starts_far, lines_from_far = (from_bottom, from_right) if is_vertical else (from_right, from_bottom)
@@ -305,5 +324,5 @@ def _panel_cells(panel: Mapping[str, Any], where: str) -> Iterator[Cell]:
 
 def _end(output: object) -> int:
     """Return the number of the pixel behind an output."""
-    start, length = (inside(output, key) or 0 for key in ("start", "len"))
-    return whole_number(start, "start of hw.led.ins") + whole_number(length, "len of hw.led.ins")
+    data = cast("Json", output) if isinstance(output, dict) else {}
+    return sum(_count(data, key, "hw.led.ins", 0) for key in ("start", "len"))

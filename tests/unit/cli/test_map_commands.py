@@ -86,7 +86,7 @@ def test_check_names_all_mistakes_of_a_map_that_cannot_be_read(room: Path) -> No
     assert name.startswith("error lamps: ")
     assert "b/c" in name
     assert others == [
-        "error lamps.a.position: a point is three numbers [x, y, z] in metres, not [1, 2]",
+        "error lamps.a.position: a point is three numbers [x, y, z] in metres, up to 1e+06, not [1, 2]",
         "error belts.m.centerline: is missing; add it beside width",
         "error belts.m.width: write a number of metres above 0, not 0",
         f"{room}: 4 errors",

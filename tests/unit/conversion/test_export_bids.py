@@ -1,15 +1,18 @@
 """A recording as Motion-BIDS: times, missing values, people, sessions, and refused folders."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pointit.cli.main import command
-from pointit.conversion.export_bids import bids_label, export_bids
+from pointit.conversion.export_bids import bids_label, export_bids, subject_label
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Cursor, ImuSample, TrackedObject, TrackedObjects, topics
+from pointit.schemas import Cursor, ImuSample, SelectionEvent, TrackedObject, TrackedObjects, topics
 from tests.unit.conversion.bids_session import session
 from tests.unit.conversion.session import at, said, write
 
@@ -92,7 +95,7 @@ def test_a_pose_that_was_set_once_has_the_rate_of_one_in_the_session(tmp_path: P
 
 def test_each_person_has_their_own_body_and_all_objects(tmp_path: Path) -> None:
     export_bids(session("anna", "bob_2"), tmp_path)
-    anna, bob = motion(tmp_path, "anna", "mocap"), motion(tmp_path, "bob2", "mocap")
+    anna, bob = motion(tmp_path, "anna", "mocap"), motion(tmp_path, "bobX5f2", "mocap")
     assert "red cup_POS_x" in anna
     assert "red cup_POS_x" in bob
     assert ("anna_POS_x" in anna, "bob_2_POS_x" in anna) == (True, False)
@@ -100,7 +103,7 @@ def test_each_person_has_their_own_body_and_all_objects(tmp_path: Path) -> None:
     assert [row[0] for row in table(tmp_path / "participants.tsv")] == [
         "participant_id",
         "sub-anna",
-        "sub-bob2",
+        "sub-bobX5f2",
     ]
 
 
@@ -131,12 +134,62 @@ def test_people_whom_only_cameras_saw_are_exported(tmp_path: Path) -> None:
     assert motion(tmp_path, "anna", "imuobjects")["anna_POS_z"] == ["1.700000"]
 
 
-def test_names_without_room_for_each_other_get_labels_of_their_own(tmp_path: Path) -> None:
-    export_bids(session("b-1", "b_1", "b1"), tmp_path)
-    assert {path.name for path in tmp_path.glob("sub-*")} == {"sub-b1", "sub-b1x2", "sub-b1x3"}
+def test_people_of_other_days_whose_names_differ_are_other_subjects(tmp_path: Path) -> None:
+    for day, name in enumerate(("P-1", "P1", "P_1", "PX2d1", "P-1")):
+        export_bids(session(name), tmp_path, session=f"{day}")
+    subjects = {path.name for path in tmp_path.glob("sub-*")}
+    assert subjects == {"sub-PX2d1", "sub-P1", "sub-PX5f1", "sub-PX582d1"}
+    assert {row[0] for row in table(tmp_path / "participants.tsv")[1:]} == subjects
+
+
+@given(st.sets(st.text(max_size=6), min_size=2))
+def test_names_have_labels_of_letters_and_digits_of_their_own(names: set[str]) -> None:
+    labels = {subject_label(name) for name in names}
+    assert len(labels) == len(names)
+    assert all(re.fullmatch("[0-9A-Za-z]*", label) for label in labels)
+
+
+def test_labels_of_tasks_and_sessions_have_letters_and_digits() -> None:
     assert bids_label("Jörg-2") == "Jorg2"
     with pytest.raises(ConfigError, match="has no letter or digit"):
         bids_label("_-.")
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("participant_id\tcity\nsub-zoë\tKöln\n".encode("latin-1"), "is not UTF-8 text; save it as tab-sep"),
+        ("participant_id\tage\nsub-zoe\t31\n".encode("utf-16"), "is not UTF-8 text; save it as tab-sep"),
+        (
+            b"participant_id,age\nsub-zoe,31\n",
+            "begins with 'participant_id,age'; save it as tab-separated text",
+        ),
+        (b"", "begins with ''; save it as tab-separated text"),
+    ],
+)
+@pytest.mark.parametrize("name", ["participants.tsv", "sub-anna/sub-anna_scans.tsv"])
+def test_a_table_that_another_program_has_saved_otherwise_is_refused_and_stays(
+    tmp_path: Path, name: str, content: bytes, problem: str
+) -> None:
+    export_bids(session("anna"), tmp_path)
+    (tmp_path / name).write_bytes(content)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(ConfigError, match=problem):
+        export_bids(session("anna"), tmp_path, overwrite=True)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_ids_of_objects_are_no_formulas(tmp_path: Path) -> None:
+    name = '=HYPERLINK("http://a.example")'
+    thing = TrackedObject(id=name, kind="@cup", position_m=(1.0, 2.0, 0.5))
+    event = SelectionEvent(stamp_ns=at(1.0), event="selected", object_id=name, user="anna", kind="@cup")
+    objects = TrackedObjects(stamp_ns=at(1.0), objects=(thing,))
+    entries = [said(1.0, topics.OBJECTS, "mocap", objects), said(1.0, topics.SELECTION_EVENTS, "", event)]
+    export_bids([*session("anna"), *entries], tmp_path)
+    cells = [cell for path in tmp_path.rglob("*.tsv") for row in table(path) for cell in row]
+    assert f"'{name}" in cells
+    assert f"'{name}_POS_x" in cells
+    assert not [cell for cell in cells if cell.startswith(("=", "+", "@"))]
 
 
 def test_more_recordings_join_a_dataset_and_keep_what_people_wrote_there(tmp_path: Path) -> None:

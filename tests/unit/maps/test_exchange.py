@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import time
 
 import pytest
 from hypothesis import given
@@ -40,14 +41,17 @@ def test_csv_begins_with_pixel_0_when_the_strip_runs_backwards() -> None:
     assert exchange.from_csv(exchange.to_csv(BENT))["wall"].line[0] == pytest.approx((0, 2, 1.5), abs=0.02)
 
 
-def test_csv_without_strips_is_split_at_gaps() -> None:
-    text = (
-        "x,y,z\n"
-        + "\n".join(f"{0.1 * n},0,0" for n in range(10))
-        + "\n"
-        + "\n".join(f"{5 + 0.1 * n},1,0" for n in range(5))
-    )
-    assert [strip.pixels for strip in exchange.from_csv(text).values()] == [10, 5]
+def test_pixels_far_apart_are_refused_until_a_gap_or_strips_are_declared() -> None:
+    places = [f"{0.1 * n},0,0" for n in range(10)] + [f"{5 + 0.1 * n},1,0" for n in range(5)]
+    text = "x,y,z\n" + "\n".join(places)
+    with pytest.raises(
+        ConfigError,
+        match=r"pixels 9 and 10 are 4\.22 m apart, and others 0\.1 m; name strips in .* such as 0\.2$",
+    ):
+        exchange.from_csv(text)
+    assert [strip.pixels for strip in exchange.from_csv(text, gap_m=0.2).values()] == [10, 5]
+    named = ["x,y,z,strip", *(f"{place},{'a' if at < 10 else 'b'}" for at, place in enumerate(places))]
+    assert [strip.pixels for strip in exchange.from_csv("\n".join(named)).values()] == [10, 5]
 
 
 def test_csv_of_strips_with_and_without_names_has_all_of_them() -> None:
@@ -104,11 +108,52 @@ def test_segments_have_names_that_a_map_can_have_and_none_is_lost() -> None:
     MapFile.model_validate({"strips": exchange.laid_out(segments, 0.1)})
 
 
-@pytest.mark.parametrize("stop", [5000, 10**9])
+@pytest.mark.parametrize("stop", [5000, 200_000])
 def test_segments_with_more_pixels_than_a_strip_are_refused(stop: int) -> None:
     counts = exchange.from_segments(json.dumps({"seg": [{"start": 0, "stop": stop}]}))
     with pytest.raises(ConfigError, match=f"a strip of {stop} pixels"):
         exchange.laid_out(counts, 0.01)
+
+
+def panels(*each: dict[str, int]) -> str:
+    return json.dumps({"hw": {"led": {"matrix": {"mpc": len(each), "panels": each}}}})
+
+
+ALIKE = ["".join("!?"[number >> bit & 1] for bit in range(13)) for number in range(4500)]
+LIMITED = {
+    "panels": (
+        panels(*({"w": 120, "h": 120, "x": 120 * n, "y": 0} for n in range(200))),
+        "has 28800 pixels, limit 16384"),
+    "a panel": (panels({"w": 1000, "h": 1000}), "has 1000 x 1000 pixels .*, at most 16384 pixels"),
+    "a place": (panels({"w": 9, "h": 9, "x": 10**17}), "x of panel 0 .* is 10+; write a whole number"),
+    "segments": (json.dumps({"seg": [{"start": 0, "stop": 9}] * 30_000}), "more than 1000 segments"),
+    "digits": ('{"seg": [{"stop": ' + "9" * 400 + "}]}", "stop of segment 0 is 9{20}.*; write a whole"),
+    "wire": (json.dumps({"seg": [{"start": 0, "stop": 10**6}]}), "a whole number from 0 to 262143"),
+    "a ledmap": (json.dumps({"width": 20_000, "height": 1, "map": [*range(20_000)]}), "has 20000 pixels"),
+    "a comment": ("x,y,z\n0,0,0\n#" + "a," * 6_000_000 + "\n1,0,0\n", "line 3: has 12000001 characters"),
+    "strips": (
+        "x,y,z,strip\n" + "".join(f"{x},0,{z},{name}\n" for z, name in enumerate(ALIKE) for x in (0, 1)),
+        "gives 4500 strips, limit 4000"),
+}  # fmt: skip
+
+
+def read_any(text: str) -> None:
+    if not text.startswith("{"):
+        exchange.from_csv(text)
+    elif "width" in text:
+        exchange.from_ledmap(text, 0.05)
+    elif not exchange.from_matrix(text, 0.05):
+        exchange.from_segments(text)
+
+
+@pytest.mark.parametrize("name", LIMITED)
+def test_files_beyond_a_limit_are_refused_at_once_in_one_sentence(name: str) -> None:
+    text, message = LIMITED[name]
+    began_s = time.process_time()
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_any(text)
+    assert len(str(caught.value)) < 200
+    assert time.process_time() - began_s < 4.0
 
 
 def test_segments_of_a_state_without_names_are_numbered() -> None:

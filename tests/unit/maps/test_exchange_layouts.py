@@ -210,10 +210,9 @@ def test_irregular_pixels_stay_where_they_are(name: str) -> None:
     assert not [each.text for each in findings if "put vertices in order" in each.text]
 
 
-def test_two_pitches_and_a_missing_pixel_are_strips_without_detours() -> None:
-    for name, count in (("two pitches", 2), ("one missing", 2)):
-        strips = exchange.from_csv(csv_of(TREES[name]))
-        assert [len(strip.line) for strip in strips.values()] == [2] * count
+def test_a_missing_pixel_ends_a_strip_if_a_gap_is_declared() -> None:
+    strips = exchange.from_csv(csv_of(TREES["one missing"]), gap_m=0.05)
+    assert [(strip.pixels, len(strip.line)) for strip in strips.values()] == [(17, 2), (22, 2)]
 
 
 def test_pixels_at_one_place_are_refused_with_the_remedy() -> None:

@@ -6,8 +6,11 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from pointit.geometry.vector import Vec3
-from pointit.schemas import Environment, Referent, RobotState, Thing, TrackedObjects
+from pointit.schemas import Environment, Referent, Thing
 from pointit.schemas.person import Deictic, Word
+from pointit.schemas.system import split_instance
+from pointit.schemas.topics import MAP, OBJECTS, ROBOT_STATE, STOP_ROBOT
+from pointit.site.site_state import SiteState
 
 Answer = Literal["yes", "no"]
 Names: TypeAlias = Mapping[tuple[str, ...], str]
@@ -213,11 +216,22 @@ BAY = "bay"
 class SpokenRoom:
     """The newest that is known of the room, for commands."""
 
-    map: Environment | None = None
-    robots: dict[str, RobotState] = field(default_factory=dict[str, RobotState])
-    present_robots: set[str] = field(default_factory=set[str])
-    """Robots whose service runs, also those that have not told their state."""
-    objects: dict[str, TrackedObjects] = field(default_factory=dict[str, TrackedObjects])
+    site: SiteState = field(default_factory=SiteState)
+
+    def __post_init__(self) -> None:
+        self.robots = self.site.all(ROBOT_STATE)
+        self.objects = self.site.all(OBJECTS)
+
+    @property
+    def map(self) -> Environment | None:
+        """Return the room, as soon as it is known."""
+        return self.site.get(MAP)
+
+    @property
+    def present_robots(self) -> set[str]:
+        """Return the robots whose service runs, also those that have not told their state."""
+        services = map(split_instance, self.site.services)
+        return {name or service for service, name in services if service == STOP_ROBOT.server}
 
     @property
     def names(self) -> Names:

@@ -10,32 +10,21 @@ from pointit.errors import AccessDeniedError, ConfigError, NoAnswerError, Reques
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import nearest
-from pointit.schemas import (
-    NS_PER_S,
-    ButtonEvent,
-    Environment,
-    FindReferents,
-    Referent,
-    RobotState,
-    SetLamp,
-    Speech,
-    Understood,
-)
+from pointit.schemas import NS_PER_S, ButtonEvent, FindReferents, Referent, SetLamp, Speech, Understood
 from pointit.schemas.base import Rgb
-from pointit.schemas.system import split_instance
 from pointit.schemas.topics import (
     BUTTON,
     FIND_REFERENTS,
     MAP,
     OBJECTS,
     ROBOT_STATE,
-    SERVICE_ALIVE,
     SET_LAMP,
     SPEECH,
-    STOP_ROBOT,
     UNDERSTOOD,
 )
 from pointit.services.listener.referents import REACTION_S, Decision, decide
+from pointit.site.following import follow_site
+from pointit.site.site_state import Change, SiteState
 from pointit.speech.grammar import PLACES, Answer, Command, Mention, SpokenRoom, Vocabulary, answer, parse
 from pointit.speech.verbs import VERBS, Packages, Verb, VerbContext
 
@@ -152,7 +141,7 @@ class Interpreter:
     def __init__(self, bus: Bus, clock: Clock, user: str, verbs: Mapping[str, Verb] | None = None) -> None:
         """Subscribe to the person's words; `verbs` replace or add some, each said by its name."""
         self._bus, self._clock, self._user = bus, clock, user
-        self._room = room = SpokenRoom()
+        self._room = room = SpokenRoom(SiteState(self._on_change))
         self._context = VerbContext(bus, clock, user, room, Packages(bus, clock, user, room))
         self._verbs: dict[str, Verb] = {**VERBS, **(verbs or {})}
         self._question = Question(bus, clock, user, room)
@@ -166,10 +155,7 @@ class Interpreter:
         self._changed, self._count = asyncio.Event(), 0
         self.on_understood: Callable[[Understood], None] = lambda _understood: None
         """Called with all that is published, and with what is ignored."""
-        bus.subscribe(MAP, self._on_map)
-        bus.watch(SERVICE_ALIVE, self._on_service)
-        bus.subscribe(ROBOT_STATE, self._on_robot)
-        bus.subscribe(OBJECTS, lambda objects, name: room.objects.__setitem__(name, objects))
+        follow_site(room.site, bus, asyncio.get_running_loop().time, (MAP, ROBOT_STATE, OBJECTS))
         bus.subscribe(SPEECH, self._on_speech, user)
 
     @property
@@ -212,19 +198,10 @@ class Interpreter:
             self._arrived.clear()
             await self._arrived.wait()
 
-    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        service, name = split_instance(instance)
-        if service == STOP_ROBOT.server:
-            robots = self._room.present_robots
-            (robots.add if present else robots.discard)(name or service)
-
-    def _on_robot(self, state: RobotState, name: str) -> None:
-        self._room.robots[name] = state
+    def _on_change(self, change: Change) -> None:
+        if change.topic is MAP:
+            self._has_map.set()
         self._changed.set()
-
-    def _on_map(self, environment: Environment, _name: str) -> None:
-        self._room.map = environment
-        self._has_map.set()
 
     def _on_speech(self, speech: Speech, _user: str) -> None:
         if not speech.is_final or not speech.words:

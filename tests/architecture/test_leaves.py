@@ -24,6 +24,7 @@ PROMISED = (
     "pointit.errors",
     "pointit.schemas",
     "pointit.geometry",
+    "pointit.site",  # its types and functions are names of `pointit.plugins`
 )
 """Modules whose names are promised to other packages, beside `pointit` itself."""
 

@@ -36,10 +36,12 @@ from pointit.runtime.link.options import given_credentials
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.connections import sites_at
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import ClockTick, Deployment, Environment, Health, KeyHealth, Quantiles
+from pointit.schemas import Health, KeyHealth, Quantiles
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, MAP, SERVICE_ALIVE, SHARD_ALIVE
+from pointit.schemas.topics import ANY, CLOCK, DEPLOYMENT, HEALTH, MAP, SHARD_ALIVE
 from pointit.services.registry import add_installed, person_of
+from pointit.site.following import follow_site
+from pointit.site.site_state import Change, SiteState
 
 MIN_S = 1.2
 """Minimum listening time: long enough for services that report once a second."""
@@ -84,22 +86,14 @@ class SiteObserver:
         self.seen: Observation | None = None
         self._began_s = time.monotonic()
         self._changed = asyncio.Event()
-        self._present: set[str] = set()
-        self._ever: set[str] = set()
+        self._site = SiteState(self._on_change, on_service=lambda *_: self._changed.set())
         self._shards: set[str] = set()
         self._reports: dict[str, list[DiagnosisReport]] = {}
-        self._deployments: dict[str, Deployment] = {}
-        self._home_things: tuple[str, ...] = ()
-        self._speed = 1.0
 
     async def watch(self, bus: ZenohBus) -> None:
         """Observe until there is enough data; `seen` holds it afterwards."""
         self._began_s = time.monotonic()
-        bus.subscribe(CLOCK, self._on_clock)
-        bus.subscribe(DEPLOYMENT, self._on_deployment)
-        bus.subscribe(HEALTH, self._on_health)
-        bus.subscribe(MAP, self._on_map)
-        bus.watch(SERVICE_ALIVE, self._on_presence)
+        follow_site(self._site, bus, time.monotonic, (CLOCK, DEPLOYMENT, HEALTH, MAP))
         bus.watch(SHARD_ALIVE, lambda name, here: (self._shards.add if here else self._shards.discard)(name))
         await asyncio.sleep(MIN_S)
         while time.monotonic() < self._began_s + self._listening_s(self._observe(bus.link)):
@@ -107,7 +101,7 @@ class SiteObserver:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CHECK_S):
                     await self._changed.wait()
-        sees_no_process = not self._present and not self._deployments
+        sees_no_process = not self._site.services and not self._site.all(DEPLOYMENT)
         is_open = sees_no_process and bus.link.credentials is None  # with credentials there is a site
         self.seen = dataclasses.replace(
             self._observe(bus.link),
@@ -117,20 +111,21 @@ class SiteObserver:
         )
 
     def _observe(self, link: Link) -> Observation:
-        reports, now_s = self._reports, time.monotonic()
+        reports, now_s, site = self._reports, time.monotonic(), self._site
+        room, tick = site.get(MAP), site.get(CLOCK)
         return Observation(
             began_s=self._began_s,
             now_s=now_s,
-            present=frozenset(self._present),
-            left=frozenset(self._ever - self._present),
+            present=site.services,
+            left=site.former_services,
             shards=frozenset(self._shards),
             reports={name: tuple(reports[name]) for name in reports},
-            deployments=dict(self._deployments),
-            home_things=self._home_things,
+            deployments=dict(site.all(DEPLOYMENT)),
+            home_things=() if room is None else home_things(room),
             host=socket.gethostname(),
             stopped=stopped_processes(link.site, link.addresses),
             now_ns=time.time_ns(),
-            speed=self._speed,
+            speed=1.0 if tick is None else tick.speed,
             options=_options(link),
             identities=_identities(link),
         )
@@ -145,29 +140,12 @@ class SiteObserver:
             return LONGEST_S
         return CONFIRM_S if any(map(may_pass, diagnose(seen))) else 0.0
 
-    def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        (self._present.add if present else self._present.discard)(instance)
-        self._ever.add(instance)
-        self._changed.set()
-
-    def _on_health(self, health: Health, instance: str) -> None:
-        self._reports.setdefault(instance, []).append(
-            DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
-        )
-        self._changed.set()
-
-    def _on_deployment(self, deployment: Deployment, name: str) -> None:
-        believed = deployment.believed(name)
-        if believed.services:
-            self._deployments[name] = believed
-        else:  # ended on purpose
-            self._deployments.pop(name, None)
-
-    def _on_map(self, environment: Environment, _name: str) -> None:
-        self._home_things = home_things(environment)
-
-    def _on_clock(self, tick: ClockTick, _name: str) -> None:
-        self._speed = tick.speed
+    def _on_change(self, change: Change) -> None:
+        if isinstance(health := change.message, Health):
+            self._reports.setdefault(change.name, []).append(
+                DiagnosisReport(received_s=time.monotonic(), health=health, arrived_ns=time.time_ns())
+            )
+            self._changed.set()
 
 
 HELP = CHECKOUT / "docs/how-to/troubleshooting.md"

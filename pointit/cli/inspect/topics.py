@@ -27,21 +27,11 @@ from pointit.cli.inspect.pose_errors import PoseErrors, TruthRow, print_errors
 from pointit.diagnosis.observation import silence_reason
 from pointit.runtime.bus.contract import AnyTopic, Bus
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
-from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import KeyNameError, Message, encode
-from pointit.schemas.topics import (
-    ANY,
-    IMU,
-    OBJECTS,
-    POSE,
-    PRESENCES,
-    REQUESTS,
-    SERVICE_ALIVE,
-    TOPICS,
-    Delivery,
-    Topic,
-)
+from pointit.schemas.topics import ANY, IMU, OBJECTS, POSE, PRESENCES, REQUESTS, TOPICS, Delivery, Topic
 from pointit.services.registry import add_installed
+from pointit.site.following import follow_site
+from pointit.site.site_state import SiteState
 
 Wanted = tuple[AnyTopic, str]
 """A row, and the value of its placeholder: a name, `*` for all, or `""` if it has none."""
@@ -150,7 +140,8 @@ async def _echo(
     loop = asyncio.get_running_loop()
     async with join_site(**at) as bus:
         printer = _Printer(count, as_json=as_json)
-        present = _presence(bus)
+        site = SiteState()
+        follow_site(site, bus, loop.time, ())
         for topic, name in wanted:
             bus.subscribe(topic, functools.partial(printer.show, topic), name or ANY)
         printed_s: float | None = None
@@ -159,7 +150,7 @@ async def _echo(
             if wait_s <= 0:
                 if printed_s != printer.newest_s:
                     printed_s = printer.newest_s
-                    _tell_silence(key, wanted, present, any_yet=printer.shown > 0)
+                    _tell_silence(key, wanted, site.services, any_yet=printer.shown > 0)
                 wait_s = SILENCE_S
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(wait_s):
@@ -199,17 +190,7 @@ def format_message(key: str, message: Message, *, as_json: bool) -> str:
     return f"{key}: {to_line(fields)}"
 
 
-def _presence(bus: ZenohBus) -> set[str]:
-    present: set[str] = set()
-
-    def on_change(instance: str, here: bool) -> None:  # noqa: FBT001 - the bus's signature
-        (present.add if here else present.discard)(instance)
-
-    bus.watch(SERVICE_ALIVE, on_change)
-    return present
-
-
-def _tell_silence(key: str, wanted: list[Wanted], present: set[str], *, any_yet: bool) -> None:
+def _tell_silence(key: str, wanted: list[Wanted], present: frozenset[str], *, any_yet: bool) -> None:
     """Print a notice to standard error; topics that change rarely may be silent after a message."""
     if any_yet and all(topic.delivery is not Delivery.LATEST for topic, _ in wanted):
         return

@@ -33,6 +33,8 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import NS_PER_S, ClockTick, DecodeError, Health, Message, StripsFrame, topics
 from pointit.schemas.system import split_instance
 from pointit.services.registry import present_writers
+from pointit.site.following import follow_site
+from pointit.site.site_state import SiteState
 
 CAPTURE = "capture"
 LIGHT = "light"
@@ -310,13 +312,13 @@ class Tracer:
         self._arrived = deque[tuple[str, Message | Undecoded, int]](maxlen=MAX_WAITING)
         self._joiner = PathJoiner(self._wall_ns, self._loop.time())
         self._tick: ClockTick | None = None
-        self._present: set[str] = set()
         self._reports: dict[str, tuple[str, Health]] = {}
         """By instance: the process that published its newest report, and the report."""
         self._skews = ClockSkewMonitor(socket.gethostname())
         self._invalid = 0
         bus.subscribe(topics.CLOCK, self._on_tick)
-        bus.watch(topics.SERVICE_ALIVE, self._on_presence)
+        self._site = SiteState(on_service=self._on_service)
+        follow_site(self._site, bus, self._loop.time, ())
         bus.tap(topics.HEALTH, self._tap("health"))
         for hop, topic in TOPICS.items():
             bus.tap(topic, self._tap(hop), user if topic.placeholder == "user" else topics.ANY)
@@ -365,7 +367,7 @@ class Tracer:
 
     def silence(self) -> str:
         """Return a sentence with the reason that no sample came."""
-        reason = silence_reason(topics.IMU, self.user, self._present)
+        reason = silence_reason(topics.IMU, self.user, self._site.services)
         return f"no sample of {self.user} came within {SILENCE_S:g} s: {reason}"
 
     def _traced(self, hops: SamplePath, hop: str) -> TracedHop:
@@ -390,7 +392,7 @@ class Tracer:
         own = [health for health in here if split_instance(health.instance)[1] == self.user] or here
         if own:
             return _joined(health.instance for health in own), _joined(health.host for health in own)
-        return _joined(present_writers(topic, self.user, self._present)), ""
+        return _joined(present_writers(topic, self.user, self._site.services)), ""
 
     def _tap(self, hop: str) -> Tap:
         def on_message(arrived: Message | Undecoded, _name: str) -> None:  # on any thread
@@ -405,11 +407,8 @@ class Tracer:
     def _on_tick(self, tick: ClockTick, _name: str) -> None:
         self._tick = tick
 
-    def _on_presence(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        if present:
-            self._present.add(instance)
-        else:
-            self._present.discard(instance)
+    def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        if not present:
             self._reports.pop(instance, None)
 
     def _wall_ns(self, stamp_ns: int) -> int:

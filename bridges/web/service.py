@@ -62,6 +62,7 @@ from pointit.schemas import (
 )
 from pointit.schemas.topics import ANNOUNCED, SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.registry import SHOWN, person_of
+from pointit.site.following import follow_site
 
 log = logging.getLogger(__name__)
 
@@ -92,7 +93,14 @@ class Web(Service[WebConfig]):
         access = Access(self._token, config.viewer_token or new_token())
         access.know_hosts([exposure_check.address(config, config.port)[0]])
         recent = Recent(self.bus.site)
-        self._model = SiteModel(self.NAME, self._now_s(), recent, self._on_valid)
+        self._model = SiteModel(
+            self.NAME,
+            self._now_s(),
+            recent,
+            self._on_valid,
+            on_person=self._on_person,
+            on_service=self._on_service,
+        )
         self._history = EventHistory(self.bus, self.clock, self._model.cache)
         self._downloads = Downloads(recent, config.record_s, self.clock)
         version = pointit_version()
@@ -176,8 +184,7 @@ class Web(Service[WebConfig]):
         for topic in SHOWN:
             handler = self._on_measured if topic in READS else self._on
             self.bus.subscribe(topic, functools.partial(handler, topic))
-        self.bus.watch(SERVICE_ALIVE, self._on_service)
-        self.bus.watch(USER_ALIVE, self._on_person)
+        follow_site(self._model.state, self.bus, self._now_s, ())
         self._listener = Listener(app, bind(config.host, config.port, "--port"))
 
     async def run(self) -> None:
@@ -370,7 +377,6 @@ class Web(Service[WebConfig]):
             self._people.on_leave(user)
             self._wrists.forget(user)
             self._phones.forget(user)
-        self._model.set_person(user, present)
         self._pages.notify_pages()
         self._changed()
 

@@ -29,10 +29,10 @@ from pointit.runtime.host.state_file import plugin_folder
 from pointit.runtime.service.logs import setup_logging
 from pointit.runtime.service.plugin_guard import HealthSink, NullHealth, Surroundings
 from pointit.runtime.service.process import run_until_shutdown
-from pointit.schemas import Environment, LampColor, Strip, StripFrame, StripsFrame
+from pointit.schemas import Environment, LampColor, Message, Strip, StripFrame, StripsFrame
 from pointit.schemas.base import Rgb
 from pointit.schemas.base import Vec3 as ConfiguredVec3
-from pointit.schemas.topics import LAMP_COLOR, MAP, SERVICE_ALIVE, STRIPS_FRAME
+from pointit.schemas.topics import LAMP_COLOR, MAP, STRIPS_FRAME
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.output.pose_fit import MIN_PLACES, WRONG_RAD, FittedPose, fit_pose
 from pointit.services.led_driver.output.spotlight import (
@@ -44,11 +44,10 @@ from pointit.services.led_driver.output.spotlight import (
 )
 from pointit.services.led_driver.outputs import NONE, OUTPUTS, GuardedOutput, OutputConfig, make_outputs
 from pointit.services.pui.config import PuiConfig
+from pointit.site.following import follow_site
+from pointit.site.site_state import Change, SiteState
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-LED_DRIVER = "led-driver"
-"""Instance whose frames are shown. Without it the strips are dark."""
 
 WHITE = (255, 255, 255)
 KEYS = "arrows turn the beam, + and - change the step, Enter when it is there"
@@ -203,45 +202,42 @@ async def _show_added(config: OutputConfig, health: PrintedWarnings, **at: Unpac
         if output.follows_cursors:
             raise ConfigError(f"{config.kind}: follows people's cursors; give it to `pointit run --output`")
         frames = SiteFrames(output)
-        bus.subscribe(MAP, frames.on_map)
-        bus.subscribe(STRIPS_FRAME, frames.on_frame)
-        bus.subscribe(LAMP_COLOR, frames.on_lamp)
-        bus.watch(SERVICE_ALIVE, frames.on_service)
+        now_s = asyncio.get_running_loop().time
+        follow_site(SiteState(frames.on_change), bus, now_s, (MAP, STRIPS_FRAME, LAMP_COLOR))
         health.tell()
         await output.run()
     return 0
 
 
 class SiteFrames:
-    """Passes on to an output what the site shows; nothing is lit without `LED_DRIVER`."""
+    """Passes on to an output what the site shows; nothing is lit without its writer, the LED driver."""
 
     def __init__(self, output: GuardedOutput) -> None:
         self._output = output
         self._frame = StripsFrame(stamp_ns=0, strips=())
-        self._lamps: set[str] = set()
 
-    def on_map(self, room: Environment, _name: str) -> None:
-        """Set the map, and show the last frame again."""
-        self._output.set_map(room)
-        self._output.show(self._frame)
+    def on_change(self, change: Change) -> None:
+        """Show a frame or a lamp, or the last frame again after a change of the map."""
+        match change.message or _dark(change.previous):
+            case Environment() as room:
+                self._output.set_map(room)
+                self._output.show(self._frame)
+            case StripsFrame() as frame:
+                self._frame = frame
+                self._output.show(frame)
+            case LampColor() as lamp:
+                self._output.show_lamp(change.name, lamp.color)
+            case _:
+                pass
 
-    def on_frame(self, frame: StripsFrame, _name: str) -> None:
-        """Show a frame."""
-        self._frame = frame
-        self._output.show(frame)
 
-    def on_lamp(self, lamp: LampColor, name: str) -> None:
-        """Show the colour of a lamp."""
-        self._lamps.add(name)
-        self._output.show_lamp(name, lamp.color)
-
-    def on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        """Show darkness when `LED_DRIVER` has left."""
-        if instance == LED_DRIVER and not present:
-            dark = tuple(StripFrame(id=each.id, rgb=bytes(len(each.rgb))) for each in self._frame.strips)
-            self.on_frame(StripsFrame(stamp_ns=time.time_ns(), strips=dark), "")
-            for name in self._lamps:
-                self._output.show_lamp(name, (0, 0, 0))
+def _dark(message: Message | None) -> Message | None:
+    """Return the frame or lamp without light."""
+    now_ns = time.time_ns()
+    if isinstance(message, StripsFrame):
+        dark = tuple(StripFrame(id=each.id, rgb=bytes(len(each.rgb))) for each in message.strips)
+        return StripsFrame(stamp_ns=now_ns, strips=dark)
+    return LampColor(stamp_ns=now_ns, color=(0, 0, 0)) if isinstance(message, LampColor) else None
 
 
 @click.command("calibrate")

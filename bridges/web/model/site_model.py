@@ -249,6 +249,9 @@ class SiteModel:
         now_s: float,
         recent: Recent | None = None,
         show: Callable[[Message, str], object] = lambda *_: None,
+        *,
+        on_person: Callable[[str, bool], object] | None = None,
+        on_service: Callable[[str, bool], object] | None = None,
     ) -> None:
         """Create an empty model.
 
@@ -257,9 +260,11 @@ class SiteModel:
             now_s: time, s.
             recent: the store of all messages, if they are to be kept.
             show: called with each valid message and its name.
+            on_person: called with each change of presence, as by `SiteState`.
+            on_service: the same, of service instances.
         """
         self.cache = LatestValueCache()
-        self.state = SiteState(self._on_change)
+        self.state = SiteState(self._on_change, on_person=on_person, on_service=on_service)
         self._show = show
         self._recent = recent
         self._observation = SiteObservation(now_s)

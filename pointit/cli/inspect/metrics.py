@@ -12,8 +12,8 @@ from pointit.launch.page import is_available, page_unavailable_error
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
-from pointit.schemas import Message
-from pointit.schemas.topics import SERVICE_ALIVE, USER_ALIVE
+from pointit.site.following import follow_site
+from pointit.site.site_state import Change, SiteState
 
 if TYPE_CHECKING:
     from pointit.bridges.web.site_metrics import SiteMetrics
@@ -55,13 +55,12 @@ def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[st
 def _attach(bus: Bus, metrics: "SiteMetrics") -> None:
     from pointit.bridges.web.site_metrics import READS  # noqa: PLC0415
 
-    def take(message: Message, name: str) -> None:
-        metrics.take(name, message)
+    def take(change: Change) -> None:
+        if change.message is not None:
+            metrics.take(change.name, change.message)
 
-    bus.watch(SERVICE_ALIVE, metrics.set_service)
-    bus.watch(USER_ALIVE, metrics.set_person)
-    for topic in READS:
-        bus.subscribe(topic, take)
+    site = SiteState(take, on_person=metrics.set_person, on_service=metrics.set_service)
+    follow_site(site, bus, asyncio.get_running_loop().time, READS)
 
 
 async def _print(metrics: "SiteMetrics", site: str, connect: tuple[str, ...]) -> int:

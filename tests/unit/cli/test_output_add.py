@@ -10,7 +10,9 @@ from pointit.cli import outputs
 from pointit.cli.outputs import PrintedWarnings, SiteFrames
 from pointit.schemas import LampColor, StripFrame, StripsFrame
 from pointit.schemas.base import Rgb
+from pointit.schemas.topics import LAMP_COLOR, STRIPS_FRAME
 from pointit.services.led_driver.outputs import GuardedOutput
+from pointit.site.site_state import SiteState
 
 
 class Shown:
@@ -29,13 +31,14 @@ class Shown:
 
 def test_all_is_dark_while_no_led_driver_runs() -> None:
     shown = Shown()
-    frames = SiteFrames(cast("GuardedOutput", shown))
-    frames.on_frame(StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3"),)), "")
-    frames.on_lamp(LampColor(stamp_ns=1, color=(1, 2, 3)), "door")
-    frames.on_service("pui", False)
-    frames.on_service("led-driver", True)
+    site = SiteState(SiteFrames(cast("GuardedOutput", shown)).on_change)
+    for instance in ("led-driver", "pui"):
+        site.set_service(instance, present=True)
+    site.take(STRIPS_FRAME, "", StripsFrame(stamp_ns=1, strips=(StripFrame(id="a", rgb=b"\1\2\3"),)), 0.0)
+    site.take(LAMP_COLOR, "door", LampColor(stamp_ns=1, color=(1, 2, 3)), 0.0)
+    site.set_service("pui", present=False)
     assert (shown.rgb, shown.lamps) == ([b"\1\2\3"], {"door": (1, 2, 3)})
-    frames.on_service("led-driver", False)
+    site.set_service("led-driver", present=False)
     assert (shown.rgb, shown.lamps) == ([b"\1\2\3", b"\0\0\0"], {"door": (0, 0, 0)})
 
 

@@ -120,6 +120,11 @@ class SelectionEvent(Message):
         """True if it was selected, False if a switch went off."""
         return self.event == "selected"
 
+    @property
+    def takes_back(self) -> bool:
+        """True if it takes back an act that failed, which the outcome of the act has told."""
+        return self.reason.startswith(NOT_DONE)
+
     def is_reaction(self, mode: ThingMode) -> bool:
         """Return True if a thing of `mode` fired, or was switched; not if it was restored, or is over."""
         is_silent = RESTORED in self.reason or REPORTED in self.reason

@@ -24,7 +24,8 @@ SHOWN: tuple[topics.Topic[Any], ...] = (
     topics.PROFILE, topics.POSE, topics.LOCALIZATION, topics.CURSOR, topics.HOVER, topics.ANNOUNCED,
     topics.INTERACTION, topics.FEEDBACK, topics.GOAL, topics.STEERING, topics.UNDERSTOOD, topics.MAP,
     topics.OBJECTS, topics.ROBOT_STATE, topics.ROBOT_PLAN, topics.SELECTION, topics.SELECTION_EVENTS,
-    topics.LAMP_COLOR, topics.STRIPS_FRAME, topics.CONVEYOR_STATE, topics.HEALTH, topics.DEPLOYMENT,
+    topics.OUTCOMES, topics.THING_STATES, topics.LAMP_COLOR, topics.STRIPS_FRAME, topics.CONVEYOR_STATE,
+    topics.HEALTH, topics.DEPLOYMENT,
 )  # fmt: skip
 """Everything but raw IMU samples and rays."""
 
@@ -191,6 +192,12 @@ PROCESSES: list[Process] = [
             topics.CLEAR_SELECTION, topics.UNDO_SELECTION, topics.RELEASE_OBJECT, topics.SET_THING,
             topics.SET_METHOD, topics.READ_HISTORY,
         ),
+    ),
+    Process(
+        name="reactions", scope="site",
+        about="programs and webhooks that act when people point at things",
+        reads=(topics.MAP, topics.SELECTION_EVENTS),
+        writes=(topics.THING_STATES, topics.ACT_RESULTS),
     ),
     Process(
         name="led-driver", scope="site",

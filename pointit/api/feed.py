@@ -12,8 +12,8 @@ from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, Subscription, SubscriptionStats
 from pointit.runtime.bus.memory_bus import MemoryBus
-from pointit.runtime.config.nearest_name import accept_old_names, nearest
-from pointit.runtime.errors import AccessDeniedError, ConfigError, NoMessageError, PointItError, VersionError
+from pointit.runtime.config.nearest_name import accept_old_names
+from pointit.runtime.errors import AccessDeniedError, NoMessageError, PointItError, VersionError
 from pointit.runtime.host.threads import in_daemon_thread
 from pointit.schemas import Environment, Message, SelectionEvent, topics
 from pointit.schemas.topics import ANY, Delivery, Topic
@@ -325,20 +325,6 @@ def is_reaction(event: SelectionEvent, names: Collection[str], room: Environment
     if room is None:
         return bool(names) and event.is_reaction("button")
     return any(thing.id == event.object_id and event.is_reaction(thing.mode) for thing in room.things)
-
-
-def check_things(names: Collection[str], room: Environment) -> None:
-    """Check that the map has things of these names.
-
-    Raises:
-        ConfigError: If it has not. The message names similar ones.
-    """
-    known = [thing.id for thing in room.things]
-    for name in names:
-        if name not in known:
-            raise ConfigError(
-                f"the map has no thing {name!r}; {nearest(name, known) if known else 'it has none'}"
-            )
 
 
 async def react(

@@ -10,7 +10,7 @@ from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
 from pointit.api import requests
-from pointit.api.feed import F, Feed, Latest, ReceiveBuffer, check_things, is_reaction, react
+from pointit.api.feed import F, Feed, Latest, ReceiveBuffer, is_reaction, react
 from pointit.api.inputs import Tracker, press
 from pointit.api.loop_thread import closed_error
 from pointit.api.requests import Lamp
@@ -18,6 +18,7 @@ from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S, Closable, Subscripti
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import AccessDeniedError, PointItError
+from pointit.runtime.service.carrier import check_things
 from pointit.schemas import (
     AddPackageReply,
     Cursor,

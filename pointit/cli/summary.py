@@ -119,6 +119,7 @@ def write_summary(plan: Plan, monitor: Monitor, duration_s: float, parts: Sequen
         **monitor.score.counts(),
         "refused": monitor.score.refused,
         "last_refusal": monitor.score.refusal,
+        "acts": {**monitor.acts, "failures": list(monitor.failures)} if monitor.acts else None,
         "dispatched": monitor.score.dispatched(),
         **{name: value for watcher in monitor.watchers for name, value in watcher.summary().items()},
         "latency_ms": monitor.latency.quantiles_ms(),
@@ -168,6 +169,11 @@ def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ())
     if summary.get("refused"):
         times = "once" if summary["refused"] == 1 else f"{summary['refused']} times, at last"
         lines.append(f"Refused {times}: {summary['last_refusal'] or 'no reason given'}.")
+    if acts := summary.get("acts"):
+        words = {"failed": "failed", "started": "not ended"}
+        others = "".join(f", {acts[name]} {word}" for name, word in words.items() if acts.get(name))
+        lines.append(f"Acts: {acts.get('done', 0)} done{others}.")
+        lines += [f"{each}." for each in dict.fromkeys(acts["failures"])]
     for bay, kinds in summary.get("dispatched", {}).items():
         came = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
         lines.append(f"Bay {bay}: {came}.")

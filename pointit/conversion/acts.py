@@ -66,8 +66,8 @@ class SelectionCsvRow(SchemaModel):
     range_m: Annotated[float | None, Field(description="mean distance from the eyes to the cursor")]
     miss_rad: Annotated[float | None, Field(description="smallest angle between ray and object; 0: on it")]
     ended_by: Annotated[
-        Literal["deselected", "left", "dispatched", "recording"],
-        Field(description="cause of the end; recording: it was still selected at the end"),
+        Literal["deselected", "left", "dispatched", "failed", "recording"],
+        Field(description="cause of the end; failed: its act was not done; recording: it was still selected"),
     ] = "recording"
     ended_s: Annotated[float | None, Field(description="when, since the recording began")] = None
     ended_user: Annotated[str, Field(description="deselecting user")] = ""
@@ -215,7 +215,7 @@ class ActDetector:
             return
         is_taken = event.event == "selected"
         changes = {
-            "ended_by": "deselected" if is_taken else event.event,
+            "ended_by": "failed" if event.takes_back else "deselected" if is_taken else event.event,
             "ended_s": self._s(event.stamp_ns),
             "ended_user": event.user if is_taken or event.event == "deselected" else "",
             "kept_s": (event.stamp_ns - row.selected_ns) / NS_PER_S,

@@ -36,6 +36,7 @@ DEVICES = {
         "home-assistant": "connection.py entity_commands.py",
         "keeper": "retained_states.py",
         "mocap": "natnet_client.py qtm_client.py server_search.py",
+        "reactions": "http_status.py targets.py",
         "recorder": "sink.py",
         "speaker": "speech_synthesizer.py",
         "led-driver": """

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from pointit.cli.things import reactions
-from pointit.cli.things.reactions import Webhook
+from pointit.services.reactions import targets
+from pointit.services.reactions.targets import Webhook
+from tests.support.acts import act_on, failure_of
 from tests.support.certificates import issue
 
-VALUES = {"thing": "screws", "user": "anna", "state": "on", "confidence": "", "stamp_ns": "1"}
+ACT = act_on("screws")
 
 
 async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -22,15 +23,15 @@ async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> 
 async def test_a_certificate_that_is_not_trusted_is_told_and_can_be_trusted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reactions, "PAUSES_S", ())
+    monkeypatch.setattr(targets, "PAUSES_S", ())
     authority, certificate, key = issue(tmp_path, "localhost")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate, key)
     async with await asyncio.start_server(answer, "127.0.0.1", 0, ssl=context) as server:
         hook = Webhook.parse(f"https://localhost:{server.sockets[0].getsockname()[1]}/secret")
-        problem = await hook.react(VALUES)
+        _code, problem = await failure_of(hook, ACT)
         monkeypatch.setenv("SSL_CERT_FILE", str(authority))
-        assert await hook.react(VALUES) == ""
+        assert await failure_of(hook, ACT) == ("", "")
     assert "the certificate of the server is not trusted (" in problem
     assert "set the variable SSL_CERT_FILE to a file with its authority's certificate" in problem
     assert "secret" not in problem

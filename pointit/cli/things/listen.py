@@ -14,14 +14,15 @@ import click
 from pointit.cli.common.output import say
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
-from pointit.cli.things.reactions import Program, Reaction, ReactionTarget
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.clock import Clock
 from pointit.runtime.errors import AccessDeniedError, ConfigError, RefusedError
+from pointit.runtime.service.carrier import Act, ActFailedError, Target
 from pointit.runtime.service.process import run_until_shutdown
-from pointit.schemas import NS_PER_S, Referent, Speech, Understood
+from pointit.schemas import NS_PER_S, Referent, SelectionEvent, Speech, Understood
 from pointit.schemas.topics import SPEECH, check_name
+from pointit.services.reactions.targets import Program, Reaction
 from pointit.speech.grammar import RESERVED, spoken
 from pointit.speech.verbs import Verb, VerbContext, verb_of_things
 
@@ -40,7 +41,7 @@ def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None
         ConfigError: If a text is none of these.
     """
     problem: ConfigError | None = None
-    verbs = defaultdict[str, dict[str, ReactionTarget | None]](dict)
+    verbs = defaultdict[str, dict[str, Target | None]](dict)
     for text in texts:
         words = text.partition("=")[0].split()
         if len(words) != 2 or spoken(words[0]) != (words[0],):
@@ -50,7 +51,7 @@ def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None
         verb, thing = words
         if verb in RESERVED:
             raise ConfigError(f"--verb {text!r}: {verb!r} has a meaning in all rooms; choose another word")
-        target: ReactionTarget | None = None
+        target: Target | None = None
         try:
             target = Reaction.parse(text).target if "=" in text else None
         except ConfigError as error:
@@ -60,23 +61,24 @@ def own_verbs(texts: Sequence[str]) -> tuple[dict[str, Verb], ConfigError | None
     return own, problem
 
 
-def _starts(
-    targets: Mapping[str, ReactionTarget | None],
-) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:
+def _starts(targets: Mapping[str, Target | None]) -> Callable[[VerbContext, str, Referent], Awaitable[str]]:
     """Return the reaction that starts the program of a thing; it raises RefusedError if the program fails."""
 
     async def do(context: VerbContext, verb: str, one: Referent) -> str:
         what = f"{verb} {context.room.label(one)}"
         if (target := targets[one.name]) is None:
             return what
-        values = {
-            "thing": one.name,
-            "user": context.user,
-            "confidence": f"{one.probability:.2f}",
-            "state": "on",
-        }
-        if problem := await target.react({**values, "stamp_ns": str(context.clock.now_ns())}):
-            raise RefusedError(f"{what}: {target.describe(values)} {problem}")
+        event = SelectionEvent(
+            stamp_ns=context.clock.now_ns(),
+            event="selected",
+            object_id=one.name,
+            user=context.user,
+            confidence=one.probability,
+        )
+        try:
+            await target.carry_out(Act(event))
+        except ActFailedError as error:
+            raise RefusedError(f"{what}: {error}") from error
         return what
 
     return do

@@ -1,5 +1,6 @@
 """Options `--announce`, `--on` and `--mqtt` of `pointit run`."""
 
+import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,7 +12,6 @@ from pointit.bridges.speaker.speech_synthesizer import require_synthesizer
 from pointit.cli.parts import Added, RunPart
 from pointit.cli.summary import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
-from pointit.cli.things.reactions import Reactions, reactions_in
 from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, listed, unconnected_sentence
 from pointit.launch.plan.launches import Choices, site_launches
 from pointit.launch.plan.plan import MakeWatcher, OnEvent, Scenario
@@ -24,6 +24,7 @@ from pointit.schemas import Announced, Environment, Health, SelectionEvent, Step
 from pointit.schemas.problems import NAMES_SPOKEN, VOICE
 from pointit.schemas.text import LANGUAGE
 from pointit.schemas.topics import ANNOUNCED, ANY, HEALTH, SELECTION_EVENTS, STEP
+from pointit.services.reactions.targets import reactions_in
 from pointit.services.registry import HOME_ASSISTANT, with_service_name
 
 HOME = HOME_ASSISTANT.name
@@ -209,18 +210,18 @@ def _options(function: Any) -> Any:
 
 
 def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
-    """Return the watchers; ConfigError: no such program, thing or extra, or no address of a broker."""
+    """Return watchers and parameters. Raises ConfigError: no such program, thing, extra or broker."""
     watchers: list[MakeWatcher] = []
     room = room_of(site_launches(scenario, choices)) if options["on"] else None
-    reactions = [each for text in options["on"] for each in reactions_in(text, room)]
-    if reactions:
-        watchers.append(lambda _launches: Reactions(reactions))
+    for text in options["on"]:
+        list(reactions_in(text, room))
+    settings = [f"reactions.on={json.dumps(options['on'])}"] if options["on"] else []
     ca_file = options.get("mqtt_ca_file", "")
     if options["mqtt"] or ca_file:
         config = broker_of(options["mqtt"], ca_file)
         prefix = discovery_prefix(options.get("mqtt_discovery_prefix", ""))
         watchers.append(lambda _launches: MqttThings(config, prefix))
-    return Added(watchers=watchers, notes=_home_notes(scenario, choices, options))
+    return Added(watchers=watchers, settings=settings, notes=_home_notes(scenario, choices, options))
 
 
 def _home_notes(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> list[str]:
@@ -243,15 +244,8 @@ def _home_notes(scenario: Scenario, choices: Choices, options: Mapping[str, Any]
 
 
 def summary_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return sentences on the entries of reactions and of the broker in a summary."""
+    """Return sentences on the entry of the broker in a summary."""
     lines: list[str] = []
-    if reactions := summary.get("reactions"):
-        failed = f", {reactions['failed']} failed" if reactions["failed"] else ""
-        failed += f", {reactions['dropped']} not started" if reactions["dropped"] else ""
-        lines += [
-            f"Reactions: {reactions['started']} started{failed}.",
-            *(f"{e}." for e in reactions["failures"]),
-        ]
     if mqtt := summary.get("mqtt"):
         dropped = f", {mqtt['dropped']} lost" if mqtt["dropped"] else ""
         lines += [f"MQTT: {mqtt['events']} events published{dropped}."]

@@ -2,33 +2,41 @@
 
 import asyncio
 import contextlib
+import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Unpack
 
 import click
 
-from pointit.api.feed import check_things, is_reaction
+from pointit.api.feed import is_reaction
 from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.output import OutputSection, Row, json_option, say, show
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import TIMEOUT_S, AtSite, join_site, quiet, site_options
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
-from pointit.cli.things.reactions import Reaction, Reactions, reactions_in
 from pointit.cli.things.run_things import mqtt_options, summary_lines
 from pointit.launch.plan.plan import Watcher
 from pointit.runtime.bus.contract import Bus
-from pointit.runtime.errors import NoMessageError, RequestError
+from pointit.runtime.bus.site_clock import SiteClock
+from pointit.runtime.errors import AccessDeniedError, NoMessageError, RequestError
+from pointit.runtime.service.carrier import Carrier, check_things
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
-from pointit.schemas import Environment, ReadHistory, SelectionEvent, SetThing
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
+from pointit.schemas import Environment, ReadHistory, SelectionEvent, SetThing, ThingStates
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import MAP, READ_HISTORY, SET_THING
+from pointit.schemas.topics import MAP, READ_HISTORY, SET_THING, THING_STATES
+from pointit.services.reactions.service import targets_of
+from pointit.services.reactions.targets import Reaction, reactions_in
+
+STATES_S = 0.3
+"""Time in which the states of carriers arrive, s."""
 
 
 @click.command("list", params=site_options())
 @json_option
 def list_things(*, as_json: bool, **at: Unpack[AtSite]) -> int:
-    """List the things of a site's map: mode, light, and how often each fired.
+    """List the things of a site's map: mode, light, state of the target, and how often each fired.
 
     Counts begin when the site loaded this map, among the last 200 events in the selector's journal since
     then; - means that no selector replies. The exit code is 1 if the map has no things.
@@ -48,11 +56,12 @@ async def _list(*, as_json: bool, **at: Unpack[AtSite]) -> int:
         except RequestError as error:
             say(f"the counts of the things are unknown: {error}", err=True)
             events = None
+        states = await _states(bus)
     if not room.things and not as_json:
         say(f"the map {room.name} has no things; add a section `things`", err=True)
     else:
         show(
-            [OutputSection(name="things", about=f"of map {room.name}", rows=rows(room, events))],
+            [OutputSection(name="things", about=f"of map {room.name}", rows=rows(room, events, states))],
             as_json=as_json,
         )
     return 0 if room.things else EXIT_FAILED
@@ -65,11 +74,27 @@ async def _map(bus: Bus) -> Environment:
     return room
 
 
-def rows(room: Environment, events: Sequence[SelectionEvent] | None) -> tuple[Row, ...]:
+async def _states(bus: Bus) -> dict[str, str]:
+    """Return the states that the carriers of things tell within `STATES_S`."""
+    states: dict[str, str] = {}
+
+    def add(message: ThingStates, _carrier: str) -> None:
+        for each in message.things:
+            states[each.id] = f"{each.state}: {each.reason}" if each.reason else each.state
+
+    with contextlib.closing(bus.subscribe(THING_STATES, add)):
+        await asyncio.sleep(STATES_S)
+    return states
+
+
+def rows(
+    room: Environment, events: Sequence[SelectionEvent] | None, states: Mapping[str, str]
+) -> tuple[Row, ...]:
     """Return a row for each thing.
 
     The events of a thing since the map's stamp are counted. Earlier ones belong to another map or run, which
-    may have things with the same names. `events`: all selection events, or None if unknown.
+    may have things with the same names. `events`: all selection events, or None if unknown. `states`: state
+    of each thing that a carrier tells, with the reason if it is unavailable.
     """
     fired = Counter(
         event.thing
@@ -82,6 +107,7 @@ def rows(room: Environment, events: Sequence[SelectionEvent] | None) -> tuple[Ro
             "label": thing.label or thing.id,
             "mode": thing.mode,
             "light": _light(thing),
+            "state": states.get(thing.id, ""),
             "fired": None if events is None else fired[thing.id],
         }
         for thing in room.things
@@ -128,21 +154,31 @@ def react_to_things(
     The arguments are values of `--on` of `pointit run`; FILE.yaml has several, `THING: PROGRAM or URL`. A
     thing that the map does not have is refused.
 
-    On a secured site any identity may do this, a dashboard's too. Only an operator's may switch switches, as
-    Home Assistant does with --mqtt.
+    On a secured site only operators may do this.
 
     Example: pointit things react my_site.yaml
     """
     quiet()
     reactions = [each for text in on for each in reactions_in(text)]
-    watchers: list[Watcher] = [Reactions(reactions)] if reactions else []
+    watchers: list[Watcher] = []
     if mqtt or mqtt_ca_file:
         watchers.append(MqttThings(broker_of(mqtt, mqtt_ca_file), mqtt_discovery_prefix))
-    if not watchers:
+    if not watchers and not reactions:
         raise click.UsageError(
             "nothing to do: name a FILE.yaml, THING=PROGRAM or THING=URL, or --mqtt BROKER"
         )
     return run_until_shutdown(_react(watchers, reactions, **at))
+
+
+async def _carrier(bus: ZenohBus, reactions: Sequence[Reaction]) -> Carrier:
+    """Return a carrier of the reactions, whose name is the same after a restart."""
+    targets = targets_of(reactions)
+    name = f"react-{zlib.crc32(' '.join(sorted(targets)).encode()):08x}"
+    if denied := await bus.denial_reason("writes", THING_STATES, name):
+        raise AccessDeniedError(denied)
+    carrier = Carrier(bus, SiteClock(bus), name)
+    carrier.use(targets)
+    return carrier
 
 
 async def _react(watchers: Sequence[Watcher], reactions: Sequence[Reaction], **at: Unpack[AtSite]) -> int:
@@ -150,6 +186,7 @@ async def _react(watchers: Sequence[Watcher], reactions: Sequence[Reaction], **a
         room = await _map(bus)
         for reaction in reactions:
             reaction.check(room)
+        carrier = await _carrier(bus, reactions) if reactions else None
 
         def on_map(environment: Environment, _name: str) -> None:
             for watcher in watchers:
@@ -163,7 +200,10 @@ async def _react(watchers: Sequence[Watcher], reactions: Sequence[Reaction], **a
                 bus.subscribe(MAP, on_map)
                 say(f"reacting to things of map {room.name}; Ctrl-C ends it")
                 await asyncio.Event().wait()
-        finally:  # when all reactions have ended
+        finally:
+            if carrier is not None:
+                await carrier.close()
+                say(f"Acts: {carrier.done} done, {carrier.failed} failed.")
             for watcher in watchers:
                 for line in summary_lines(watcher.summary()):
                     say(line)

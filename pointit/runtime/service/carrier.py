@@ -3,14 +3,15 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.errors import PointItError
-from pointit.schemas import ActResult, SelectionEvent, ThingState, ThingStates
+from pointit.runtime.config.nearest_name import nearest
+from pointit.runtime.errors import ConfigError, PointItError
+from pointit.schemas import ActResult, Environment, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.selection import FailureCode, ResultKind, TargetState
 from pointit.schemas.text import hide_secrets, one_line
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
@@ -184,3 +185,17 @@ def _merged(name: str, targets: Sequence[Target]) -> ThingState:
     known = next((each for each in states if each.state), states[0])
     limit_s = max(each.limit_s for each in states)
     return (worst or known).model_copy(update={"id": name, "limit_s": limit_s})
+
+
+def check_things(names: Collection[str], room: Environment) -> None:
+    """Check that the map has things of these names.
+
+    Raises:
+        ConfigError: If it has not. The message names similar ones.
+    """
+    known = [thing.id for thing in room.things]
+    for name in names:
+        if name not in known:
+            raise ConfigError(
+                f"the map has no thing {name!r}; {nearest(name, known) if known else 'it has none'}"
+            )

@@ -1,15 +1,16 @@
-"""Programs of `pointit run --on`: started by pointing, and ended with the run, whatever they have started."""
+"""Programs and webhooks of `pointit run --on`: their results are told, and programs end with the run."""
 
+import asyncio
 import json
 from pathlib import Path
 
 import psutil
 
-from pointit.schemas import Environment, SelectionEvent
+from pointit.schemas import Environment
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import MAP, SELECTION_EVENTS
-from tests.support.bench import repeated, until
-from tests.support.commands import Commands, onlooker
+from pointit.schemas.topics import CARRIER_ALIVE, MAP, SELECTION
+from tests.support.bench import until
+from tests.support.commands import Commands, Ended, onlooker
 
 SITE = """
 about: the map and the selections are another process's
@@ -25,7 +26,6 @@ while :; do sleep 100; done
 """
 """Never ends, nor does what it has started, and SIGTERM does not end them."""
 
-PERIOD_S = 0.2
 THINGS = tuple(
     Thing(id=name, center_m=(1.0, 1.0, 1.0), size_m=(0.2, 0.2, 0.2)) for name in ("screws", "nuts")
 )
@@ -38,38 +38,74 @@ def is_running(pid: int) -> bool:
         return False
 
 
-async def test_program_that_forks_and_never_ends_is_ended_with_the_run(
+class Door:
+    """A web server that answers with its status."""
+
+    status = b"403 No"
+
+    async def answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"HTTP/1.1 " + self.status + b"\r\nContent-Length: 0\r\n\r\n")
+        writer.close()
+
+
+async def test_who_points_learns_what_came_of_programs_and_webhooks(
     commands: Commands, endpoint: str, tmp_path: Path
 ) -> None:
-    scenario, script, told, summary = (tmp_path / name for name in ("own.yaml", "fork.sh", "told", "s.json"))
-    scenario.write_text(SITE)
+    script, told, summary = (tmp_path / name for name in ("fork.sh", "told", "s.json"))
     script.write_text(FORKS)
     script.chmod(0o755)
-    run = commands.start_program(
-        *("run", str(scenario), "--users", "0", "--no-view", "--listen", endpoint, "--summary", str(summary)),
-        *("--on", f"screws={script} {{user}} {told}", "--on", "nuts=sh -c 'exit 3'"),
-    )
-    async with onlooker(endpoint) as seen:
-        await seen.hears("keeper")
-        seen.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=THINGS))
-        events = seen.bus.publisher(SELECTION_EVENTS)
+    door = Door()
+    async with await asyncio.start_server(door.answer, "127.0.0.1", 0) as server:
+        url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/secret"
+        run = commands.start_program(
+            *("run", "shelf", "--users", "0", "--no-view", "--duration", "600"),
+            *("--listen", endpoint, "--summary", str(summary)),
+            *("--on", f"screws={script} {{user}} {told}", "--on", "nuts=sh -c 'exit 3'"),
+            *("--on", f"radio={url}"),
+        )
+        async with onlooker(endpoint) as seen:
+            await seen.hears("reactions")
+            present: set[str] = set()
+            seen.bus.watch(CARRIER_ALIVE, lambda name, _present: present.add(name))
+            selected: list[str] = []
+            seen.bus.subscribe(
+                SELECTION,
+                lambda now, _name: selected.__setitem__(slice(None), [one.id for one in now.objects]),
+            )
+            await until(lambda: "reactions" in present, what="the carrier")
 
-        def point(name: str) -> None:
-            events.put(SelectionEvent(stamp_ns=1, event="selected", object_id=name, user="anna"))
+            async def try_thing(name: str) -> Ended:
+                return await commands.start(
+                    "things", "try", name, "--user", "anna", "--connect", endpoint
+                ).end(code=None)
 
-        failed = "nuts: sh -c 'exit 3' ended with exit code 3"
-        async with repeated(PERIOD_S, lambda: point("nuts")):
-            await run.says(failed)
-        point("screws")
-        await until(told.exists, what="the program")
-    user, *family = told.read_text().split()
-    assert user == "anna"
-    assert all(is_running(int(pid)) for pid in family)
-    await run.stop()
-    await until(lambda: not any(is_running(int(pid)) for pid in family), what="the end of the program")
-    programs = json.loads(summary.read_text())["reactions"]
-    assert failed in programs["failures"]
-    assert programs["failed"] == programs["started"] - 1
+            ended = await try_thing("nuts")
+            assert (ended.code, ended.sentence) == (1, "nuts: sh -c 'exit 3' ended with exit code 3")
+            ended = await try_thing("radio")
+            shown = url.replace("secret", "...")
+            assert (ended.code, ended.sentence) == (1, f"radio: {shown} answered 403 No")
+            await until(lambda: "radio" not in selected, what="the switch to go back")
+            door.status = b"204 Yes"
+            assert (await try_thing("radio")).out.strip() == "radio selected"
+            await until(lambda: "radio" in selected, what="the switch")
+            ended = await try_thing("screws")
+            assert ended.out.strip() == "screws selected; reactions did not tell the result yet"
+            await until(told.exists, what="the program")
+            user, *family = told.read_text().split()
+            assert user == "anna"
+            assert all(is_running(int(pid)) for pid in family)
+            await run.says("screws selected by anna")
+            await run.stop()
+            await until(
+                lambda: not any(is_running(int(pid)) for pid in family), what="the end of the program"
+            )
+    acts = json.loads(summary.read_text())["acts"]
+    assert acts["done"] == 1
+    assert acts["failures"][:2] == [
+        "nuts: sh -c 'exit 3' ended with exit code 3",
+        f"radio: {shown} answered 403 No",
+    ]
 
 
 async def test_listen_names_a_thing_that_the_map_lacks_before_a_program_that_is_missing(

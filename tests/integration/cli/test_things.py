@@ -6,9 +6,27 @@ import signal
 from pathlib import Path
 from typing import Any
 
-from pointit.schemas import Done, Environment, ReadHistory, ReadHistoryReply, SelectionEvent, SetThing
+from pointit.schemas import (
+    ActResult,
+    Done,
+    Environment,
+    ReadHistory,
+    ReadHistoryReply,
+    SelectionEvent,
+    SetThing,
+    ThingState,
+    ThingStates,
+)
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import MAP, READ_HISTORY, SELECTION_EVENTS, SET_THING
+from pointit.schemas.topics import (
+    ACT_RESULTS,
+    CARRIER_ALIVE,
+    MAP,
+    READ_HISTORY,
+    SELECTION_EVENTS,
+    SET_THING,
+    THING_STATES,
+)
 from tests.support.bench import until
 from tests.support.cli_site import Site, next_line
 
@@ -17,8 +35,9 @@ SCREWS = Thing(id="screws", strip="shelf", part_m=(0.1, 0.5), label="the screws"
 RADIO = Thing(id="radio", mode="switch", lamp="radio_lamp", **PLACE)
 
 
-def happened(thing: str, event: str) -> SelectionEvent:
-    return SelectionEvent.model_validate({"stamp_ns": 1, "event": event, "object_id": thing, "user": "anna"})
+def happened(thing: str, event: str, *carriers: str) -> SelectionEvent:
+    fields = {"stamp_ns": 1, "event": event, "object_id": thing, "user": "anna", "carriers": carriers}
+    return SelectionEvent.model_validate(fields)
 
 
 async def history(_query: ReadHistory, _name: str) -> ReadHistoryReply:
@@ -33,12 +52,20 @@ async def test_things_have_their_light_and_how_often_they_fired(site: Site) -> N
     assert json.loads(ended.out)["things"][1]["fired"] is None
     assert "the counts of the things are unknown: selector does not answer" in ended.err
     site.bus.serve(READ_HISTORY, history)
+    screws = ThingState(id="screws", state="unavailable", reason="no power")
+    site.bus.publisher(THING_STATES, "home").put(ThingStates(stamp_ns=1, things=(screws,)))
     ended = await site.pointit("things", "list", "--json")
     assert ended.code == 0
-    assert json.loads(ended.out)["things"] == [
-        {"thing": "screws", "label": "the screws", "mode": "button", "light": "shelf 0.1-0.5 m", "fired": 2},
-        {"thing": "radio", "label": "radio", "mode": "switch", "light": "radio_lamp", "fired": 1},
-    ]
+    screws_row, radio_row = json.loads(ended.out)["things"]
+    assert screws_row == {
+        "thing": "screws",
+        "label": "the screws",
+        "mode": "button",
+        "light": "shelf 0.1-0.5 m",
+        "state": "unavailable: no power",
+        "fired": 2,
+    }
+    assert (radio_row["light"], radio_row["state"], radio_row["fired"]) == ("radio_lamp", "", 1)
 
 
 async def test_activations_of_earlier_maps_are_not_counted(site: Site) -> None:
@@ -88,20 +115,28 @@ async def test_programs_react_beside_a_running_site_until_they_are_ended(site: S
     file.write_text(f"screws: sh -c 'echo {{user}} {{state}} >> {told}'\nradio: [sh -c 'exit 3']\n")
     site.bus.publisher(MAP).put(Environment(stamp_ns=1, name="shop", things=(SCREWS, RADIO)))
     events = site.bus.publisher(SELECTION_EVENTS)
+    carriers: list[str] = []
+    site.bus.watch(CARRIER_ALIVE, lambda name, present: carriers.append(name if present else "ended"))
+    results: list[ActResult] = []
+    site.bus.subscribe(ACT_RESULTS, lambda result, _name: results.append(result))
     async with site.command("things", "react", str(file), "screws=sleep 55") as process:
         assert process.stdout is not None
         assert await process.stdout.readline() == b"reacting to things of map shop; Ctrl-C ends it\n"
-        for thing, event in (("screws", "selected"), ("screws", "deselected"), ("radio", "selected")):
-            events.put(happened(thing, event))
+        await until(lambda: bool(carriers), what="the carrier")
+        for thing in ("screws", "radio"):
+            events.put(happened(thing, "selected", *carriers))
         await until(told.is_file, 20)
         assert "radio: sh -c 'exit 3' ended with exit code 3" in await next_line(process.stderr)
+        await until(lambda: bool(results), what="the result")
+        assert (results[0].object_id, results[0].result) == ("radio", "failed")
         began_s = asyncio.get_running_loop().time()
         process.send_signal(signal.SIGINT)
         lines = (await process.stdout.read()).decode().splitlines()
         assert await process.wait() == 0
         assert asyncio.get_running_loop().time() - began_s < 10.0
     assert told.read_text() == "anna on\n"
-    assert lines == ["Reactions: 3 started, 1 failed.", "radio: sh -c 'exit 3' ended with exit code 3."]
+    assert lines == ["Acts: 0 done, 2 failed."]
+    assert carriers[-1] == "ended"
 
 
 async def test_reactions_to_things_that_the_map_lacks_are_refused(site: Site) -> None:

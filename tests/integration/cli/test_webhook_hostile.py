@@ -6,12 +6,13 @@ import tracemalloc
 
 import pytest
 
-from pointit.cli.things import reactions
-from pointit.cli.things.http_status import MAX_HEAD_BYTES
-from pointit.cli.things.reactions import Webhook
+from pointit.services.reactions import targets
+from pointit.services.reactions.http_status import MAX_HEAD_BYTES
+from pointit.services.reactions.targets import Webhook
+from tests.support.acts import act_on, failure_of
 from tests.support.hostile_server import Chunks, HostileServer, drip, forever, hostile_server
 
-VALUES = {"thing": "screws", "user": "anna", "state": "on", "confidence": "", "stamp_ns": "1"}
+ACT = act_on("screws")
 OK = b"HTTP/1.1 200 OK\r\n"
 MAX_SENT = 16_000_000
 """Bytes of an endless answer that buffers of the system can hold."""
@@ -20,13 +21,14 @@ MAX_MEMORY = 8_000_000
 
 @pytest.fixture(autouse=True)
 def one_try(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reactions, "PAUSES_S", ())
+    monkeypatch.setattr(targets, "PAUSES_S", ())
 
 
 async def react(server: HostileServer, timeout_s: float = 60.0) -> str:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reactions, "TIMEOUT_S", timeout_s)
-        return await Webhook.parse(server.url).react(VALUES)
+        patch.setattr(targets, "TIMEOUT_S", timeout_s)
+        _code, sentence = await failure_of(Webhook.parse(server.url), ACT)
+        return sentence.partition("/... ")[2]
 
 
 async def test_compressed_body_is_neither_asked_for_nor_decoded() -> None:
@@ -136,5 +138,5 @@ async def test_words_of_a_server_are_cut_and_without_controls() -> None:
 async def test_user_and_password_of_the_url_are_sent_as_basic_authorization() -> None:
     with hostile_server(lambda _: [OK + b"\r\n"]) as server:
         url = server.url.replace("//", "//me:a%2Fb@")
-        assert await Webhook.parse(url).react(VALUES) == ""
+        assert await failure_of(Webhook.parse(url), ACT) == ("", "")
     assert b"authorization: basic bwu6ys9i\r\n" in server.requests[0].lower()

@@ -3,24 +3,19 @@
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from dataclasses import dataclass, field
 
 import httpx
 import pytest
 
-from pointit.cli.things import http_status, reactions
-from pointit.cli.things.reactions import MAX_AT_ONCE, Reaction, Reactions
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Environment, SelectionEvent
-from pointit.schemas.environment import Thing
-from pointit.schemas.topics import SELECTION_EVENTS
-from tests.support.bench import Bench, memory_bench, until
+from pointit.services.reactions import http_status, targets
+from pointit.services.reactions.targets import Reaction, Webhook
+from tests.support.acts import act_on, failure_of
+from tests.support.bench import until
 from tests.support.buses import free_port
 
-ROOM = Environment(
-    stamp_ns=1, name="shop", things=(Thing(id="screws", center_m=(1.0, 2.0, 1.0), size_m=(0.2, 0.2, 0.2)),)
-)
 STALLED = 0
 """Status of a server that does not answer."""
 
@@ -62,145 +57,77 @@ async def serving(*statuses: int) -> AsyncGenerator[Server]:
 
 @pytest.fixture(autouse=True)
 def impatience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reactions, "PAUSES_S", (0.01, 0.01))
+    monkeypatch.setattr(targets, "PAUSES_S", (0.01, 0.01))
     for name in ("NO_PROXY", "no_proxy", "HTTP_PROXY", "http_proxy", "all_proxy"):
         monkeypatch.delenv(name, raising=False)
 
 
-@contextlib.asynccontextmanager
-async def reacting(bench: Bench, url: str) -> AsyncGenerator[Reactions]:
-    watcher = Reactions([Reaction.parse(f"screws={url}")])
-    with contextlib.ExitStack() as ending:
-        for each in watcher.attach(bench.bus, lambda _text, _user: None):
-            ending.callback(each.close)
-        watcher.on_map(ROOM)
-        yield watcher
-        requests = {task for task in asyncio.all_tasks() if task.get_name().startswith("screws: ")}
-    if requests:  # cancelled now, and ended soon
-        await asyncio.wait(requests)
-
-
-def point(bench: Bench, user: str = "anna") -> None:
-    fields = {"stamp_ns": 7, "event": "selected", "object_id": "screws", "user": user, "confidence": 0.876}
-    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
-
-
-def counts(watcher: Reactions) -> tuple[int, int, int]:
-    """Return the numbers of reactions that were started, are done and have failed."""
-    summary = watcher.summary()["reactions"]
-    return summary["started"], summary["done"], summary["failed"]
-
-
-def failed(watcher: Reactions) -> Callable[[], bool]:
-    return lambda: watcher.summary()["reactions"]["failed"] > 0
+async def send(url: str, user: str = "anna") -> tuple[str, str]:
+    """Return code and sentence of the failure."""
+    return await failure_of(Webhook.parse(url), act_on("screws", user=user, confidence=0.876))
 
 
 async def test_the_server_gets_one_request_with_what_happened() -> None:
-    async with (
-        memory_bench() as bench,
-        serving(204) as server,
-        reacting(bench, f"http://127.0.0.1:{server.port}/hook?by={{user}}") as watcher,
-    ):
-        point(bench, "anna b&c")
-        await until(lambda: bool(server.bodies), what="the request")
+    async with serving(204) as server:
+        assert await send(f"http://127.0.0.1:{server.port}/hook?by={{user}}", "anna b&c") == ("", "")
         assert server.heads[0].startswith("POST /hook?by=anna%20b%26c HTTP/1.1\r\n")
         assert json.loads(server.bodies[0]) == {
             "thing": "screws", "user": "anna b&c", "state": "on", "confidence": 0.88, "stamp_ns": 7,
         }  # fmt: skip
-        await until(lambda: counts(watcher) == (1, 1, 0), what="the answer")
 
 
 async def test_a_busy_server_is_asked_again_with_the_same_key() -> None:
-    async with (
-        memory_bench() as bench,
-        serving(503, 429, 200) as server,
-        reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher,
-    ):
-        point(bench)
-        await until(lambda: len(server.bodies) == 3, what="the third request")
+    async with serving(503, 429, 200) as server:
+        assert await send(f"http://127.0.0.1:{server.port}/") == ("", "")
         keys = [line for head in server.heads for line in head.splitlines() if "idempotency" in line.lower()]
         assert len(keys) == 3
         assert len(set(keys)) == 1
-        assert not failed(watcher)()
 
 
 @pytest.mark.parametrize(
     ("status", "requests", "sentence"),
     [
-        (404, 1, "screws: http://127.0.0.1:PORT/... answered 404 Some Words"),
-        (500, 3, "screws: http://127.0.0.1:PORT/... answered 500 Some Words, 3 times"),
-        (302, 1, "screws: http://127.0.0.1:PORT/... answered 302 Some Words"),
+        (404, 1, "http://127.0.0.1:PORT/... answered 404 Some Words"),
+        (500, 3, "http://127.0.0.1:PORT/... answered 500 Some Words, 3 times"),
+        (302, 1, "http://127.0.0.1:PORT/... answered 302 Some Words"),
     ],
 )
 async def test_a_failure_is_a_sentence_without_the_secret(
     monkeypatch: pytest.MonkeyPatch, status: int, requests: int, sentence: str
 ) -> None:
-    monkeypatch.setattr(reactions, "TIMEOUT_S", 60.0)
-    async with (
-        memory_bench() as bench,
-        serving(status) as server,
-        reacting(bench, f"http://127.0.0.1:{server.port}/secret") as watcher,
-    ):
-        point(bench)
-        await until(failed(watcher), what="the failure")
-        assert watcher.summary()["reactions"]["failures"] == [sentence.replace("PORT", str(server.port))]
+    monkeypatch.setattr(targets, "TIMEOUT_S", 60.0)
+    async with serving(status) as server:
+        failure = await send(f"http://127.0.0.1:{server.port}/secret")
+        assert failure == ("refused", sentence.replace("PORT", str(server.port)))
         assert len(server.bodies) == requests
 
 
 async def test_a_server_that_stalls_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reactions, "TIMEOUT_S", 0.2)
-    async with (
-        memory_bench() as bench,
-        serving(STALLED) as server,  # which may not read all three in time
-        reacting(bench, f"http://127.0.0.1:{server.port}/secret") as watcher,
-    ):
-        point(bench)
-        await until(failed(watcher), what="the failure")
-        (sentence,) = watcher.summary()["reactions"]["failures"]
-        assert sentence == f"screws: http://127.0.0.1:{server.port}/... did not answer within 0.2 s, 3 times"
+    monkeypatch.setattr(targets, "TIMEOUT_S", 0.2)
+    async with serving(STALLED) as server:  # which may not read all three in time
+        code, sentence = await send(f"http://127.0.0.1:{server.port}/secret")
+        assert code == "no_answer"
+        assert sentence == f"http://127.0.0.1:{server.port}/... did not answer within 0.2 s, 3 times"
 
 
 async def test_no_server_is_a_failure() -> None:
-    async with (
-        memory_bench() as bench,
-        reacting(bench, f"http://me:secret@127.0.0.1:{free_port()}/") as watcher,
-    ):
-        point(bench)
-        await until(failed(watcher), what="the failure")
-        (sentence,) = watcher.summary()["reactions"]["failures"]
-        assert "could not be reached" in sentence
-        assert "secret" not in sentence
+    code, sentence = await send(f"http://me:secret@127.0.0.1:{free_port()}/")
+    assert code == "no_answer"
+    assert "could not be reached" in sentence
+    assert "secret" not in sentence
 
 
-async def test_a_flood_at_a_stalled_server_is_bounded_and_named() -> None:
-    async with memory_bench() as bench, serving(STALLED) as server:
-        async with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
-            for _ in range(50):
-                point(bench)
-            await until(lambda: len(server.bodies) == MAX_AT_ONCE, what="the requests")
-            summary = watcher.summary()["reactions"]
-            assert (summary["started"], summary["dropped"]) == (MAX_AT_ONCE, 50 - MAX_AT_ONCE)
-        assert counts(watcher) == (MAX_AT_ONCE, 0, MAX_AT_ONCE)
-
-
-async def test_end_of_the_run_before_an_answer_is_a_failure() -> None:
-    async with memory_bench() as bench, serving(STALLED) as server:
-        async with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
-            point(bench)
+async def test_an_act_can_be_cancelled_before_the_answer_and_between_two_tries(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(targets, "PAUSES_S", (1000.0,))
+    for status in (STALLED, 503):
+        async with serving(status) as server:
+            sending = asyncio.create_task(send(f"http://127.0.0.1:{server.port}/"))
             await until(lambda: bool(server.bodies), what="the request")
-            assert counts(watcher) == (1, 0, 0)
-        assert counts(watcher) == (1, 0, 1)
-        (sentence,) = watcher.summary()["reactions"]["failures"]
-        assert sentence.endswith("/... had not answered when the run ended")
-
-
-async def test_end_of_the_run_between_two_tries_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reactions, "PAUSES_S", (1000.0,))
-    async with memory_bench() as bench, serving(503) as server:
-        async with reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher:
-            point(bench)
-            await until(lambda: bool(server.bodies), what="the request")
-        assert counts(watcher) == (1, 0, 1)
+            sending.cancel()
+            await asyncio.wait({sending})
+            assert sending.cancelled()
 
 
 PROXIES = {
@@ -219,14 +146,9 @@ async def test_server_of_this_network_gets_the_request_whatever_the_proxy(
     monkeypatch: pytest.MonkeyPatch, proxy: str
 ) -> None:
     monkeypatch.setenv("ALL_PROXY", proxy)
-    async with (
-        memory_bench() as bench,
-        serving(204) as server,
-        reacting(bench, f"http://127.0.0.1:{server.port}/") as watcher,
-    ):
-        point(bench)
-        await until(lambda: len(server.bodies) == 1, what="the request")
-        await until(lambda: counts(watcher) == (1, 1, 0), what="the answer")
+    async with serving(204) as server:
+        assert await send(f"http://127.0.0.1:{server.port}/") == ("", "")
+        assert len(server.bodies) == 1
 
 
 @pytest.mark.parametrize("proxy", PROXIES.values(), ids=PROXIES.keys())
@@ -234,33 +156,24 @@ async def test_proxy_that_cannot_be_used_is_a_failure_that_names_the_remedy(
     monkeypatch: pytest.MonkeyPatch, proxy: str
 ) -> None:
     monkeypatch.setenv("ALL_PROXY", proxy)
-    async with memory_bench() as bench, reacting(bench, "http://hooks.example/") as watcher:
-        point(bench)
-        await until(failed(watcher), what="the failure")
-        assert counts(watcher) == (1, 0, 1)
-        (sentence,) = watcher.summary()["reactions"]["failures"]
-        assert "screws: http://hooks.example/... cannot be reached by the proxy" in sentence
-        assert "or name its host in no_proxy" in sentence
+    code, sentence = await send("http://hooks.example/")
+    assert code == "error"
+    assert "http://hooks.example/... cannot be reached by the proxy" in sentence
+    assert "or name its host in no_proxy" in sentence
 
 
 async def test_certificates_that_are_not_there_are_a_failure_that_names_the_variable(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("SSL_CERT_FILE", "/nowhere/authority.pem")
-    async with memory_bench() as bench, reacting(bench, "https://hooks.example/") as watcher:
-        point(bench)
-        await until(failed(watcher), what="the failure")
-        assert counts(watcher) == (1, 0, 1)
-        (sentence,) = watcher.summary()["reactions"]["failures"]
-        assert "was not sent, as the file of SSL_CERT_FILE cannot be used" in sentence
+    _code, sentence = await send("https://hooks.example/")
+    assert "was not sent, as the file of SSL_CERT_FILE cannot be used" in sentence
 
 
 async def test_server_of_the_internet_is_asked_by_the_proxy(monkeypatch: pytest.MonkeyPatch) -> None:
-    async with memory_bench() as bench, serving(204) as proxy:
+    async with serving(204) as proxy:
         monkeypatch.setenv("ALL_PROXY", f"http://127.0.0.1:{proxy.port}")
-        async with reacting(bench, "http://hooks.example/shop") as watcher:
-            point(bench)
-            await until(lambda: counts(watcher) == (1, 1, 0), what="the answer")
+        assert await send("http://hooks.example/shop") == ("", "")
         assert proxy.heads[0].startswith("POST http://hooks.example/shop HTTP/1.1\r\n")
 
 
@@ -269,11 +182,9 @@ async def test_addresses_in_no_proxy_do_not_stop_requests_by_the_proxy(
     monkeypatch: pytest.MonkeyPatch, exception: str
 ) -> None:
     monkeypatch.setenv("no_proxy", exception)
-    async with memory_bench() as bench, serving(204) as proxy:
+    async with serving(204) as proxy:
         monkeypatch.setenv("http_proxy", f"127.0.0.1:{proxy.port}")
-        async with reacting(bench, "http://hooks.other/shop") as watcher:
-            point(bench)
-            await until(lambda: counts(watcher) == (1, 1, 0), what="the answer")
+        assert await send("http://hooks.other/shop") == ("", "")
         assert proxy.heads[0].startswith("POST http://hooks.other/shop HTTP/1.1\r\n")
 
 
@@ -298,13 +209,9 @@ def test_hosts_in_no_proxy_are_asked_directly(
 
 
 async def test_name_that_no_system_can_look_up_is_a_failure_with_one_try() -> None:
-    async with memory_bench() as bench, reacting(bench, "http://xn--/hook") as watcher:
-        point(bench)
-        await until(failed(watcher), what="the failure")
-        assert counts(watcher) == (1, 0, 1)
-        (sentence,) = watcher.summary()["reactions"]["failures"]
-        assert "http://xn--/... was not sent, as its address is not valid (" in sentence
-        assert sentence.endswith("): correct it")
+    _code, sentence = await send("http://xn--/hook")
+    assert "http://xn--/... was not sent, as its address is not valid (" in sentence
+    assert sentence.endswith("): correct it")
 
 
 @pytest.mark.parametrize(

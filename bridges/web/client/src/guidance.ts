@@ -20,6 +20,8 @@ export interface Situation {
   hover: Hover | null;
   /** What is hovered, in words. */
   hovered: string;
+  /** Why what is hovered is unavailable, with the remedy. Empty or left out if it is not. */
+  unavailable?: string;
   /** Effect of selecting what is hovered. */
   mode: TrackedObject["mode"];
   /** All objects here want a press. */
@@ -75,9 +77,10 @@ export function goal(scenario: string, canSelect: boolean, areAllPressed: boolea
 }
 
 /** The object under the cursor: its state, and what staying or pressing does. */
-function onObject({ hovered, mode, wantsPress, isTheirs, isOwn }: Situation, hover: Hover): Partial<Guidance> {
+function onObject({ hovered, unavailable, mode, wantsPress, isTheirs, isOwn }: Situation, hover: Hover): Partial<Guidance> {
   const { taken_by: other, progress, action } = hover;
   if (action === "refuse") {
+    if (unavailable && !other) return { step: "stopped", text: `${hovered} is unavailable: ${unavailable}` };
     const why = !other ? "it is too late for it" : mode === "claim" ? `${other} has it` : `${other} is about to use it`;
     return { step: "stopped", text: `${hovered} cannot be had: ${why}. Point at another${other ? ", or wait" : ""}.` };
   }

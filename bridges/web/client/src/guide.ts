@@ -11,6 +11,7 @@ import { robotSituation } from "./robot_guidance";
 import { emptySentence, passedSentence } from "./run";
 import { steeredBy } from "./site/robots";
 import { proposalOf, thingsOf, type Person } from "./site/site";
+import { unavailable } from "./site/things";
 import { friendly, isNamed, modeOf, objectOf, outcome, ownCount, pressTitle, thing } from "./words";
 
 const SUCCESS_MS = 2500;
@@ -84,7 +85,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
         user, mayTake: controls.mayDo("take"), mayPair: controls.mayDo("pair"), isSimulated: controls.isSimulated(user),
         movedBy: person?.line?.moved_by ?? "own", isMine: person !== null && person === controls.mine,
         interaction: person?.interaction ? { ...person.interaction, next_step: friendly(site, person.interaction.next_step) } : null, hover: person?.hover ?? null,
-        hovered: capital(thing(site, hovered)), mode: modeOf(site, hovered), scenario: controls.scenario,
+        hovered: capital(thing(site, hovered)), unavailable: unavailable(site, hovered), mode: modeOf(site, hovered), scenario: controls.scenario,
         areAllPressed: objects.length > 0 && objects.every(({ object }) => object.press),
         isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === hovered && owner === user) ?? false,
         isOwn: controls.hasSelected(hovered), wantsPress: person !== null && wantsPress(person),

@@ -6,6 +6,7 @@ import { el, icon, key, mark, show, write } from "../dom";
 import { byName, capital } from "../format";
 import { cssColor } from "../geometry/appearance";
 import { standingOf } from "../site/site";
+import { unavailable } from "../site/things";
 import { friendly, pressTitle, rememberedSentence, stateTitle, thing } from "../words";
 import type { PanelPart } from "./panel_part";
 
@@ -50,7 +51,7 @@ export function nowPart(controls: Controls): PanelPart {
     if (!isOn || !hover) return;
     gauge.value = hover.progress;
     const what = capital(thing(site, hover.object_id));
-    write(gaugeText, hover.action === "refuse" ? `${what}: ${hover.taken_by ? `taken by ${hover.taken_by}` : "too late"}` : what);
+    write(gaugeText, hover.action === "refuse" ? `${what}: ${hover.taken_by ? `taken by ${hover.taken_by}` : unavailable(site, hover.object_id) ? "unavailable" : "too late"}` : what);
   }
 
   return {

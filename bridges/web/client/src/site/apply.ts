@@ -6,15 +6,21 @@ import { Episodes, note, problemsOf } from "./log";
 import type { Robot } from "./robots";
 import { noteChange } from "./things";
 import { emptyPerson, siteNow, type SiteEvent, type LogLine, type Person, type Site } from "./site";
+import type { ActOutcome, SelectionEvent } from "../messages";
 import type { Topics } from "../topics";
 import type { Status } from "../wire";
 import { eventLine } from "../words";
+
+/** Beginning of the reason of an event that takes back an act that failed: its outcome has told it. */
+const NOT_DONE = "not done: ";
+/** Limit of acts without a result that are kept; the oldest are dropped. */
+const MAX_ACTS = 200;
 
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
   | "clock" | "leds/leases" | "users/{user}/imu" | "users/{user}/wrist" | "users/{user}/button" | "users/{user}/step" | "users/{user}/ray"
   | "users/{user}/anchor" | "users/{user}/claim" | "users/{user}/speech"
-  | "things/{carrier}" | "acts/{carrier}" | "selection/outcomes" | "configuration/{service}" | "requests/{service}";
+  | "acts/{carrier}" | "configuration/{service}" | "requests/{service}";
 type Shown = Omit<Topics, Unseen>;
 
 type Taker<M> = (keeper: Keeper, message: M, name: string, at: number) => void;
@@ -72,10 +78,11 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   "objects/{tracker}": ({ site }, message, name) => void site.objects.set(name, message),
   selection: ({ site }, message) => void (site.selection = message),
   "selection/events": (keeper, message) => {
-    noteChange(keeper.site, message);
-    keeper.tell("selection/events", message, "");
-    addSiteEvent(keeper.site, { event: message });
+    if (message.carriers?.length) keeper.onAct(message);
+    else if (!message.reason.startsWith(NOT_DONE)) keeper.onEvent(message);
   },
+  "selection/outcomes": (keeper, message) => keeper.onOutcome(message),
+  "things/{carrier}": ({ site }, message, name) => void site.carriers.set(name, message),
   "leds/{led}/color": ({ site }, message, name) => void site.lamps.set(name, message),
   "strips/frame": ({ site }, message) => void (site.strips = message),
   "conveyor/state": ({ site }, message) => void (site.conveyor = message),
@@ -124,6 +131,8 @@ const FORGETTERS: Record<keyof Shown, Forgetter> = {
   "objects/{tracker}": ({ site }, name) => void site.objects.delete(name),
   selection: ({ site }) => void (site.selection = null),
   "selection/events": () => undefined,
+  "selection/outcomes": () => undefined,
+  "things/{carrier}": ({ site }, name) => void site.carriers.delete(name),
   "leds/{led}/color": ({ site }, name) => void site.lamps.delete(name),
   "strips/frame": ({ site }) => void (site.strips = null),
   "conveyor/state": ({ site }) => void (site.conveyor = null),
@@ -159,6 +168,32 @@ export class Keeper {
     if (message === null || typeof message !== "object") throw new Error(`${topic}: no message`);
     (TAKERS[topic] as Taker<unknown>)(this, message, item.name, at);
     return message;
+  }
+
+  /** Acts whose carriers have not told the final result, and whether they have started. Nothing is said of them before. */
+  private readonly acts = new Map<string, { event: SelectionEvent; isStarted: boolean }>();
+
+  /** Keep an event until the outcome of its carriers. */
+  onAct(event: SelectionEvent): void {
+    this.acts.set(`${event.object_id} ${event.stamp_ns}`, { event, isStarted: false });
+    if (this.acts.size > MAX_ACTS) this.acts.delete(this.acts.keys().next().value!);
+  }
+
+  /** Tell an act when its carriers have told the result: one that failed is told as refused. */
+  onOutcome({ object_id: id, event_ns: stamp, result, text }: ActOutcome): void {
+    const key = `${id} ${stamp}`, act = this.acts.get(key);
+    if (!act) return;
+    if (result !== "started") this.acts.delete(key);
+    if (result === "failed") this.onEvent({ ...act.event, event: "refused", reason: text });
+    else if (!act.isStarted) this.onEvent(act.event);
+    act.isStarted = true;
+  }
+
+  /** Tell what happened to an object: on its tile, in the log, to who did it. */
+  onEvent(event: SelectionEvent): void {
+    noteChange(this.site, event);
+    this.tell("selection/events", event, "");
+    addSiteEvent(this.site, { event });
   }
 
   /** Write an event into the log; `at`: when it happened, Unix time, ms. */
@@ -212,7 +247,7 @@ export class Keeper {
   clear(): void {
     const { site } = this;
     this.known.clear();
-    for (const all of [site.people, site.objects, site.changes, site.robots, site.lamps, site.health, site.deployments]) all.clear();
+    for (const all of [site.people, site.objects, site.changes, site.robots, site.lamps, site.health, site.carriers, site.deployments]) all.clear();
     Object.assign(site, { status: null, selection: null, strips: null, conveyor: null });
   }
 

@@ -2,7 +2,7 @@
 
 import type {
   Announced, ConveyorState, Cursor, Deployment, Environment, Feedback, Goal, Health, Hover, Interaction, LampColor, Localization,
-  Selection, SelectionEvent, Steering, StripsFrame, TrackedObject, TrackedObjects, Understood, UserPose, UserProfile,
+  Selection, SelectionEvent, Steering, StripsFrame, ThingStates, TrackedObject, TrackedObjects, Understood, UserPose, UserProfile,
 } from "../messages";
 import type { Robot } from "./robots";
 import type { Hello, PersonLine, Playing, Status, Timeline } from "../wire";
@@ -70,6 +70,8 @@ export interface Site {
   conveyor: ConveyorState | null;
   /** By instance. */
   readonly health: Map<string, Health>;
+  /** Things of each carrier, with their states. */
+  readonly carriers: Map<string, ThingStates>;
   /** Deployments by name. */
   readonly deployments: Map<string, Deployment>;
   /** Events since the frame before, in order; for views that show them. Emptied after each frame. */
@@ -99,7 +101,7 @@ export function emptySite(): Site {
   return {
     hello: null, status: null, timeline: null, playing: null, connected: false, lostAt: 0, mapVersion: 0, map: null, people: new Map(),
     objects: new Map(), changes: new Map(), robots: new Map(), selection: null, strips: null, lamps: new Map(), conveyor: null, health: new Map(),
-    deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0,
+    carriers: new Map(), deployments: new Map(), fresh: [], log: [], logged: 0, sentNs: 0, speed: 1, cameAt: 0,
     traffic: { bytes: 0, batches: 0, dropped: 0 }, faults: { count: 0, last: "" },
   };
 }

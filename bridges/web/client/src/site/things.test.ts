@@ -1,6 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { encode } from "@msgpack/msgpack";
 import type { SelectionEvent, Thing, TrackedObject } from "../messages";
+import { Keeper } from "./apply";
+import type { Item } from "./batch";
 import { emptyPerson, emptySite, type Site } from "./site";
 import { hasSelected, hasTakenBack, noteChange, thingTiles } from "./things";
 
@@ -45,6 +48,36 @@ test("a tile shows who points at its thing", () => {
   const all = site();
   all.people.set("anna", Object.assign(emptyPerson("anna"), { hover: { object_id: "radio", progress: 0.4 } }));
   assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.progress, thingTiles(all)[0]!.progress], ["Off: anna points at it", 0.4, null]);
+});
+
+const encoded = (topic: string, message: object, name = ""): Item => ({ topic, name, payload: encode(message) }) as Item;
+
+test("an act is told when its carriers have told the result, as refused if it failed, and what takes it back is not told", () => {
+  const all = site(), keeper = new Keeper(all), act = { ...event("selected", "radio", "anna", 90), carriers: ["reactions"] };
+  const tell = (topic: string, message: object): string[] => {
+    all.fresh.length = 0;
+    keeper.take(encoded(topic, message), 0);
+    return all.fresh.map((each) => ("event" in each ? `${each.event.event} ${each.event.reason}` : ""));
+  };
+  const outcome = (result: string, text = "", stamp = act.stamp_ns): object => ({ event: "selected", object_id: "radio", event_ns: stamp, result, text, stamp_ns: 91 * S });
+  assert.deepEqual(tell("selection/events", act), []);
+  assert.equal(thingTiles(all)[1]!.last, "Not used yet.");
+  assert.deepEqual(tell("selection/outcomes", outcome("started")), ["selected "]);
+  assert.deepEqual(tell("selection/outcomes", outcome("done")), []);
+  const next = { ...act, stamp_ns: 92 * S };
+  assert.deepEqual(tell("selection/events", next), []);
+  assert.deepEqual(tell("selection/outcomes", outcome("failed", "no power", next.stamp_ns)), ["refused no power"]);
+  assert.deepEqual(tell("selection/events", { ...event("deselected", "radio", "anna", 93), reason: "not done: no power" }), []);
+  assert.equal(all.log.filter(({ text }) => text.includes("no power")).length, 1);
+});
+
+test("a tile says that its thing is unavailable and why, and that an act is under way", () => {
+  const all = site(), things = [{ id: "radio", state: "unavailable", reason: "no power: switch it on", limit_s: 5 }];
+  new Keeper(all).take(encoded("things/{carrier}", { things }, "home-assistant"), 0);
+  assert.equal(thingTiles(all)[1]!.state, "Unavailable: no power: switch it on");
+  all.carriers.clear();
+  all.selection = { objects: [{ id: "radio", user: "anna", is_pending: true }], reserved: [] } as never;
+  assert.deepEqual([thingTiles(all)[1]!.state, thingTiles(all)[1]!.isOn], ["Under way …", false]);
 });
 
 test("only what can be taken back is offered: nothing of a button, of others, of before the selector started, or undone already", () => {

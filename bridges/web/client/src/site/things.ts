@@ -35,6 +35,15 @@ export function hasSelected(site: Site, user: string): boolean {
   return site.selection?.objects.some((each) => each.user === user && modeOf(site, each.id) !== "button" && !isTooLate(objectOf(site, each.id))) ?? false;
 }
 
+/** Why the target of a thing is unavailable, with the remedy. Empty if it is not. */
+export function unavailable(site: Site, id: string): string {
+  for (const { things } of site.carriers.values()) {
+    const thing = things.find((each) => each.id === id && each.state === "unavailable");
+    if (thing) return thing.reason || "its target does not answer";
+  }
+  return "";
+}
+
 /** A thing as its tile shows it. */
 export interface ThingTile {
   readonly id: string;
@@ -59,14 +68,14 @@ export function thingTiles(site: Site): ThingTile[] {
 }
 
 function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile {
-  const { id, mode } = thing, owner = site.selection?.objects.find((each) => each.id === id)?.user ?? "";
+  const { id, mode } = thing, selected = site.selection?.objects.find((each) => each.id === id), owner = selected?.user ?? "", reason = unavailable(site, id);
   const pointing = [...site.people.values()].filter(({ hover }) => hover?.object_id === id);
   const aims = pointing.map(({ user }) => user).join(", ");
   const states = { button: ["Fired", "Ready"], switch: ["On", "Off"], claim: [`Taken by ${owner}`, "Free"] } as const;
-  const state = !object ? "Not in the room now" : states[mode][owner ? 0 : 1];
+  const state = !object ? "Not in the room now" : reason ? `Unavailable: ${reason}` : selected?.is_pending ? "Under way …" : states[mode][owner ? 0 : 1];
   return {
-    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "", does: effect(thing), last: lastChange(site, thing),
-    state: object && aims && !owner ? `${state}: ${aims} ${pointing.length === 1 ? "points" : "point"} at it` : state,
+    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "" && !selected?.is_pending, does: effect(thing), last: lastChange(site, thing),
+    state: object && aims && !owner && !reason ? `${state}: ${aims} ${pointing.length === 1 ? "points" : "point"} at it` : state,
     progress: pointing.length ? Math.max(...pointing.map(({ hover }) => hover!.progress)) : null,
     canBeTried: object !== null && mode !== "claim",
   };

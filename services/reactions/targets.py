@@ -1,34 +1,30 @@
-"""Reactions of `pointit run --on`: programs and requests to web servers, when people point at things."""
+"""Targets of things in `--on`: programs, and requests to web servers."""
 
 import asyncio
 import contextlib
 import importlib.util
 import json
-import logging
 import os
 import re
 import shlex
 import shutil
 import signal
-from collections import deque
-from collections.abc import Coroutine, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, cast
+from typing import TYPE_CHECKING, Self, cast
 from urllib.parse import quote, urlsplit
 
-from pointit.api.feed import check_things, is_reaction
-from pointit.launch.plan.plan import OnEvent
 from pointit.runtime.address_config import parse_address
-from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.config.yaml_file import read_yaml
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.certificate_errors import certificate_error_in, describe_certificate_error
 from pointit.runtime.host.extras import pointit_version, remedy
-from pointit.schemas import Environment, SelectionEvent
+from pointit.runtime.service.carrier import Act, ActFailedError, check_things
+from pointit.schemas import Environment, ThingState
+from pointit.schemas.selection import FailureCode
 from pointit.schemas.text import hide_secrets, one_line
-from pointit.schemas.topics import SELECTION_EVENTS
 
 if TYPE_CHECKING:
     import httpx
@@ -36,6 +32,8 @@ if TYPE_CHECKING:
 
 MAX_S = 60.0
 """Time after which a program is ended, s."""
+STARTED_S = 2.0
+"""Time after which people are told that a program has started, s."""
 GRACE_S = 1.0
 """Time from SIGTERM to SIGKILL, s."""
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
@@ -47,6 +45,18 @@ def check_placeholders(text: str) -> None:
     for name in PLACEHOLDER.findall(text):
         if name not in PLACEHOLDERS:
             raise ConfigError(f"there is no {{{name}}}; {nearest(name, PLACEHOLDERS)}")
+
+
+def values_of(act: Act) -> Mapping[str, str]:
+    """Return the values of `PLACEHOLDERS`."""
+    event = act.event
+    confidence = "" if event.confidence is None else f"{event.confidence:.2f}"
+    return {
+        "thing": act.thing,
+        "user": event.user,
+        "confidence": confidence,
+        "state": "on" if act.on else "off",
+    }
 
 
 def filled(text: str, values: Mapping[str, str]) -> str:
@@ -61,8 +71,11 @@ class Program:
     arguments: Sequence[str]
     is_shown: bool = False
     """Its output goes to that of this process."""
-    interruption: ClassVar[str] = ""
-    """A program that ends with the run has not failed."""
+
+    @property
+    def state(self) -> ThingState:
+        """Return the limit, which is longer than its own."""
+        return ThingState(id="", limit_s=MAX_S + 2.0 * GRACE_S)
 
     @classmethod
     def parse(cls, line: str) -> Self:
@@ -80,31 +93,33 @@ class Program:
             raise ConfigError(f"no program {program}; give a path, and `chmod +x` a script")
         return cls(arguments=arguments)
 
-    def describe(self, values: Mapping[str, str]) -> str:
-        """Return its words, with the values of placeholders."""
-        return shlex.join(filled(argument, values) for argument in self.arguments)
-
-    async def react(self, values: Mapping[str, str]) -> str:
-        """Run it, and end all that it has started. Return what went wrong, or `""`."""
+    async def carry_out(self, act: Act) -> None:
+        """Run it, and end all that it has started. Raise ActFailedError if it did not end with 0."""
         nothing = asyncio.subprocess.DEVNULL
         output = None if self.is_shown else nothing
+        values = values_of(act)
         arguments = [filled(argument, values) for argument in self.arguments]
+        name = shlex.join(arguments)
         try:
             program = await asyncio.create_subprocess_exec(
                 *arguments, stdin=nothing, stdout=output, stderr=output, start_new_session=True
             )
         except OSError as error:
-            return f"could not be started ({error.strerror or error})"
+            raise ActFailedError(
+                "error", f"{name} could not be started ({error.strerror or error})"
+            ) from error
+        started_timer = asyncio.get_running_loop().call_later(STARTED_S, act.tell_started)
         try:
             async with asyncio.timeout(MAX_S):
                 code = await program.wait()
         except TimeoutError:
-            return f"was ended after {MAX_S:g} s"
+            raise ActFailedError("no_answer", f"{name} was ended after {MAX_S:g} s") from None
         finally:
+            started_timer.cancel()
             await _end_group(program.pid)
-        if not code:
-            return ""
-        return f"ended with {f'exit code {code}' if code > 0 else f'signal {-code}'}"
+        if code:
+            ended = f"exit code {code}" if code > 0 else f"signal {-code}"
+            raise ActFailedError("error", f"{name} ended with {ended}")
 
 
 async def _end_group(group: int) -> None:
@@ -136,7 +151,11 @@ class Webhook:
     """A URL that gets a request with a JSON object: `thing`, `user`, `state`, `confidence`, `stamp_ns`."""
 
     url: str
-    interruption: ClassVar[str] = "had not answered when the run ended"
+
+    @property
+    def state(self) -> ThingState:
+        """Return the limit, which is longer than that of three tries with their pauses."""
+        return ThingState(id="", limit_s=30.0)
 
     @classmethod
     def parse(cls, url: str) -> Self:
@@ -162,22 +181,28 @@ class Webhook:
             raise ConfigError(f"webhooks need an extra: run {remedy('webhooks')}")
         return cls(url=url)
 
-    def describe(self, _values: Mapping[str, str]) -> str:
+    def describe(self) -> str:
         """Return its scheme and host: what follows them is often a secret."""
         return hide_secrets(urlsplit(self.url)._replace(path="/...", query="", fragment="").geturl())
 
-    async def react(self, values: Mapping[str, str]) -> str:
-        """Send it, up to three times, always with the same key. Return what went wrong, or `""`."""
+    async def carry_out(self, act: Act) -> None:
+        """Send it, up to three times, always with the same key. Raise ActFailedError if that fails."""
+        code, problem = await self._send(act)
+        if problem:
+            raise ActFailedError(code, f"{self.describe()} {problem}")
+
+    async def _send(self, act: Act) -> tuple[FailureCode, str]:
+        """Return kind and description of the failure, or `""`."""
         import httpcore  # noqa: PLC0415 - of an extra
         import httpx  # noqa: PLC0415 - an extra
 
-        from pointit.cli.things.http_status import open_pool, post  # noqa: PLC0415 - as above
+        from pointit.services.reactions.http_status import open_pool, post  # noqa: PLC0415 - as above
 
         try:
-            request = self._request(values)
+            request = self._request(act)
         except (httpx.InvalidURL, UnicodeError) as error:
-            return f"was not sent, as its address is not valid ({error}): correct it"
-        problem = ""
+            return "error", f"was not sent, as its address is not valid ({error}): correct it"
+        problem, code = "", cast("FailureCode", "no_answer")
         for pause_s in (0.0, *PAUSES_S):
             await asyncio.sleep(pause_s)
             try:
@@ -185,12 +210,12 @@ class Webhook:
                     try:
                         pool = await asyncio.to_thread(open_pool, request.url)
                     except (ValueError, ImportError, httpx.InvalidURL) as error:
-                        return (
+                        return "error", (
                             f"cannot be reached by the proxy that this environment names ({error}): correct "
                             "all_proxy, http_proxy and https_proxy, or name its host in no_proxy"
                         )
                     except OSError as error:
-                        return (
+                        return "error", (
                             f"was not sent, as the file of SSL_CERT_FILE cannot be used ({error}): correct it"
                         )
                     async with pool:
@@ -207,32 +232,34 @@ class Webhook:
                 problem = f"could not be reached ({_cause(error)})"
             else:
                 if SUCCESS <= status < REDIRECT:
-                    return ""
+                    return "", ""
+                code = "refused"
                 problem = f"answered {status} {one_line(reason, MAX_REASON)}".rstrip()
                 if status < SERVER_ERROR and status != TOO_MANY_REQUESTS:
-                    return problem
-        return f"{problem}, {1 + len(PAUSES_S)} times"
+                    return code, problem
+        return code, f"{problem}, {1 + len(PAUSES_S)} times"
 
-    def _request(self, values: Mapping[str, str]) -> "httpx.Request":
-        """Return the request with `values` of placeholders, always the same one for the same event.
+    def _request(self, act: Act) -> "httpx.Request":
+        """Return the request, always the same one for the same event.
 
         Raises:
             httpx.InvalidURL: If the values of placeholders make no host.
         """
         import httpx  # noqa: PLC0415 - an extra
 
+        values = values_of(act)
         url = httpx.URL(filled(self.url, {name: quote(value, safe="") for name, value in values.items()}))
-        confidence, stamp = values["confidence"], values["stamp_ns"]
+        confidence = values["confidence"]
         body = {
             **{name: values[name] for name in ("thing", "user", "state")},
             "confidence": float(confidence) if confidence else None,
-            "stamp_ns": int(stamp),
+            "stamp_ns": act.number,
         }
         headers = {
             "Accept-Encoding": "identity",
             "Connection": "close",
             "Content-Type": "application/json",
-            "Idempotency-Key": quote(f"{values['thing']}-{values['user']}-{stamp}"),
+            "Idempotency-Key": quote(f"{values['thing']}-{values['user']}-{act.number}"),
             "User-Agent": f"PointIt/{pointit_version()}",
         }
         request = httpx.Request("POST", url, headers=headers, content=json.dumps(body))
@@ -249,28 +276,7 @@ def _cause(error: Exception) -> str:
     return one_line(str(error), MAX_REASON) or type(error).__name__
 
 
-log = logging.getLogger(__name__)
-
-MAX_AT_ONCE = 8
-"""Maximum number of reactions at a time. Further ones are dropped."""
-MAX_FAILURES = 20
-"""Number of last failures in the summary. Earlier ones are only counted."""
 FILES = (".yaml", ".yml")
-
-
-class ReactionTarget(Protocol):
-    """Program or webhook."""
-
-    interruption: ClassVar[str]
-    """Problem if the end of the run interrupts it, or `""`."""
-
-    def describe(self, values: Mapping[str, str], /) -> str:
-        """Return a description for logs."""
-        ...
-
-    def react(self, values: Mapping[str, str], /) -> Coroutine[Any, Any, str]:
-        """Do it. Return what went wrong, or `""`. `values`: those of placeholders, and `stamp_ns`."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,7 +284,7 @@ class Reaction:
     """Thing, and the program or webhook for when somebody points at it."""
 
     thing: str
-    target: ReactionTarget
+    target: Program | Webhook
 
     @classmethod
     def parse(cls, text: str, room: Environment | None = None) -> Self:
@@ -329,100 +335,3 @@ def reactions_in(text: str, room: Environment | None = None) -> Iterator[Reactio
                 yield Reaction.parse(f"{thing}={line}", room)
             except ConfigError as error:
                 raise ConfigError(f"{text}: {error}") from error
-
-
-class Reactions:
-    """Watcher of a run that reacts, and ends all with the scenario."""
-
-    def __init__(self, reactions: Sequence[Reaction]) -> None:
-        """Do those of `reactions` whose thing is pointed at."""
-        self._reactions = reactions
-        self._room: Environment | None = None
-        self._running: dict[asyncio.Task[str], tuple[str, ReactionTarget]] = {}
-        """Reactions without a result, with their description."""
-        self._done = 0
-        self._failed = 0
-        self._dropped = 0
-        self._failures: deque[str] = deque(maxlen=MAX_FAILURES)
-
-    def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
-        """Subscribe on `bus`. Return the subscription, and a function that ends all reactions."""
-        del on_event
-        ending = contextlib.ExitStack()
-        ending.callback(self._end)
-        return ending, bus.subscribe(SELECTION_EVENTS, self._on_event)
-
-    def on_map(self, environment: Environment) -> None:
-        """Update the things, and report those that it lacks."""
-        self._room = environment
-        for reaction in self._reactions:
-            try:
-                reaction.check(environment)
-            except ConfigError as error:
-                self._report(str(error))
-
-    def on_service(self, instance: str, *, is_present: bool) -> None:
-        """Ignore services."""
-
-    def summary(self) -> Mapping[str, Any]:
-        """Return the number of reactions by result, and sentences on failures.
-
-        Those that were started are done, have failed, or still run; at the end of the run, none does.
-        """
-        counts = {"done": self._done, "failed": self._failed, "dropped": self._dropped}
-        started = self._done + self._failed + len(self._running)
-        return {"reactions": {"started": started, **counts, "failures": list(self._failures)}}
-
-    def _on_event(self, event: SelectionEvent, _name: str) -> None:
-        for reaction in self._reactions:
-            if is_reaction(event, [reaction.thing], self._room):
-                self._start(event, reaction.target)
-
-    def _start(self, event: SelectionEvent, target: ReactionTarget) -> None:
-        values = {
-            "thing": event.thing,
-            "user": event.user,
-            "confidence": "" if event.confidence is None else f"{event.confidence:.2f}",
-            "state": "on" if event.is_on else "off",
-            "stamp_ns": str(event.stamp_ns),
-        }
-        description = f"{event.thing}: {target.describe(values)}"
-        if len(self._running) >= MAX_AT_ONCE:
-            self._dropped += 1
-            self._report(f"{description} was not started, as {MAX_AT_ONCE} reactions still run")
-            return
-        task = asyncio.create_task(target.react(values), name=description)
-        self._running[task] = description, target
-        task.add_done_callback(self._settle)
-
-    def _settle(self, task: asyncio.Task[str]) -> None:
-        """Count the result of `task`, unless the end of the run has counted it."""
-        error = None if task.cancelled() else task.exception()
-        if task not in self._running:
-            return
-        description, target = self._running.pop(task)
-        if error is not None:
-            problem = f"stopped by an unexpected error ({type(error).__name__}: {error})"
-        else:
-            problem = target.interruption if task.cancelled() else task.result()
-        self._count(description, problem)
-
-    def _count(self, description: str, problem: str) -> None:
-        if problem:
-            self._failed += 1
-            self._report(f"{description} {problem}")
-        else:
-            self._done += 1
-
-    def _report(self, sentence: str) -> None:
-        log.warning("%s", sentence)
-        self._failures.append(hide_secrets(sentence))
-
-    def _end(self) -> None:
-        for task in list(self._running):
-            if task.done():
-                self._settle(task)
-            else:
-                task.cancel()
-                description, target = self._running.pop(task)
-                self._count(description, target.interruption)

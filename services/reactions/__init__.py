@@ -1,0 +1,1 @@
+"""Programs and webhooks that act when people point at things."""

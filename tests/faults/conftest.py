@@ -13,31 +13,24 @@ from tests.support.commands import Commands
 _ACCOUNT = pytest.StashKey[Account]()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Move the tests on the shared site behind all others: from its start on it takes half of two cores."""
-
-    def is_shared(item: pytest.Item) -> bool:
-        uses = {"site", "either_site"} & set(getattr(item, "fixturenames", ()))
-        return bool(uses) and item.path.parent == Path(__file__).parent
-
-    items.sort(key=is_shared)
-
-
 @pytest.fixture
 def account(pytestconfig: pytest.Config) -> Account:
     return pytestconfig.stash.setdefault(_ACCOUNT, Account())
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """Return the secured site of tests that leave it as they have found it; it begins when asked to."""
+    """Return the secured site of a module's tests, which leave it as they have found it.
+
+    It ends with them, since it takes half of two cores.
+    """
     with _running(tmp_path_factory.mktemp("shared")) as shared, shared.on_small_disk():
         yield shared
 
 
 @pytest.fixture(scope="module")
 def password_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """Return the same that goes by passwords; for one module, as two at a time are much for one machine."""
+    """Return the same that goes by passwords."""
     with _running(tmp_path_factory.mktemp("passwords"), password=True) as shared:
         yield shared
 

@@ -29,6 +29,8 @@ COMMENTS = ("#", "//", "%")
 Wanted = Mapping[str, str | int]
 """Names of columns of a file, or their numbers from 1, by our names."""
 
+_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(,[0-9]{3})+")
+"""Numbers with a comma that may part thousands or begin decimals."""
 _QUOTED = re.compile(r'"[^"]*"')
 
 
@@ -201,6 +203,7 @@ def _numbered_layout(
 
 def _check_first_rows(sample: Sequence[str], layout: TextLayout, anchors: Sequence[str]) -> None:
     is_first = True
+    with_commas: list[tuple[int, str]] = []
     for number, line in enumerate(sample[layout.skip :], start=layout.skip + 1):
         if not line.strip() or line.lstrip().startswith(COMMENTS):
             continue
@@ -212,6 +215,14 @@ def _check_first_rows(sample: Sequence[str], layout: TextLayout, anchors: Sequen
                 f"line {number}: {shown_cells(cells)} has no number for {names}; {layout.remedy}"
             )
         is_first = False
+        numbers = [cells[at] for at in layout.indices.values() if is_number(cells[at], layout.delimiter)]
+        with_commas += [(number, cell) for cell in numbers if "," in cell]
+    if with_commas and all(_THOUSANDS.fullmatch(cell) for _, cell in with_commas):
+        number, cell = with_commas[0]
+        raise ConfigError(
+            f"line {number}: {cell} may have decimals or thousands behind its comma, as all numbers with "
+            "one; write a decimal point"
+        )
 
 
 def column_indices(wanted: Wanted, names: Sequence[str]) -> dict[str, int] | None:

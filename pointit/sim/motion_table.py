@@ -276,7 +276,7 @@ class MotionTable:
         if units:
             example = ",".join(f"{name}={self.title(name)}/{next(iter(units))}" for name in names)
             fitting = join_names([f"{unit} ({away_m:.3g} m away)" for unit, away_m in units.items()])
-            remedies.append(f"columns to their unit, such as {example}, where {fitting} are plausible")
+            remedies.append(f"columns to their unit, such as {example}, plausible are {fitting}")
         if len(names) > 2:
             in_file = positions @ _matrix(inverse(UP_AXES[self._form.up]))
             axes = [
@@ -285,6 +285,16 @@ class MotionTable:
                 if not _find_implausible(body, in_file @ _matrix(turn), times_s)
             ]
             remedies += [f"up to the axis that points up, {join_names(axes)}"] * bool(axes)
+            both = [
+                f"{unit} with up {up}"
+                for unit, size in LENGTHS_M.items()
+                for up, turn in UP_AXES.items()
+                if body == "head"
+                and size != own
+                and up != self._form.up
+                and not _find_implausible(body, in_file @ _matrix(turn) * (size / own), times_s)
+            ]
+            remedies += [f"both, plausible are {join_names(both)}"] * bool(both)
         return remedies or [f"columns to those of the {body}"]
 
     def _rows_text(self, is_row: Mask) -> str:

@@ -193,7 +193,7 @@ def test_a_last_row_that_is_cut_off_is_refused(tmp_path: Path) -> None:
         (
             [5, 6, 7],
             1e3,
-            r"is 2549.51 m away, limit 100 m; .* robot_x=robot_x/cm,.* where cm \(26.7 m away\), mm",
+            r"is 2549.51 m away, limit 100 m; .* robot_x=robot_x/cm,.* plausible are cm \(26.7 m away\), mm",
         ),
         (
             [8, 9, 10],
@@ -203,7 +203,7 @@ def test_a_last_row_that_is_cut_off_is_refused(tmp_path: Path) -> None:
         (
             [8, 9, 10],
             1 / 0.3048,
-            r"the head is 5.61024 m above .*, plausible are 0.5 to 3 m; .*, ft \(.* plausible, or up to",
+            r"the head is 5.61024 m above .*, plausible are 0.5 to 3 m; .*, ft \(.* away\), .*, or up to",
         ),
         ([5, 6, 7], 1 / 0.0254, "the robot is 100.374 m away, limit 100 m"),
     ],
@@ -237,6 +237,29 @@ def test_a_robot_near_the_origin_in_centimetres_is_too_fast(tmp_path: Path) -> N
         ConfigError, match=r"the robot moves at 40 m/s, limit 30 m/s; set columns to their unit, .*cm"
     ):
         read(tmp_path, text_of((*ARM, *BODIES[:3]), rows))
+
+
+def test_a_head_in_millimetres_with_y_up_is_refused_with_both(tmp_path: Path) -> None:
+    """Columns are those of OptiTrack's Motive."""
+    rows: list[Row] = [[*row[:5], 1000 * float(row[8]), 1000 * float(row[10]), 300.0] for row in motion()]
+    with pytest.raises(ConfigError, match=r"the head is .* m away, .* or both, plausible are .*mm with up y"):
+        read(tmp_path, text_of((*ARM, *BODIES[3:]), rows))
+
+
+@pytest.mark.parametrize(("cell", "is_read"), [("2,000", False), ("2,0005", True), ("0,200", True)])
+def test_a_comma_of_thousands_is_not_taken_for_a_decimal_comma(
+    tmp_path: Path, cell: str, *, is_read: bool
+) -> None:
+    rows: list[Row] = [[*row[:5], "999", cell, "500"] for row in motion()]
+    text = text_of((*ARM, *BODIES[:3]), rows, "\t")
+    columns = ",".join(f"{name}=mm" for name in BODIES[:3])
+    if is_read:
+        robot_m = read(tmp_path, text, columns=columns).robot_m
+        assert robot_m is not None
+        assert robot_m[0][1] == pytest.approx(float(cell.replace(",", ".")) / 1000)
+        return
+    with pytest.raises(ConfigError, match=r"line 2: 2,000 may have decimals or thousands behind its comma"):
+        read(tmp_path, text, columns=columns)
 
 
 def test_a_robot_of_a_file_with_another_axis_up_is_below_the_floor(tmp_path: Path) -> None:

@@ -150,20 +150,6 @@ def test_tables_with_tabs_are_imported_whatever_their_suffix(motion: Path, tmp_p
     assert invoke("import", str(path), "--to", str(tmp_path / "session.mcap")).endswith(": 277 entries\n")
 
 
-def test_a_file_in_milliseconds_is_refused_until_its_unit_is_declared(motion: Path, tmp_path: Path) -> None:
-    with motion.open(newline="") as file:
-        header, *rows = list(csv.reader(file))
-    path, to = motion.with_name("ms.csv"), str(tmp_path / "ms.mcap")
-    lines = [",".join([f"{float(row[0]) * 1000:.3f}", *row[1:]]) for row in rows]
-    path.write_text("\n".join([",".join(header), *lines]))
-    with pytest.raises(ConfigError, match=r"samples are 33.333 s apart, .*; set columns to its unit: t=t/ms"):
-        invoke("import", str(path), "--to", to)
-    assert not Path(to).exists()
-    invoke("import", str(path), "--to", to, "--columns", "t=t/ms")
-    with Recording.open(Path(to)) as recording:
-        assert recording.ended_ns - recording.began_ns == 3 * NS_PER_S
-
-
 def test_mistakes_are_told_and_nothing_is_written(motion: Path, tmp_path: Path) -> None:
     path = tmp_path / "session.mcap"
     with pytest.raises(ConfigError, match="there is no such mounting; there are plus_x, minus_x"):

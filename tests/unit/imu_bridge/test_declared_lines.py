@@ -17,13 +17,6 @@ from pointit.services.imu_bridge.streams import FORGET_AFTER, MAX_SENSORS, Senso
 
 XYZW = (0.64, 0.0, -0.48, 0.6)
 FORM = re.compile(r'imu-bridge\.(serial|udp)\.line=("(?:[^"\\]|\\.)*")')
-READ = [
-    "quat\t0.60\t0.64\t0.00\t-0.48\t",  # i2cdevlib, MPU6050_DMP6, OUTPUT_READABLE_QUATERNION
-    "qW: 0.6000 qX: 0.6400 qY: 0.0000 qZ: -0.4800\t\t",  # Adafruit BNO055, rawdata
-    "Quaternion: 0.6000, 0.6400, 0.0000, -0.4800",  # Adafruit AHRS, calibrated_orientation
-    "Quaternion: w: 0.60 x: 0.64 y: 0.00 z: -0.48",
-    '{"quat_w":0.6000, "quat_x":0.6400, "quat_y":0.0000, "quat_z":-0.4800}',  # SparkFun ICM-20948
-]
 DESCRIBED = [  # a line, and the places of w, x, y and z among its numbers
     ("X: 12.0000\tY: 3.1000\tZ: -7.4000\t\tqW: 0.6000 qX: 0.6400 qY: 0.0000 qZ: -0.4800\t\t", (3, 4, 5, 6)),
     ("Game Rotation Vector - r: 0.60 i: 0.64 j: 0.00 k: -0.48", (0, 1, 2, 3)),  # Adafruit BNO08x
@@ -75,13 +68,6 @@ def filled_form(sentence: str, places: Sequence[int]) -> str:
     names = {place % (len(texts) - 1): axis for place, axis in zip(places, "wxyz", strict=True)}
     parts = [f"{{{names.get(index, '_')}}}" for index in range(len(texts) - 1)]
     return "".join(text + part for text, part in zip(texts, [*parts, ""], strict=True))
-
-
-@pytest.mark.parametrize("line", READ)
-def test_documented_lines_of_public_sketches_are_read_without_a_parameter(line: str) -> None:
-    parsed = LineParser().parse(line.encode())
-    assert isinstance(parsed, QuaternionLine)
-    assert parsed.orientation_xyzw == pytest.approx(XYZW)
 
 
 @pytest.mark.parametrize(("line", "places"), DESCRIBED)

@@ -46,7 +46,6 @@ FORMATS = {
     "text_extra.ply": ply("ascii", EXTRA)
     + "\n".join(f"255 {x} 0.5 {z} {y}" for x, y, z in POINTS).encode()
     + b"\n",
-    "text_crlf.ply": (ply("ascii", XYZ) + TEXT.encode()).replace(b"\n", b"\r\n"),
     "text_faces.ply": ply("ascii", XYZ).replace(
         b"end_header", b"element face 1\nproperty list uchar int vertex_index\nend_header"
     )
@@ -69,11 +68,6 @@ FORMATS = {
     + b"\3aaaabbbbcccc",
     "plain.xyz": f"x y z\n{TEXT}".encode(),
     "remarks.XYZ": ("# scanned\n\nx y z\n" + TEXT.replace("\n", "  # a point\n")).encode(),
-    "columns.txt": ("X Y Z R G B\n" + TEXT.replace("\n", " 255 0 0\n")).encode(),
-    "cloudcompare.asc": ("//X Y Z R\n" + TEXT.replace("\n", " 255\n")).encode(),
-    "table.csv": ("x,y,z,label\n" + TEXT.replace(" ", ",").replace("\n", ",wall\n")).encode(),
-    "numbered.csv": ("id;X;Y;Z\n" + "\n".join(f"7;{x};{y};{z}" for x, y, z in POINTS)).encode(),
-    "excel.csv": b"\xef\xbb\xbf" + ("x,y,z\n" + TEXT.replace(" ", ",")).replace("\n", "\r\n").encode(),
     "one_line_end_missing.xyz": f"# x y z\n{TEXT.rstrip()}".encode(),
 }
 

@@ -31,11 +31,6 @@ def test_columns_in_any_order_with_time_from_zero(tmp_path: Path) -> None:
     assert recording.head_m is None
 
 
-def test_rounded_quaternions_are_made_unit(tmp_path: Path) -> None:
-    recording = read_imu_csv(write(tmp_path, HEADER + "\n0,1.005,0,0,0\n"))
-    assert np.allclose(np.linalg.norm(recording.orientation_xyzw, axis=1), 1.0, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("text", "parts"),
     [

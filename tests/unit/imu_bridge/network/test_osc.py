@@ -15,11 +15,10 @@ from pydantic import ValidationError
 from pythonosc.osc_bundle_builder import OscBundleBuilder
 from pythonosc.osc_message_builder import build_msg
 
-from pointit.geometry.rotation import IDENTITY
 from pointit.schemas import NS_PER_S
-from pointit.services.imu_bridge.network.datagram_source import DatagramError, orientation
+from pointit.services.imu_bridge.network.datagram_source import DatagramError
 from pointit.services.imu_bridge.network.osc import MAX_MESSAGES, OscConfig, OscDecoder, OscMessage, parse
-from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading, fault
+from pointit.services.imu_bridge.sources import Battery, Item, Press, RawReading, Reading
 from pointit.services.imu_bridge.streams import MIN_READINGS
 
 WXYZ, XYZW = [0.5, -0.5, 0.5, -0.5], (-0.5, 0.5, -0.5, 0.5)
@@ -135,16 +134,6 @@ def test_battery_when_it_changes_and_button_when_it_is_pressed() -> None:
     assert items(decoder, "/button") == [Press(NOW)]
     assert items(decoder, "/gyrosc/button", 1.0, 1.0) == [Press(NOW)]
     assert items(decoder, "/gyrosc/button", 1.0, 0.0) == []
-
-
-@pytest.mark.parametrize(("norm", "is_taken"), [(0.94, False), (0.951, True), (1.049, True), (1.06, False)])
-def test_norms_within_5_percent_of_1_are_normalized(norm: float, *, is_taken: bool) -> None:
-    if is_taken:
-        assert orientation((norm, 0.0, 0.0, 0.0), "wxyz") == IDENTITY
-    else:
-        with pytest.raises(DatagramError, match=f"a quaternion of norm {norm}, not 1"):
-            orientation((norm, 0.0, 0.0, 0.0), "wxyz")
-    assert bool(fault(Reading(0, (0.0, 0.0, 0.0, norm)))) is not is_taken
 
 
 def test_messages_that_are_too_short_or_not_numbers_are_refused() -> None:

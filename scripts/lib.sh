@@ -87,6 +87,9 @@ find_pip() {
     fi
 }
 
+# pip's configuration may say `user = true`, which is refused in a .venv (Manjaro ships it)
+export PIP_USER=0
+
 # by_pip SENTENCE WHAT...
 by_pip() { quietly "$1" "${PIP[@]}" install --quiet --disable-pip-version-check "${@:2}"; }
 

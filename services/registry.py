@@ -165,7 +165,7 @@ PROCESSES: list[Process] = [
         about="a simulated person who sees lights, reaches for targets and holds",
         reads=(
             topics.MAP, topics.OBJECTS, topics.ROBOT_STATE, topics.STRIPS_FRAME, topics.LAMP_COLOR,
-            topics.FEEDBACK, topics.PROFILE, topics.WRIST,
+            topics.FEEDBACK, topics.PROFILE, topics.WRIST, topics.ANNOUNCED,
         ),
         writes=(topics.IMU, topics.BUTTON),
     ),

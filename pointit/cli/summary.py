@@ -194,7 +194,9 @@ def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ())
     if missing := summary.get("not_found"):
         were = "was" if len(missing) == 1 else "were"
         lines.append(f"{', '.join(missing)} {were} not found in that time; --duration gives more.")
-    lines.append(f"Wrist to light: {shown}; {summary['cursors']} cursors, {summary['frames']} frames.")
+    lines.append(
+        f"Wrist to light: {shown}; {summary['cursors']} cursors on surfaces, {summary['frames']} frames."
+    )
     for port, rate_hz in summary.get("light_hz", {}).items():
         lines.append(f"{port} carries {rate_hz:.1f} frames a second.")
     return lines

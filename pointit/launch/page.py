@@ -19,7 +19,7 @@ from pointit.bridges.web.server.link_file import keep_link, without_token
 from pointit.launch.plan.launches import PAGE, Settings, layers_of, service_of
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.host.extras import has_extra, remedy
-from pointit.runtime.host.name_lookup import own_address, resolve
+from pointit.runtime.host.name_lookup import lan_addresses, resolve
 from pointit.runtime.host.state_file import site_folder, write_atomically
 from pointit.runtime.service.service import AnyService, Launch
 from pointit.services import registry
@@ -197,8 +197,10 @@ def page_of(
     here = f"http://{_shown(config.host)}:{config.published_port or ports['port']}/?token="
     there = ""
     if config.lan:
-        address = config.lan_address or own_address("127.0.0.1")
-        there = f"https://{_shown(address)}:{ports['lan_port']}/?token="
+        address = config.lan_address or next(iter(lan_addresses()), "")
+        there = (
+            f"https://{_shown(address)}:{ports['lan_port']}/?token=" if address else ""
+        )  # which the page says
     return Page(
         config=config.model_copy(update=ports),
         url=here + config.operator_token,

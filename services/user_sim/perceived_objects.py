@@ -9,6 +9,7 @@ from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.schemas import (
     NS_PER_S,
+    Announced,
     BeltLink,
     Environment,
     Feedback,
@@ -95,6 +96,10 @@ def _seems(appearance: ObservedAppearance, before: Status) -> Status:
 
 MAX_LIST_AGE_S = 1.0
 """Maximum age, or lead, of a tracker's list of which the objects are visible, s."""
+UNDERSTOOD_S = 0.7
+"""Time from the beginning of a name until it is understood, s."""
+MAX_NAME_AGE_S = 2.0
+"""Age of a name up to which it says where the ray is, or can be confirmed, s."""
 MAX_DELAYED = 4096
 """Limit of delayed messages, which bounds memory."""
 END_M = 0.001
@@ -156,6 +161,9 @@ class Sight:
         self.profile_ns: int | None = None
         """Time of the first profile, ns. The system is present from then on."""
 
+        self.announced: Announced | None = None
+        """Newest name that was spoken, empty once they point elsewhere. None: names are not spoken."""
+
     def show(self, now_ns: int, message: Message, name: str = "") -> None:
         """Show `message`, which is perceived after the delay."""
         if len(self._delayed) < MAX_DELAYED:
@@ -186,6 +194,14 @@ class Sight:
             if thing is not None and -fresh_ns <= now_ns - stamp <= self.delay_ns + fresh_ns:
                 return SeenObject(thing, stamp)
         return None
+
+    def named(self, now_ns: int) -> SeenObject | None:
+        """Return the visible object whose name has just been spoken and understood, or None."""
+        announced = self.announced
+        if announced is None:
+            return None
+        is_new = UNDERSTOOD_S <= (now_ns - announced.began_ns) / NS_PER_S <= MAX_NAME_AGE_S
+        return self.find(announced.object_id, now_ns) if is_new else None
 
     def robots(self, now_ns: int) -> dict[str, RobotState]:
         """Return the robots in the room by name. Only what is visible of one counts: kind, place, speed."""
@@ -304,6 +320,8 @@ class Sight:
                 self.cues.append(message)
             case LampColor():
                 self._colors[name] = message
+            case Announced():
+                self.announced = message
             case UserProfile():
                 if self.profile_ns is None:
                     self.profile_ns = due_ns

@@ -55,7 +55,8 @@ class Perception:
         if self.perceived.state == "pointing" and goal.robot:
             self._watch(now_ns, goal)
         elif self.perceived.state == "pointing":
-            if (not goal.on_line and not goal.lit) or self.things.status(goal.object_id) == "mine":
+            is_dark = not goal.on_line and not goal.lit
+            if is_dark or self._sight.announced is not None or self.things.status(goal.object_id) == "mine":
                 self._correction.wait(now_ns)  # no light would show that a search succeeds, or it has
             self._look(now_ns, goal)
 
@@ -80,7 +81,9 @@ class Perception:
             return
         objects = self._sight.objects(now_ns)
         answering = self._answering(goal, objects) if goal.closed_loop else None
-        if answering is not None:  # the light may be far from the thing, so that it is no cursor
+        if goal.closed_loop and self._sight.announced is not None and (named := self._sight.named(now_ns)):
+            self._see_answer(named, self._sight.announced.began_ns, goal)
+        elif answering is not None:  # the light may be far from the thing, so that it is no cursor
             self.cursor, self._answering_id, self._cursor_ns = None, answering.thing.id, now_ns
             self._see_answer(answering, now_ns - self._sight.delay_ns, goal)
         elif is_new and frame_ns is not None and goal.closed_loop:

@@ -9,7 +9,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S
 from pointit.services.user_sim.config import UserSimConfig
 from pointit.services.user_sim.goal import REST, PersonGoal, on_object
-from pointit.services.user_sim.perceived_objects import PerceivedObjects, SeenObject, Sight
+from pointit.services.user_sim.perceived_objects import PerceivedObjects, SeenObject, Sight, Status
 
 UNSKILLED_SHARE = 0.3
 """Share by which times shrink from skill 0 to 1."""
@@ -55,6 +55,8 @@ LEAVE_S = (1.0, 1.5)
 """Range of times after turning to a thing at which a person leaves who considers it selected too early, s."""
 CONFIRM_S = 2.0
 """Time after turning to a thing that wants a press until the person presses, s."""
+SWITCH_S = 15.0
+"""Time after switching a thing on or off until the person switches it back, s."""
 
 
 class Selecting:
@@ -90,7 +92,9 @@ class Selecting:
         self._is_instructed = False
         self._presses = 0
         self._confirmed_ns = 0
-        """Time of turning to the object that was confirmed last, ns."""
+        """Time of turning to the object that was confirmed last, or of its name, ns."""
+        self._before: Status = "free"
+        """Status of the current object when the person turned to it."""
 
     def goal(self, now_ns: int, sight: Sight) -> PersonGoal:
         """Return the object on which to hold the cursor, or rest."""
@@ -122,6 +126,9 @@ class Selecting:
             self._fired_ns[self._current] = now_ns
             self._things.believe(self._current, "free", now_ns)  # anybody may fire it again
             self._end()
+        elif seen is not None and self._is_switched(seen):
+            self._fired_ns[self._current] = now_ns
+            self._end()
         elif seen is None or not self._is_task(seen) or self._is_decided(seen, now_ns):
             self._end()
         elif self._leave_ns is not None and now_ns >= self._leave_ns:
@@ -130,9 +137,17 @@ class Selecting:
         elif not 0 <= now_ns - self._since_ns <= self._give_up_ns:
             self._pause_until_ns[self._current] = now_ns + self._retry_ns
             self._end()
-        elif seen.thing.press and self._confirmed_ns != self._since_ns <= now_ns - CONFIRM_S * NS_PER_S:
-            self._confirmed_ns = self._since_ns
+        elif (asked_ns := self._asked_ns(seen, now_ns, sight)) not in (0, self._confirmed_ns):
+            self._confirmed_ns = asked_ns
             self._presses += 1
+
+    def _asked_ns(self, seen: SeenObject, now_ns: int, sight: Sight) -> int:
+        """Return the time at which the current object asked for a press, by its name or itself, or 0."""
+        if sight.announced is None:
+            is_due = seen.thing.press and self._since_ns <= now_ns - CONFIRM_S * NS_PER_S
+            return self._since_ns if is_due else 0
+        named = sight.named(now_ns)
+        return sight.announced.began_ns if named is not None and named.thing.id == seen.thing.id else 0
 
     def _end(self) -> None:
         self._current = self._mistaken = ""
@@ -146,6 +161,7 @@ class Selecting:
             seen = sight.find(self._next, now_ns)
             if seen is not None and self._is_task(seen) and not self._is_decided(seen, now_ns):
                 self._current, self._since_ns = self._next, now_ns
+                self._before = self._things.status(self._current)
                 self._goal = on_object(seen, sight, closed_loop=True)
                 if self._pace.lapses():
                     self._leave_ns = now_ns + round(self._pace.between(*LEAVE_S) * NS_PER_S)
@@ -169,7 +185,16 @@ class Selecting:
         if thing.mode == "button":  # nobody has it
             return self._is_target(seen)
         status = self._things.status(thing.id)
+        if self._is_switch(seen):
+            return status in ("free", "mine")
         return status == "free" if self._is_target(seen) else status == "mine"
+
+    def _is_switch(self, seen: SeenObject) -> bool:
+        """Return True if the person switches it on and off again: nobody asked for one state of it."""
+        return seen.thing.mode == "switch" and self._is_target(seen)
+
+    def _is_switched(self, seen: SeenObject) -> bool:
+        return self._is_switch(seen) and self._things.status(seen.thing.id) != self._before
 
     @staticmethod
     def _is_decided(seen: SeenObject, now_ns: int) -> bool:
@@ -182,6 +207,9 @@ class Selecting:
     def _is_worth(self, seen: SeenObject, now_ns: int, sight: Sight) -> bool:
         """Return True if an object needs a change of selection now, and there is time for it."""
         if not self._is_task(seen) or not sight.has_come(seen, now_ns):
+            return False
+        switched_ns = self._fired_ns.get(seen.thing.id) if self._is_switch(seen) else None
+        if switched_ns is not None and 0 <= now_ns - switched_ns < SWITCH_S * NS_PER_S:
             return False
         until_ns = self._pause_until_ns.get(seen.thing.id, 0)
         is_paused = 0 < until_ns - now_ns <= self._retry_ns

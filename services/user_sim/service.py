@@ -20,7 +20,7 @@ IN_THE_ROOM: tuple[topics.Topic[Any], ...] = (
     topics.LAMP_COLOR,
 )
 """Topics that all people in the room perceive."""
-OWN: tuple[topics.Topic[Any], ...] = (topics.FEEDBACK, topics.PROFILE)
+OWN: tuple[topics.Topic[Any], ...] = (topics.FEEDBACK, topics.PROFILE, topics.ANNOUNCED)
 """Topics that only this person perceives, and their own profile."""
 
 

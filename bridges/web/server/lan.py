@@ -14,7 +14,7 @@ from pointit.bridges.web.config import WebConfig
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.runtime.address_config import parse_address
 from pointit.runtime.errors import ConfigError, ListenError, RefusedError
-from pointit.runtime.host.name_lookup import found_addresses
+from pointit.runtime.host.name_lookup import lan_addresses
 from pointit.runtime.host.state_file import site_folder
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Lan:
         site: str,
         app: ASGIApp,
         *,
-        addresses: Callable[[], list[str]] = found_addresses,
+        addresses: Callable[[], list[str]] = lan_addresses,
     ) -> None:
         self._config = config
         self._folder = site_folder(site, "web")

@@ -4,6 +4,7 @@ import asyncio
 import codecs
 import logging
 import os
+import unicodedata
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from itertools import islice
@@ -294,6 +295,11 @@ async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
     return sorted(entities, key=lambda each: (each.area == "", each.area.casefold(), each.entity))
 
 
+def _folded(area: str) -> str:
+    """Return a name as it is compared: letters with accents come composed or, from macOS, decomposed."""
+    return unicodedata.normalize("NFC", area).casefold()
+
+
 def chosen_entities(
     entities: Sequence[HomeEntity], patterns: Sequence[str], areas: Sequence[str]
 ) -> list[HomeEntity]:
@@ -311,7 +317,7 @@ def chosen_entities(
             )
         chosen |= fitting
     for area in areas:
-        fitting = {each.entity: each for each in entities if each.area.casefold() == area.casefold()}
+        fitting = {each.entity: each for each in entities if _folded(each.area) == _folded(area)}
         if not fitting:
             known = {each.area for each in entities if each.area}
             raise ConfigError(f"--area {area}: has no entities; {nearest(area, known)}")

@@ -18,9 +18,10 @@ from pointit.cli.common.remembered_options import maps
 from pointit.cli.maps.point import Point, person_option, point
 from pointit.maps.checks.check import contents, examined
 from pointit.maps.checks.finding import MapFinding
-from pointit.maps.checks.things import separability
+from pointit.maps.checks.things import check_labels, separability
 from pointit.maps.edit import write_new
 from pointit.maps.file import map_path, parse_map_file, read_map_file, read_whole_map
+from pointit.maps.model import things_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 
@@ -50,10 +51,17 @@ def _points(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]
     callback=_points,
     help="position from which people point at things, m: names those that are hard to tell apart; repeatable",
 )
+@click.option("--spoken", is_flag=True, help="names are spoken: also labels that sound alike or take long")
 @click.option("--strict", is_flag=True, help="exit with code 1 also for warnings")
 @json_option
 def check(
-    *, name_or_path: str, person_m: Point | None, poses_m: Sequence[Point], strict: bool, as_json: bool
+    *,
+    name_or_path: str,
+    person_m: Point | None,
+    poses_m: Sequence[Point],
+    spoken: bool,
+    strict: bool,
+    as_json: bool,
 ) -> None:
     """Show errors and warnings of MAP, a shipped one or the path of a file, with remedies.
 
@@ -66,6 +74,8 @@ def check(
     """
     with map_path(name_or_path) as path, notify_if_slow(f"reading {name_or_path} …"):
         has, findings = examined(str(path), path, lambda: read_map_file(path), person_m, poses_m)
+        if has and spoken:
+            findings = [*findings, *check_labels(things_of(read_map_file(path)))]
         if has and OLD_LAMPS.search(path.read_bytes()):
             click.echo(f"note: {name_or_path}: `leds` is now `lamps`; both are read", err=True)
     if as_json:

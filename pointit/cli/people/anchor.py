@@ -199,7 +199,7 @@ def missing_reason(topic: AnyTopic, user: str, present: Collection[str]) -> str:
     if user in there:
         return silence_reason(topic, user, present)
     who = f"there {'is' if len(there) == 1 else 'are'} {', '.join(there)}" if there else "there are no people"
-    return f"no {user} is on this site, {who}; {add_or_similar(user, there)}"
+    return f"{user} is not on this site, {who}; {add_or_similar(user, there)}"
 
 
 def localizing(user: str, localization: Localization | None) -> str:

@@ -5,7 +5,7 @@ import contextlib
 import dataclasses
 import logging
 import time
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -217,15 +217,29 @@ def _say(sentence: str) -> None:
         say(sentence, err=True)
 
 
+def new_warnings(health: Mapping[str, Health], shown: set[tuple[str, ...]]) -> list[str]:
+    """Return the warnings of services that are not in `shown`, in full, and add them there."""
+    sentences: list[str] = []
+    for instance, report in list(health.items()):
+        for problem in report.all_problems:
+            if problem.severity == "warning" and (identity := (instance, *problem.identity)) not in shown:
+                shown.add(identity)
+                sentences.append(f"{instance}: {problem.sentence}")
+    return sentences
+
+
 @contextlib.asynccontextmanager
 async def _printing(scenario: RunningScenario, *, is_drawn: bool) -> AsyncGenerator[None]:
     """Publish the site's clock and, without a view, log metrics every `FIGURES_S`."""
 
     async def tell_figures() -> None:
+        shown = set[tuple[str, ...]]()
         while True:
             await asyncio.sleep(FIGURES_S)
-            if shown := figures(scenario.monitor).plain:
-                log.info("%s", shown)
+            for sentence in new_warnings(scenario.monitor.health, shown):
+                log.warning("%s", sentence)
+            if line := figures(scenario.monitor).plain:
+                log.info("%s", line)
 
     tasks: list[asyncio.Task[None]] = []
     if isinstance(scenario.clock, WallClock | SimulatedClock):  # services that join use this clock

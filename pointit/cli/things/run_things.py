@@ -16,6 +16,7 @@ from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, listed,
 from pointit.launch.plan.launches import Choices, site_launches
 from pointit.launch.plan.plan import MakeWatcher, OnEvent, Scenario
 from pointit.launch.plan.scenario_catalog import room_of
+from pointit.maps.checks.things import check_labels
 from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.options import given_credentials
@@ -144,7 +145,11 @@ def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any])
     voice = HOME if players else SPEAKER if speaker else ""
     languages = (f"{voice}.language={language}",) if voice and language else ()
     presses = SUPERVISOR if "supervisor" in scenario.user else ()
+    room = room_of(site_launches(scenario, choices))
+    alike = [each.text for each in check_labels(() if room is None else room.things)]
+    more = f" (and {len(alike) - 1} more: pointit map check MAP --spoken)" if alike[1:] else ""
     return Added(
+        notes=[alike[0] + more] if alike else [],
         site_services=speaker,
         settings=(*SELECTOR, *players, *languages, *presses),
         watchers=[lambda _launches: NameWatcher()],

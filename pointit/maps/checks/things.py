@@ -36,14 +36,24 @@ LETTERS = str.maketrans(
 NAMED = 10
 """Number of slow labels that are named."""
 DIGITS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+TEENS = (
+    *("ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen"),
+    *("sixteen", "seventeen", "eighteen", "nineteen"),
+)
+TENS = ("", "", "twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eighty", "ninety")
+ALIKE = {word: DIGITS[index] for words in (TEENS, TENS) for index, word in enumerate(words) if index and word}
+"""Numbers that are taken for one below ten: `fifteen` and `fifty` for `five`, `eleven` for `one`."""
+BEGIN = re.compile(r"(?:[^aeiouy]*[aeiouy]+){3}")
+"""Begin of a label that takes `MAX_SPOKEN_S`: all that is heard before the next name."""
 
 
 def check_labels(things: Sequence[Thing]) -> Iterator[MapFinding]:
-    """Yield labels that sound alike, and one finding for those that take long to speak.
+    """Yield labels that sound or begin alike, and one finding for those that take long to speak.
 
     Equal labels are left out, since `check_things` reports them; so are ids that are too long.
     """
     sounds: dict[str, tuple[str, str]] = {}
+    begins: dict[str, tuple[str, str]] = {}
     slow: list[str] = []
     for thing in things:
         label = thing.label or thing.id
@@ -51,24 +61,37 @@ def check_labels(things: Sequence[Thing]) -> Iterator[MapFinding]:
         duration_s = SYLLABLE_S * sum(map(syllable_count, words))
         if thing.label and duration_s > MAX_SPOKEN_S + 1e-9:
             slow.append(f"{label!r} ({duration_s:.1f} s)")
-        sound = " ".join(map(sound_of, words))
+        sound = " ".join(sound_of(ALIKE.get(word, word)) for word in words)
+        begin = BEGIN.match(" ".join(words)) if thing.label else None
+        first, same = (thing.id, label) if begin is None else begins.setdefault(begin[0], (thing.id, label))
         duplicate, other = sounds.setdefault(sound, (thing.id, label)) if sound else (thing.id, label)
         if duplicate != thing.id and other != label:
             text = f"{label!r} sounds like {other!r} of {duplicate}; change one label"
+            yield warning(f"things.{thing.id}", text)
+        elif first != thing.id and same != label:
+            text = f"{label!r} begins for {MAX_SPOKEN_S:g} s as {same!r} of {first}; say first what differs"
             yield warning(f"things.{thing.id}", text)
     if slow:
         more = f" and {len(slow) - NAMED} more" if len(slow) > NAMED else ""
         listed = f"{', '.join(slow[:NAMED])}{more}"
         limit = f"labels take longer than {MAX_SPOKEN_S:g} s to speak: {listed}"
-        yield warning("things", f"{limit}; give shorter ones if names are spoken")
+        yield warning("things", f"{limit}; give shorter ones")
 
 
 def spoken_words(label: str) -> list[str]:
-    """Return the words of a label in small Latin letters without accents. Digits are words."""
+    """Return the words of a label in small Latin letters without accents, numbers in English."""
     plain = unicodedata.normalize("NFKD", label).casefold()
-    spelled = re.sub(r"[0-9]", lambda digit: f" {DIGITS[int(digit.group())]} ", plain)
+    spelled = re.sub(r"[0-9]+", lambda digits: f" {_spelled(digits[0])} ", plain)
     letters = "".join(each for each in spelled if not unicodedata.combining(each))
     return re.findall(r"[^\W_]+", letters)
+
+
+def _spelled(digits: str) -> str:
+    """Return the words of a number below 100; of others, as of `007`, those of its digits."""
+    if len(digits) != 2 or digits[0] == "0":
+        return " ".join(DIGITS[int(digit)] for digit in digits)
+    tens, ones = map(int, digits)
+    return TEENS[ones] if tens == 1 else f"{TENS[tens]} {DIGITS[ones] if ones else ''}"
 
 
 def syllable_count(word: str) -> int:
@@ -115,7 +138,6 @@ def check_things(
     for thing in everything:
         if (twin := names.setdefault(thing.label or thing.id, thing.id)) != thing.id:
             yield warning(f"things.{thing.id}", f"is called as {twin} is; change one label")
-    yield from check_labels(everything)
     yield from _check_lights(everything)
     yield from _check_places(things, file, clouds)
     solids = [BoxSolid(thing.center_m, thing.size_m, thing.yaw_rad) for thing in things]

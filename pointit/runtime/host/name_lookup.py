@@ -16,19 +16,28 @@ _TOWARDS = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", 
 """Destinations of route look-ups, the default route first: 192.0.2.1 is of no machine (RFC 5737)."""
 
 
-def found_addresses() -> list[str]:
-    """Return this machine's IPv4 addresses in networks it has routes to, that of the default route first.
+_TOWARDS_IPV6 = ("2001:db8::1", "fd00::1")
+"""The same for IPv6: 2001:db8::1 is of no machine (RFC 3849)."""
+
+
+def lan_addresses() -> list[str]:
+    """Return this machine's IPv4 addresses as `found_addresses`; those of IPv6 where it has no others."""
+    return found_addresses() or found_addresses(socket.AF_INET6)
+
+
+def found_addresses(family: socket.AddressFamily = socket.AF_INET) -> list[str]:
+    """Return this machine's addresses in networks it has routes to, that of the default route first.
 
     A UDP socket is connected, which sends nothing: it only makes the system choose an interface.
     """
     found: list[str] = []
-    for towards in _TOWARDS:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
+    for towards in _TOWARDS if family == socket.AF_INET else _TOWARDS_IPV6:
+        try:
+            with socket.socket(family, socket.SOCK_DGRAM) as probe:
                 probe.connect((towards, 9))
-            except OSError:
-                continue
-            address: str = probe.getsockname()[0]
+                address: str = probe.getsockname()[0]
+        except OSError:
+            continue
         if address not in found and is_reachable(address):
             found.append(address)
     return found
@@ -42,7 +51,8 @@ def own_address(otherwise: str) -> str:
 def is_reachable(address: str) -> bool:
     """Return True if other machines could reach `address`."""
     parsed = ipaddress.ip_address(address)
-    return not (parsed.is_loopback or parsed.is_unspecified or parsed.is_multicast)
+    is_scoped = parsed.version == 6 and parsed.is_link_local  # it needs the name of an interface
+    return not (parsed.is_loopback or parsed.is_unspecified or parsed.is_multicast or is_scoped)
 
 
 Resolved = tuple[socket.AddressFamily, tuple[str, int] | tuple[str, int, int, int] | tuple[int, bytes]]
@@ -111,7 +121,7 @@ class NetworkService(NamedTuple):
     name: str
     """Name of the instance, such as `wled-desk`."""
     address: str
-    """IPv4 address."""
+    """IPv4 address, or that of IPv6 where this machine has no other."""
     port: int
     host: str
     """Name of the machine, such as `wled-desk.local`, or `""`."""
@@ -139,15 +149,16 @@ async def browse(kind: str, seconds: float) -> list[NetworkService]:
             names.add(name)
 
     services: list[NetworkService] = []
+    version = IPVersion.V4Only if found_addresses() else IPVersion.V6Only
     with contextlib.suppress(OSError):  # a machine without a network finds nothing
-        async with AsyncZeroconf(ip_version=IPVersion.V4Only) as zeroconf:
+        async with AsyncZeroconf(ip_version=version) as zeroconf:
             browser = AsyncServiceBrowser(zeroconf.zeroconf, full_kind, handlers=[on_change])
             await asyncio.sleep(seconds / 2)
             infos = [AsyncServiceInfo(full_kind, name) for name in sorted(names)]
             await asyncio.gather(*(info.async_request(zeroconf.zeroconf, 500 * seconds) for info in infos))
             await browser.async_cancel()
             for info in infos:
-                for address in info.parsed_addresses(IPVersion.V4Only)[:1]:
+                for address in info.parsed_addresses(version)[:1]:
                     name = info.name.removesuffix(f".{full_kind}")
                     host = (info.server or "").rstrip(".")
                     properties = info.decoded_properties

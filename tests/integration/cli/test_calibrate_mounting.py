@@ -152,4 +152,4 @@ async def test_setting_the_pose_of_a_person_who_is_not_there_names_who_is(site: 
     await site.arrived("pointing.user1")
     for place in ((), ("1", "1")):
         ended = await site.pointit("person", "pose", "user9", *place, code=1)
-        assert "no user9 is on this site, there is user1; did you mean user1" in ended.sentence
+        assert "user9 is not on this site, there is user1; did you mean user1" in ended.sentence

@@ -189,17 +189,17 @@ async def test_without_a_localizer_it_says_what_to_start(site: Site) -> None:
     ended = await site.pointit("person", "anchor", ANNA, code=1)
     assert "no localizer of anna is heard" in ended.err
     assert (
-        "no anna is on this site, there are no people; add them with `pointit person add anna`" in ended.err
+        "anna is not on this site, there are no people; add them with `pointit person add anna`" in ended.err
     )
     ended = await site.pointit("person", "pose", ANNA, code=1)
-    assert "where anna stands is not known: no anna is on this site" in ended.err
+    assert "where anna stands is not known: anna is not on this site" in ended.err
     site.start(Supervisor, ANNA)
     await site.arrived("supervisor.anna")
     ended = await site.pointit("person", "pose", ANNA)
     assert "pointit service run localizer --user anna" in ended.err
     assert "or set it: pointit person pose anna X Y" in ended.err
     ended = await site.pointit("person", "pose", "ben")
-    assert "no ben is on this site, there is anna; add them with `pointit person add ben`" in ended.err
+    assert "ben is not on this site, there is anna; add them with `pointit person add ben`" in ended.err
     ended = await site.pointit("person", "calibrate", "user", "ben", "--show")
     assert ended.err == "waiting for the profile of ben …\n"  # a second later than it was asked
 

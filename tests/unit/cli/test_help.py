@@ -100,7 +100,7 @@ def test_every_option_is_explained(path: tuple[str, ...]) -> None:
 
 def test_errors_are_wrapped_between_words() -> None:
     sentence = (
-        "where anna stands is not known: no anna is on this site, there is user1; add them with "
+        "where anna stands is not known: anna is not on this site, there is user1; add them with "
         "`pointit person add anna`, see "
         "tcp/an-address-that-is-longer-than-a-line.of.the.terminal.example.org:7447/and/on"
     )

@@ -17,6 +17,8 @@ from pointit.launch.plan.plan import FloorPose, Plan, read_scenario
 from pointit.launch.plan.scenario_catalog import scenario_launches
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.service import Launch
+from pointit.schemas import Health
+from pointit.schemas.problems import Problem
 
 SCENARIO = """
 about: robots
@@ -234,3 +236,14 @@ def test_run_without_people_says_how_to_add_one(arguments: list[str], count: int
     result = CliRunner().invoke(run_command.run, ["--no-web", *arguments])
     assert result.exception is None, result.output
     assert sum("pointit person add" in note for note in plans[0].notes) == count
+
+
+def test_without_a_view_each_warning_is_told_once_in_full() -> None:
+    rejected = Problem(code="connection", sentence="Home Assistant rejects the token: make another")
+    note = Problem(code="nobody", sentence="nobody moves the arm", severity="note")
+    problems = (rejected, note)
+    health = Health(stamp_ns=0, service="home-assistant", instance="home-assistant", pid=1, problems=problems)
+    shown = set[tuple[str, ...]]()
+    sentence = "home-assistant: Home Assistant rejects the token: make another"
+    assert run_command.new_warnings({"home-assistant": health}, shown) == [sentence]
+    assert run_command.new_warnings({"home-assistant": health}, shown) == []

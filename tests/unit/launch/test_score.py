@@ -235,7 +235,7 @@ def test_a_summary_reads_well() -> None:
     assert summary_lines(SUMMARY) == [
         "scenario_3 ran 60 s with 2 services.",
         "Selected 3 of 6 red objects, missed 1, still to do 2, wrong 4 (corrected 5).",
-        "Wrist to light: p50 8.0 ms, p99 20.3 ms; 7 cursors, 9 frames.",
+        "Wrist to light: p50 8.0 ms, p99 20.3 ms; 7 cursors on surfaces, 9 frames.",
     ]
     bare = {**SUMMARY, "target_kinds": [], "speed": 2.5, "latency_ms": {"p50": None, "p99": None}}
     assert summary_lines(bare) == [

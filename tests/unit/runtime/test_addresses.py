@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from pointit.runtime.host.name_lookup import found_addresses, is_reachable, own_address
+from pointit.runtime.host.name_lookup import found_addresses, is_reachable, lan_addresses, own_address
 
 
 def route(monkeypatch: pytest.MonkeyPatch, routes: dict[str, str]) -> None:
@@ -40,6 +40,13 @@ def test_a_machine_without_routes_has_no_address(monkeypatch: pytest.MonkeyPatch
     route(monkeypatch, {})
     assert found_addresses() == []
     assert own_address("here") == "here"
+
+
+def test_in_a_network_of_ipv6_alone_the_page_has_its_address_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    route(monkeypatch, {"2001:db8::1": "fd00::5", "fd00::1": "fe80::5"})
+    assert (found_addresses(), lan_addresses()) == ([], ["fd00::5"])
+    route(monkeypatch, {"192.0.2.1": "10.0.0.7", "2001:db8::1": "fd00::5"})
+    assert lan_addresses() == ["10.0.0.7"]
 
 
 def test_found_addresses_of_this_machine_are_reachable() -> None:

@@ -1,9 +1,12 @@
 """Choice of the next thing, deselection of mistakes, respect for other people's objects; lapses."""
 
+from typing import Literal
+
 import pytest
 
 from pointit.schemas import (
     NS_PER_S,
+    Announced,
     Bay,
     Belt,
     BeltLink,
@@ -192,3 +195,45 @@ def test_in_an_empty_room_everybody_rests() -> None:
         life.person.see(life.now_ns, Environment(stamp_ns=0, name="a lamp", lamps=(lamp,)))
         life.person.see(life.now_ns, TrackedObjects(stamp_ns=life.now_ns))
         assert choice(life, 2.0) == ("lamp l" if behaviour in ("lamps", "random") else "rest")
+
+
+def stored(name: str, y_m: float, mode: Literal["button", "switch"] = "button") -> TrackedObject:
+    position_m = (2.5, y_m, 1.4)
+    return TrackedObject(
+        id=name, kind="red", mode=mode, position_m=position_m, size_m=(0.3, 0.3, 0.3), length_m=0.3
+    )
+
+
+def hear(life: Life, object_id: str) -> None:
+    name = Announced(stamp_ns=life.now_ns, object_id=object_id, label=object_id, began_ns=life.now_ns)
+    life.person.see(life.now_ns, name)
+
+
+def test_who_hears_names_presses_for_the_right_one_and_moves_away_from_another() -> None:
+    life = living("pointing")
+    life.before_step = lambda: life.objects(stored("a", 0.5), stored("b", -0.5))
+    hear(life, "")
+    assert choice(life, 2.0) in {"object a", "object b"}
+    goal = life.person.goal.object_id
+    hear(life, {"a": "b", "b": "a"}[goal])
+    before = life.person._correction.now_rad
+    life.run(1.5)
+    assert life.presses == []
+    assert life.person._correction.now_rad != before, "the name says where the ray is"
+    hear(life, goal)
+    life.run(0.6)
+    assert life.presses == [], "a name takes time to be understood"
+    life.run(1.4)
+    assert len(life.presses) == 1
+
+
+def test_a_switch_is_switched_off_again_later() -> None:
+    life = living("pointing")
+    life.before_step = lambda: life.objects(stored("radio", 0.0, "switch"))
+    assert choice(life, 2.0) == "object radio"
+    life.cue("selected", "red selected")
+    assert choice(life, 5.0) == "rest"
+    assert choice(life, 12.0) == "object radio"
+    life.cue("deselected", "red deselected")
+    assert choice(life, 5.0) == "rest"
+    assert choice(life, 12.0) == "object radio"

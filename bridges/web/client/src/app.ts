@@ -44,7 +44,7 @@ import { applyTheme, watchSystem } from "./theme";
 import { Toasts } from "./toasts";
 import type { ViewStats } from "./view";
 import { HeadsetArm } from "./headset_arm";
-import { called, friendly, outcome, plainly, stateTitle } from "./words";
+import { called, nextStepOf, outcome, plainly, stateTitle, friendly } from "./words";
 
 declare global {
   interface Window {
@@ -96,7 +96,10 @@ const connection = new Connection(site, recording ? await import("./past/recorde
 });
 const controls = new Controls(site, settings, connection, new Toasts(at("toasts")), () => refresh());
 const mouse = new Mouse(controls, () => stage.view, document.querySelector<HTMLElement>(".stage")!);
-const headsetArm = new HeadsetArm(controls);
+const headsetArm = new HeadsetArm(controls, (sentence) => {
+  stage.view?.immersion?.tell(sentence);
+  chime("buzz");
+});
 const stage: Stage = new Stage(at("view"), at("cameras"), at("chip"), ["lost", "outage", "ended", "progress", "guide", "cameras", "stop", "toasts", "chip"].map(at), ["guide", "chip"].map(at), controls, (place) => mouse.aim(place), () => {
   mouse.renew();
   wake();
@@ -247,7 +250,7 @@ function announce(): void {
   const interaction = controls.person?.interaction;
   const robot = steeredBy(site, controls.user);
   const steers = robot ? ` ${robot.name}: ${phaseOf(robot.state)}. ${robot.state.reason}` : "";
-  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : friendly(site, interaction.next_step)}${steers}` : "";
+  const now = interaction ? `${controls.user}: ${stateTitle(interaction.state)}. ${site.timeline ? "" : nextStepOf(site, controls.person!).text}${steers}` : "";
   if (now === announced) return;
   announced = now;
   write(at("said"), now);

@@ -29,6 +29,10 @@ export interface Situation {
   /** This person has selected what is hovered; this page did it. */
   isTheirs: boolean;
   isOwn: boolean;
+  /** Names are spoken to the person: a press confirms what was heard, and staying does nothing. */
+  hasNames: boolean;
+  /** Things that want a press, in words; "" if none or all do. */
+  pressed: string;
   /** What is hovered is selected by the button. */
   wantsPress: boolean;
   /** Robots that the person steers or may steer; null where nobody steers any. */
@@ -71,13 +75,15 @@ const GOALS: Record<string, string> = {
 };
 
 /** What there is to do in a scenario for who points with the mouse. */
-export function goal(scenario: string, canSelect: boolean, areAllPressed: boolean): string {
+export function goal(scenario: string, canSelect: boolean, { areAllPressed, hasNames, pressed }: Pick<Situation, "areAllPressed" | "hasNames" | "pressed">): string {
+  if (hasNames && canSelect) return "Point at things, or step by the arrow keys: their names are spoken. Press once you have heard the one that you want.";
   const select = areAllPressed ? "Move onto an object and press the button." : "Move onto an object and stay on it until it is full.";
-  return GOALS[scenario] ?? (canSelect ? select : "Point anywhere: the arm follows you.");
+  const usual = GOALS[scenario] ?? (canSelect ? select : "Point anywhere: the arm follows you.");
+  return pressed ? `${usual} For ${pressed}, press the button.` : usual;
 }
 
 /** The object under the cursor: its state, and what staying or pressing does. */
-function onObject({ hovered, unavailable, mode, wantsPress, isTheirs, isOwn }: Situation, hover: Hover): Partial<Guidance> {
+function onObject({ hovered, unavailable, mode, hasNames, wantsPress, isTheirs, isOwn }: Situation, hover: Hover): Partial<Guidance> {
   const { taken_by: other, progress, action } = hover;
   if (action === "refuse") {
     if (unavailable && !other) return { step: "stopped", text: `${hovered} is unavailable: ${unavailable}` };
@@ -94,7 +100,7 @@ function onObject({ hovered, unavailable, mode, wantsPress, isTheirs, isOwn }: S
     const does = mode === "switch" ? "is on" : "is yours", ends = mode === "switch" ? "switches it off" : "takes it back";
     return { step, press, progress, text: `${hovered} ${does}; ${wantsPress ? "the button" : "staying"} ${ends}.` };
   }
-  return { step, press, progress, text: `${hovered}: ${wantsPress ? "press the button." : "stay on it …"}` };
+  return { step, press, progress, text: `${hovered}: ${hasNames ? "press once you have heard its name." : wantsPress ? "press the button." : "stay on it …"}` };
 }
 
 /** Choose the guidance. */
@@ -123,5 +129,5 @@ export function guidance(now: Situation): Guidance {
   if (now.robots) return { ...here, ...robotStep(now.robots) };
   if (now.empty) return { ...here, step: "stopped", text: now.empty };
   if (now.isProposed) return { ...here, step: "hold", text: "This place is proposed. Point elsewhere, then here again: that sends it." };
-  return { ...here, text: goal(now.scenario, now.canSelect, now.areAllPressed) };
+  return { ...here, text: goal(now.scenario, now.canSelect, now) };
 }

@@ -12,7 +12,7 @@ import { emptySentence, passedSentence } from "./run";
 import { steeredBy } from "./site/robots";
 import { proposalOf, thingsOf, type Person } from "./site/site";
 import { unavailable } from "./site/things";
-import { friendly, isNamed, modeOf, objectOf, outcome, ownCount, pressTitle, thing } from "./words";
+import { friendly, isNamed, modeOf, objectOf, outcome, ownCount, pressedNames, pressTitle, thing } from "./words";
 
 const SUCCESS_MS = 2500;
 /** The card is a chip after so long, ms: it lies over the scene. */
@@ -69,11 +69,12 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
   }
 
   /** Whether the object in `hover` waits for a press: it says so, or its gauge stays full. */
-  function wantsPress({ hover, interaction }: Person): boolean {
+  function wantsPress(person: Person): boolean {
+    const { hover, interaction } = person;
     const id = hover && hover.progress >= 1 ? hover.object_id : "", now = performance.now();
     if (id !== full.id) full = { id, since: now };
     const isHeld = id !== "" && now - full.since > FULL_MS && pressTitle(interaction) === "Confirm";
-    return isHeld || (objectOf(site, hover?.object_id ?? "")?.press ?? false);
+    return isHeld || person.announced !== null || (objectOf(site, hover?.object_id ?? "")?.press ?? false);
   }
 
   const self: Guide = {
@@ -88,7 +89,7 @@ export function makeGuide(host: HTMLElement, controls: Controls, mouse: Mouse, p
         hovered: capital(thing(site, hovered)), unavailable: unavailable(site, hovered), mode: modeOf(site, hovered), scenario: controls.scenario,
         areAllPressed: objects.length > 0 && objects.every(({ object }) => object.press),
         isTheirs: site.selection?.objects.some(({ id, user: owner }) => id === hovered && owner === user) ?? false,
-        isOwn: controls.hasSelected(hovered), wantsPress: person !== null && wantsPress(person),
+        hasNames: person?.announced != null, pressed: pressedNames(site), isOwn: controls.hasSelected(hovered), wantsPress: person !== null && wantsPress(person),
         robots: person && robotSituation(site, person, steered), isProposed: person !== null && proposalOf(person) !== null,
         passed: passedSentence(site, controls), empty: emptySentence(site),
         canSelect: controls.isPresent("selector"),

@@ -6,11 +6,11 @@ import type { ConveyorState, RobotState, Steering } from "./messages";
 import { robotSituation, robotStep } from "./robot_guidance";
 import { emptySentence, haveAllPassed, passedSentence, scoreOf } from "./run";
 import { emptyPerson, emptySite } from "./site/site";
-import { friendly, placeName } from "./words";
+import { friendly, nextStepOf, placeName } from "./words";
 
 const hover = { action: "select", is_selected: false, miss_rad: 0, object_id: "kettle", progress: 0.4, seq: 0, snapped_m: null, snapped_position_m: null, stamp_ns: 0, taken_by: "" } as const;
 const mine: Situation = {
-  user: "ada", mayTake: true, mayPair: true, isSimulated: true, movedBy: "mouse", isMine: true, hover: null, hovered: "", mode: "button", isTheirs: false, isOwn: false,
+  user: "ada", mayTake: true, mayPair: true, isSimulated: true, movedBy: "mouse", isMine: true, hover: null, hovered: "", mode: "button", isTheirs: false, isOwn: false, hasNames: false, pressed: "",
   areAllPressed: false, interaction: { ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state: "pointing" },
   wantsPress: false, robots: null, isProposed: false, passed: "", empty: "", scenario: "shelf", canSelect: true, success: "", isWrong: false, count: 0,
 };
@@ -130,4 +130,22 @@ test("names of the map are shown without internal ids, in sentences of services,
   assert.equal(friendly({ map }, "Point at led_10 and stay on it (1 of 2)."), "Point at lamp 10 and stay on it (1 of 2).");
   assert.equal(friendly({ map }, "Point at door, not led_1."), "Point at door, not lamp 1.");
   assert.equal(friendly({ map: null }, "Point at led_1."), "Point at led_1.");
+});
+
+test("who hears names is told of names and the press, not of staying, and things that want a press are named", () => {
+  const said = (part: Partial<Situation>) => guidance({ ...mine, hovered: "Kettle", ...part }).text;
+  assert.match(said({ hasNames: true }), /^Point at things, or step by the arrow keys: their names are spoken\. Press/);
+  assert.equal(said({ hover, hasNames: true, wantsPress: true }), "Kettle: press once you have heard its name.");
+  assert.equal(said({ pressed: "the kettle" }), "Move onto a box and stay on it until it fires. For the kettle, press the button.");
+});
+
+test("the next step and the button speak of a press only where a thing wants one", () => {
+  const site = emptySite(), interaction = { ...mine.interaction!, next_step: "Point with your arm straight and press the button to confirm; hold it to stop." };
+  const things = ["kettle", "radio"].map((id) => ({ id, label: id, press: id === "kettle" }));
+  Object.assign(site, { map: { things, lamps: [], strips: [] } });
+  site.objects.set("t", { objects: things.map((each) => ({ ...each, kind: each.id })) } as never);
+  const next = (part: object) => nextStepOf(site, { interaction, announced: null, hover: null, ...part });
+  assert.deepEqual(next({ hover: { object_id: "radio" } }), { text: "Point with your arm straight and stay on a thing; press the button for kettle; hold it to stop.", press: "Press the button" });
+  assert.equal(next({ hover: { object_id: "kettle" } }).press, "Confirm");
+  assert.equal(next({ announced: {} }).text, interaction.next_step);
 });

@@ -13,7 +13,7 @@ test("an arm that another page took before any status told of it is not pointed 
   const site = emptySite(), asked: string[] = [];
   const connection = { ask: (wish: { deed: string; name: string; query?: { held_s?: number } }) => (asked.push(`${wish.deed} ${wish.name} ${wish.query?.held_s ?? ""}`.trim()), Promise.resolve({})) };
   const controls = new Controls(site, {} as never, connection as never, {} as never, () => {});
-  const arm = new HeadsetArm(controls);
+  const told: string[] = [], arm = new HeadsetArm(controls, (sentence) => told.push(sentence));
   const appears = (line: object) => {
     site.people.set("ada", Object.assign(emptyPerson("ada"), { line: { ...LINE, ...line } }));
     arm.update();
@@ -29,6 +29,11 @@ test("an arm that another page took before any status told of it is not pointed 
   now = 4000;
   appears({ moved_by: "mouse" });
   arm.give();
+  await arm.take();
+  appears({ moved_by: "headset", is_mine: true });
+  appears({ moved_by: "headset" });
+  appears({ moved_by: "headset" });
   performance.now = clock;
-  assert.deepEqual([arm.pointing, asked], ["", ["take ada"]]);
+  assert.deepEqual([arm.pointing, asked], ["", ["take ada", "take ada"]]);
+  assert.deepEqual(told, ["Another page points as ada now.", "Another headset points as ada now."]);
 });

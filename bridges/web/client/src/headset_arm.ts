@@ -19,7 +19,8 @@ export class HeadsetArm implements Arm {
   private isAsking = false;
   private takenAt = -Infinity;
 
-  constructor(private readonly controls: Controls) {}
+  /** @param lost is told in a sentence that the wearer has lost the arm. */
+  constructor(private readonly controls: Controls, private readonly lost: (sentence: string) => void) {}
 
   get user(): string {
     const { controls, pointing } = this, { hello } = controls.site;
@@ -57,7 +58,11 @@ export class HeadsetArm implements Arm {
   update(): void {
     const line = this.controls.site.people.get(this.pointing)?.line, isMine = line?.moved_by === "headset" && line.is_mine;
     if (isMine) this.isConfirmed = true;
-    else if (this.isConfirmed || !line || performance.now() - this.takenAt > CONFIRM_MS) this.pointing = "";
+    else if (this.pointing && (this.isConfirmed || !line || performance.now() - this.takenAt > CONFIRM_MS)) {
+      const who = { own: "", mouse: "Another page", headset: "Another headset", phone: "A phone" }[line?.moved_by ?? "own"], user = this.pointing;
+      this.pointing = "";
+      this.lost(who ? `${who} points as ${user} now.` : `You do not point as ${user} any more.`);
+    }
   }
 
   /** Ask, and return the reason of a refusal, or "". */

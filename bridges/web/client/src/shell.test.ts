@@ -106,7 +106,7 @@ test("the glossary is plain text, of the first table only", () => {
 });
 
 const situation: Situation = {
-  user: "ada", mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", mode: "claim", isTheirs: false, isOwn: false,
+  user: "ada", mayTake: true, mayPair: true, isSimulated: true, movedBy: "own", isMine: false, interaction: null, hover: null, hovered: "", mode: "claim", isTheirs: false, isOwn: false, hasNames: false, pressed: "",
   wantsPress: false, areAllPressed: false, robots: null, isProposed: false, passed: "", empty: "", scenario: "scenario_4", canSelect: true, success: "", isWrong: false, count: 0,
 };
 const interaction = (state: "idle" | "localizing" | "pointing"): Situation["interaction"] => ({ ahead: [], is_unsure: false, next_step: "next", reason: "", seq: 0, stamp_ns: 0, state });

@@ -51,6 +51,8 @@ export interface Immersion {
    */
   enter(turn: () => void): Promise<void>;
   leave(): void;
+  /** Tell the wearer a sentence, for some seconds. */
+  tell(sentence: string): void;
 }
 
 export interface ViewOptions {

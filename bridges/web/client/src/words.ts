@@ -3,7 +3,7 @@
 import { capital } from "./format";
 import { isBox } from "./geometry/appearance";
 import type { Interaction, SelectionEvent, TrackedObject, UserPose } from "./messages";
-import type { LogLine, Site } from "./site/site";
+import type { LogLine, Person, Site } from "./site/site";
 
 /** Names in one sentence; one more is not worth a count. */
 const MOST_NAMES = 3;
@@ -48,6 +48,20 @@ export function pressTitle(interaction: Pick<Interaction, "state" | "next_step">
   if (interaction.state === "localizing") return "Stop localizing";
   if (/button to stop\b/.test(interaction.next_step)) return "Stop pointing";
   return /button to confirm\b/.test(interaction.next_step) ? "Confirm" : "Press the button";
+}
+
+/** Things that want a press, where others do not; "" if none or all do. */
+export function pressedNames(site: Site): string {
+  const things = site.map?.things ?? [], pressed = things.filter(({ press }) => press);
+  return pressed.length && pressed.length < things.length ? listed(pressed.map(({ id, label }) => label || placeName(id, "thing"))) : "";
+}
+
+/** The next step of a person, as the supervisor says; of a press it says which things want one. */
+export function nextStepOf(site: Site, { interaction, announced, hover }: Pick<Person, "interaction" | "announced" | "hover">): { text: string; press: string } {
+  const text = interaction?.next_step ?? "", press = pressTitle(interaction), pressed = announced ? "" : pressedNames(site);
+  if (press !== "Confirm" || !pressed) return { text: friendly(site, text), press };
+  const isWanted = objectOf(site, hover?.object_id ?? "")?.press;
+  return { text: friendly(site, text).replace("and press the button to confirm", `and stay on a thing; press the button for ${pressed}`), press: isWanted ? press : "Press the button" };
 }
 
 /** Sentence on the elevation bias that earlier localizations told, or "" if `pose` remembers none. */

@@ -16,6 +16,9 @@ export interface Edges {
 
 export const NO_EDGES: Edges = { top: 0, bottom: 0 };
 
+/** The larger of two edges on each side. */
+export const larger = (a: Edges, b: Edges): Edges => ({ top: Math.max(a.top, b.top), bottom: Math.max(a.bottom, b.bottom) });
+
 /** Maximum share of the picture at one edge: what is higher covers the scene. */
 const MOST_EDGE = 0.4;
 

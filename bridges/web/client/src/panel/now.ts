@@ -7,7 +7,7 @@ import { byName, capital } from "../format";
 import { cssColor } from "../geometry/appearance";
 import { standingOf } from "../site/site";
 import { unavailable } from "../site/things";
-import { friendly, pressTitle, rememberedSentence, stateTitle, thing } from "../words";
+import { friendly, nextStepOf, rememberedSentence, stateTitle, thing } from "../words";
 import type { PanelPart } from "./panel_part";
 
 const ICONS = { idle: "pause", localizing: "place", pointing: "point" } as const;
@@ -71,7 +71,7 @@ export function nowPart(controls: Controls): PanelPart {
       show(nobody, performance.now() - nobodySince > NOBODY_MS);
       const interaction = controls.person?.interaction ?? null;
       show(body, interaction !== null);
-      const now = interaction?.state ?? "idle";
+      const now = interaction?.state ?? "idle", nextStep = nextStepOf(site, controls.person ?? { interaction: null, announced: null, hover: null });
       mark(element, "data-state", now);
       badge.querySelector("use")?.setAttribute("href", `#icon-${ICONS[now] ?? "pause"}`);
       const stands = controls.person ? standingOf(controls.person) : null;
@@ -79,8 +79,8 @@ export function nowPart(controls: Controls): PanelPart {
       write(place, stands ? `The position of ${controls.user} is not yet measured; the assumed one is shown.` : `The position of ${controls.user} is not known, so they are not shown.`);
       const name = users.length > 1 ? `${controls.user}: ${stateTitle(now).toLowerCase()}` : stateTitle(now);
       write(state, interaction ? name : "");
-      write(next, capital(friendly(site, controls.person?.cursor?.passed?.text ?? "")) || (site.timeline ? "" : friendly(site, interaction?.next_step ?? "")));
-      write(pressText, pressTitle(interaction));
+      write(next, capital(friendly(site, controls.person?.cursor?.passed?.text ?? "")) || (site.timeline ? "" : nextStep.text));
+      write(pressText, nextStep.press);
       show(press, controls.mayDo("press") && controls.user !== "");
       const progress = controls.person?.localization;
       const isLocalizing = now === "localizing" || progress?.phase === "sampling";

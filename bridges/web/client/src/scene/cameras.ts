@@ -48,7 +48,7 @@ export class Cameras {
   private isFramed = true;
   private aspect = 0;
   /** Covered parts of the picture, px. */
-  private edges = NO_EDGES;
+  edges = NO_EDGES;
   private yaw = 0;
   private pitch = -0.3;
 

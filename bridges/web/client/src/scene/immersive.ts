@@ -24,6 +24,10 @@ const BEFORE_PRESS_MS = [200, 250] as const;
 const MAX_TIP_AGE_MS = 1000;
 /** Maximum number of positions of a finger tip that are kept; enough for that interval at 120 Hz. */
 const MAX_TIPS = 64;
+/** Size of the note in that of a label: its letters are at least 0.6° high. */
+export const NOTE_SCALE = 1.4;
+/** The note begins so far above the gaze, at 1 m. */
+const NOTE_ABOVE_M = 0.09;
 /** Time for which a result is shown, ms. */
 const RESULT_MS = 12_000;
 
@@ -53,6 +57,8 @@ export class Immersive implements Immersion {
   private readonly presses = new Map<XRInputSource, Press>();
   private readonly tips = new Map<XRInputSource, [time: number, at: Vec3][]>();
   private note: THREE.Sprite | null = null;
+  /** Eyes of the wearer, {W}; null: not known. */
+  viewerAt: Vec3 | null = null;
   /** What the wearer reads before the eyes, or "". */
   noteText = "";
   private noteUntil = Infinity;
@@ -128,6 +134,10 @@ export class Immersive implements Immersion {
     void this.session?.end().catch(() => undefined);
   }
 
+  tell(sentence: string): void {
+    if (this.session) this.say(`${sentence}${this.invitation}`, RESULT_MS);
+  }
+
   /** Show texts in the session, and a note before the eyes. */
   show(texts: readonly Text[], theme: Theme): void {
     this.theme = theme;
@@ -141,7 +151,7 @@ export class Immersive implements Immersion {
   private end(): void {
     this.session = null;
     this.alignment = null;
-    this.anchor = null;
+    this.anchor = this.viewerAt = null;
     this.arm.give();
     this.presses.clear();
     this.tips.clear();
@@ -181,6 +191,7 @@ export class Immersive implements Immersion {
     this.follow(frame);
     if (this.alignment) {
       const head = frame.getViewerPose(this.space);
+      this.viewerAt = head ? add(this.alignment.origin, turn(leveled(head.transform.position), this.alignment.yaw)) : null;
       if (head) this.input.update(now, this.session?.inputSources ?? [], this.presses, leveled(head.transform.position), (source) => this.tip(frame, source), this.alignment);
       this.rig.position.set(...(this.alignment.origin as Vec3));
       this.rig.rotation.set(Math.PI / 2, 0, this.alignment.yaw);
@@ -188,7 +199,9 @@ export class Immersive implements Immersion {
     if (this.time.ms > this.noteUntil) this.say("");
     if (!this.note && this.noteText && this.theme) {
       this.note = textSprite(inLines(this.noteText), this.theme);
-      this.note.position.set(0, -0.12, -1);
+      this.note.scale.multiplyScalar(NOTE_SCALE);
+      this.note.center.set(0.5, 0); // above the gaze: what the wearer points at is seen
+      this.note.position.set(0, NOTE_ABOVE_M, -1);
       this.note.renderOrder += 1;
       this.eye.add(this.note);
     }
@@ -281,8 +294,10 @@ export class Immersive implements Immersion {
     else if (isBeginning) this.say(`You point as ${user}: look over your finger or the tip of the controller. A press is the button, the thumbstick goes to the thing beside. A press of 1.5 s ends it and aligns again.`, RESULT_MS);
   }
 
+  /** On a phone, whose taps have no hand, a press does nothing. */
   private get invitation(): string {
-    return this.arm.user && ` Press to point as ${this.arm.user}.`;
+    const { session } = this, isPhone = session?.interactionMode === "screen-space" || [...session?.inputSources ?? []].some(({ handedness }) => handedness === "none");
+    return isPhone || !this.arm.user ? "" : ` Press to point as ${this.arm.user}.`;
   }
 
   private align(): void {

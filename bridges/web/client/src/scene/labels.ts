@@ -2,7 +2,7 @@
 
 import * as THREE from "three";
 import { cssColor, inkOn, type Rgb } from "../geometry/appearance";
-import { placed, type Rect, type Wish } from "../geometry/placing";
+import { placed, type Rect, type Size, type Wish } from "../geometry/placing";
 import type { Read3 } from "../geometry/vec";
 import type { Theme } from "./mesh_factory";
 import type { Text } from "./sprites";
@@ -22,6 +22,8 @@ interface Label {
   used: boolean;
   placed: string;
   rank: number;
+  /** Shown with a legend where the text has no room; 0: it is left out then. */
+  number: number;
   /** Where it went aside, px from its wish, and until when it stays there (`performance.now()`). */
   aside: { x: number; y: number; until: number } | null;
   /** Of the element, px; 0: to be measured. */
@@ -33,6 +35,8 @@ interface Label {
 export const NAME = 0.5;
 /** Half of what is kept free about something that is far away, px. */
 const MIN_HALF_PX = 4;
+/** Size of a number in place of a name, px. */
+const NUMBER_PX = { width: 28, height: 22 } as const;
 /** A label that had to go aside stays there so long, ms: what is in its way may move. */
 const ASIDE_MS = 3000;
 
@@ -50,6 +54,9 @@ export class Labels {
   private readonly layer = document.createElement("div");
   private readonly labels = new Map<string, Label>();
   private readonly point = new THREE.Vector3();
+  private numbers: HTMLElement[] = [];
+  private legend: HTMLElement | null = null;
+  private explained = "";
   private theme: Theme | null = null;
   /** What lies over the picture, px from its upper left corner; no label goes there. */
   covered: readonly Rect[] = [];
@@ -70,10 +77,10 @@ export class Labels {
   }
 
   /** Show `pieces` above `at` ({W}, m, and `up` more); `color` (CSS) frames it. Of two in one place the greater `rank` has it. */
-  add(key: string, at: Read3, up: number, pieces: readonly Piece[], color = "", rank = 0): void {
+  add(key: string, at: Read3, up: number, pieces: readonly Piece[], color = "", rank = 0, number = 0): void {
     let label = this.labels.get(key);
     if (!label) {
-      label = { element: this.make(), shown: "", text: "", color: "", at: [0, 0, 0], used: true, placed: "nowhere yet", rank, aside: null, width: 0, height: 0 };
+      label = { element: this.make(), shown: "", text: "", color: "", at: [0, 0, 0], used: true, placed: "nowhere yet", rank, number, aside: null, width: 0, height: 0 };
       this.labels.set(key, label);
     }
     label.used = true;
@@ -140,13 +147,37 @@ export class Labels {
       const { aside } = label;
       wishes.push(aside && now < aside.until ? { ...wish, kept: { x: wish.x + aside.x, y: wish.y + aside.y } } : wish);
     }
-    placed(wishes, taken, { width, height }).forEach((at, i) => {
+    const spots = placed(wishes, taken, { width, height });
+    this.showNumbers(seen, wishes, spots, { width, height });
+    spots.forEach((at, i) => {
       const label = seen[i]!, wish = wishes[i]!;
       put(label, at ? `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)` : "");
       const x = at ? at.x - wish.x : 0, y = at ? at.y - wish.y : 0, isAside = at !== null && Math.hypot(x + wish.width / 2, y + wish.height) > 1;
       if (!isAside) label.aside = null;
       else if (!label.aside || now >= label.aside.until || Math.hypot(x - label.aside.x, y - label.aside.y) > 0.01) label.aside = { x, y, until: now + ASIDE_MS };
     });
+  }
+
+  /** Number what has no room for its name, and explain the numbers. */
+  private showNumbers(seen: readonly Label[], wishes: readonly Wish[], spots: readonly ({ x: number; y: number } | null)[], picture: Size): void {
+    const without = seen.map((_, i) => i).filter((i) => !spots[i] && seen[i]!.number);
+    const full = [...this.covered, ...spots.flatMap((at, i) => (at ? [{ ...at, width: wishes[i]!.width, height: wishes[i]!.height }] : []))];
+    const places = placed(without.map((i) => ({ ...wishes[i]!, ...NUMBER_PX, rank: 1 })), full, picture);
+    while (this.numbers.length < without.length) this.numbers.push(this.make());
+    this.numbers.forEach((element, n) => {
+      const label = seen[without[n] ?? -1], wish = wishes[without[n] ?? -1], at = places[n] ?? (wish && { x: wish.x - NUMBER_PX.width / 2, y: wish.y - NUMBER_PX.height });
+      element.style.visibility = label ? "visible" : "hidden";
+      if (!label || !at) return;
+      element.textContent = String(label.number);
+      element.style.transform = `translate(${at.x.toFixed(1)}px, ${at.y.toFixed(1)}px)`;
+    });
+    const legend = without.map((i) => `${seen[i]!.number} ${seen[i]!.text}`).join(" · ");
+    if (legend === this.explained) return;
+    this.explained = legend;
+    this.legend ??= this.make();
+    const low = Math.max(0, ...this.covered.filter(({ y, height }) => y + height / 2 > picture.height / 2).map(({ y }) => picture.height - y));
+    Object.assign(this.legend.style, { top: "auto", bottom: `${low + 4}px`, left: "4px", maxWidth: "calc(100% - 8px)", boxSizing: "border-box", whiteSpace: "normal", visibility: legend ? "visible" : "hidden" });
+    this.legend.textContent = legend;
   }
 
   /** The part of the picture that something takes up, px; null behind the camera. */
@@ -173,6 +204,9 @@ export class Labels {
   private clear(): void {
     this.layer.replaceChildren();
     this.labels.clear();
+    this.numbers = [];
+    this.legend = null;
+    this.explained = "";
   }
 
   dispose(): void {

@@ -78,6 +78,13 @@ export class MeshFactory {
     return mesh;
   }
 
+  /** The edges of a cube of 1 m. */
+  edges(): THREE.LineSegments {
+    const lines = new THREE.LineSegments(this.own(new THREE.EdgesGeometry(new THREE.BoxGeometry(1, 1, 1))), this.own(new THREE.LineBasicMaterial({ color: this.theme.ink })));
+    this.group.add(lines);
+    return lines;
+  }
+
   /** A texture drawn on a canvas; `repeat`: along both axes. */
   texture(width: number, height: number, draw: (context: CanvasRenderingContext2D) => void, repeat = false): THREE.CanvasTexture {
     const canvas = document.createElement("canvas");

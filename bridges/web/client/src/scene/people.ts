@@ -47,6 +47,14 @@ export interface Surroundings {
   placeOf(id: string): Read3 | null;
 }
 
+/** No figure is drawn about a viewer who is so near, m. */
+const NEAR_M = 0.5;
+
+/** Whether a figure at `feet` would be about the eyes of a viewer. */
+export function isAbout([x, y]: Read3, feet: Read3): boolean {
+  return Math.hypot(x - feet[0], y - feet[1]) < NEAR_M;
+}
+
 /** All people of a site. */
 export class People {
   private readonly bodies = new Map<string, Body>();
@@ -72,19 +80,20 @@ export class People {
    * anybody goes on moving.
    *
    * @param own person whose eyes the camera uses, or ""
+   * @param viewer eyes of a headset's wearer, {W}: no figure is drawn about them
    */
-  draw(site: Site, now: number, seconds: number, own: string): boolean {
+  draw(site: Site, now: number, seconds: number, own: string, viewer: Vec3 | null): boolean {
     let moves = false;
     for (const [user, body] of this.bodies) {
       if (site.people.has(user)) continue;
       body.factory.dispose();
       this.bodies.delete(user);
     }
-    for (const person of site.people.values()) moves = this.one(site, person, now, seconds, own) || moves;
+    for (const person of site.people.values()) moves = this.one(site, person, now, seconds, own, viewer) || moves;
     return moves;
   }
 
-  private one(site: Site, person: Person, now: number, seconds: number, own: string): boolean {
+  private one(site: Site, person: Person, now: number, seconds: number, own: string, viewer: Vec3 | null): boolean {
     const feet = feetOf(person);
     const { dark } = this.around.factory.theme, worn = person.profile?.cursor_color ?? WHITE;
     const color = visibleColor(worn, dark), pattern = person.profile?.pattern ?? "solid";
@@ -109,8 +118,8 @@ export class People {
     if (direction) body.arm = pointingArm(measures, hand, feet, body.facing, origin, direction);
     const arm = body.arm && body.raised > 0 ? mixed(hangs, body.arm, smooth(body.raised)) : hangs;
     body.figure.stand(feet, body.facing);
-    const isOwn = person.user === own;
-    body.figure.setArm(0, arm, !isOwn ? "all" : body.raised > 0.4 ? "own" : "none");
+    const isNear = viewer !== null && isAbout(viewer, feet), isOwn = isNear || person.user === own;
+    body.figure.setArm(0, arm, !isOwn ? "all" : body.raised > 0.4 && !isNear ? "own" : "none");
     body.figure.setArm(1, hangingArm(measures, hand === "left" ? "right" : "left", feet, body.facing), isOwn ? "none" : "all");
     body.figure.see(isStale ? 0.35 : isAssumed ? 0.5 : 1, isOwn);
     this.uncertainty(person, feet, color, isStale, isAssumed);

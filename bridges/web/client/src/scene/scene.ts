@@ -3,7 +3,7 @@
 import type * as THREE from "three";
 import type { Separability } from "../geometry/separability";
 import { aimsOf, boundsOf, cornersOf, pointsOf, type Bounds } from "../geometry/bounds";
-import type { Edges } from "../geometry/framing";
+import { larger, type Edges } from "../geometry/framing";
 import type { Rect } from "../geometry/placing";
 import type { Vec3 } from "../geometry/vec";
 import type { Environment } from "../messages";
@@ -151,7 +151,8 @@ class Scene implements View {
   }
 
   keepClear(covered: readonly Rect[], edges: Edges): void {
-    if (!this.aim.on) this.camera.keepClear(edges); // who points needs a camera that stands still
+    // who points needs a camera that stands still: it gives way to a card that has grown, and stays there
+    this.camera.keepClear(this.aim.on ? larger(this.camera.edges, edges) : edges);
     if (JSON.stringify(covered) === JSON.stringify(this.labels.covered)) return;
     this.labels.covered = covered;
     this.wake();
@@ -269,8 +270,9 @@ class Scene implements View {
     }
     if (site.connected) moves = world.belts.run(passed) || moves;
     const at = site.speed ? now : this.toldAt; // nobody grows old in a past that is paused
-    moves = world.people.draw(site, at, seconds, this.picture.isImmersed ? this.options.arm.pointing : this.camera.mode === "eyes" ? this.camera.user : "") || moves;
+    moves = world.people.draw(site, at, seconds, this.picture.isImmersed ? this.options.arm.pointing : this.camera.mode === "eyes" ? this.camera.user : "", this.immersion.viewerAt) || moves;
     moves = world.robots.draw(site) || moves;
+    world.things.setImmersed(this.picture.isImmersed);
     state(site, world.things, world.marks, this.labels, world.factory.theme.dark);
     counts(site, world.bays, this.labels);
     return moves;

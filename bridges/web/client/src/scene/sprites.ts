@@ -5,10 +5,12 @@ import type { Read3 } from "../geometry/vec";
 import type { Theme } from "./mesh_factory";
 
 /** Height of a line, rad. */
-const LINE_RAD = 0.028;
+export const LINE_RAD = 0.028;
 const LINE_PX = 56;
+/** Height of a small letter, px of the canvas. */
+export const LETTER_SHARE = (0.5 * 40) / LINE_PX;
 /** Length of a line of `inLines`, characters. */
-const LINE_LENGTH = 46;
+const LINE_LENGTH = 36;
 const FONT = "600 40px system-ui, sans-serif";
 
 /** `text` in lines of about one length. */

@@ -38,11 +38,12 @@ export function state(site: Site, things: Things, marks: Marks, labels: Labels, 
       labels.add(`taken ${user}`, thing.placed.at, up + 0.16, [{ text: `taken by ${hover.taken_by}` }], cssColor(color), 1);
     }
   }
+  let number = 0;
   for (const thing of things.byId.values()) {
     if (thing.form === "package") continue;
     const { kind, id } = thing.object;
     if (thing.form === "box") {
-      labels.add(`thing ${id}`, thing.placed.at, thing.size[2] / 2 + 0.08, [{ text: kind || id }], "", NAME);
+      labels.add(`thing ${id}`, thing.placed.at, thing.size[2] / 2 + 0.08, [{ text: kind || id }], "", NAME, ++number);
       continue;
     }
     const letter = { text: kindLetter(kind) || "?", color: kindColor(kind) };

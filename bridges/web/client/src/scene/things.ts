@@ -39,6 +39,7 @@ export class Things {
   private readonly crowds = new Map<string, Crowd>();
   private heard = new Map<string, TrackedObjects>();
   private readonly hull: THREE.InstancedMesh;
+  private readonly edges: THREE.LineSegments[] = [];
   private readonly paint = new THREE.Color();
 
   constructor(private readonly factory: MeshFactory, private readonly lines: (surface: string, id: string) => Polyline | null) {
@@ -99,6 +100,24 @@ export class Things {
       mesh.instanceMatrix.needsUpdate = true;
     }
     return moves;
+  }
+
+  /** In the viewer's own room boxes are seen by their edges, and hide what is behind them. */
+  setImmersed(isImmersed: boolean): void {
+    let used = 0;
+    for (const { mesh, form, things } of this.crowds.values()) {
+      if (form !== "box") continue;
+      (mesh.material as THREE.Material).colorWrite = !isImmersed;
+      mesh.renderOrder = isImmersed ? -1 : 0;
+      for (const { placed, size, up } of isImmersed ? things : []) {
+        const edge = (this.edges[used] ??= this.factory.edges());
+        edge.position.set(placed.at[0], placed.at[1], placed.at[2] + up);
+        edge.rotation.z = placed.heading;
+        edge.scale.set(...size);
+        used++;
+      }
+    }
+    this.edges.forEach((edge, i) => (edge.visible = i < used));
   }
 
   /** Colour every box. */

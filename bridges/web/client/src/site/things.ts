@@ -74,15 +74,15 @@ function tile(site: Site, thing: Thing, object: TrackedObject | null): ThingTile
   const states = { button: ["Fired", "Ready"], switch: ["On", "Off"], claim: [`Taken by ${owner}`, "Free"] } as const;
   const state = !object ? "Not in the room now" : reason ? `Unavailable: ${reason}` : selected?.is_pending ? "Under way …" : states[mode][owner ? 0 : 1];
   return {
-    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "" && !selected?.is_pending, does: effect(thing), last: lastChange(site, thing),
+    id, mode, name: capital(object?.kind || thing.label || placeName(id, "thing")), isOn: owner !== "" && !selected?.is_pending, does: effect(thing, [...site.people.values()].some(({ announced }) => announced)), last: lastChange(site, thing),
     state: object && aims && !owner && !reason ? `${state}: ${aims} ${pointing.length === 1 ? "points" : "point"} at it` : state,
     progress: pointing.length ? Math.max(...pointing.map(({ hover }) => hover!.progress)) : null,
     canBeTried: object !== null && mode !== "claim",
   };
 }
 
-function effect({ mode, press, dwell_s: dwell }: Thing): string {
-  const when = press ? "on a press while somebody points at it" : dwell ? `when somebody stays on it for ${dwell} s` : "when somebody stays on it";
+function effect({ mode, press, dwell_s: dwell }: Thing, hasNames: boolean): string {
+  const when = hasNames ? "on a press, once its name is heard" : press ? "on a press while somebody points at it" : dwell ? `when somebody stays on it for ${dwell} s` : "when somebody stays on it";
   return `${{ button: "Fires", switch: "Switches", claim: "Is taken, and given back," }[mode]} ${when}.`;
 }
 

@@ -1,0 +1,36 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import * as THREE from "three";
+import { Labels, NAME } from "./labels";
+import { DARK } from "./mesh_factory";
+
+/** What labels use of an element, 90 px wide. */
+class Element {
+  style: Record<string, string> = {};
+  textContent = "";
+  offsetWidth = 90;
+  offsetHeight = 22;
+  children: Element[] = [];
+  append(...more: Element[]): void { this.children.push(...more); }
+  replaceChildren(...now: Element[]): void { this.children = now; }
+  remove(): void {}
+  setAttribute(): void {}
+}
+
+test("on a narrow picture every thing has its name, or a number that a legend explains", () => {
+  Object.assign(globalThis, { document: { createElement: () => new Element() } });
+  const host = new Element(), labels = new Labels(host as never), camera = new THREE.PerspectiveCamera(42, 390 / 90, 0.1, 50);
+  camera.position.set(0, -6, 1);
+  camera.up.set(0, 0, 1);
+  camera.lookAt(0, 0, 1);
+  camera.updateMatrixWorld();
+  labels.begin(DARK);
+  for (let i = 0; i < 20; i++) labels.add(`thing t${i}`, [0.05 * i - 0.5, 0, 1], 0.1, [{ text: `thing ${i}` }], "", NAME, i + 1);
+  labels.end(camera, 390, 90);
+  const shown = host.children[0]!.children.filter(({ style }) => style.visibility === "visible");
+  const names = shown.flatMap(({ children }) => children.map(({ textContent }) => textContent)), numbers = shown.map(({ textContent }) => textContent).filter((text) => /^\d+$/.test(text));
+  assert.ok(names.length >= 1 && numbers.length >= 1);
+  assert.equal(names.length + numbers.length, 20);
+  const legend = shown.find(({ textContent }) => textContent.includes("thing"))!.textContent;
+  assert.deepEqual(legend.split(" · ").map((each) => each.split(" ")[0]), numbers);
+});

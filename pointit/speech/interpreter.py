@@ -155,7 +155,8 @@ class Interpreter:
         self._changed, self._count = asyncio.Event(), 0
         self.on_understood: Callable[[Understood], None] = lambda _understood: None
         """Called with all that is published, and with what is ignored."""
-        follow_site(room.site, bus, asyncio.get_running_loop().time, (MAP, ROBOT_STATE, OBJECTS))
+        self._now_s = asyncio.get_running_loop().time
+        follow_site(room.site, bus, self._now_s, (MAP, ROBOT_STATE, OBJECTS))
         bus.subscribe(SPEECH, self._on_speech, user)
 
     @property
@@ -206,6 +207,7 @@ class Interpreter:
     def _on_speech(self, speech: Speech, _user: str) -> None:
         if not speech.is_final or not speech.words:
             return
+        self._room.site.tick(self._now_s())
         self._count += 1
         self._changed.set()
         command = parse(speech.words, self.vocabulary)

@@ -1,7 +1,9 @@
 """The rules of the house that no type checker sees: rooms, tables, keys, doors."""
 
+import ast
 import re
 import subprocess
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -292,3 +294,34 @@ def finder(wanted: Iterable[str]) -> re.Pattern[str]:
         re.escape(each) + (r"(?=[\w{*$]|\Z)" if each.endswith("/") else r"(?![\w-])") for each in wanted
     )
     return re.compile(rf"(?<![\w.\-])(?:{alternatives})")
+
+
+WATCHES = {
+    "pointit/cli/page.py": 1,  # opens the browser
+    "pointit/launch/run/running_scenario.py": 2,  # starts and ends processes
+    "pointit/testing/service.py": 1,  # waits for one service
+}
+"""Watches of services and people outside of services, runtime and `pointit.site`: they only become fewer."""
+MAX_WATCHES = 22
+
+
+def watches(*names: str) -> Counter[str]:
+    """Return the number of calls of `watch` with one of these presences, by file of the product."""
+    return Counter(
+        sources.shown(path)
+        for path in sources.shipped()
+        for node in ast.walk(sources.tree(path))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "watch"
+        if node.args and ast.unparse(node.args[0]).rpartition(".")[2] in names
+    )
+
+
+def test_who_shows_a_site_takes_presence_from_its_state() -> None:
+    shared = ("services/", "pointit/runtime/", "pointit/site/")
+    found = {
+        file: count
+        for file, count in watches("SERVICE_ALIVE", "USER_ALIVE").items()
+        if not file.startswith(shared)
+    }
+    assert found == WATCHES, "follow a `SiteState`; shorten the list if one is gone"
+    assert sum(watches("SERVICE_ALIVE", "USER_ALIVE", "SHARD_ALIVE").values()) <= MAX_WATCHES

@@ -17,7 +17,7 @@ from pointit.diagnosis.missing_services import (
     starved_machines,
     stopped_services,
 )
-from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, StoppedProcess
+from pointit.diagnosis.observation import CONTINUE, Code, Finding, Observation, Severity, StoppedProcess
 from pointit.diagnosis.symptoms import latency_s
 from pointit.runtime.bus.contract import AnyTopic
 from pointit.runtime.link.link import AGAIN, Outage, find_outage
@@ -182,7 +182,11 @@ def explain(symptoms: Symptoms, seen: Observation) -> list[Finding]:
             for each in unexplained:
                 if each in (cause.finding, cause.symptom):
                     continue
-                is_other = of_person and of_person not in (_claimant(each), person_of(each.service))
+                is_other = of_person and of_person not in (
+                    _claimant(each),
+                    person_of(each.service),
+                    each.service,
+                )
                 if is_other or not cause.explains(each):
                     left.append(each)
                 elif cause.finding.severity == "note":  # nothing is wrong
@@ -250,7 +254,10 @@ def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
         def is_same(each: Finding, host: str = host) -> bool:
             return each.problem == UNWRITABLE and host_of.get(each.service, "") == host
 
-        yield _also(_first_of(group, "disk"), is_same)
+        cause = _first_of(group, "disk")
+        is_claim = bool(person_of(cause.finding.service))
+        severity: Severity = "warning" if is_claim else "error"  # data of the site is lost
+        yield _also(replace(cause, finding=replace(cause.finding, severity=severity)), is_same)
 
 
 def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:

@@ -33,9 +33,7 @@ def connection_refusal(credentials: Credentials | None, endpoint: str) -> str:
     again without it. Blocks for up to 3 s: call it in a thread.
     """
     if credentials is None:
-        wants = (
-            f"the router at {endpoint} is one of a secured site: give your identity by --credentials FOLDER"
-        )
+        wants = f"the router at {endpoint} is of a secured site: give your identity by --credentials FOLDER"
         return wants if _speaks_tls(endpoint) else ""
     found = SECURE.match(endpoint)
     if not found:

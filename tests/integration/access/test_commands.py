@@ -102,6 +102,45 @@ async def test_doctor_of_a_revoked_identity_says_that_it_was(tmp_path: Path, com
             assert "no service runs" not in told
 
 
+async def test_doctor_without_credentials_says_that_the_site_is_secured(
+    site: SiteFolder, commands: Commands
+) -> None:
+    for protocol in ("tcp", "tls"):
+        at = f"{protocol}/127.0.0.1:{site.state().port}"
+        ended = await commands.pointit("doctor", "--json", "--connect", at)
+        (finding,) = json.loads(ended.out)["findings"]
+        assert (ended.code, finding["code"]) == (1, "denied")
+        assert (
+            f"the router at {at} is of a secured site: give your identity by --credentials"
+            in finding["sentence"]
+        )
+    mended = await commands.pointit(
+        "doctor", "--json", "--credentials", str(site.identity_folder("operator"))
+    )
+    assert "denied" not in {each["code"] for each in json.loads(mended.out)["findings"]}
+
+
+async def test_doctor_names_the_revocation_of_an_identity_that_goes_on(
+    tmp_path: Path, commands: Commands
+) -> None:
+    folder = make_site(tmp_path / "lab")
+    router = commands.start("router", "--site-folder", str(folder.path))
+    await router.says("router listens")
+    anna = str(folder.identity_folder("anna"))
+    pointing = commands.start("service", "run", "pointing", "--user", "anna", "--credentials", anna)
+    await pointing.says("runs")
+    folder.revoke("anna")
+    await pointing.says("may do nothing here")
+    operator = str(folder.identity_folder("operator"))
+    findings: list[dict[str, str]] = []
+    while not any("hall/anna" in each["sentence"] or "lab/anna" in each["sentence"] for each in findings):
+        ended = await commands.pointit("doctor", "--json", "--credentials", operator)
+        findings = json.loads(ended.out)["findings"]
+    (denied,) = (each for each in findings if each["code"] == "denied")
+    assert denied["sentence"].startswith("lab/anna was revoked or its certificate replaced")
+    assert "`pointit site renew anna`" in denied["sentence"]
+
+
 async def test_doctor_tells_until_when_certificates_last(site: SiteFolder, commands: Commands) -> None:
     folder = site.identity_folder("operator")
     ended = await commands.pointit("doctor", "--json", "--credentials", str(folder))

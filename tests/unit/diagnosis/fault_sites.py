@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pointit.diagnosis.observation import DiagnosisReport, Observation, StoppedProcess
-from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Health, KeyHealth, Quantiles
+from pointit.schemas import NS_PER_S, Deployment, ExpectedService, Figure, Health, KeyHealth, Quantiles
 from pointit.schemas.problems import Problem
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CURSOR, DEPLOYMENT, HOVER, IMU, MAP, POSE, RAY, Topic
@@ -63,6 +63,7 @@ class Site:
     invalid: dict[tuple[str, Topic[Any]], int] = field(default_factory=dict[Any, int])
     """Growth of the number of invalid messages in each report, by instance and topic."""
     warnings: dict[str, tuple[Problem, ...]] = field(default_factory=dict[str, tuple[Problem, ...]])
+    figures: dict[str, tuple[Figure, ...]] = field(default_factory=dict[str, tuple[Figure, ...]])
     options: dict[str, Any] = field(default_factory=dict[str, Any])
     """Further fields of the observation."""
 
@@ -105,6 +106,7 @@ class Site:
             seq=number, user=person_of(instance), pid=process.pid, host=process.host, keys=tuple(keys),
             latency=late,
             uptime_s=max(process.uptime_s - (NOW_S - at_s), 0.0),
+            figures=self.figures.get(instance, ()),
             problems=(*process.warnings, *self.warnings.get(instance, ())),
         )  # fmt: skip
         return DiagnosisReport(received_s=at_s, health=health, arrived_ns=stamp_ns)

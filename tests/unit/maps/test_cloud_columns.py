@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.maps.checks.check import examined
 from pointit.maps.cloud_file import read_points
-from pointit.maps.file import load_map_and_clouds, read_map_file
+from pointit.maps.file import load_map_and_clouds
 from pointit.maps.text_table import Wanted
 from pointit.runtime.errors import ConfigError
 
@@ -263,15 +262,6 @@ def test_no_text_is_a_fault(tmp_path_factory: pytest.TempPathFactory, text: str)
     for columns in ({"x": 1, "y": 2, "z": 3}, {"x": "x", "y": "y", "z": "z"}):
         with contextlib.suppress(ConfigError):
             assert read_points(path, columns).shape[1] == 3
-
-
-def test_the_message_about_columns_names_the_cloud_of_the_map(tmp_path: Path) -> None:
-    (tmp_path / "scan.csv").write_text("a,b,c\n" + rows(POINTS))
-    path = tmp_path / "room.yaml"
-    path.write_text("clouds: {scan: {file: scan.csv}}")
-    _, findings = examined("room", path, lambda: read_map_file(path))
-    assert [each.where for each in findings] == ["clouds.scan.file"]
-    assert "scan.csv: no line names the columns x, y, z once each, line 1 is 1 'a'" in findings[0].text
 
 
 PCD = """# .PCD v0.7 - Point Cloud Data file format

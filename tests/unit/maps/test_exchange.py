@@ -158,9 +158,3 @@ def test_other_json_is_no_segments(text: str) -> None:
 def test_ledmap_with_too_many_cells_is_refused() -> None:
     with pytest.raises(ConfigError, match="too many"):
         exchange.to_ledmap(BENT, "side", 0.0001)
-
-
-def test_rows_of_a_matrix_do_not_share_the_wire() -> None:
-    rows = [{"id": row, "start": 0, "stop": 16, "startY": row, "stopY": row + 1} for row in range(3)]
-    strips = exchange.laid_out(exchange.from_segments(json.dumps({"seg": rows})), 0.02)
-    assert [(strip.pixels, strip.offset) for strip in strips.values()] == [(16, None)] * 3

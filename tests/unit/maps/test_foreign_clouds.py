@@ -122,19 +122,6 @@ def test_a_cloud_is_read_right_or_refused_with_parameters_that_work(tmp_path: Pa
     np.testing.assert_allclose(points, ROOM, atol=0.02 if "utm" in name or "grid" in name else 2e-4)
 
 
-def test_the_origin_that_a_refusal_prints_works(tmp_path: Path) -> None:
-    content, _ = CLOUDS["national_grid.txt"]
-    assert isinstance(content, str)
-    (tmp_path / "scan.txt").write_text(content)
-    path = tmp_path / "room.yaml"
-    path.write_text("clouds: {scan: {file: scan.txt}}")
-    with pytest.raises(ConfigError) as caught:
-        load_map_and_clouds(str(path), 0)
-    path.write_text(f"clouds: {{scan: {{file: scan.txt, {str(caught.value).partition('such as ')[2]}}}}}")
-    points = load_map_and_clouds(str(path), 0)[1]["scan"]
-    assert points.min(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
-
-
 def test_a_shallow_scan_whose_axis_up_is_not_stated_is_refused_until_it_is(tmp_path: Path) -> None:
     shallow = np.column_stack([X, Z - 1.4, 0.4 * (Y - Y.mean())])
     (tmp_path / "scan.csv").write_text("x,y,z\n" + lines(shallow))

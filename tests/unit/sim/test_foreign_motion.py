@@ -53,16 +53,6 @@ FILES: dict[str, tuple[str, dict[str, str]]] = {
         ),
         {"columns": "t=2,qx=3,qy=4,qz=5,qw=6,robot_x=7/mm,robot_y=8/mm,robot_z=9/mm", "up": "y"},
     ),
-    "steamvr_log.csv": (
-        csv(
-            STEAMVR,
-            [
-                [1.7e9 + time_s, *Y_UP_PLACES[n], Y_UP_TURNS[n][3], *Y_UP_TURNS[n][:3], 1.0]
-                for n, time_s in NUMBERED
-            ],
-        ).replace("1.7e+09", "1700000000"),
-        {},
-    ),
     "pandas.csv": (
         csv(",t,qx,qy,qz,qw,robot_x,robot_y,robot_z\n", [[n, t, *TURNS[n], *PLACES[n]] for n, t in NUMBERED]),
         {},
@@ -145,14 +135,3 @@ def test_a_robot_of_motion_capture_is_read_with_the_columns_that_the_refusal_nam
     recording = read_robot_csv(path, MotionForm(columns=columns))
     assert recording.robot_m is not None
     np.testing.assert_allclose(recording.robot_m, PLACES, atol=1e-4)
-
-
-def test_angles_of_motion_capture_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "segments.csv"
-    path.write_text(
-        "Frame,Sub Frame,RX,RY,RZ\n,,deg,deg,deg\n" + "".join(f"{n},0,0,0,{n}\n" for n in range(9))
-    )
-    with pytest.raises(
-        ConfigError, match=r"3 'RX', 4 'RY', 5 'RZ'; .* and quaternions, as angles are not read"
-    ):
-        read_imu_csv(path)

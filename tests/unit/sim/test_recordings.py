@@ -53,7 +53,6 @@ def test_columns_in_any_order_with_time_from_zero(tmp_path: Path) -> None:
         ("t;qw;qx;qy;qz\n0;1.000,0;0;0;0\n", ["line 2", "'qw'", "'1.000,0'"]),
         ("t [ms],qw,qx,qy,qz\n0,1,0,0,0\n", ["line 1", "1 't [ms]'", "set columns"]),
         ("t,yaw_deg,pitch,roll\n0,1,0,0\n", ["2 'yaw_deg'", "angles are not read"]),
-        (HEADER + "\n0,1,0,0,0\n\n2,1,0,0,0\n1,1,0,0,0\n", ["line 5", "'t'", "increase", "1 after 2"]),
         (HEADER + "\n0,1,1,0,0\n", ["line 2", "'qw' to 'qz'", "norm 1.41421", "set columns"]),
     ],
 )

@@ -56,6 +56,9 @@ class HomeAssistantConfig(Config):
     language: str = Field(
         default="", pattern=LANGUAGE, description="language of the names, such as de; the voice's if empty"
     )
+    people: tuple[str, ...] = Field(
+        default=("*",), description="people whose names of things the speaker says, `*` for all"
+    )
     rate_hz: float = Field(
         default=5.0, gt=0, le=50, description="maximum rate of commands to one entity; the newest counts, Hz"
     )

@@ -23,7 +23,6 @@ from pointit.bridges.home_assistant.hover_feedback import (
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile, site_folder
-from pointit.schemas.problems import NAMES_SPOKEN
 
 log = logging.getLogger(__name__)
 
@@ -60,8 +59,6 @@ class EntityCommands:
         self._connection: HomeAssistantConnection | None = None
         self._pending: dict[str, tuple[str, ServiceCall]] = {}
         """Newest call of each entity that is not sent yet, with the parameter to correct if it fails."""
-        self._spoken = 0
-        """Number of names that text-to-speech entities have spoken."""
         self._ended: set[str] = set()
         """Entities that show this hover no more: they were switched, or its time is over."""
         self._slow_calls: Counter[str] = Counter()
@@ -104,7 +101,7 @@ class EntityCommands:
         if not is_lost:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(END_TIMEOUT_S):
-                    await asyncio.gather(*(self._restore_at_end(connection, each) for each in self._dimmed()))
+                    await asyncio.gather(*(self._restore_at_end(connection, each) for each in self.dimmed))
         if self._feedback is not None:
             self._feedback.reset()
 
@@ -114,17 +111,13 @@ class EntityCommands:
         self._ended.add(call.entity)
         self.wake(call.entity)
 
-    def drop(self, entity: str) -> None:
-        """Do not send the call to an entity that waits."""
-        self._pending.pop(entity, None)
-
     def check(self) -> None:
         """Look at all lamps that show a hover or shall show it. Called periodically."""
         hovered = set(self._hovered())
         if self._feedback is not None:
             self._ended |= set(filter(self._feedback.is_over, hovered))
         self._ended &= hovered
-        for entity in {*self._dimmed(), *hovered}:
+        for entity in {*self.dimmed, *hovered}:
             self.wake(entity)
 
     def wake(self, entity: str) -> None:
@@ -134,7 +127,9 @@ class EntityCommands:
         work = self._work(self._connection, entity)
         self._workers[entity] = asyncio.create_task(work, name=f"calls to {entity}")
 
-    def _dimmed(self) -> tuple[str, ...]:
+    @property
+    def dimmed(self) -> tuple[str, ...]:
+        """Return the lamps that are not restored yet."""
         return self._feedback.entities if self._feedback is not None else ()
 
     async def _work(self, connection: HomeAssistantConnection, entity: str) -> None:
@@ -163,9 +158,6 @@ class EntityCommands:
                 )
             else:
                 self._bus.clear("actions", entity)
-                if call.domain == "tts":
-                    self._spoken += 1
-                    self._bus.set_metric(NAMES_SPOKEN, self._spoken)
             return True
         is_slow = self._slow_calls[entity] >= MAX_SLOW_CALLS
         if entity in self._hovered() and entity not in self._ended and not is_slow:

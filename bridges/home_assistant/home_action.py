@@ -21,7 +21,8 @@ RUN_ACTIONS: Mapping[str, str] = {
 }
 """Actions of domains that are run, and have no state of their own that is on or off."""
 OFF_STATES = frozenset(("off", "closed", "closing", "standby", "locked", "locking", "docked", "returning"))
-NO_STATES = frozenset(("unavailable", "unknown"))
+UNAVAILABLE = "unavailable"
+NO_STATES = frozenset((UNAVAILABLE, "unknown"))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ wall, and a lamp that is polled answers with a new one. Thus:
 - A lamp that still has the brightness before says nothing yet.
 - The first report after the call is its answer, however rounded, unless the call of a user or of an
   automation caused it. Without a context of ours it must be within half a level of ten.
-- Later reports of ours are equal to it, or come nearer to what was commanded (a transition).
+- Later reports of ours are equal to it, or come nearer to what was commanded (a lamp that fades).
 - All else is the act of somebody else: the lamp is left as it is.
 - What somebody else has set becomes the brightness before after `STANDING_S`, which is longer than a hover
   lasts. So no other site's hover does.
@@ -52,17 +52,22 @@ class DimmedLight(BaseModel):
     contexts: tuple[str, ...] = ()
     """Contexts of the newest calls of the hover, `UNKNOWN` of one whose result has not come."""
 
-    def is_answer(self, state: Mapping[str, Any]) -> bool:
-        """Return True if the lamp reports `state` by the hover alone, or has not changed yet."""
+    def is_answer(self, state: Mapping[str, Any], *, is_restored: bool) -> bool:
+        """Return True if the lamp reports `state` by calls of the hover alone, or has not changed yet."""
         brightness, context = brightness_of(state), context_of(state)
         if brightness is None or brightness in (self.before, self.shown):
             return True
-        is_near = abs(brightness - self.during) <= MAX_ROUNDING
         is_ours = context.get("id") in self.contexts
-        if self.shown is not None:
-            return is_ours and abs(brightness - self.during) < abs(self.shown - self.during)
-        is_others = bool(context.get("user_id") or context.get("parent_id")) and UNKNOWN not in self.contexts
-        return is_ours or (is_near and not is_others)
+        if self.shown is None:
+            is_near = abs(brightness - self.during) <= MAX_ROUNDING
+            is_call = bool(context.get("user_id") or context.get("parent_id"))
+            return is_ours or (is_near and (not is_call or UNKNOWN in self.contexts))
+        is_fading_back = is_restored and abs(brightness - self.before) < abs(self.shown - self.before)
+        return is_ours and (is_fading_back or self.is_nearer(brightness))
+
+    def is_nearer(self, brightness: int) -> bool:
+        """Return True if a brightness is nearer to that of the hover than what the lamp reported before."""
+        return self.shown is None or abs(brightness - self.during) < abs(self.shown - self.during)
 
     def shows_hover(self, brightness: int) -> bool:
         """Return True if a lamp with this brightness is not restored yet."""
@@ -186,14 +191,14 @@ class HoverFeedback:
     def _note(self, entity: str, light: DimmedLight, reports: Iterable[Mapping[str, Any]]) -> None:
         """Store what a hovered lamp reports, or forget the lamp if others have set it."""
         for state in reports:
-            if not light.is_answer(state):
+            if not light.is_answer(state, is_restored=entity in self._restored_s):
                 self._others_s[entity] = self._now_s()
                 self._begin_s.pop(entity, None)
                 self._restored_s.pop(entity, None)
                 self._store(entity, None)
                 return
             brightness = brightness_of(state)
-            if brightness not in (None, light.before):
+            if brightness is not None and brightness != light.before and light.is_nearer(brightness):
                 light = light.model_copy(update={"shown": brightness})
         self._store(entity, light)
 

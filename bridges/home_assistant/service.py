@@ -1,11 +1,13 @@
 """Runs actions of a Home Assistant when people point at things, and shows its states."""
 
 import asyncio
+import bisect
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+from pointit.bridges.home_assistant.announcer import VOICES, HomeAnnouncer
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import (
     HomeAssistantConnection,
@@ -16,14 +18,13 @@ from pointit.bridges.home_assistant.connection import (
     require_client,
 )
 from pointit.bridges.home_assistant.entity_commands import EntityCommands
-from pointit.bridges.home_assistant.home_action import HomeAction, ServiceCall
+from pointit.bridges.home_assistant.home_action import UNAVAILABLE, HomeAction
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.errors import ConfigError, RefusedError, RequestError
 from pointit.runtime.host.state_file import expand_home
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import Announced, Environment, Hover, Selection, SelectionEvent, SetThing
+from pointit.schemas import Environment, Hover, Selection, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing
-from pointit.schemas.problems import VOICE
 from pointit.schemas.selection import REPEATED_REASON
 from pointit.schemas.topics import ANNOUNCED, HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
 
@@ -38,8 +39,14 @@ SETTLE_S = 3.0
 """Time for an entity to reach the state of its thing, s. Then the thing gets the state of the entity."""
 MAX_HOVER_AGE_S = 1.0
 """Time without a message after which nobody hovers, s. There are 5 a second at least."""
+MIN_PERIOD_S = 0.05
+"""Time between two answers to changes in Home Assistant, s: a lamp may flap."""
 MAX_NAMES = 10
 """Number of entities that a warning names."""
+MAX_CANDIDATES = 300
+"""Number of names that are compared with one that is not there: its neighbours by the alphabet."""
+MAX_VOICES = 100
+"""Number of text-to-speech entities whose states are known."""
 
 
 class HomeAssistant(Service[HomeAssistantConfig]):
@@ -56,18 +63,27 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self.validate_config(config)
         self._loop = asyncio.get_running_loop()
         self._things: dict[str, tuple[Thing, HomeAction]] = {}
+        self._entities: set[str] = set()
+        """Entities of things, and those that speak."""
         self._states: dict[str, Mapping[str, Any]] = {}
-        """States in Home Assistant by entity."""
+        """States in Home Assistant of the entities that are used, by entity."""
+        self._names: Collection[str] = ()
+        """Names of all entities, when they were read."""
         self._new_names: dict[str, str] = {}
         """New names of entities that were renamed."""
+        self._hints: dict[str, str] = {}
+        """Names that are similar to one that is not there."""
+        self._should_read = False
+        """There are things whose entities have not been read."""
+        self._has_changed = asyncio.Event()
+        self._changed: dict[str, bool] = {}
+        """Things whose entities have changed, True if these had no state before."""
         self._selected: set[str] | None = None
         self._hovers: dict[str, tuple[str, float]] = {}
         """Hovered thing of each person, and the time of the message."""
         self._targets: dict[str, tuple[bool, float]] = {}
         """State that each switched entity shall reach, and until when."""
-        self._addressee = ""
-        """Person to whom the newest name is spoken."""
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._announcer = HomeAnnouncer(config, self.bus, self._states)
         self._commands = EntityCommands(
             config, self.bus, lambda entity: self._states.get(entity, {}), self._hovered_entities
         )
@@ -77,7 +93,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         if config.hover:
             self.bus.subscribe(HOVER, self._on_hover)
         if config.speaker:
-            self.bus.subscribe(ANNOUNCED, self._on_announced)
+            self.bus.subscribe(ANNOUNCED, self._announcer.on_announced)
 
     @classmethod
     def validate_config(cls, config: HomeAssistantConfig) -> None:
@@ -108,37 +124,48 @@ class HomeAssistant(Service[HomeAssistantConfig]):
     async def _serve(self) -> None:
         async with connected(self.config) as connection:
             reading = asyncio.create_task(connection.read(), name="messages of Home Assistant")
-            following = asyncio.create_task(self._follow(connection), name="states of Home Assistant")
+            tasks = {
+                reading,
+                asyncio.create_task(self._follow(connection), name="states of Home Assistant"),
+                asyncio.create_task(self._announcer.speak(connection), name="names for Home Assistant"),
+            }
             try:
-                await asyncio.wait((reading, following), return_when=asyncio.FIRST_COMPLETED)
-                await (reading if reading.done() else following)
+                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+                await (reading if reading in done else done.pop())
             finally:
-                following.cancel()
+                for task in tasks - {reading}:
+                    task.cancel()
                 try:
                     await self._commands.close(connection, is_lost=reading.done())
                 finally:  # also if this is cancelled once more
                     reading.cancel()
-                    await asyncio.gather(reading, following, return_exceptions=True)
+                    await asyncio.gather(*tasks, return_exceptions=True)
                     self._targets.clear()
 
     async def _follow(self, connection: HomeAssistantConnection) -> None:
         """Read all states, then give things the states of their entities, except while these change."""
-        self._states = {}
+        self._states.clear()
+        self._hints.clear()
         silent = f"{self.config.url} accepts the token and then says nothing: restart Home Assistant"
         silence = self.bus.call_later(FIRST_REPLY_S, lambda: self.bus.warn("connection", silent))
         try:
             await connection.subscribe("state_changed", self._on_state_changed)
             with contextlib.suppress(RefusedError):  # of an old version
                 await connection.subscribe("entity_registry_updated", self._on_registry)
-            self._states = await connection.states() | self._states  # events since then are newer
+            await self._read_states(connection)
         finally:
             silence.cancel()
         self._commands.open(connection, self._states)
         self.bus.clear("connection")
-        self._report_entities()
         differs_since: dict[str, float] = {}
         known: set[str] = set()
         while True:
+            if self._should_read:
+                await self._read_states(connection)
+            changed, self._changed = self._changed, {}
+            for name, is_restored in changed.items():
+                if name in self._differing():
+                    await self._set_thing(name, is_restored=is_restored)
             now_s, differing = self._loop.time(), self._differing()
             # what differs at first has been so before the connection: it does not settle
             begin_s = {name: now_s if name in known else now_s - SETTLE_S for name in differing}
@@ -150,7 +177,28 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             if self._selected is not None:
                 known |= self._things.keys()
             self._commands.check()
-            await asyncio.sleep(CHECK_PERIOD_S)
+            await self._report_entities()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(CHECK_PERIOD_S):
+                    await self._has_changed.wait()
+            await asyncio.sleep(MIN_PERIOD_S)
+            self._has_changed.clear()
+
+    async def _read_states(self, connection: HomeAssistantConnection) -> None:
+        """Read the states of the entities that are used, and the names of all."""
+        self._should_read = False
+        states = await connection.states()
+        self._names = states.keys()
+        used = {name: each for name, each in states.items() if self._is_used(name)}
+        self._states |= used | self._states  # events since the request are newer
+
+    def _is_used(self, entity: str) -> bool:
+        """Return True if the state of an entity matters here."""
+        if entity in self._entities or entity in self._commands.dimmed:
+            return True
+        if not entity.startswith(VOICES):
+            return False
+        return entity in self._states or sum(each.startswith(VOICES) for each in self._states) < MAX_VOICES
 
     def _differing(self) -> list[str]:
         """Return the switches that are not in the state of their entity, which is not about to change."""
@@ -185,7 +233,11 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             for thing in environment.things
             if thing.home_assistant
         }
-        self._report_entities()
+        self._announcer.use(environment.things)
+        self._entities = {action.entity for _thing, action in self._things.values()}
+        self._entities |= {self.config.speaker, self.config.voice} - {""}
+        self._should_read = True
+        self._has_changed.set()
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._selected = {each.id for each in selection.objects}
@@ -211,24 +263,6 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             self._targets[action.entity] = (on, self._loop.time() + SETTLE_S)
         self._commands.send(action.call(on=on), f"`home_assistant` of thing {thing.id} in the map")
 
-    def _on_announced(self, announced: Announced, user: str) -> None:
-        """Speak the name of the thing that a person points at, unless they point elsewhere meanwhile."""
-        voice = self._voice()
-        if not announced.object_id and user == self._addressee:
-            self._commands.drop(voice)
-        elif announced.object_id and self._commands.is_connected and voice:
-            self._addressee = user
-            data = {"media_player_entity_id": self.config.speaker, "message": announced.label}
-            if self.config.language:
-                data["language"] = self.config.language
-            self._commands.send(ServiceCall(voice, "tts", "speak", data), "`speaker` or `voice`")
-
-    def _voice(self) -> str:
-        """Return the text-to-speech entity that speaks, or `""` if none is available."""
-        voices = [self.config.voice] if self.config.voice else sorted(self._states)
-        available = (each for each in voices if not self._is_unavailable(each))
-        return next((each for each in available if each.startswith("tts.")), "")
-
     def _on_hover(self, hover: Hover, user: str) -> None:
         before = self._hovers.get(user, ("", 0.0))[0]
         self._hovers[user] = (hover.object_id, self._loop.time())
@@ -242,68 +276,69 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     def _on_state_changed(self, data: Mapping[str, Any]) -> None:
         entity, state = data.get("entity_id"), data.get("new_state")
-        if not isinstance(entity, str):
+        if not isinstance(entity, str) or not self._is_used(entity):
             return
         before = self._states.pop(entity, {})
         if is_state(state):
             self._states[entity] = state
         self._commands.on_state(entity, before, self._states.get(entity, {}))
-        changed = {name: action for name, (_thing, action) in self._things.items() if action.entity == entity}
         if before.get("state") == self._states.get(entity, {}).get("state"):
             return
-        if changed or entity.startswith(("media_player.", "tts.")):
-            self._report_entities()
-        for name, action in changed.items():
-            was_on, is_on = action.is_on(before.get("state")), self._is_on(action)
-            if is_on is not None and self._target(entity) is is_on:
-                self._targets.pop(entity)  # reached
-            if name in self._differing() and was_on is not is_on:
-                task = asyncio.create_task(self._set_thing(name, is_restored=was_on is None))
-                self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
+        for name, (_thing, action) in self._things.items():
+            if action.entity == entity:
+                was_on, is_on = action.is_on(before.get("state")), self._is_on(action)
+                if is_on is not None and self._target(entity) is is_on:
+                    self._targets.pop(entity)  # reached
+                if was_on is not is_on:
+                    self._changed[name] = was_on is None
+        self._has_changed.set()
 
     def _on_registry(self, data: Mapping[str, Any]) -> None:
         before, after = data.get("old_entity_id"), data.get("entity_id")
-        if isinstance(before, str) and isinstance(after, str):
+        if before in self._entities and isinstance(before, str) and isinstance(after, str):
             self._new_names[before] = after
-            self._report_entities()
+            self._has_changed.set()
 
-    def _hint(self, entity: str) -> str:
+    async def _hint(self, entity: str) -> str:
         """Return the new name of an entity that is not there, or similar names, or `""`.
 
         Everybody on the site can read it, so it lists no other entities of the home.
         """
-        new, domain = self._new_names.get(entity, ""), entity.partition(".")[0]
-        alike = (each for each in self._states if each.partition(".")[0] == domain)
-        return f"now {new}" if new in self._states else did_you_mean(entity, alike)
+        if entity in self._new_names:
+            return f"now {self._new_names[entity]}"
+        if entity not in self._hints:
+            self._hints[entity] = await asyncio.to_thread(_similar_names, entity, self._names)
+        return self._hints[entity]
 
     def _is_unavailable(self, entity: str) -> bool:
-        return bool(self._states.get(entity, {}).get("state", "unavailable") == "unavailable")
+        return bool(self._states.get(entity, {}).get("state", UNAVAILABLE) == UNAVAILABLE)
 
-    def _report_entities(self) -> None:
+    async def _report_entities(self) -> None:
         """Report entities that do not exist or are unavailable, by name."""
-        if not self._commands.is_connected:
-            return
         uses = [(action.entity, f"of thing {name}") for name, (_thing, action) in self._things.items()]
         uses += [(each, "that speaks") for each in (self.config.speaker, self.config.voice) if each]
         missing: list[str] = []
         unavailable: list[str] = []
         for entity, use in uses:
             if entity not in self._states:
-                hint = "" if len(missing) > MAX_NAMES else self._hint(entity)
+                hint = "" if len(missing) > MAX_NAMES else await self._hint(entity)
                 missing.append(f"{entity} {use}" + (f" ({hint})" if hint else ""))
             elif self._is_unavailable(entity):
                 unavailable.append(f"{entity} {use}")
-        is_silent = self.config.speaker and not self._voice()
-        silent = f"nobody hears names: {self.config.voice or 'any text-to-speech entity'} is not available"
-        remedy = "look into its integration, or add one there, e.g. Piper"
-        self.bus.warn(VOICE, f"{silent}; {remedy}" if is_silent else "")
+        self._announcer.report_voice()
         names = _listed(missing)
         remedy = "correct `home_assistant` in the map or site"
         self.bus.warn("entities", names and f"not in Home Assistant: {names}; {remedy}")
         names = _listed(unavailable)
         remedy = "look into the integration there"
         self.bus.warn("unavailable", names and f"unavailable in Home Assistant: {names}; {remedy}")
+
+
+def _similar_names(entity: str, names: Collection[str]) -> str:
+    domain = entity.partition(".")[0] + "."
+    alike = sorted(each for each in names if each.startswith(domain))
+    middle = bisect.bisect(alike, entity)
+    return did_you_mean(entity, alike[max(middle - MAX_CANDIDATES // 2, 0) : middle + MAX_CANDIDATES // 2])
 
 
 def _listed(entries: Sequence[str]) -> str:

@@ -1,9 +1,13 @@
 """The bridge beside a recorded conversation with a real Home Assistant 2025.4.4, and one in memory."""
 
 import asyncio
+import contextlib
+import itertools
+import json
 import logging
 import ssl
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -430,3 +434,77 @@ def test_address_that_was_copied_from_a_browser_is_that_of_its_server(tmp_path: 
     config = config_of(tmp_path, 1, url="http://homeassistant.local:8123/lovelace/0?edit=1")
     assert config.address == "ws://homeassistant.local:8123/api/websocket"
     assert HomeAction.parse(LAMP).domain == "light"
+
+
+def frame(payload: bytes, opcode: int = 1) -> bytes:
+    """Return a frame of a websocket from a server."""
+    return bytes([0x80 | opcode, 127]) + len(payload).to_bytes(8) + payload
+
+
+def change(entity: str, state: str, **attributes: Any) -> bytes:
+    new = {"entity_id": entity, "state": state, "attributes": attributes}
+    event = {"event_type": "state_changed", "data": {"entity_id": entity, "new_state": new}}
+    return frame(json.dumps({"id": 1, "type": "event", "event": event}).encode())
+
+
+FLOODS: dict[str, Callable[[int], bytes]] = {
+    "a lamp that flaps": lambda n: change(LAMP, ("on", "off", "unavailable")[n % 3], brightness=n % 255 + 1),
+    "new entities": lambda n: change(f"media_player.m{n}", "on", text="x" * 700),
+    "tiny messages": lambda _: b"\x81\x02[]" * 1000,
+    "pings": lambda _: b"\x89\x00" * 1000,
+    "lists of nothing": lambda _: frame(b"[" + b"{}," * 1_000_000 + b"{}]"),
+    "one deep state": lambda _: frame(
+        b'{"id":3,"type":"result","success":true,"result":[[' + b"{}," * 1_000_000 + b"{}]]}"
+    ),
+}
+
+
+@pytest.mark.parametrize("flood", FLOODS)
+async def test_server_that_floods_the_bridge_leaves_the_loop_to_others(flood: str, tmp_path: Path) -> None:
+    headers: list[Any] = []
+
+    async def send_flood(websocket: ServerConnection) -> None:
+        with contextlib.suppress(RuntimeError):  # the bridge has gone
+            for number in itertools.count():
+                websocket.transport.write(FLOODS[flood](number))
+                while websocket.transport.get_write_buffer_size() > 2**20:  # noqa: ASYNC110 - no event
+                    await asyncio.sleep(0.01)
+
+    async def answer(websocket: ServerConnection) -> None:
+        headers.append(websocket.request and websocket.request.headers.get("Sec-WebSocket-Extensions"))
+        await websocket.send('{"type": "auth_required"}')
+        await websocket.recv()
+        await websocket.send('{"type": "auth_ok"}')
+        async with asyncio.TaskGroup() as tasks:
+            async for text in websocket:
+                command = json.loads(text)
+                names = range(5000 if command["type"] == "get_states" else 0)
+                states = [{"entity_id": f"light.l{number}", "state": "off"} for number in names]
+                reply = {"id": command["id"], "type": "result", "success": True, "result": states}
+                await websocket.send(json.dumps(reply))
+                if states:
+                    tasks.create_task(send_flood(websocket))
+
+    port = free_port()
+
+    def run_server() -> None:
+        async def run() -> None:
+            async with serve(answer, "127.0.0.1", port, ping_interval=None):
+                await asyncio.sleep(4.0)
+
+        asyncio.run(run())
+
+    turns_s: list[float] = []
+    async with memory_bench(WallClock()) as bench:
+        server = asyncio.create_task(asyncio.to_thread(run_server))
+        HomeSite(
+            bench, thing("desk", LAMP), *(thing(f"t{number}", f"light.x{number}") for number in range(9))
+        )
+        start(bench, config_of(tmp_path, port))
+        while not server.done():
+            begin_s = time.thread_time()
+            await asyncio.sleep(0.001)
+            turns_s.append(time.thread_time() - begin_s)
+    assert headers[0] is None, "no compression: some bytes can become many"
+    assert max(turns_s) < 0.1
+    assert len(turns_s) > 100

@@ -138,43 +138,50 @@ async def test_hover_is_one_call_ends_after_its_time_and_waits_after_what_others
     assert commanded() == [120, 100, 120, 132, 110]
 
 
-async def test_media_player_speaks_the_newest_name_and_none_that_has_ended(
+async def test_media_player_speaks_names_of_the_map_of_each_person_in_turn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    home = MemoryHome({"tts.piper": ("unknown", {}), "media_player.kitchen": ("idle", {})})
-    parameters = {"speaker": "media_player.kitchen", "rate_hz": 2}
+    home = MemoryHome(
+        {"media_player.kitchen": ("idle", {}), "tts.cloud": ("unavailable", {}), "tts.piper": ("unknown", {})}
+    )
+    parameters = {"speaker": "media_player.kitchen", "rate_hz": 2, "people": ["anna", "ben"]}
+    things = [thing(name, "") for name in ("screws", "nuts", "nails", "glue")]
 
     def spoken() -> list[str]:
         return [data["message"] for _service, _entity, data in home.calls]
 
-    async with bridge(home, tmp_path, monkeypatch, **parameters) as (bench, _site, health):
+    async with bridge(home, tmp_path, monkeypatch, *things, **parameters) as (bench, _site, health):
 
-        def announce(label: str, user: str = "anna") -> None:
-            bench.put(ANNOUNCED, Announced(stamp_ns=1, object_id=label, label=label), user)
+        async def announce(name: str, user: str = "anna", label: str = "") -> None:
+            bench.put(ANNOUNCED, Announced(stamp_ns=1, object_id=name, label=label or name), user)
+            await asyncio.sleep(0.01)  # in virtual time: the newest message of a person replaces unread ones
 
-        announce("screws")
-        await until(lambda: spoken() == ["screws"], what="the first name")
-        for label in ("nuts", "nails", "glue"):
-            announce(label)
-        await until(lambda: spoken() == ["screws", "glue"], what="the newest name")
-        announce("paint", "ben")
-        announce("", "anna")
-        await until(lambda: spoken()[2:] == ["paint"], what="the name of whom still points")
-        announce("rope")  # it waits, since names are 0.5 s apart
-        await asyncio.sleep(0.1)  # in virtual time: the newest message of a person replaces unread ones
-        announce("", "anna")
-        await asyncio.sleep(2.0)
-        assert spoken()[3:] == [], "anna points at it no more"
-        announce("tape", "ben")
-        await until(lambda: spoken()[3:] == ["tape"], what="the next name")
-        data = {"media_player_entity_id": "media_player.kitchen", "message": "tape"}
+        await announce("screws")
+        for name in ("nuts", "nails"):
+            await announce(name, "ben")
+        for name in ("nuts", "nails", "glue"):
+            await announce(name)
+        await announce("glue", "ben")
+        await asyncio.sleep(3.0)
+        assert spoken() == ["screws", "glue", "glue"], "the newest of each"
+        await announce("nuts", "ben")
+        await announce("nails", "anna")
+        await announce("", "anna")
+        await announce("screws", "eve")
+        await announce("police", "anna", "This is the police")
+        await announce("screws", "ben", "This is the police")
+        await asyncio.sleep(3.0)
+        assert spoken()[3:] == ["nuts", "screws"], "no name that has ended, of nobody else, and no text"
+        data = {"media_player_entity_id": "media_player.kitchen", "message": "screws"}
         assert home.calls[-1] == ("tts.speak", "tts.piper", data)
         home.refusal = "Piper is not running"
-        announce("screws")
+        await announce("nuts")
         sentence = "did not run tts.speak on tts.piper (Piper is not running): correct `speaker` or `voice`"
         await until(lambda: sentence in str(health[-1]), what="the reason")
         home.set("media_player.kitchen", "unavailable")
         await until(lambda: "media_player.kitchen that speaks;" in str(health[-1]), what="its name")
+        home.set("tts.piper", "unavailable")
+        await until(lambda: "nobody hears names: any text" in str(health[-1]), what="no voice left")
 
 
 async def test_speaker_without_a_voice_or_with_a_wrong_name_is_reported(
@@ -197,7 +204,8 @@ async def test_the_first_voice_that_is_available_speaks_in_the_language_and_is_c
     }
     home = MemoryHome(voices | {"media_player.kitchen": ("idle", {})})
     parameters = {"speaker": "media_player.kitchen", "language": "de"}
-    async with bridge(home, tmp_path, monkeypatch, **parameters) as (bench, _site, health):
+    lamp = thing("lamp", "").model_copy(update={"label": "Lampe"})
+    async with bridge(home, tmp_path, monkeypatch, lamp, **parameters) as (bench, _site, health):
         bench.put(ANNOUNCED, Announced(stamp_ns=1, object_id="lamp", label="Lampe"), "anna")
         data = {"media_player_entity_id": "media_player.kitchen", "message": "Lampe", "language": "de"}
         await until(lambda: home.calls == [("tts.speak", "tts.piper", data)], what="the voice")

@@ -129,11 +129,18 @@ def test_answer_that_comes_long_after_the_result_counts_too(site: LampSite) -> N
     assert site.end() == 100
 
 
-def test_reports_of_a_transition_come_nearer_to_what_was_commanded(site: LampSite) -> None:
+def test_lamp_that_fades_reports_levels_that_come_nearer_to_what_was_commanded(site: LampSite) -> None:
     site.show(104)
     for brightness in (110, 118, 120):
         site.report(brightness, OURS)
     assert site.end() == 100
+    site.feedback.on_result(ServiceCall(LAMP, "light", "turn_on", {"brightness": 100}), "ours too")
+    for brightness in (115, 108, 100):
+        site.report(brightness, OURS)
+        assert not site.is_forgotten
+    site.now_s += RESTORE_TIMEOUT_S
+    assert site.end() is None
+    site.hover()
 
 
 @pytest.mark.parametrize(

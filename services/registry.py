@@ -101,8 +101,8 @@ RECORDER = "recorder"
 HOME_ASSISTANT = Process(
     name="home-assistant", scope="site", room="bridges", extra="home-assistant",
     about="things that are entities of a Home Assistant: actions there, and their state back",
-    reads=(topics.MAP, topics.HOVER, topics.SELECTION, topics.SELECTION_EVENTS, topics.ANNOUNCED),
-    writes=(),
+    reads=(topics.MAP, topics.HOVER, topics.SELECTION_EVENTS, topics.ANNOUNCED),
+    writes=(topics.THING_STATES, topics.ACT_RESULTS),
 )
 PROCESSES: list[Process] = [
     Process(

@@ -47,6 +47,12 @@ class HomeAssistantConfig(Config):
     max_hover_latency_s: float = Field(
         default=1.0, gt=0, le=10, description="lamps that take longer show no hover, s"
     )
+    limit_s: float = Field(
+        default=5.0,
+        gt=1,
+        le=60,
+        description="time for an entity to follow, s. Covers, locks, vacuums and valves have 60 s",
+    )
     speaker: Annotated[str, _entity("media_player")] = Field(
         default="", description="media player that announces names, such as media_player.kitchen"
     )

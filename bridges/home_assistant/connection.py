@@ -64,6 +64,15 @@ class NoHomeAssistantError(PointItError):
     """There is no Home Assistant at the address, or it is gone."""
 
 
+class ActionRefusedError(RefusedError):
+    """Home Assistant does not carry out a command. `code`: its kind, such as `unauthorized`."""
+
+    def __init__(self, text: str, code: str) -> None:
+        """Use the sentence and the code of Home Assistant."""
+        super().__init__(text)
+        self.code = code
+
+
 class LoginError(ConfigError):
     """Home Assistant rejects the token. Repeated, it makes it block this machine."""
 
@@ -109,7 +118,7 @@ class HomeAssistantConnection:
         """Send a command and return its result. Requires a task in `read`.
 
         Raises:
-            RefusedError: If Home Assistant does not carry it out. Its sentence.
+            ActionRefusedError: If Home Assistant does not carry it out. Its sentence.
             TimeoutError: If it does not reply within `REPLY_TIMEOUT_S`.
         """
         return await self._request(self._next_id(), command, fields)
@@ -209,8 +218,9 @@ class HomeAssistantConnection:
             if message.get("success"):
                 reply.set_result(message.get("result"))
             else:
-                text = _fields(message.get("error")).get("message", "it gives no reason")
-                reply.set_exception(RefusedError(one_line(str(text), MAX_REASON)))
+                error = _fields(message.get("error"))
+                text = one_line(str(error.get("message", "it gives no reason")), MAX_REASON)
+                reply.set_exception(ActionRefusedError(text, str(error.get("code", ""))))
 
 
 def _fields(value: object) -> Mapping[str, Any]:

@@ -9,7 +9,9 @@ from typing import Any
 
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import (
+    LOST,
     REPLY_TIMEOUT_S,
+    ActionRefusedError,
     HomeAssistantConnection,
     NoHomeAssistantError,
 )
@@ -23,6 +25,7 @@ from pointit.bridges.home_assistant.hover_feedback import (
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import StateFile, site_folder
+from pointit.runtime.service.carrier import ActFailedError
 
 log = logging.getLogger(__name__)
 
@@ -57,8 +60,8 @@ class EntityCommands:
         self._state_of = states
         self._hovered = hovered
         self._connection: HomeAssistantConnection | None = None
-        self._pending: dict[str, tuple[str, ServiceCall]] = {}
-        """Newest call of each entity that is not sent yet, with the parameter to correct if it fails."""
+        self._pending: dict[str, tuple[ServiceCall, asyncio.Future[None]]] = {}
+        """Newest call of each entity that is not sent yet, and its result."""
         self._ended: set[str] = set()
         """Entities that show this hover no more: they were switched, or its time is over."""
         self._slow_calls: Counter[str] = Counter()
@@ -97,6 +100,8 @@ class EntityCommands:
             worker.cancel()
         await asyncio.gather(*workers, return_exceptions=True)
         self._workers.clear()  # one that was cancelled before its first step is still there
+        for _call, result in self._pending.values():
+            result.cancel()
         self._pending.clear()
         if not is_lost:
             with contextlib.suppress(TimeoutError):
@@ -105,11 +110,31 @@ class EntityCommands:
         if self._feedback is not None:
             self._feedback.reset()
 
-    def send(self, call: ServiceCall, parameter: str) -> None:
-        """Send `call`, instead of one of the same entity that waits. `parameter`: its origin, for errors."""
-        self._pending[call.entity] = (parameter, call)
+    async def run(self, call: ServiceCall) -> None:
+        """Send `call`, instead of one of the same entity that waits. Return when Home Assistant has run it.
+
+        Raises:
+            ActFailedError: If it was not run. A sentence with the remedy.
+        """
+        if self._connection is None:
+            raise ActFailedError("unavailable", LOST)
+        if call.entity in self._pending and not self._pending[call.entity][1].done():
+            self._pending[call.entity][1].set_exception(
+                ActFailedError("replaced", f"another act on {call.entity} came before it was done")
+            )
+        result: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        pending = self._pending[call.entity] = (call, result)
         self._ended.add(call.entity)
         self.wake(call.entity)
+        try:
+            await result
+        except asyncio.CancelledError:
+            if not result.cancelled() or self._connection is not None:
+                raise
+            raise ActFailedError("unavailable", LOST) from None
+        finally:
+            if self._pending.get(call.entity) is pending:
+                del self._pending[call.entity]
 
     def check(self) -> None:
         """Look at all lamps that show a hover or shall show it. Called periodically."""
@@ -146,18 +171,19 @@ class EntityCommands:
         """Send the next call to an entity. Return False if there is none."""
         if entity in self._pending:
             await self._restore(connection, entity)  # first: the lamp has its brightness when it is on
-            parameter, call = self._pending.pop(entity)
+            if entity not in self._pending:  # its time was over meanwhile
+                return True
+            call, result = self._pending.pop(entity)
             try:
                 await connection.call(call)
-            except (RefusedError, TimeoutError) as error:
-                self._bus.warn(
-                    "actions",
-                    f"Home Assistant did not run {call.domain}.{call.service} on {entity} "
-                    f"({str(error) or 'no answer'}): correct {parameter}",
-                    entity,
-                )
-            else:
-                self._bus.clear("actions", entity)
+            except (RefusedError, TimeoutError, NoHomeAssistantError) as error:
+                if not result.done():
+                    result.set_exception(_failure(call, error))
+            except asyncio.CancelledError:
+                result.cancel()
+                raise
+            if not result.done():
+                result.set_result(None)
             return True
         is_slow = self._slow_calls[entity] >= MAX_SLOW_CALLS
         if entity in self._hovered() and entity not in self._ended and not is_slow:
@@ -224,3 +250,21 @@ class EntityCommands:
             yield
         except ConfigError as error:
             self._bus.warn("hover", f"lamps show no hover: {error}")
+
+
+def _failure(call: ServiceCall, error: Exception) -> ActFailedError:
+    """Return the sentence on an action that Home Assistant has not run, with the remedy."""
+    action = f"{call.domain}.{call.service}"
+    if isinstance(error, NoHomeAssistantError):
+        return ActFailedError("unavailable", str(error))
+    if isinstance(error, TimeoutError):
+        return ActFailedError("no_answer", f"Home Assistant did not answer to {action} on {call.entity}")
+    code = error.code if isinstance(error, ActionRefusedError) else ""
+    if code == "unauthorized":
+        return ActFailedError(
+            "refused",
+            f"this token's user may not switch {call.entity} in Home Assistant: use another user's token",
+        )
+    if code == "not_found":
+        return ActFailedError("refused", f"Home Assistant has no action {action}: correct it in the map")
+    return ActFailedError("refused", f"Home Assistant refuses {action} on {call.entity} ({error})")

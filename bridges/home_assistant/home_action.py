@@ -12,6 +12,8 @@ SWITCH_ACTIONS: Mapping[str, tuple[str, str]] = {
     "vacuum": ("start", "return_to_base"),
 }
 """Actions that switch on and off, of domains that have no `turn_on` and `turn_off`."""
+SLOW_DOMAINS = frozenset(("cover", "lock", "vacuum", "valve"))
+"""Domains of entities that take up to a minute to follow."""
 RUN_ACTIONS: Mapping[str, str] = {
     "automation": "trigger",
     "button": "press",
@@ -61,7 +63,8 @@ class HomeAction:
         if self.domain in RUN_ACTIONS:
             return ServiceCall(self.entity, self.domain, RUN_ACTIONS[self.domain])
         turn_on, turn_off = SWITCH_ACTIONS.get(self.domain, ("turn_on", "turn_off"))
-        return ServiceCall(self.entity, self.domain, "toggle" if on is None else turn_on if on else turn_off)
+        domain = "homeassistant" if self.domain == "group" else self.domain
+        return ServiceCall(self.entity, domain, "toggle" if on is None else turn_on if on else turn_off)
 
     def is_on(self, state: str | None) -> bool | None:
         """Return True if an entity with this state is on, None if that is unknown or it has no such state."""

@@ -18,28 +18,30 @@ from pointit.bridges.home_assistant.connection import (
     require_client,
 )
 from pointit.bridges.home_assistant.entity_commands import EntityCommands
-from pointit.bridges.home_assistant.home_action import UNAVAILABLE, HomeAction
+from pointit.bridges.home_assistant.home_action import SLOW_DOMAINS, UNAVAILABLE, HomeAction
 from pointit.runtime.config.nearest_name import did_you_mean
-from pointit.runtime.errors import ConfigError, RefusedError, RequestError
+from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import expand_home
+from pointit.runtime.service.carrier import Act, ActFailedError, Carrier
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import Environment, Hover, Selection, SelectionEvent, SetThing
+from pointit.schemas import Environment, Hover, ThingState
 from pointit.schemas.environment import Thing
-from pointit.schemas.selection import REPEATED_REASON
-from pointit.schemas.topics import ANNOUNCED, HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
+from pointit.schemas.text import one_line
+from pointit.schemas.topics import ANNOUNCED, HOVER, MAP
 
-USER = "home-assistant"
-"""Name by which it switches things."""
 FIRST_REPLY_S = 3.0
 """Time after the login within which Home Assistant states everything, s."""
 RETRY_S = 2.0
 """Pause before the next connection, s."""
 CHECK_PERIOD_S = 0.5
-SETTLE_S = 3.0
-"""Time for an entity to reach the state of its thing, s. Then the thing gets the state of the entity."""
+SLOW_LIMIT_S = 60.0
+"""Time for an entity of a slow domain to follow, s."""
+RESULT_MARGIN_S = 0.5
+"""Time between the cause of a failure and the limit of its act, s."""
+MAX_REASON = 500
 MAX_HOVER_AGE_S = 1.0
 """Time without a message after which nobody hovers, s. There are 5 a second at least."""
-MIN_PERIOD_S = 0.05
+MIN_PERIOD_S = 0.2
 """Time between two answers to changes in Home Assistant, s: a lamp may flap."""
 MAX_NAMES = 10
 """Number of entities that a warning names."""
@@ -75,21 +77,20 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         """Names that are similar to one that is not there."""
         self._should_read = False
         """There are things whose entities have not been read."""
-        self._has_changed = asyncio.Event()
-        self._changed: dict[str, bool] = {}
-        """Things whose entities have changed, True if these had no state before."""
-        self._selected: set[str] | None = None
+        self._change = asyncio.Event()
+        """Set by the next change in Home Assistant. Each change has its own."""
+        self._problem = "Home Assistant is not connected yet: wait"
+        """Cause for which nothing can be switched, or `""`."""
+        self._acts: dict[str, object] = {}
+        """Newest act on each entity that is being carried out."""
         self._hovers: dict[str, tuple[str, float]] = {}
         """Hovered thing of each person, and the time of the message."""
-        self._targets: dict[str, tuple[bool, float]] = {}
-        """State that each switched entity shall reach, and until when."""
         self._announcer = HomeAnnouncer(config, self.bus, self._states)
         self._commands = EntityCommands(
             config, self.bus, lambda entity: self._states.get(entity, {}), self._hovered_entities
         )
+        self._carrier = Carrier(self.bus, self.clock, self.NAME)
         self.bus.subscribe(MAP, self._on_map)
-        self.bus.subscribe(SELECTION, self._on_selection)
-        self.bus.subscribe(SELECTION_EVENTS, self._on_event)
         if config.hover:
             self.bus.subscribe(HOVER, self._on_hover)
         if config.speaker:
@@ -104,15 +105,24 @@ class HomeAssistant(Service[HomeAssistantConfig]):
 
     async def run(self) -> None:
         """Stay connected until cancelled."""
-        while True:
-            try:
-                await self._serve()
-            except LoginError as error:
-                self.bus.warn("connection", str(error))
-                await self._wait_for_new_token()
-            except (NoHomeAssistantError, ConfigError, RefusedError, TimeoutError) as error:
-                self.bus.warn("connection", str(error) or f"{self.config.url} does not answer: restart it")
-                await asyncio.sleep(RETRY_S)
+        try:
+            while True:
+                try:
+                    await self._serve()
+                except LoginError as error:
+                    self._lose(str(error))
+                    await self._wait_for_new_token()
+                except (NoHomeAssistantError, ConfigError, RefusedError, TimeoutError) as error:
+                    self._lose(str(error) or f"{self.config.url} does not answer: restart it")
+                    await asyncio.sleep(RETRY_S)
+        finally:
+            await self._carrier.close()
+
+    def _lose(self, problem: str) -> None:
+        """Report that there is no connection: nothing can be switched."""
+        self.bus.warn("connection", problem)
+        self._problem = problem
+        self._carrier.tell()
 
     async def _wait_for_new_token(self) -> None:
         """Wait for another token: with the same one Home Assistant blocks this machine in the end."""
@@ -140,10 +150,9 @@ class HomeAssistant(Service[HomeAssistantConfig]):
                 finally:  # also if this is cancelled once more
                     reading.cancel()
                     await asyncio.gather(*tasks, return_exceptions=True)
-                    self._targets.clear()
 
     async def _follow(self, connection: HomeAssistantConnection) -> None:
-        """Read all states, then give things the states of their entities, except while these change."""
+        """Read all states, and tell those of things whenever they change."""
         self._states.clear()
         self._hints.clear()
         silent = f"{self.config.url} accepts the token and then says nothing: restart Home Assistant"
@@ -157,32 +166,24 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             silence.cancel()
         self._commands.open(connection, self._states)
         self.bus.clear("connection")
-        differs_since: dict[str, float] = {}
-        known: set[str] = set()
+        self._problem = ""
         while True:
+            change = self._change  # those that come from now on have another turn
             if self._should_read:
                 await self._read_states(connection)
-            changed, self._changed = self._changed, {}
-            for name, is_restored in changed.items():
-                if name in self._differing():
-                    await self._set_thing(name, is_restored=is_restored)
-            now_s, differing = self._loop.time(), self._differing()
-            # what differs at first has been so before the connection: it does not settle
-            begin_s = {name: now_s if name in known else now_s - SETTLE_S for name in differing}
-            differs_since = {name: differs_since.get(name, begin_s[name]) for name in differing}
-            for name in differing:
-                if now_s - differs_since[name] >= SETTLE_S:
-                    differs_since[name] = now_s
-                    await self._set_thing(name, is_restored=True)
-            if self._selected is not None:
-                known |= self._things.keys()
             self._commands.check()
             await self._report_entities()
+            self._carrier.tell()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CHECK_PERIOD_S):
-                    await self._has_changed.wait()
+                    await change.wait()
+            self._carrier.tell()
             await asyncio.sleep(MIN_PERIOD_S)
-            self._has_changed.clear()
+
+    def _announce_change(self) -> None:
+        """Wake what waits for a change."""
+        change, self._change = self._change, asyncio.Event()
+        change.set()
 
     async def _read_states(self, connection: HomeAssistantConnection) -> None:
         """Read the states of the entities that are used, and the names of all."""
@@ -200,33 +201,6 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             return False
         return entity in self._states or sum(each.startswith(VOICES) for each in self._states) < MAX_VOICES
 
-    def _differing(self) -> list[str]:
-        """Return the switches that are not in the state of their entity, which is not about to change."""
-        return [
-            name
-            for name, (thing, action) in self._things.items()
-            if thing.mode == "switch"
-            and self._selected is not None
-            and self._target(action.entity) is None
-            and (is_on := self._is_on(action)) is not None
-            and is_on != (name in self._selected)
-        ]
-
-    def _target(self, entity: str) -> bool | None:
-        """Return the state that an entity was switched to a moment ago, or None."""
-        is_on, until_s = self._targets.get(entity, (None, 0.0))
-        return is_on if until_s > self._loop.time() else None
-
-    def _is_on(self, action: HomeAction) -> bool | None:
-        return action.is_on(self._states.get(action.entity, {}).get("state"))
-
-    async def _set_thing(self, name: str, *, is_restored: bool) -> None:
-        """Give the thing `name` the state of its entity. If it is not there yet, a later call does."""
-        on = self._is_on(self._things[name][1]) if name in self._things else None
-        if on is not None:
-            with contextlib.suppress(RequestError):
-                await self.bus.call(SET_THING, SetThing(thing=name, on=on, is_restored=is_restored), USER)
-
     def _on_map(self, environment: Environment, _name: str) -> None:
         self._things = {
             thing.id: (thing, HomeAction.parse(thing.home_assistant))
@@ -237,31 +211,69 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self._entities = {action.entity for _thing, action in self._things.values()}
         self._entities |= {self.config.speaker, self.config.voice} - {""}
         self._should_read = True
-        self._has_changed.set()
+        self._carrier.use({name: [HomeTarget(self, *each)] for name, each in self._things.items()})
+        self._announce_change()
 
-    def _on_selection(self, selection: Selection, _name: str) -> None:
-        self._selected = {each.id for each in selection.objects}
+    def state_of(self, action: HomeAction) -> ThingState:
+        """Return the state of the entity of a thing, or the cause for which it cannot be switched."""
+        entity = action.entity
+        limit_s = max(self.config.limit_s, SLOW_LIMIT_S if action.domain in SLOW_DOMAINS else 0.0)
+        problem = self._problem
+        if not problem and entity not in self._states:
+            hint = self._hints.get(entity, "")
+            problem = f"Home Assistant has no {entity}" + (f" ({hint})" if hint else "") + ": correct the map"
+        elif not problem and self._is_unavailable(entity):
+            problem = f"{entity} is unavailable in Home Assistant: look into its integration there"
+        if problem:
+            reason = one_line(problem, MAX_REASON)
+            return ThingState(id="", state="unavailable", reason=reason, limit_s=limit_s)
+        is_on = self._is_on(action)
+        state = "unknown" if is_on is None else "on" if is_on else "off"
+        return ThingState(id="", state=state, limit_s=limit_s)
 
-    def _on_event(self, event: SelectionEvent, _name: str) -> None:
-        thing, action = self._things.get(event.object_id, (None, None))
-        is_old = event.user == USER or event.reason.endswith(REPEATED_REASON)
-        if thing is None or action is None or is_old or not event.is_reaction(thing.mode):
-            return
-        # what is pointed at without a connection would happen long after
-        if not self._commands.is_connected or self._is_unavailable(action.entity):
-            return
-        target = self._target(action.entity)
-        is_on = self._is_on(action) if target is None else target
-        on: bool | None = None  # run it, or toggle what has an unknown state
+    async def switch(self, thing: Thing, action: HomeAction, *, on: bool) -> None:
+        """Run the action of a thing, and wait until its entity is as wanted. Raises ActFailedError."""
+        reported, entity = self.state_of(action), action.entity
+        if reported.state == UNAVAILABLE:
+            raise ActFailedError("unavailable", reported.reason)
+        is_on, wanted = self._is_on(action), None
         if thing.mode == "switch":
-            on = event.is_on
-            if is_on is on and not action.action:
-                return
+            wanted = on
         elif is_on is not None and not action.action:
-            on = not is_on
-        if on is not None:
-            self._targets[action.entity] = (on, self._loop.time() + SETTLE_S)
-        self._commands.send(action.call(on=on), f"`home_assistant` of thing {thing.id} in the map")
+            wanted = not is_on
+        if is_on is wanted and wanted is not None and not action.action and entity not in self._acts:
+            return
+        act = self._acts[entity] = object()
+        self._announce_change()  # to an earlier act on it
+        try:
+            await self._commands.run(action.call(on=wanted))
+            if wanted is not None and is_on is not None and not (action.action and wanted):
+                await self._wait_until(
+                    action, act, is_on=wanted, timeout_s=reported.limit_s - RESULT_MARGIN_S
+                )
+        finally:
+            if self._acts.get(entity) is act:
+                del self._acts[entity]
+
+    async def _wait_until(self, action: HomeAction, act: object, *, is_on: bool, timeout_s: float) -> None:
+        """Wait until an entity is on or off: that a call succeeds proves nothing. Raises ActFailedError."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while self._is_on(action) is not is_on:
+                    if self._acts.get(action.entity) is not act:
+                        raise ActFailedError(
+                            "replaced", f"another act on {action.entity} came before it was done"
+                        )
+                    await self._change.wait()
+        except TimeoutError:
+            raise ActFailedError(
+                "no_effect",
+                f"{action.entity} did not go {'on' if is_on else 'off'} in Home Assistant: "
+                "is it powered, and in reach?",
+            ) from None
+
+    def _is_on(self, action: HomeAction) -> bool | None:
+        return action.is_on(self._states.get(action.entity, {}).get("state"))
 
     def _on_hover(self, hover: Hover, user: str) -> None:
         before = self._hovers.get(user, ("", 0.0))[0]
@@ -284,20 +296,13 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         self._commands.on_state(entity, before, self._states.get(entity, {}))
         if before.get("state") == self._states.get(entity, {}).get("state"):
             return
-        for name, (_thing, action) in self._things.items():
-            if action.entity == entity:
-                was_on, is_on = action.is_on(before.get("state")), self._is_on(action)
-                if is_on is not None and self._target(entity) is is_on:
-                    self._targets.pop(entity)  # reached
-                if was_on is not is_on:
-                    self._changed[name] = was_on is None
-        self._has_changed.set()
+        self._announce_change()
 
     def _on_registry(self, data: Mapping[str, Any]) -> None:
         before, after = data.get("old_entity_id"), data.get("entity_id")
-        if before in self._entities and isinstance(before, str) and isinstance(after, str):
+        if isinstance(before, str) and isinstance(after, str) and before in self._entities:
             self._new_names[before] = after
-            self._has_changed.set()
+            self._announce_change()
 
     async def _hint(self, entity: str) -> str:
         """Return the new name of an entity that is not there, or similar names, or `""`.
@@ -332,6 +337,23 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         names = _listed(unavailable)
         remedy = "look into the integration there"
         self.bus.warn("unavailable", names and f"unavailable in Home Assistant: {names}; {remedy}")
+
+
+class HomeTarget:
+    """Entity of a thing, as the target of acts."""
+
+    def __init__(self, home: HomeAssistant, thing: Thing, action: HomeAction) -> None:
+        """Switch by `home` what `action` names."""
+        self._home, self._thing, self._action = home, thing, action
+
+    @property
+    def state(self) -> ThingState:
+        """Return the state that the entity reports."""
+        return self._home.state_of(self._action)
+
+    async def carry_out(self, act: Act, /) -> None:
+        """Switch or run it. Raises ActFailedError if it does not follow."""
+        await self._home.switch(self._thing, self._action, on=act.on)
 
 
 def _similar_names(entity: str, names: Collection[str]) -> str:

@@ -377,10 +377,8 @@ def _of_scope(scope: Literal["site", "user"]) -> Sequence[Process]:
 
 
 def _asked(rows: Iterable[Process]) -> list[Request[Any, Any]]:
-    """Return the requests that services of other packages send. Of ours, only `home-assistant` sends one."""
-    asks = {row.name: row.plugin.asks if row.plugin is not None else () for row in rows}
-    own: tuple[Request[Any, Any], ...] = (SET_THING,) if HOME_ASSISTANT.name in asks else ()
-    return [*(request for requests in asks.values() for request in requests), *own]
+    """Return the requests that services of other packages send. Ours send none."""
+    return [request for row in rows if row.plugin is not None for request in row.plugin.asks]
 
 
 def _is_personal(row: Topic[Any] | Request[Any, Any]) -> bool:

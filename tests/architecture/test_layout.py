@@ -35,7 +35,7 @@ DEVICES = {
             ble/xsens_dot.py network/datagram_source.py network/udp_server.py network/slimevr.py
             network/ximu3.py replay_source.py serial/source.py simulated.py sources.py""",
         "foxglove": "server.py",
-        "home-assistant": "connection.py entity_commands.py",
+        "home-assistant": "announcer.py connection.py entity_commands.py",
         "keeper": "retained_states.py",
         "mocap": "natnet_client.py qtm_client.py server_search.py",
         "reactions": "http_status.py targets.py",

@@ -64,13 +64,13 @@ async def test_recorded_home_assistant_is_switched_and_its_states_come_back(tmp_
         site = HomeSite(bench, thing("bed", "light.bed_light"), thing("ceiling", "light.ceiling_lights"))
         start(bench, config_of(tmp_path, port, hover=False))
         await until(lambda: site.selected == {"ceiling"}, what="the states of before")
-        assert site.set_things == [("ceiling", True, True)], "nothing reacts to what was on before"
         site.point("bed")
-        await asyncio.sleep(4.0)
-        assert site.selected == {"ceiling", "bed"}, "the recorded lamp went on, or it would have been reset"
+        await until(lambda: len(site.results) == 1, what="the result")
+        assert site.selected == {"ceiling", "bed"}
         site.point("bed", on=False)
-        await asyncio.sleep(4.0)
+        await until(lambda: len(site.results) == 2, what="the result")
         assert site.selected == {"ceiling"}
+        assert {each.result for each in site.results} == {"done"}
 
 
 async def test_entities_of_the_recorded_home_assistant_are_listed_by_area(tmp_path: Path) -> None:
@@ -128,25 +128,51 @@ async def test_selection_acts_newest_wins_and_the_rate_is_limited(
         await until(lambda: memory_home.states["switch.fan"]["state"] == "off", what="it to toggle back")
 
 
-async def test_thing_has_the_state_of_its_entity_whoever_switches_it_and_if_it_fails(
+async def test_thing_has_the_state_of_its_entity_whoever_switches_it_and_failures_tell_the_cause(
     home: tuple[MemoryHome, int], tmp_path: Path
 ) -> None:
     memory_home, port = home
     async with memory_bench(WallClock()) as bench:
-        health = bench.collect(HEALTH)
-        site = HomeSite(bench, thing("desk", LAMP), thing("fan", "switch.fan"))
-        start(bench, config_of(tmp_path, port))
+        site = HomeSite(bench, thing("desk", LAMP), thing("fan", "switch.fan"), thing("typo", "light.dek"))
+        start(bench, config_of(tmp_path, port, limit_s=2.0))
         await until(lambda: site.selected == {"desk"}, what="the state of the lamp")
         memory_home.set("switch.fan", "on")
         await until(lambda: site.selected == {"desk", "fan"}, what="what was switched there")
-        assert site.set_things[-1] == ("fan", True, False), "others react to it"
         assert memory_home.calls == [], "no echo"
+
+        async def fail(sentence: str, name: str = "desk") -> None:
+            known = len(site.results)
+            site.point(name, on=False)
+            await until(lambda: len(site.results) > known, what=sentence)
+            assert sentence in site.told
+            assert site.results[-1].result == "failed"
+
         memory_home.refusal = "the bulb does not answer"
+        await fail("refused: Home Assistant refuses light.turn_off on light.desk (the bulb does not answer)")
+        memory_home.refusal_code = "unauthorized"
+        await fail("refused: this token's user may not switch light.desk in Home Assistant: use another")
+        memory_home.refusal_code = "not_found"
+        await fail("refused: Home Assistant has no action light.turn_off: correct it in the map")
+        memory_home.refusal = ""
+        await fail("unavailable: Home Assistant has no light.dek (did you mean light.desk?)", "typo")
+        memory_home.is_deaf = True
+        await fail("no_effect: light.desk did not go off in Home Assistant: is it powered, and in reach?")
+        memory_home.set(LAMP, "unavailable")
+        await until(lambda: site.states["desk"].state == "unavailable", what="the lamp to have gone")
+        await fail("unavailable: light.desk is unavailable in Home Assistant: look into its integration")
+        assert site.selected == {"fan"}
+
+
+async def test_act_after_the_loss_of_the_connection_is_refused_with_its_cause(tmp_path: Path) -> None:
+    memory_home, port = lit_home(), free_port()
+    async with memory_bench(WallClock()) as bench:
+        site = HomeSite(bench, thing("desk", LAMP))
+        async with memory_home.serving(port):
+            start(bench, config_of(tmp_path, port))
+            await until(lambda: site.selected == {"desk"}, what="the state of the lamp")
+        await until(lambda: "no Home Assistant answers" in site.states["desk"].reason, what="the cause")
         site.point("desk", on=False)
-        await until(lambda: "desk" in site.selected, what="the state of the lamp after the refusal")
-        await until(
-            lambda: "did not run light.turn_off on light.desk (the bulb" in str(health[-1]), what="why"
-        )
+        await until(lambda: "unavailable: no Home Assistant answers at" in site.told, what="the result")
 
 
 async def test_unavailable_renamed_and_deleted_entities_are_named(

@@ -22,6 +22,7 @@ import httpx
 import pytest
 from websockets.asyncio.client import connect
 
+from pointit.bridges.home_assistant import hover_feedback
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected
 from pointit.bridges.home_assistant.home_action import ServiceCall
@@ -188,6 +189,7 @@ def test_no_lamp_is_left_changed_after_kills_during_hovers(
     config: HomeAssistantConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("POINTIT_STATE", str(tmp_path))
+    monkeypatch.setattr(hover_feedback, "STANDING_S", 0.0)  # each process restores it by a call
 
     async def set_brightness() -> None:
         async with connected(config) as connection, reading(connection):

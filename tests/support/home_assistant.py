@@ -16,9 +16,9 @@ from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import HomeAssistantConnection
 from pointit.bridges.home_assistant.service import HomeAssistant
-from pointit.schemas import Done, Environment, Hover, SelectedObject, Selection, SelectionEvent, SetThing
+from pointit.schemas import ActResult, Environment, Hover, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.environment import Thing, ThingMode
-from pointit.schemas.topics import HOVER, MAP, SELECTION, SELECTION_EVENTS, SET_THING
+from pointit.schemas.topics import ACT_RESULTS, HOVER, MAP, SELECTION_EVENTS, THING_STATES
 from tests.support.bench import Bench
 
 TOKEN = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of a test
@@ -44,26 +44,38 @@ def thing(name: str, action: str, mode: ThingMode = "switch") -> Thing:
 
 
 class HomeSite:
-    """Map and selection of a site on a bench, as `pui` and `selector` publish them."""
+    """Map and acts of a site on a bench, as `pui` and `selector` publish them."""
 
     def __init__(self, bench: Bench, *things: Thing) -> None:
         self._bench = bench
-        self.selected: set[str] = set()
-        self.set_things: list[tuple[str, bool | None, bool]] = []
+        self.states: dict[str, ThingState] = {}
+        """State of each thing, as its carrier tells it."""
+        self.results: list[ActResult] = []
         self._stamp_ns = 1
-        bench.bus.serve(SET_THING, self._set_thing)
+        bench.bus.subscribe(THING_STATES, self._on_states)
+        bench.bus.subscribe(ACT_RESULTS, self._on_result)
         bench.put(MAP, Environment(stamp_ns=1, name="room", things=things))
-        self._publish()
+
+    @property
+    def selected(self) -> set[str]:
+        """Things that are on."""
+        return {name for name, each in self.states.items() if each.state == "on"}
+
+    @property
+    def told(self) -> str:
+        """Code and sentence of the last act."""
+        return f"{self.results[-1].code}: {self.results[-1].text}" if self.results else ""
 
     def point(self, name: str, *, on: bool = True, user: str = "anna") -> None:
-        (self.selected.add if on else self.selected.discard)(name)
-        self._publish()
-        self._bench.put(
-            SELECTION_EVENTS,
-            SelectionEvent(
-                stamp_ns=self._stamp_ns, event="selected" if on else "deselected", object_id=name, user=user
-            ),
+        self._stamp_ns += 1
+        event = SelectionEvent(
+            stamp_ns=self._stamp_ns,
+            event="selected" if on else "deselected",
+            object_id=name,
+            user=user,
+            carriers=("home-assistant",),
         )
+        self._bench.put(SELECTION_EVENTS, event)
 
     def hover(self, name: str, user: str = "anna") -> None:
         self._stamp_ns += 1
@@ -86,16 +98,13 @@ class HomeSite:
             await asyncio.wait([task])
             self.hover("")
 
-    async def _set_thing(self, query: SetThing, _user: str) -> Done:
-        self.set_things.append((query.thing, query.on, query.is_restored))
-        (self.selected.add if query.on else self.selected.discard)(query.thing)
-        self._publish()
-        return Done(message="done")
+    def _on_states(self, states: ThingStates, _name: str) -> None:
+        self.states = {each.id: each for each in states.things}
 
-    def _publish(self) -> None:
-        self._stamp_ns += 1
-        objects = tuple(SelectedObject(id=each, user="anna", since_ns=1) for each in sorted(self.selected))
-        self._bench.put(SELECTION, Selection(stamp_ns=self._stamp_ns, objects=objects))
+    def _on_result(self, result: ActResult, _name: str) -> None:
+        self.results.append(result)
+        known = self.states[result.object_id]
+        self.states[result.object_id] = known.model_copy(update={"state": result.state})
 
 
 def start(bench: Bench, config: HomeAssistantConfig) -> asyncio.Task[None]:
@@ -151,11 +160,13 @@ class MemoryHome:
         """See `LocalSocket`; of the next connection."""
         self.junk: list[Any] = []
         """Entries of the list of states that are none."""
-        self.refusal = ""
+        self.refusal, self.refusal_code = "", "home_assistant_error"
         self._client_queue = asyncio.Queue[str]()
         self.client = LocalSocket(self._client_queue, asyncio.Queue())
         """Client's end of the last connection without a network."""
         self.registries: dict[str, list[Message]] = {}
+        self.is_deaf = False
+        """Calls succeed and do nothing."""
         self.token = TOKEN
         self.contexts: dict[str, Message] = {}
         """Context of the last change of each entity."""
@@ -252,7 +263,7 @@ class MemoryHome:
             self.calls.append((f"{command['domain']}.{command['service']}", entity, data))
             await asyncio.sleep(self.latency_s)
             if self.refusal:
-                error = {"code": "home_assistant_error", "message": self.refusal}
+                error = {"code": self.refusal_code, "message": self.refusal}
                 await _send(websocket, {"id": number, "type": "result", "success": False, "error": error})
                 return
             if not delay_s:
@@ -268,7 +279,7 @@ class MemoryHome:
         """Do to an entity what a service does, in a context, by default that of somebody in the app."""
         context = context or self.new_context("somebody")
         state = self.states.get(entity)
-        if state is None or state["state"] == "unavailable":
+        if state is None or state["state"] == "unavailable" or self.is_deaf:
             return
         is_on = state["state"] == "on"
         if service == "turn_on" or (service == "toggle" and not is_on):
@@ -303,7 +314,7 @@ async def played(path: Path) -> AsyncGenerator[int]:
                 index = next(
                     (
                         number
-                        for number, each in enumerate(entries)
+                        for number, each in reversed([*enumerate(entries)])  # the newest conversation
                         if {key: value for key, value in each.get("client", {}).items() if key != "id"}
                         == wanted
                     ),

@@ -169,8 +169,8 @@ def test_services_that_read_movements_or_switch_things_have_an_identity_of_their
         pattern = key.replace("{user}", "*")
         assert pattern in getattr(capture, right)
         assert pattern not in getattr(shared, right)
-    switch = topics.SET_THING.key.replace("{user}", "*")
-    assert (switch in home.asks, switch in shared.asks, switch in capture.asks) == (True, False, False)
+    states = topics.THING_STATES.at("home-assistant")
+    assert (states in home.writes, states in shared.writes, states in capture.writes) == (True, False, False)
 
 
 def test_a_supervisor_may_do_everything_on_the_site_and_nothing_in_the_admin_space() -> None:

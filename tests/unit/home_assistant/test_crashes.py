@@ -127,7 +127,6 @@ async def bridge(home: MemoryHome, folder: Path, process: Process) -> AsyncGener
         home.is_alive = process.is_alive
         async with memory_bench() as bench:
             site = HomeSite(bench, thing("desk", LAMP), thing("shelf", OTHER))
-            site.selected |= {"desk", "shelf"}
             start(bench, config_of(folder.parent, 1))
             yield site
 

@@ -15,16 +15,22 @@ SHARDED = frozenset({"pui", "selector"})
 """Shared services whose further instances are shards. Those of one person are called after them."""
 
 
+SERVICE_USERS = frozenset({"conveyor-sim", "home-assistant", "mqtt", "reactions"})
+"""Names under which services change things. The acts of a person of that name would count as theirs."""
+
+
 def check_user(name: str) -> str:
     """Return `name` if a person may be called so.
 
     Raises:
-        KeyNameError: it cannot stand in a key, or is that of a run.
+        KeyNameError: it cannot stand in a key, or is that of a run or of a service.
     """
     if check_name(name, "user").startswith(RUN):
         raise KeyNameError(
             f"user {name!r}: names that begin with {RUN!r} are those of runs; choose another for a person"
         )
+    if name in SERVICE_USERS:
+        raise KeyNameError(f"user {name!r}: is the name of a service; choose another for a person")
     return name
 
 

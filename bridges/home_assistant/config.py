@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, field_validator
 from pointit.runtime.address_config import described_error, parse_address
 from pointit.runtime.config.config import Config
 from pointit.runtime.errors import ConfigError
-from pointit.runtime.host.state_file import expand_home, read_limited
+from pointit.runtime.host.state_file import expand_home, read_secret
 from pointit.schemas.text import LANGUAGE
 
 MAX_TOKEN_BYTES = 4096
@@ -65,6 +65,11 @@ class HomeAssistantConfig(Config):
     people: tuple[str, ...] = Field(
         default=("*",), description="people whose names of things the speaker says, `*` for all"
     )
+    actions: tuple[str, ...] = Field(
+        default=(),
+        description="actions of other domains than the entity's, `scene` and `script` that things may run, "
+        "such as notify.anna",
+    )
     rate_hz: float = Field(
         default=5.0, gt=0, le=50, description="maximum rate of commands to one entity; the newest counts, Hz"
     )
@@ -79,7 +84,11 @@ class HomeAssistantConfig(Config):
             raise described_error(FORM) from None
         if url and (parts.scheme not in SCHEMES or not parts.hostname or "@" in parts.netloc or port == 0):
             raise described_error(FORM)
-        return f"{parts.scheme}://{parts.netloc}" if url else ""  # copied ones have a path
+        if parts.netloc.count(":") > 1 and not parts.netloc.startswith("["):
+            raise described_error("write an IPv6 address in brackets: http://[fd00::5]:8123")
+        if parts.query or parts.fragment:
+            raise described_error(f"{FORM}, without the address of a page")
+        return f"{parts.scheme}://{parts.netloc}{parts.path.rstrip('/')}" if url else ""
 
     @field_validator("token_file")
     @classmethod
@@ -112,15 +121,17 @@ class HomeAssistantConfig(Config):
         """
         path = expand_home(self.token_file)
         try:
-            content = read_limited(Path(path), MAX_TOKEN_BYTES + 1)
+            content = read_secret(Path(path), MAX_TOKEN_BYTES + 1)
         except FileNotFoundError:
             raise ConfigError(f"token_file: {path} does not exist; correct the path") from None
         except ConfigError as error:
-            raise ConfigError(f"token_file: {error}; correct the path or its rights") from None
+            raise ConfigError(f"token_file: {error}") from None
         try:
             token = content.decode("utf-8-sig").strip()
         except UnicodeDecodeError:
             token = ""
+        if token[:1] in ("'", '"'):
+            raise ConfigError(f"token_file: {path} has quotation marks around the token; remove them")
         if not token.isascii() or len(token.split()) != 1 or len(content) > MAX_TOKEN_BYTES:
             raise ConfigError(
                 f"token_file: {path} does not hold one token and nothing else; copy the long-lived access "

@@ -9,6 +9,7 @@ import importlib.util
 import json
 import logging
 import re
+import socket
 import ssl
 import time
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
@@ -54,7 +55,19 @@ _ENTRIES = json.JSONDecoder()
 LOST = "the connection is lost: wait until Home Assistant runs again"
 MAX_REASON = 200
 """Characters of an error of Home Assistant that are shown."""
-REDIRECT, FORBIDDEN = range(300, 400), 403
+REDIRECT, BAD_REQUEST, NOT_FOUND = range(300, 400), 400, 404
+_GATEWAY = "the proxy at {url} does not reach Home Assistant ({status}): start it"
+STATUS_PROBLEMS: Mapping[int, str] = {
+    BAD_REQUEST: "a server answers at {url}, and refuses the connection (400): add the proxy in front of "
+    "Home Assistant to `trusted_proxies` there, have it pass WebSockets on, or write the address of Home "
+    "Assistant itself as `url`",
+    401: "the proxy at {url} asks for a login (401), which PointIt does not have: write the address of Home "
+    "Assistant itself as `url`",
+    403: "Home Assistant at {url} blocks this machine (403) after wrong logins: remove its address from "
+    "ip_bans.yaml there and restart it",
+    **dict.fromkeys((502, 503, 504), _GATEWAY),
+}
+"""Meaning of statuses of HTTP, with the remedy."""
 AUTHORITY_HINT = "set the variable SSL_CERT_FILE to a file with its authority's certificate"
 _logger = logging.getLogger("pointit.home_assistant.websocket")
 _logger.setLevel(logging.INFO)  # the library logs all frames, also that with the token, at the level DEBUG
@@ -345,36 +358,44 @@ def _is_none(config: HomeAssistantConfig, reason: str) -> str:
     return f"{config.url} is no Home Assistant ({reason}): correct `url`, its usual port is 8123"
 
 
+def _status_problem(config: HomeAssistantConfig, status: int, headers: Mapping[str, str]) -> str:
+    """Return the meaning of a status of HTTP, with the remedy, or `""` if it is that of any server."""
+    location, path = headers.get("Location", ""), urlsplit(config.url).path
+    with contextlib.suppress(ValueError):  # some text that is no address
+        location = "://".join(urlsplit(location)[:2])
+    if status in REDIRECT and location.startswith(("https://", "http://")):
+        location = one_line(location, MAX_REASON)
+        return f"the server at {config.url} refers to another address: write {location} as `url`"
+    if status == NOT_FOUND and path:
+        address = config.url.removesuffix(path)
+        return f"no Home Assistant is at {path} of {address} (404): write {address} as `url`"
+    return STATUS_PROBLEMS.get(status, "").format(url=config.url, status=status)
+
+
 async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) -> NoReturn:
     """Raise the meaning of an error of a connection, with the remedy."""
     from websockets.exceptions import InvalidStatus  # noqa: PLC0415 - an extra
 
     parts = urlsplit(config.url)
     host, is_encrypted = parts.hostname or "", config.address.startswith("wss")
-    plain_url, encrypted_url = f"http://{parts.netloc}", f"https://{parts.netloc}"
+    plain_url, encrypted_url = (f"{each}://{parts.netloc}{parts.path}" for each in ("http", "https"))
     problem = f"no Home Assistant answers at {config.url} ({one_line(str(error), MAX_REASON) or 'no answer'})"
     problem += ": start it, or correct `url`, its usual port is 8123"
     if (refusal := certificate_error_in(error)) is not None:
         problem = describe_certificate_error(refusal, f"Home Assistant at {parts.netloc}", AUTHORITY_HINT)
     elif isinstance(error, InvalidStatus):
-        status, location = error.response.status_code, error.response.headers.get("Location", "")
-        with contextlib.suppress(ValueError):  # some text that is no address
-            location = "://".join(urlsplit(location)[:2])
-        problem = _is_none(config, f"it answers {status}")
-        if status in REDIRECT and location.startswith(("https://", "http://")):
-            problem = (
-                f"the server at {config.url} refers to another address: write "
-                f"{one_line(location, MAX_REASON)} as `url`"
-            )
-        elif status == FORBIDDEN:
-            problem = (
-                f"Home Assistant at {config.url} blocks this machine (403) after wrong logins: remove its "
-                "address from ip_bans.yaml there and restart it"
-            )
-        elif not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
-            problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
+        problem = _status_problem(config, error.response.status_code, error.response.headers)
+        if not problem or (error.response.status_code == BAD_REQUEST and not is_encrypted):
+            problem = problem or _is_none(config, f"it answers {error.response.status_code}")
+            if not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
+                problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
     elif is_encrypted and isinstance(error, ssl.SSLError | ConnectionResetError | ConnectionAbortedError):
         problem = f"the server at {config.url} does not encrypt: write {plain_url} as `url`"
+    elif isinstance(error, socket.gaierror):
+        problem = (
+            f"the name {host} in `url` is not known in this network ({one_line(str(error), MAX_REASON)}): "
+            "correct it, or write the IP address"
+        )
     elif isinstance(error, TimeoutError):
         problem = f"no Home Assistant answers at {config.url} within {CONNECT_TIMEOUT_S:g} s: correct `url`"
     elif not isinstance(error, OSError):

@@ -1,7 +1,7 @@
 """Entities of Home Assistant: their states, and the actions that switch them. Pure."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -54,6 +54,10 @@ class HomeAction:
     def domain(self) -> str:
         """Return the kind of the entity: `light`."""
         return self.entity.partition(".")[0]
+
+    def is_of(self, actions: Collection[str]) -> bool:
+        """Return True if the action is of the entity's domain, a scene or script, or one of `actions`."""
+        return self.action.partition(".")[0] in (self.domain, "scene", "script") or self.action in actions
 
     def call(self, *, on: bool | None) -> ServiceCall:
         """Return the call that switches the entity. `on`: None if its state is not known, or it has none."""

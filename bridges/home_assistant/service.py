@@ -219,7 +219,9 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         entity = action.entity
         limit_s = max(self.config.limit_s, SLOW_LIMIT_S if action.domain in SLOW_DOMAINS else 0.0)
         problem = self._problem
-        if not problem and entity not in self._states:
+        if action.action and not action.is_of(self.config.actions):
+            problem = f"{action.action} on {entity} is not allowed: list it in `home-assistant.actions`"
+        elif not problem and entity not in self._states:
             hint = self._hints.get(entity, "")
             problem = f"Home Assistant has no {entity}" + (f" ({hint})" if hint else "") + ": correct the map"
         elif not problem and self._is_unavailable(entity):

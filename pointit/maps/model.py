@@ -29,6 +29,11 @@ MAX_ORIGIN = 1e9
 """Largest coordinate of a survey, in any unit."""
 HOME_ENTITY = re.compile(r"[a-z0-9_]+\.[a-z0-9_]+")
 MAX_HOME_ACTION = 2000
+HOME_DOMAINS = re.compile(
+    "automation|button|climate|cover|fan|group|humidifier|input_boolean|input_button|light|lock|media_player|"
+    "remote|scene|script|siren|switch|vacuum|valve|water_heater"
+)
+"""Kinds of entities of Home Assistant that are switched or run. Others need an action."""
 HOME_BUTTONS = ("{", "automation.", "button.", "input_button.", "scene.", "script.")
 """Starts of actions of Home Assistant and of entities that are run, not switched on and off."""
 OBJECT = "object"
@@ -184,6 +189,12 @@ def _home_action(value: Any) -> str:
         raise ValueError(
             "write an entity of Home Assistant, such as light.desk, or {entity: light.desk, action: "
             f"light.turn_on, data: {{brightness_pct: 40}}}}, not {format_value(cast('object', value))}"
+        )
+    domain = str(names[0]).partition(".")[0]
+    if not isinstance(value, dict) and not HOME_DOMAINS.fullmatch(domain):
+        raise ValueError(
+            f"{names[0]} is neither switched nor run; write {{entity: {names[0]}, action: DOMAIN.ACTION}}, "
+            f"or an entity of {join_names(HOME_DOMAINS.pattern.split('|'))}"
         )
     text = json.dumps(value, allow_nan=False) if isinstance(value, dict) else str(value)
     if len(text) > MAX_HOME_ACTION:

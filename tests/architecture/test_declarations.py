@@ -53,6 +53,7 @@ def with_a_server(kind: type[Config], _folder: Path) -> Config:
 
 def at_a_home(kind: type[Config], folder: Path) -> Config:
     (folder / "token").write_text("token", encoding="utf-8")
+    (folder / "token").chmod(0o600)
     return kind.model_validate({"url": "http://127.0.0.1:1", "token_file": str(folder / "token")})
 
 

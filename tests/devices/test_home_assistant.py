@@ -5,6 +5,7 @@ import contextlib
 import itertools
 import json
 import logging
+import os
 import ssl
 import time
 from collections.abc import AsyncIterator, Callable
@@ -16,7 +17,6 @@ from click.testing import CliRunner
 from websockets.asyncio.server import ServerConnection, serve
 
 from pointit.bridges.home_assistant.connection import connected
-from pointit.bridges.home_assistant.home_action import HomeAction
 from pointit.cli.maps.exchange import HomeEntity, chosen_entities, entities_of, import_, with_things
 from pointit.runtime.clock import WallClock
 from pointit.runtime.errors import ConfigError, PointItError
@@ -133,7 +133,10 @@ async def test_thing_has_the_state_of_its_entity_whoever_switches_it_and_failure
 ) -> None:
     memory_home, port = home
     async with memory_bench(WallClock()) as bench:
-        site = HomeSite(bench, thing("desk", LAMP), thing("fan", "switch.fan"), thing("typo", "light.dek"))
+        odd = thing("odd", '{"entity": "light.desk", "action": "shell_command.run"}')
+        site = HomeSite(
+            bench, thing("desk", LAMP), thing("fan", "switch.fan"), thing("typo", "light.dek"), odd
+        )
         start(bench, config_of(tmp_path, port, limit_s=2.0))
         await until(lambda: site.selected == {"desk"}, what="the state of the lamp")
         memory_home.set("switch.fan", "on")
@@ -156,6 +159,7 @@ async def test_thing_has_the_state_of_its_entity_whoever_switches_it_and_failure
         memory_home.refusal = ""
         await fail("unavailable: Home Assistant has no light.dek (did you mean light.desk?)", "typo")
         memory_home.is_deaf = True
+        await fail("unavailable: shell_command.run on light.desk is not allowed: list it in `home-ass", "odd")
         await fail("no_effect: light.desk did not go off in Home Assistant: is it powered, and in reach?")
         memory_home.set(LAMP, "unavailable")
         await until(lambda: site.states["desk"].state == "unavailable", what="the lamp to have gone")
@@ -380,6 +384,9 @@ async def test_server_that_is_no_home_assistant_gets_no_token(tmp_path: Path) ->
         (b"SSH-2.0-OpenSSH_9.2\r\n", "is no Home Assistant (it does not answer as one)"),
         (b"", "is no Home Assistant (it does not answer as one)"),
         (b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\n\r\n", "blocks this machine (403)"),
+        (b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n", "(400): add the proxy in front of Home"),
+        (b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n", "asks for a login (401), which PointIt"),
+        (b"HTTP/1.1 502 Bad Gateway\r\nContent-Length: 0\r\n\r\n", "does not reach Home Assistant (502)"),
         (
             b"HTTP/1.1 301 Moved\r\nLocation: https://ha.example/api/websocket\r\nContent-Length: 0\r\n\r\n",
             "refers to another address: write https://ha.example as `url`",
@@ -397,6 +404,26 @@ async def test_answers_of_other_servers_give_one_sentence(
     async with await asyncio.start_server(reply, "127.0.0.1", 0) as server:
         port = server.sockets[0].getsockname()[1]
         assert sentence in await refusal(config_of(tmp_path, port))
+
+
+async def test_path_of_a_proxy_is_used_and_one_without_a_home_assistant_is_named(tmp_path: Path) -> None:
+    paths: list[str] = []
+
+    async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        paths.append((await reader.read(1000)).decode().split()[1])
+        writer.write(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n")
+        writer.close()
+
+    async with await asyncio.start_server(reply, "127.0.0.1", 0) as server:
+        address = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        sentence = f"no Home Assistant is at /lovelace/0 of {address} (404): write {address} as `url`"
+        assert sentence in await refusal(config_of(tmp_path, 1, url=f"{address}/lovelace/0/"))
+    assert "/lovelace/0/api/websocket" in paths
+
+
+async def test_name_that_is_not_known_is_named(tmp_path: Path) -> None:
+    sentence = "the name hub.invalid in `url` is not known in this network ("
+    assert sentence in await refusal(config_of(tmp_path, 1, url="http://hub.invalid:8123"))
 
 
 async def test_http_for_https_and_https_for_http_name_the_right_address(
@@ -429,6 +456,8 @@ async def test_http_for_https_and_https_for_http_name_the_right_address(
         ({"url": "homeassistant.local:8123"}, "url: write http://HOST:8123"),
         ({"url": "http://me:s3cr3t@hub:8123"}, "url: write http://HOST:8123"),
         ({"url": "ftp://hub"}, "url: write http://HOST:8123"),
+        ({"url": "http://fd00::5:8123"}, "url: write an IPv6 address in brackets"),
+        ({"url": "http://hub:8123/lovelace/0?edit=1"}, "without the address of a page"),
         ({"url": ""}, "url: is missing"),
         ({"token_file": TOKEN}, "token_file: is a token itself"),
         ({"token_file": f"Bearer {TOKEN}"}, "token_file: is a token itself"),
@@ -456,10 +485,32 @@ def test_file_without_a_token_is_named_and_not_quoted(content: bytes, tmp_path: 
         config.read_token()
 
 
-def test_address_that_was_copied_from_a_browser_is_that_of_its_server(tmp_path: Path) -> None:
-    config = config_of(tmp_path, 1, url="http://homeassistant.local:8123/lovelace/0?edit=1")
-    assert config.address == "ws://homeassistant.local:8123/api/websocket"
-    assert HomeAction.parse(LAMP).domain == "light"
+@pytest.mark.parametrize("content", [b"'eyJ.a.b'", b'"eyJ.a.b"'])
+def test_token_in_quotation_marks_is_named(content: bytes, tmp_path: Path) -> None:
+    config = config_of(tmp_path, 1)
+    Path(config.token_file).write_bytes(content)
+    with pytest.raises(ConfigError, match=r"token has quotation marks around the token; remove them"):
+        config.read_token()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="rights of files")
+def test_token_that_others_can_read_is_refused(tmp_path: Path) -> None:
+    config = config_of(tmp_path, 1)
+    Path(config.token_file).chmod(0o640)
+    with pytest.raises(ConfigError, match=r"token: others can read it; make it yours alone with `chmod 600"):
+        config.read_token()
+
+
+@pytest.mark.parametrize(
+    ("url", "address"),
+    [
+        ("http://[fd00::5]:8123", "ws://[fd00::5]:8123/api/websocket"),
+        ("https://home.example/hass/", "wss://home.example/hass/api/websocket"),
+        ("http://supervisor/core", "ws://supervisor/core/api/websocket"),
+    ],
+)
+def test_address_of_the_websocket_is_below_the_path(url: str, address: str, tmp_path: Path) -> None:
+    assert config_of(tmp_path, 1, url=url).address == address
 
 
 def frame(payload: bytes, opcode: int = 1) -> bytes:

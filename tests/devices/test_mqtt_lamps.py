@@ -301,6 +301,7 @@ async def test_a_broker_that_asks_for_a_password_gets_it_from_the_environment_or
     hashed = await asyncio.create_subprocess_exec("mosquitto_passwd", "-U", str(users))
     assert await hashed.wait() == 0
     secret.write_text("sesame\n", encoding="utf-8")
+    secret.chmod(0o600)
     options = f"allow_anonymous false\npassword_file {users}\nuser root\n"
     with broker(tmp_path, options=options) as port:
         await until(lambda: is_listening(port), what="the broker")

@@ -103,7 +103,12 @@ async def test_connection_that_ends_by_an_exception_leaves_no_socket(monkeypatch
 
 @pytest.mark.parametrize(
     ("content", "sentence"),
-    [(b"pa\xffss", "is not in UTF-8"), (b"x" * 70000, "exceeds 65535 bytes"), (None, "does not exist")],
+    [
+        (b"pa\xffss", "is not in UTF-8"),
+        (b"x" * 70000, "exceeds 65535 bytes"),
+        (b"open", "others can read it; make it yours alone with `chmod 600"),
+        (None, "does not exist"),
+    ],
 )
 def test_password_file_that_cannot_be_used_is_an_error_without_its_content(
     tmp_path: Path, content: bytes | None, sentence: str
@@ -111,6 +116,7 @@ def test_password_file_that_cannot_be_used_is_an_error_without_its_content(
     file = tmp_path / "secret"
     if content is not None:
         file.write_bytes(content)
+        file.chmod(0o644 if content == b"open" else 0o600)
     with pytest.raises(ConfigError, match=sentence) as caught:
         client_options(BrokerConfig(broker="hub", username="me", password_file=str(file)))
     assert "xff" not in str(caught.value)

@@ -65,6 +65,7 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Generator[HomeAssistantC
         try:
             fields = {"url": f"http://127.0.0.1:{port}", "token_file": str(folder / "token")}
             (folder / "token").write_text(asyncio.run(token_of(fields["url"])))
+            (folder / "token").chmod(0o600)
             config = HomeAssistantConfig.model_validate(fields)
             asyncio.run(prepare(config))
             yield config
@@ -147,6 +148,7 @@ async def test_token_that_is_deleted_there_is_reported_and_a_new_one_is_used(
             return str(await connection.request("auth/long_lived_access_token", client_name=name, lifespan=1))
 
         (tmp_path / "token").write_text(await new_token("to be deleted"))
+        (tmp_path / "token").chmod(0o600)
         health = bench.collect(HEALTH)
         site = HomeSite(bench, thing("bed", LAMP))
         await connection.call(ServiceCall(LAMP, "light", "turn_on"))

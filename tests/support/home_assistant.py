@@ -31,6 +31,7 @@ Message = dict[str, Any]
 def token_file(folder: Path, token: str = TOKEN) -> Path:
     path = folder / "token"
     path.write_text(token + "\n")
+    path.chmod(0o600)
     return path
 
 

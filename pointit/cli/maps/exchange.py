@@ -201,6 +201,8 @@ def _write_fetched(node: str, tree: Mapping[str, Any], output: Path | None) -> N
 SOURCE = "home-assistant"
 DOMAINS = ("light", "switch", "cover", "fan", "media_player", "scene", "script", "input_boolean")
 """Domains of entities that people point at."""
+NEEDED_FEATURES = {"cover": 1 | 2, "media_player": 128 | 256}
+"""Bits of `supported_features` of entities that can be switched on and off, such as opened and closed."""
 MAX_MAP_BYTES = 16 * 2**20
 
 
@@ -287,6 +289,10 @@ async def entities_of(connection: HomeAssistantConnection) -> list[HomeEntity]:
     for entity, state in states.items():
         entry = registry["entity"].get(entity, {})
         if entity.partition(".")[0] not in DOMAINS or entry.get("hidden_by") or entry.get("entity_category"):
+            continue
+        needed = NEEDED_FEATURES.get(entity.partition(".")[0], 0)
+        features = state.get("attributes", {}).get("supported_features")
+        if isinstance(features, int) and features & needed != needed:
             continue
         device = registry["device"].get(entry.get("device_id") or "", {})
         area = registry["area"].get(entry.get("area_id") or device.get("area_id") or "", {})

@@ -17,6 +17,9 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
 from pointit.schemas.topics import check_name
 
+OTHERS = 0o077
+"""Rights of the group and of others."""
+
 
 def read_limited(path: Path, max_bytes: int) -> bytes:
     """Return the first `max_bytes` bytes of the file at `path`.
@@ -32,6 +35,19 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
         raise
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+def read_secret(path: Path, max_bytes: int) -> bytes:
+    """Return the first `max_bytes` bytes of the file at `path`, which only its owner may read.
+
+    Raises:
+        FileNotFoundError: If there is no file.
+        ConfigError: If it cannot be read, or others can read it. Names the file.
+    """
+    content = read_limited(path, max_bytes)
+    if os.name == "posix" and path.is_file() and path.stat().st_mode & OTHERS:
+        raise ConfigError(f"{path}: others can read it; make it yours alone with `chmod 600 {path}`")
+    return content
 
 
 def write_atomically(path: Path, content: bytes, *, mode: int = 0o600, durable: bool = False) -> None:

@@ -18,7 +18,7 @@ from pointit.runtime.errors import ConfigError, first_cause
 from pointit.runtime.host.certificate_errors import describe_certificate_error
 from pointit.runtime.host.extras import remedy
 from pointit.runtime.host.name_lookup import browse
-from pointit.runtime.host.state_file import read_limited
+from pointit.runtime.host.state_file import read_secret
 from pointit.runtime.mqtt.broker_config import PORT, TLS_PORT, BrokerConfig
 from pointit.schemas.text import one_line
 
@@ -220,7 +220,7 @@ def client_options(config: BrokerConfig) -> dict[str, Any]:
     password = os.environ.get(PASSWORD) if config.username else None
     try:
         if config.password_file:
-            content = read_limited(Path(config.password_file), MAX_PASSWORD_BYTES + 1)
+            content = read_secret(Path(config.password_file), MAX_PASSWORD_BYTES + 1)
             password = content.decode().rstrip("\r\n")
     except FileNotFoundError as error:
         raise ConfigError(

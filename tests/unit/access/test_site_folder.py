@@ -279,6 +279,7 @@ def test_a_single_service_gets_an_identity_if_it_is_one(folder: str) -> None:
         ("a,b,a", "a is named twice; name each person once"),
         ("web", "web is a reserved name of the site"),
         ("dashboard7", "dashboard7 is a reserved name of the site"),
+        ("a,mqtt", "user 'mqtt': is the name of a service; choose another for a person"),
         ("a,run.bob", "user 'run.bob': names that begin with 'run.' are those of runs; choose another"),
     ],
 )

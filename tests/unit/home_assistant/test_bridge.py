@@ -67,6 +67,19 @@ async def test_three_hundred_entities_become_things_by_four_messages(tmp_path: P
     assert {each.mode for each in things} == {"switch"}
 
 
+async def test_entities_that_cannot_be_switched_are_not_offered(tmp_path: Path) -> None:
+    home = MemoryHome(
+        {
+            "cover.roof": ("closed", {"supported_features": 48}),
+            "cover.door": ("closed", {"supported_features": 11}),
+            "media_player.radio": ("off", {"supported_features": 384}),
+            "media_player.cast": ("off", {"supported_features": 4}),
+        }
+    )
+    async with home.connected(config_of(tmp_path, 1)) as connection, reading(connection):
+        assert {each.entity for each in await entities_of(connection)} == {"cover.door", "media_player.radio"}
+
+
 async def test_three_hundred_things_act_by_a_message_each_and_show_their_states(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

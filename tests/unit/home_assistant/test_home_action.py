@@ -23,6 +23,7 @@ LAMP = "light.desk"
         ("lock.door", False, "lock.lock"),
         ("scene.movie", True, "scene.turn_on"),
         ("script.night", None, "script.turn_on"),
+        ("group.upstairs", True, "homeassistant.turn_on"),
         ("input_button.bell", False, "input_button.press"),
     ],
 )
@@ -107,3 +108,20 @@ def test_home_assistant_of_a_thing_that_is_no_entity_is_an_error(value: str) -> 
         ConfigError, match=r"home_assistant: write an entity of Home Assistant, such as light"
     ):
         things(f"{{a: {{home_assistant: {value}}}}}")
+
+
+@pytest.mark.parametrize("entity", ["sensor.temperature", "person.anna", "lihgt.desk"])
+def test_entity_that_is_neither_switched_nor_run_needs_an_action(entity: str) -> None:
+    with pytest.raises(ConfigError, match=rf"{entity} is neither switched nor run; write {{entity: "):
+        things(f"{{a: {{home_assistant: {entity}}}}}")
+    things(f"{{a: {{home_assistant: {{entity: {entity}, action: notify.anna}}}}}}")
+
+
+@pytest.mark.parametrize(
+    ("action", "is_allowed"),
+    [("light.turn_on", True), ("scene.apply", True), ("script.night", True), ("shell_command.run", False)],
+)
+def test_action_of_another_domain_is_allowed_only_if_it_is_listed(action: str, *, is_allowed: bool) -> None:
+    home_action = HomeAction(LAMP, action)
+    assert home_action.is_of(()) is is_allowed
+    assert home_action.is_of((action,))

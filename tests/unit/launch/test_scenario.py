@@ -226,6 +226,7 @@ def test_names_of_services_may_have_underscores_as_other_names_in_yaml(tmp_path:
 def test_home_assistant_of_a_site_is_spelled_as_in_maps_and_its_token_is_in_no_error(tmp_path: Path) -> None:
     token = "eyJhbGciOiJIUzI1NiJ9.eyJpc3MiOiI4ZGUwIn0.s3cr3t"  # noqa: S105 - of this test
     (tmp_path / "token").write_text(token)
+    (tmp_path / "token").chmod(0o600)
     fields = f"url: 'http://hub:8123', token_file: {tmp_path / 'token'}"
     file = written(tmp_path / "site.yaml", f"home_assistant: {{{fields}}}\n")
     launches = site("shelf", services=["home_assistant"], files=[file])

@@ -225,3 +225,30 @@ async def test_the_first_voice_that_is_available_speaks_in_the_language_and_is_c
         await until(lambda: "'names spoken', value=1" in str(health[-1].figures), what="the count")
         home.set("tts.piper", "unavailable")
         await until(lambda: "nobody hears names" in str(health[-1]), what="that there is none")
+
+
+async def test_home_assistant_that_accepts_the_token_and_says_nothing_is_named_within_seconds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = MemoryHome({LAMP: ("off", {})})
+    answer, answers = home._answer, asyncio.Event()
+
+    async def answer_late(*arguments: Any) -> None:
+        await answers.wait()
+        await answer(*arguments)
+
+    monkeypatch.setattr(home, "_answer", answer_late)
+    monkeypatch.setattr(service, "connected", home.connected)
+    async with memory_bench() as bench:
+        health = bench.collect(HEALTH)
+        HomeSite(bench, thing("desk", LAMP))
+        start(bench, config_of(tmp_path, 1))
+        await asyncio.sleep(service.FIRST_REPLY_S + 1.5)
+        (problem,) = health[-1].problems
+        assert (problem.code, problem.sentence) == (
+            "connection",
+            "http://127.0.0.1:1 accepts the token and then says nothing: restart Home Assistant",
+        )
+        answers.set()
+        await asyncio.sleep(2.0)
+        assert health[-1].problems == ()

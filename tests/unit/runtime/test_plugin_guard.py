@@ -6,6 +6,8 @@ import functools
 import importlib
 import re
 import sys
+import time
+import types
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
@@ -160,6 +162,22 @@ def block(stop):
         await until(lambda: not (sink.shown or other.shown))
         called = find_culprit_in(block)
         assert called == ("strangers_blocking", "strangers_blocking.py:3 in block"), "also below its calls"
+
+
+async def test_service_of_ours_that_blocks_the_loop_for_longer_is_named(
+    sink: Sink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("STALL_S", "OWN_STALL_S"):
+        monkeypatch.setattr(plugin_guard, name, 0.05)
+    monkeypatch.setattr(plugin_guard, "PERIOD_S", 0.001)
+    module = types.ModuleType("pointit.services.flooded.service")
+    exec("def block(stop):\n    while not stop():\n        pass", vars(module))  # noqa: S102 - code by that name
+    plugin_guard.watch_for_stalls(module.__name__, "flooded", sink, is_service=True)
+    end_s = time.monotonic() + 0.5
+    module.block(lambda: time.monotonic() > end_s)
+    await until(lambda: bool(sink.last))
+    assert sink.last.startswith("flooded has blocked the event loop for ")
+    assert sink.last.endswith("end what floods it, or report this")
 
 
 def find_culprit_in(block: Callable[[Callable[[], object]], None]) -> tuple[str, str] | None:

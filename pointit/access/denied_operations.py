@@ -19,7 +19,7 @@ import threading
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Mapping
 
-from pointit.access.rights import max_rate_hz
+from pointit.access.rights import INTERNAL_COST, REQUEST_COST, REQUEST_HZ, max_rate_hz
 from pointit.runtime.link.link import ROOM
 from pointit.schemas.problems import DENIED, Problem
 
@@ -198,6 +198,7 @@ KNOWN = re.compile(r"(?:CertCommonName|Username)\(([^)]+)\)")
 DECISION = "authorized to "
 WORKS_OUT = "caching permissions"
 WRITES = " is authorized to Put (ingress) on "
+ANSWERS = " is authorized to Reply (ingress) on "
 INGRESS = " (ingress) on "
 EGRESS = " (egress) on "
 DROPPED = "interceptor: Msg intercepted!"
@@ -253,10 +254,15 @@ class DeniedOperations:
         """Number of attempts so far."""
         self._attempts: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
         self.rates_hz: dict[str, float] = {}
-        """Messages per second by identity in the last interval, a lower bound if there are many keys."""
+        """Load by identity in the last interval, messages per second, a lower bound if there are many keys.
+
+        A question or a declaration counts as several messages. Answers are of those who ask.
+        """
         self._rejected_connections = RejectedConnections()
         self._written: Counter[str] = Counter()
         """Counts by the end of the line: connection and key."""
+        self._requests: Counter[str] = Counter()
+        """Counts of questions and declarations by the end of the line."""
         self._slowed: Counter[str] = Counter()
         """Counts of messages dropped as too frequent, by the end of the line."""
         self._names: dict[str, str] = {}
@@ -337,21 +343,36 @@ class DeniedOperations:
             clauses[name].append(
                 f"writes {key} {count / elapsed_s:.0f} times a second, more than anybody needs: end what does"
             )
+        for name, load in self._take_loads(elapsed_s).items():
+            if load > REQUEST_HZ * REQUEST_COST * elapsed_s:
+                rate = f"{load / REQUEST_COST / elapsed_s:.0f} times a second"
+                clauses[name].append(f"asks and declares {rate}, more than anybody needs: end what does")
         sentences = {name: f"{name} {' and '.join(told)}" for name, told in sorted(clauses.items())}
         if sentence := self._rejected_connections.pop_summary():
             sentences[""] = sentence
-        rates: Counter[str] = Counter()
-        for line, count in self._written.items():
-            rates[self._identity_of(_connection(line))] += count
-        self.rates_hz = {name: count / elapsed_s for name, count in rates.items()}
-        for counted in (self._attempts, self._written, self._slowed):
+        for counted in (self._attempts, self._written, self._requests, self._slowed):
             counted.clear()
         return sentences
 
+    def _take_loads(self, elapsed_s: float) -> Counter[str]:
+        """Update `rates_hz`, and return the load of questions and declarations by identity."""
+        loads, requests = Counter[str](), Counter[str]()
+        for line, count in self._written.items():
+            loads[self._identity_of(_connection(line))] += count
+        for line, count in self._requests.items():
+            if decision := DECIDED.match(line):
+                load = count * (INTERNAL_COST if "/@" in decision[4] else REQUEST_COST)
+                requests[self._identity_of(decision[1])] += load
+        loads += requests
+        self.rates_hz = {name: load / elapsed_s for name, load in loads.items()}
+        return requests
+
     def _take_let_in(self, line: str, times: int) -> None:
-        """Count writes, without regular expressions since this runs for every message."""
+        """Count writes, without regular expressions since this runs for every message, and requests."""
         at = line.find(WRITES)
         if at < 0:
+            if INGRESS in line and ANSWERS not in line:
+                self._take_request(line, times)
             return
         written = line[max(at - ID_LENGTH, 0) : at + len(WRITES) + MAX_KEY]
         if written not in self._written:
@@ -359,6 +380,14 @@ class DeniedOperations:
             if len(self._written) >= MAX_WRITTEN:
                 return
         self._written[written] += times
+
+    def _take_request(self, line: str, times: int) -> None:
+        request = line[line.rfind(PLAIN, 0, line.find(DECISION)) + len(PLAIN) :]
+        if request not in self._requests:
+            self._read(line)
+            if len(self._requests) >= MAX_WRITTEN:
+                return
+        self._requests[request] += times
 
     def _decide_dropped(self, line: str, where: str) -> None:
         """Count the last dropped message of a thread as too long, unless `line` is on its further readers."""

@@ -55,9 +55,16 @@ LATEST_HZ = 500.0
 """Maximum rate of a key of which only the newest message counts. Wrists send 200 Hz at most."""
 MAX_RATE_HZ = 100.0
 """Maximum rate of a key with states or events, of which each has to be handled."""
+MAX_ACCOUNT_HZ = 5.0
+"""Maximum rate of a key on which a service reports, once a second or when something changes."""
 MAX_HZ = 2500.0
 """Rate of messages of one identity that is allowed for good. An IMU of 200 Hz, with all derived messages,
-makes 1400."""
+makes 1400. A question or a declaration counts as `REQUEST_COST` of them, below `@` as `INTERNAL_COST`."""
+REQUEST_COST, INTERNAL_COST = 25, 5
+"""Messages whose load is that of a question or a declaration, which goes to all clients. Those below `@` are
+of late subscribers and of tests of rights: many at a start."""
+REQUEST_HZ = 200.0
+"""Rate of questions and declarations above which an identity is named."""
 BURST = 10_000.0
 """Number of messages beyond `MAX_HZ` at which an identity is cut off. A stalled link delivers at most a
 lease (3 s) of messages at once."""
@@ -89,6 +96,8 @@ class LimitedConnection:
 def max_rate_hz(key: str) -> float:
     """Return the maximum rate of a key, relative to the site, on each connection of a person."""
     topic = topic_of(key)
+    if topic in (*ACCOUNTS, DEPLOYMENT):
+        return MAX_ACCOUNT_HZ
     return MAX_RATE_HZ if topic is not None and topic.delivery is not Delivery.LATEST else LATEST_HZ
 
 
@@ -127,7 +136,7 @@ class ConnectionLimits:
             own = by_identity.pop(name, [])
             closed_connections += own
             messages[name] = (
-                f"{name} has written {BURST:.0f} messages more than {MAX_HZ:.0f} messages a second and "
+                f"{name} has written or asked {BURST:.0f} messages more than {MAX_HZ:.0f} a second and "
                 + (
                     f"is cut off for {HOLD_S:.0f} s: end the process that does"
                     if all(each.can_be_cut for each in own)
@@ -196,8 +205,6 @@ PRIVATE: tuple[Topic[Any], ...] = (IMU, WRIST, RAY, SPEECH)
 WITH_OWN_IDENTITY = (RECORDER, "mocap", HOME_ASSISTANT.name)
 """Shared services that may do more than the others, such as read movements, write poses or switch things. On
 a secured site each of them needs an identity of its own: `pointit site service add NAME`."""
-RECALLED: tuple[Request[Any, Any], ...] = (READ_HISTORY,)
-"""Requests open to all roles: they change nothing, and repeat what all may read."""
 OF_PEOPLE: tuple[Request[Any, Any], ...] = (FIND_REFERENTS,)
 """Requests of the person and operators only: what a person means by a word. No bridge offers them."""
 OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MAP)
@@ -205,8 +212,10 @@ OF_OPERATORS: tuple[Request[Any, Any], ...] = (RELEASE_OBJECT, SET_THING, USE_MA
 OF_CARRIERS: tuple[Topic[Any], ...] = (THING_STATES, ACT_RESULTS)
 """Topics that only the service of that name and operators write: a false state blocks a thing, a false result
 lies about it."""
-FOR_ALL = (*RECALLED, STOP_ROBOT)
+FOR_ALL = (STOP_ROBOT,)
 """Requests of all roles: who sees a robot may stop it."""
+FOR_MEMBERS = (READ_HISTORY, *FOR_ALL)
+"""Requests of all roles but viewers: an answer costs much more than its question."""
 ALL = "**"
 
 
@@ -307,7 +316,7 @@ def _user(name: str) -> Rights:
         asks=_sorted(
             [
                 *(row.at(name) for row in REQUESTS if _is_personal(row) and row not in OF_OPERATORS),
-                *_anywhere([FOR_ALL, (row for row in _asked(mine) if not _is_personal(row))]),
+                *_anywhere([FOR_MEMBERS, (row for row in _asked(mine) if not _is_personal(row))]),
             ]
         ),
         announces=_sorted(
@@ -328,7 +337,7 @@ def _service(name: str) -> Rights:
         writes=_sorted([*_written(rows), *_health_publishers(rows)]),
         reads=_anywhere(row.reads for row in rows),
         serves=_anywhere(row.serves for row in rows),
-        asks=_anywhere([FOR_ALL, _asked(rows)]),
+        asks=_anywhere([FOR_MEMBERS, _asked(rows)]),
         announces=_sorted(
             [*_presences(rows), *(presence.at(ANY) for row in rows for presence in row.announces)]
         ),
@@ -364,7 +373,7 @@ def _services() -> Rights:
         writes=_sorted([*_written(common), *_anywhere([(CLOCK, DEPLOYMENT)]), *_health_publishers(shared)]),
         reads=_anywhere([*(row.reads for row in common), viewer_topics()]),
         serves=_anywhere([*(row.serves for row in shared), (RUN_SCENARIO,)]),
-        asks=_anywhere([FOR_ALL, _asked(common)]),
+        asks=_anywhere([FOR_MEMBERS, _asked(common)]),
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
             [*_presences(shared), *(presence.at(ANY) for presence in (SHARD_ALIVE, KEEPER_ALIVE))]

@@ -165,13 +165,18 @@ def announced_home(service: NetworkService) -> FoundDevice:
     """Return the Home Assistant that a service announces, whatever its properties hold."""
     name = service.properties.get("location_name") or service.name
     version = service.properties.get("version") or ""
+    address = _url_of(service)
     label = one_line(f"{name}, {version}" if version else name, MAX_LABEL)
+    label += f", announced by {service.address}"
+    host = urlsplit(address).hostname
+    if host not in (service.address, service.host.rstrip(".").lower()):
+        label += f"; it names another host, {host}: send no token there unless that is yours"
     details: dict[str, str | float] = {
         "ip": service.address,
         "port": service.port,
         "version": one_line(version, MAX_LABEL),
     }
-    return FoundDevice(_url_of(service), label, details)
+    return FoundDevice(address, label, details)
 
 
 def import_options(device: FoundDevice) -> str:

@@ -96,7 +96,7 @@ class Central:
             for insider in INSIDERS[:3]:
                 stack.enter_context(self.flooded(insider, CLAIM.at(insider), RATES_HZ[-1]))
             for insider in INSIDERS[:3]:
-                await self.router.says(f"lab/{insider} has written 10000 messages more")
+                await self.router.says(f"lab/{insider} has written or asked 10000 messages more")
             await self.fresh()
             return await self.longest_gap_s(), max(LONGEST_S, 2.0 * alone_s)
 

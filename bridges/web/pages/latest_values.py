@@ -43,6 +43,12 @@ class TokenBucket:
         self._at_s = max(self._at_s, now_s)
         return max(0.0, (min_tokens - self._level) / self._rate_hz)
 
+    def reserve(self, now_s: float) -> float:
+        """Remove a token that may come later, and return the time until it does, s."""
+        wait_s = self.wait_s(now_s)
+        self._level -= 1.0
+        return wait_s
+
 
 WINDOW_S = 3.0
 """Window (s) of which the fastest report counts."""

@@ -43,8 +43,14 @@ MESSAGES_HZ, MESSAGES_BURST = 500.0, 1000.0
 ASKS_HZ, ASKS_BURST = 20.0, 40.0
 """Rate limit of a page's requests; more are refused."""
 
+VIEWERS_HZ, VIEWERS_BURST = 50.0, 100.0
+"""Rate limit of what all pages that may only look send together, but for acknowledgements of batches."""
+
 AIMS_HZ, AIMS_BURST = 120.0, 20.0
 """Rate limit of aiming; of more, only the newest counts."""
+
+MAX_PAST_PAGES = 8
+"""Pages that look at the past, each of which holds and seeks a recording of its own."""
 
 MAX_MALFORMED = 20
 """Malformed messages after which the page is closed."""
@@ -105,7 +111,16 @@ class Counts:
 class PageSession:
     """One page, from its websocket's opening to its end."""
 
-    def __init__(self, page: str, role: Role, socket: WebSocket, feed: PageFeed, host: Host) -> None:
+    def __init__(
+        self,
+        page: str,
+        role: Role,
+        socket: WebSocket,
+        feed: PageFeed,
+        host: Host,
+        *,
+        viewer_bucket: TokenBucket | None = None,
+    ) -> None:
         self.page = page
         self.role: Role = role
         self.paired_user: Callable[[], str] = str
@@ -123,6 +138,7 @@ class PageSession:
         self._answering: set[asyncio.Task[None]] = set()
         self._message_bucket = TokenBucket(MESSAGES_HZ, MESSAGES_BURST)
         self._ask_bucket = TokenBucket(ASKS_HZ, ASKS_BURST)
+        self._viewer_bucket = viewer_bucket if role == "viewer" else None
         self._aim_bucket = TokenBucket(AIMS_HZ, AIMS_BURST)
         self._aim: AimAt | None = None
         self._aim_timer = Timer(self._loop.call_later, self._forward_aim)
@@ -200,6 +216,8 @@ class PageSession:
             self._message_bucket.take(self._loop.time())
             text = message.get("text")
             parsed = self._understood(text)
+            if self._viewer_bucket is not None and not isinstance(parsed, Ack):
+                await asyncio.sleep(self._viewer_bucket.reserve(self._loop.time()))
             if parsed is None:
                 if self._malformed >= MAX_MALFORMED:
                     self._is_shut = True
@@ -325,6 +343,8 @@ class Pages:
         self._max_viewers = max_viewers
         self._sessions: set[PageSession] = set()
         self._count = 0
+        self.viewer_bucket = TokenBucket(VIEWERS_HZ, VIEWERS_BURST)
+        """Budget of all pages that may only look, those of the past, too."""
         self._past_pages = 0
         """Number of pages that look at the past."""
         self._flush_timer = Timer(bus.call_later, self._flush)
@@ -353,7 +373,9 @@ class Pages:
             return
         self._count += 1
         feed = self._cache.open(self._rate_hz)
-        session = PageSession(f"page{self._count}", role, socket, feed, host)
+        session = PageSession(
+            f"page{self._count}", role, socket, feed, host, viewer_bucket=self.viewer_bucket
+        )
         session.paired_user = paired_user
         self._sessions.add(session)
         self._count_viewers()
@@ -387,11 +409,17 @@ class Pages:
         """Return True if no further page may be opened."""
         return len(self) >= self._max_viewers
 
+    @property
+    def is_past_full(self) -> bool:
+        """Return True if no further page may look at the past."""
+        return self._past_pages >= MAX_PAST_PAGES
+
     async def refuse(self, socket: WebSocket) -> None:
         """Refuse a page, as there are too many."""
-        response = PlainTextResponse(
-            f"{self._max_viewers} pages are open, which is the most (most_viewers)", 503
-        )
+        text = f"{self._max_viewers} pages are open, which is the most (most_viewers)"
+        if not self.is_full:
+            text = f"{MAX_PAST_PAGES} pages look at the past, which is the most: close one"
+        response = PlainTextResponse(text, 503)
         await socket.send_denial_response(response)
 
     def notify_pages(self, *, now: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from starlette.responses import Response
 from starlette.websockets import WebSocket
 
 from pointit.bridges.web.config import WebConfig
+from pointit.bridges.web.pages.latest_values import TokenBucket
 from pointit.bridges.web.pages.page_session import Pages, PageSession
 from pointit.bridges.web.playback.playback import Playback
 from pointit.bridges.web.playback.recent import Past, Recent
@@ -29,7 +31,10 @@ if TYPE_CHECKING:
     from pointit.bridges.web.playback.file_past import FilePast
 
 RATE_HZ = 60.0
-"""Maximum rate of batches, and of seeks, which cost some ms of a core, Hz."""
+"""Maximum rate of batches, Hz."""
+
+SEEK_S = 0.2
+"""Least time between two seeks, which cost some ms of a core, s."""
 
 STATUS_S = 1.0
 """Interval of the status and, while a file is read, of the timeline, s."""
@@ -46,13 +51,29 @@ TICK_S = 1.0
 class PastPage:
     """Serves one page until it leaves."""
 
-    def __init__(self, socket: WebSocket, past: Past, *, version: str, start_s: float = 0.0) -> None:
-        """Prepare it for `socket`, not yet accepted; `start_s`: first position, s from the beginning."""
+    def __init__(
+        self,
+        socket: WebSocket,
+        past: Past,
+        *,
+        version: str,
+        start_s: float = 0.0,
+        viewer_bucket: TokenBucket | None = None,
+    ) -> None:
+        """Prepare it.
+
+        Args:
+            socket: of the page, not yet accepted.
+            past: what it shows.
+            version: of PointIt.
+            start_s: first position, s from the beginning.
+            viewer_bucket: budget of all pages that may only look.
+        """
         self._past = past
         self._now_s = asyncio.get_running_loop().time
         self._playback = Playback(past, self._now_s())
         feed = self._playback.model.cache.open(RATE_HZ)
-        self._session = PageSession("past", "viewer", socket, feed, self)
+        self._session = PageSession("past", "viewer", socket, feed, self, viewer_bucket=viewer_bucket)
         self._hello = Hello(version=version, site=past.site, role="viewer", requests=(), deeds=())
         self._next_play = Play(is_playing=True, at_s=start_s)
         """Control not yet applied. Of several seeks, only the newest is."""
@@ -102,10 +123,11 @@ class PastPage:
     # Time.
 
     async def _play(self) -> None:
-        reported_s, read_ns = self._now_s(), -1
+        reported_s, read_ns, sought_s = self._now_s(), -1, -math.inf
         while True:
-            if self._wake_event.is_set():
+            if self._wake_event.is_set() and self._now_s() - sought_s >= SEEK_S:
                 self._wake_event.clear()
+                sought_s = sought_s if self._next_play.at_s is None else self._now_s()
                 self._do()
             was_playing = self._playback.is_playing
             self._playback.advance(self._now_s())
@@ -163,13 +185,16 @@ class Visits:
 
     async def open(self, socket: WebSocket) -> None:
         """Serve a page until it leaves, unless there are too many pages."""
-        if self.pages.is_full:
+        if self.pages.is_full or self.pages.is_past_full:
             await self.pages.refuse(socket)
             return
         past = self.recent.past(self.clock.now_ns())
         start_s = max(past.timeline().length_s - JUST_S, 0.0)
         with self.pages.count_past_page():
-            await PastPage(socket, past, version=self.version, start_s=start_s).run()
+            viewer_bucket = self.pages.viewer_bucket
+            await PastPage(
+                socket, past, version=self.version, start_s=start_s, viewer_bucket=viewer_bucket
+            ).run()
 
 
 class RecordingServer:

@@ -1,12 +1,14 @@
 """Access to the scan, and the paths of its page.
 
 - `GET /scan` opens the page: for operators by their cookie, and for a phone that was paired for it, with
-  `?token=...` from a QR code, or is a person's wrist while a scan is open.
+  `?token=...` from a QR code, or is a person's wrist while a scan is open: from an operator's first message
+  until the page is left, at most 30 minutes after their last one.
 - `POST /scan`: see `wire`. `GET /scan/map.yaml`: the map of what is known.
 - `GET /scan/room` and `/scan/lights`: what a simulated camera sees, if the configuration has one.
 """
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Mapping
 
@@ -26,6 +28,8 @@ from pointit.runtime.errors import PointItError
 from pointit.schemas import summarize_validation_error
 
 COOKIE_S = 2 * 3600
+OPEN_S = 30 * 60.0
+"""Time after an operator's last message, or after the pairing of a phone, for which a scan is open."""
 CAMERA = "camera"
 """Name under which the one phone is paired that maps the room."""
 LIGHTS_S = 1.0
@@ -69,7 +73,8 @@ class ScanServer:
         """Colours of all lights in hexadecimal digits, by strip or lamp, and their number so far."""
         self._lit_seq = 0
         self._changed = asyncio.Event()
-        self._is_open = bool(token)
+        self._open_until_s = self._paired_until_s = math.inf if token else 0.0
+        """Times until which wrists, and the phone that was paired for it, may scan."""
         if token:
             self._pairing.pair(CAMERA, time.monotonic(), token)
 
@@ -88,8 +93,9 @@ class ScanServer:
 
     def pair(self) -> str:
         """Open a scan, and return a token for a phone. It replaces the phone paired before."""
-        self._is_open = True
-        return self._pairing.pair(CAMERA, time.monotonic())[0]
+        now_s = time.monotonic()
+        self._open_until_s = self._paired_until_s = now_s + OPEN_S
+        return self._pairing.pair(CAMERA, now_s)[0]
 
     def lights(self, colors: Mapping[str, bytes]) -> None:
         """Show colours of the LED driver to the simulated camera: RGB of each pixel, by strip or lamp."""
@@ -113,10 +119,14 @@ class ScanServer:
         if not self._is_admitted(request):
             return PlainTextResponse(CLOSED, 403)
         session = self._session
+        if self._is_operator(request):
+            self._open_until_s = max(self._open_until_s, time.monotonic() + OPEN_S)
         try:
             message = wire.SCAN_MESSAGE.validate_json(await request.body())
             match message:
                 case wire.ScanLight():
+                    if message.colors is None:  # the page is left
+                        self._open_until_s = 0.0
                     await session.light(message)
                     return Response(status_code=204)
                 case wire.ScanSave():
@@ -157,14 +167,13 @@ class ScanServer:
         return JSONResponse({"seq": self._lit_seq, "strips": self._lit})
 
     def _is_admitted(self, request: Request) -> bool:
+        now_s = time.monotonic()
         if self._pairing.phone(request.cookies.get(_cookie(request), "")) is not None:
-            return True
-        if self._is_open and self._is_wrist(request):
-            return True
-        if self._access.admit(info_of(request), time.monotonic()) == "operator":
-            self._is_open = True
-            return True
-        return False
+            return now_s < self._paired_until_s
+        return (now_s < self._open_until_s and self._is_wrist(request)) or self._is_operator(request)
+
+    def _is_operator(self, request: Request) -> bool:
+        return self._access.admit(info_of(request), time.monotonic()) == "operator"
 
 
 def _cookie(connection: HTTPConnection) -> str:

@@ -1,6 +1,7 @@
 """Metrics server: path and server at which Prometheus reads the metrics of a site."""
 
 import asyncio
+import math
 import time
 
 from starlette.applications import Starlette
@@ -24,6 +25,9 @@ NEEDS_TOKEN = (
     "see docs/how-to/observe.md.\n"
 )
 
+CACHE_S = 1.0
+"""Time for which metrics are computed once for all who read them, s."""
+MAX_MEDIA_TYPES = 8
 TICK_S = 1.0
 """Interval of checks for idle connections."""
 
@@ -39,8 +43,16 @@ def exposition(metrics: SiteMetrics, accept: str) -> tuple[bytes, str]:
     return encode(registry), media_type
 
 
+def media_type_of(accept: str) -> str:
+    """Return the media type of `exposition`."""
+    from prometheus_client.exposition import choose_encoder  # noqa: PLC0415 - see SiteMetrics
+
+    return choose_encoder(accept)[1]
+
+
 def metrics_route(metrics: SiteMetrics, access: Access | None) -> Route:
     """Return the route of `PATH`. With `access` it needs one of its tokens, as a cookie or a bearer."""
+    computed: dict[str, tuple[float, bytes]] = {}  # time and content by media type
 
     async def answer(request: Request) -> Response:
         now_s = time.monotonic()
@@ -48,7 +60,14 @@ def metrics_route(metrics: SiteMetrics, access: Access | None) -> Route:
             if access.is_rate_limited(info_of(request).address, now_s):
                 await asyncio.sleep(REFUSAL_S)
             return PlainTextResponse(NEEDS_TOKEN, 401, headers={"WWW-Authenticate": "Bearer"})
-        content, media_type = exposition(metrics, request.headers.get("accept", ""))
+        accept = request.headers.get("accept", "")
+        media_type = media_type_of(accept)
+        at_s, content = computed.get(media_type, (-math.inf, b""))
+        if now_s - at_s >= CACHE_S:
+            content = exposition(metrics, accept)[0]
+            if len(computed) >= MAX_MEDIA_TYPES:
+                computed.clear()
+            computed[media_type] = now_s, content
         return Response(content, headers={"Content-Type": media_type, "Cache-Control": "no-store"})
 
     return Route(PATH, answer, methods=["GET"])

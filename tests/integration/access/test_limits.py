@@ -24,7 +24,7 @@ from pointit.runtime.router import LINGER, Router
 from pointit.runtime.zenoh.session import own_sockets
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import ButtonEvent, UserPose
-from pointit.schemas.topics import BUTTON, CURSOR, POSE, RAY
+from pointit.schemas.topics import BUTTON, CURSOR, POSE, RAY, READ_HISTORY, USER_ALIVE
 from tests.integration.access.secured import Member, RouterProgram, link_of, make_site, routed, wait
 from tests.support.bench import until
 
@@ -186,6 +186,27 @@ def test_connections_beyond_the_limit_of_an_identity_are_cut_and_named(folder: S
         wait(lambda: sum(each.count > 0 for each in anna) >= more, "the newest to be cut")
         assert [each.count for each in kept] == [0] * len(kept)
         assert "lab/services has" not in router.said
+
+
+@pytest.mark.parametrize("kind", ["presence", "subscriptions", "questions"])
+def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolder, kind: str) -> None:
+    with RouterProgram("--site-folder", str(folder.path)) as router, Member(folder, "anna") as anna:
+        ends = Ends(anna)
+
+        def act() -> None:
+            for _ in range(200):
+                if kind == "presence":
+                    anna.session.liveliness().declare_token(USER_ALIVE.at("anna")).undeclare()
+                elif kind == "subscriptions":
+                    anna.session.declare_subscriber(CURSOR.at("anna"), lambda _: None).undeclare()
+                else:
+                    anna.session.get(READ_HISTORY.at(), zenoh.handlers.FifoChannel(1), timeout=0.1)
+
+        with contextlib.suppress(zenoh.ZError):  # its connection has ended
+            wait(lambda: "lab/anna has written or asked " in router.said, "the reason", act)
+        wait(lambda: "lab/anna has written or asked " in router.said, "the reason")
+        assert "lab/anna asks and declares " in router.said
+        wait(lambda: ends.count > 0, "the cut")
 
 
 class Ends:

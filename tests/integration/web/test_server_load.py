@@ -14,12 +14,13 @@ from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
 
 from pointit.bridges.web import service
+from pointit.bridges.web.pages import page_session
 from pointit.bridges.web.pages.page_session import ASKS_BURST, MAX_MALFORMED
 from pointit.bridges.web.server import listener
 from pointit.schemas import Cursor, StripsFrame
 from pointit.schemas.environment import StripFrame
 from pointit.schemas.topics import CURSOR, HEALTH, STRIPS_FRAME, UNDO_SELECTION
-from tests.integration.web.pages import Page, Server, serving
+from tests.integration.web.pages import VIEWER, Page, Server, serving
 from tests.support.bench import START_NS, Bench, memory_bench, until
 from tests.support.pace import within
 
@@ -104,6 +105,27 @@ async def test_fifty_pages_are_served() -> None:
         await until(lambda: len(arrived) == 50, patience_s=25)
         bench.put(CURSOR, Cursor(stamp_ns=START_NS, seq=7), "anna")
         leave.set()
+
+
+async def test_all_viewers_have_one_budget_which_refused_requests_spend(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(page_session, "VIEWERS_HZ", 0.001)
+    monkeypatch.setattr(page_session, "VIEWERS_BURST", 6.0)
+    async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
+        viewers = [await stack.enter_async_context(server.page(VIEWER)) for _ in range(3)]
+        operator = await stack.enter_async_context(server.page())
+        for number in range(10):
+            for page in viewers:
+                await page.say(kind="ask", id=number, key="no/such")
+        await until(lambda: sum(len(page.answers) for page in viewers) == 6)
+        for number in range(10):
+            await operator.say(kind="ask", id=number, key="no/such")
+        await until(lambda: len(operator.answers) == 10)
+        assert sum(len(page.answers) for page in viewers) == 6
+        bench.put(CURSOR, Cursor(stamp_ns=START_NS), "anna")
+        for page in viewers:
+            await until(lambda page=page: (CURSOR.key, "anna") in page.states)
 
 
 async def test_a_page_that_asks_too_much_is_refused_and_is_told_on(bench: Bench, page: Page) -> None:

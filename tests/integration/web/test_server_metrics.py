@@ -1,13 +1,17 @@
 """Metrics, pages that play the last minutes, and the search for wrists: real requests to a real port."""
 
 import asyncio
+import contextlib
+import time
 from typing import Any
 
 import httpx
 import pytest
 
+from pointit.bridges.web.pages.page_session import MAX_PAST_PAGES
+from pointit.bridges.web.playback import past_page
 from pointit.bridges.web.playback.past_page import CANNOT_BE_CHANGED
-from pointit.bridges.web.server import access
+from pointit.bridges.web.server import access, metrics_server
 from pointit.bridges.web.server.app import PAST
 from pointit.bridges.web.server.metrics_server import PATH, MetricsServer
 from pointit.bridges.web.site_metrics import SiteMetrics
@@ -39,6 +43,23 @@ async def test_the_page_shows_metrics_to_who_has_a_token(token: str) -> None:
 async def test_the_cookie_of_a_page_shows_metrics_too(server: Server, client: httpx.AsyncClient) -> None:
     answer = await client.get(PATH, headers={"Cookie": await server.cookie(VIEWER)})
     assert answer.status_code == 200
+
+
+async def test_metrics_are_computed_once_a_second_for_all_who_read(
+    server: Server, client: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed: list[str] = []
+
+    def exposition(_metrics: object, accept: str) -> tuple[bytes, str]:
+        computed.append(accept)
+        return b"", "text/plain"
+
+    monkeypatch.setattr(metrics_server, "exposition", exposition)
+    cookie = await server.cookie(VIEWER)
+    begin_s = time.monotonic()
+    for _ in range(20):
+        await client.get(PATH, headers={"Cookie": cookie})
+    assert len(computed) <= 1 + (time.monotonic() - begin_s)
 
 
 @pytest.mark.parametrize("headers", [{}, bearer("wrong"), {"Authorization": f"Basic {VIEWER}"}])
@@ -136,6 +157,27 @@ async def test_the_past_cannot_be_changed_and_the_present_not_played(server: Ser
             lambda: any("shows the present" in each["sentence"] for each in live.status["findings"]),
             what="that health tells of it",
         )
+
+
+async def test_few_pages_look_at_the_past_at_a_time() -> None:
+    async with memory_bench() as bench, serving(bench) as server, contextlib.AsyncExitStack() as stack:
+        for _ in range(MAX_PAST_PAGES):
+            await stack.enter_async_context(server.page(path=PAST))
+        with pytest.raises(Exception, match="503"):
+            await stack.enter_async_context(server.page(path=PAST))
+        await stack.enter_async_context(server.page())
+
+
+async def test_seeks_are_few_a_second_and_the_newest_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(past_page, "SEEK_S", 60.0)
+    async with memory_bench() as bench, serving(bench) as server, server.page(path=PAST) as page:
+        await until(lambda: bool(page.playing))
+        count = len(page.playing)
+        for _ in range(20):
+            await page.say(kind="play", at_s=0.0)
+        await page.say(kind="ask", id=1, key="no/such")
+        await until(lambda: 1 in page.answers)
+        assert len(page.playing) == count
 
 
 async def test_pages_of_the_past_count_as_pages() -> None:

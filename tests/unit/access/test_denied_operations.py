@@ -23,7 +23,7 @@ from pointit.access.denied_operations import (
     DeniedOperations,
     RecentDenials,
 )
-from pointit.access.rights import LATEST_HZ, MAX_RATE_HZ
+from pointit.access.rights import INTERNAL_COST, LATEST_HZ, MAX_RATE_HZ, REQUEST_COST, REQUEST_HZ
 from pointit.schemas.problems import DENIED
 
 TARGET = "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
@@ -176,6 +176,30 @@ def test_who_writes_too_often_is_told() -> None:
     cached = "Using cached result: 12ab is authorized to Put (ingress) on pointit/lab/users/anna/button"
     (told,) = sentences(let_in, *[cached] * int(FLOOD_HZ + 1))
     assert told == MANY.format("button 1001")
+
+
+@pytest.mark.parametrize(
+    ("request_line", "cost"),
+    [
+        ("Declare/Undeclare Liveliness Token (ingress) on pointit/lab/alive/users/anna", REQUEST_COST),
+        ("Declare Subscriber (ingress) on pointit/lab/users/anna/cursor", REQUEST_COST),
+        ("Query (ingress) on pointit/lab/selector/history", REQUEST_COST),
+        ("Query (ingress) on pointit/lab/users/anna/cursor/@adv/pub/1/2/_", INTERNAL_COST),
+        ("Reply (ingress) on pointit/lab/selector/history", 0),
+        ("Query (egress) on pointit/lab/selector/history", 0),
+    ],
+)
+def test_who_asks_or_declares_too_often_is_told_and_each_counts_as_several_messages(
+    request_line: str, cost: int
+) -> None:
+    for count in (200, 201):
+        denied = DeniedOperations()
+        for _ in range(count):
+            denied.take(f"{HEAD}{ANNA} is authorized to {request_line}")
+        sentence = denied.take_sentences(1.0).get("lab/anna", "")
+        told = "lab/anna asks and declares 201 times a second, more than anybody needs: end what does"
+        assert sentence == (told if cost == REQUEST_COST and count > REQUEST_HZ else "")
+        assert denied.rates_hz.get("lab/anna", 0.0) == cost * count
 
 
 def slowed(connection: str, key: str = "users/anna/claim", flow: str = "from") -> str:

@@ -66,7 +66,7 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
         assert not cut
         remedy = "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
         assert told["lab/dashboard1"].endswith(remedy)
-        assert ("messages a second" in told["lab/dashboard1"]) == bool(rates)
+        assert ("2500 a second" in told["lab/dashboard1"]) == bool(rates)
 
 
 def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:

@@ -29,7 +29,11 @@ def announced(**properties: str | None) -> NetworkService:
 
 def test_address_of_the_network_is_that_which_home_assistant_states() -> None:
     home = announced_home(announced())
-    assert (home.address, home.label) == ("http://192.168.1.5:8123", "Our home, 2025.4.4")
+    assert home.address == "http://192.168.1.5:8123"
+    assert home.label == (
+        "Our home, 2025.4.4, announced by 192.168.1.7; it names another host, 192.168.1.5: send no token "
+        "there unless that is yours"
+    )
     assert import_options(home) == "--url http://192.168.1.5:8123 --token-file ~/ha.token"
 
 
@@ -41,7 +45,9 @@ def test_address_of_the_machine_is_used_if_it_states_none(internal_url: str | No
 
 
 def test_announcement_without_properties_or_with_controls_has_a_label() -> None:
-    assert announced_home(NetworkService("Home", "10.0.0.2", 80, "")).label == "Home"
+    assert announced_home(NetworkService("Home", "10.0.0.2", 80, "")).label == "Home, announced by 10.0.0.2"
+    own_name = announced(internal_url="http://3b8f.local:8123")
+    assert announced_home(own_name).label == "Our home, 2025.4.4, announced by 192.168.1.7"
     assert announced_home(
         announced(location_name="a\x1b[31m\n" + "b" * 500, version=None)
     ).label.isprintable()
@@ -73,4 +79,4 @@ async def test_services_of_its_kind_are_searched(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(device_search, "browse", browse)
     plugin = device_search.HOME_ASSISTANTS.get("home-assistant")
     assert plugin.discover is not None
-    assert [each.label for each in await plugin.discover(1.0)] == ["Our home, 2025.4.4"]
+    assert [each.label[:18] for each in await plugin.discover(1.0)] == ["Our home, 2025.4.4"]

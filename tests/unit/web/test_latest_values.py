@@ -225,3 +225,9 @@ def test_the_quantile_is_one_of_the_values_and_forgets() -> None:
     latencies.add(7.0, 2.0)
     assert latencies.p95_ms(1.5 + LATENCIES_S) == 7.0
     assert latencies.p95_ms(3.0 + LATENCIES_S) is None
+
+
+def test_tokens_that_are_reserved_by_many_come_one_after_another() -> None:
+    bucket = TokenBucket(50.0, 2.0)
+    assert [round(bucket.reserve(1.0), 3) for _ in range(5)] == [0.0, 0.0, 0.02, 0.04, 0.06]
+    assert bucket.reserve(2.0) == 0.0, "a second later they are there again"

@@ -1,6 +1,7 @@
 """The site's side of a scan: who may, what is refused, what becomes of views; the solver is not needed."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -55,10 +56,11 @@ class Bench:
         def wrist(_connection: HTTPConnection) -> bool:
             return self.is_wrist
 
+        self.bundle = Bundle(folder)
         self.door = ScanServer(
-            self.session, self.doors, Bundle(folder), is_wrist=wrist, token=TOKEN, room=SimulatedRoom()
+            self.session, self.doors, self.bundle, is_wrist=wrist, token=TOKEN, room=SimulatedRoom()
         )
-        self.app = application(self.doors, Bundle(folder), self._no_page, self._no_file, self.door.routes)
+        self.app = application(self.doors, self.bundle, self.no_page, self.no_file, self.door.routes)
 
     def client(self) -> httpx.AsyncClient:
         transport = httpx.ASGITransport(self.app)
@@ -83,10 +85,10 @@ class Bench:
             map_text=lambda origin, things: f"# {origin}\n" * (1 + len(things)),
         )
 
-    async def _no_page(self, _socket: WebSocket, _role: Role) -> None:
+    async def no_page(self, _socket: WebSocket, _role: Role) -> None:
         raise AssertionError
 
-    async def _no_file(self, _request: Request) -> Response:
+    async def no_file(self, _request: Request) -> Response:
         raise AssertionError
 
 
@@ -135,10 +137,41 @@ async def test_the_code_opens_the_page_without_its_token(bench: Bench) -> None:
         assert (await client.get("/scan")).status_code == 403, "another phone has it now"
 
 
-async def test_a_wrist_may_map_the_room_while_a_scan_is_open(bench: Bench) -> None:
-    bench.is_wrist = True
+OPERATOR = {"Authorization": "Bearer operator-token"}
+
+
+@pytest.mark.parametrize("end", ["left", "later"])
+async def test_a_wrist_may_map_the_room_from_an_operators_message_until_the_page_is_left_or_30_minutes(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, end: str
+) -> None:
+    door, bench.is_wrist = (
+        ScanServer(bench.session, bench.doors, bench.bundle, is_wrist=lambda _: bench.is_wrist),
+        True,
+    )
+    bench.app = application(bench.doors, bench.bundle, bench.no_page, bench.no_file, door.routes)
+    async with bench.client() as wrist, bench.client() as operator:
+        operator.headers.update(OPERATOR)
+        assert (await operator.get("/scan")).status_code == 200
+        assert (await wrist.get("/scan")).status_code == 403, "a link that the operator followed opens none"
+        await said(operator, kind="look")
+        await said(wrist, kind="look")
+        if end == "left":
+            await said(operator, 204, kind="light", colors=None)
+        else:
+            now_s = time.monotonic()
+            monkeypatch.setattr(time, "monotonic", lambda: now_s + 1801.0)
+        await said(wrist, 403, kind="begin")
+
+
+async def test_a_phone_that_was_paired_for_a_scan_may_begin_none_after_30_minutes(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with bench.client() as client:
-        assert (await client.get("/scan")).status_code == 200
+        await client.get(f"/scan?token={bench.door.pair()}")
+        await said(client, kind="look")
+        now_s = time.monotonic()
+        monkeypatch.setattr(time, "monotonic", lambda: now_s + 1801.0)
+        await said(client, 403, kind="begin")
 
 
 async def test_each_step_lights_the_marked_pixels_for_a_while(bench: Bench, phone: httpx.AsyncClient) -> None:

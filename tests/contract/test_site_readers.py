@@ -1,10 +1,10 @@
-"""All that show a site show the same in seven situations of leaving and coming back."""
+"""All that show a site show the same: seven situations of leaving and coming back, and a lost router."""
 
 import asyncio
 import contextlib
 import functools
 import time
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Generator
 from typing import Any
 
 import pytest
@@ -19,14 +19,16 @@ from pointit.cli.inspect.doctor import SiteObserver
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
+from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Context
+from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, Health, Message, TrackedObjects, UserPose
 from pointit.schemas.topics import CURSOR, HEALTH, OBJECTS, POSE, SERVICE_ALIVE, USER_ALIVE, Topic
 from pointit.site.following import follow_site
 from pointit.speech.interpreter import Interpreter
 from pointit.testing.bench import background
 from tests.support.bench import until
-from tests.support.buses import site_of
+from tests.support.buses import router_process, settled, site_of
 from tests.unit.ros2.graph_of_one import FakeBackend
 
 TOPICS: tuple[Topic[Any], ...] = (CURSOR, POSE, HEALTH, OBJECTS)
@@ -40,6 +42,13 @@ class Readers:
         self.names: dict[str, dict[Topic[Any], Names]] = {}
         self.present: dict[str, Callable[[], frozenset[str]]] = {}
         self.ticks: list[Callable[[], object]] = []
+
+    @contextlib.contextmanager
+    def doing(self, step: Callable[[], object]) -> Generator[None]:
+        """Do `step` again and again while `show` waits."""
+        self.ticks.append(step)
+        yield
+        self.ticks.remove(step)
 
     async def show(self, topic: Topic[Any], *names: str) -> None:
         """Wait until all readers show `names` of `topic`, and no others."""
@@ -193,3 +202,30 @@ async def test_all_readers_show_the_same_of_who_leaves_and_comes_back(
 
         writer.put(OBJECTS, "robots")
         await readers.show(OBJECTS)  # both are silent
+
+
+async def test_all_readers_show_the_same_after_a_lost_router(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with contextlib.AsyncExitStack() as stack:
+        router = await stack.enter_async_context(router_process())
+        link = Link(connect=(router.endpoint,))
+        a, b = [await ZenohBus.open(link, patience_s=30) for _ in range(2)]
+        stack.push_async_callback(a.close)
+        stack.push_async_callback(b.close)
+        readers = await stack.enter_async_context(readers_on(b, monkeypatch))
+        await settled(a, b)
+        writer = Writer(a)
+        a.announce(USER_ALIVE, "anna")
+        a.announce(SERVICE_ALIVE, "pui")
+        await until(lambda: all("pui" in each() for each in readers.present.values()))
+        keys = (CURSOR, "anna"), (POSE, "anna"), (HEALTH, "pui")
+        with readers.doing(lambda: [writer.put(*key) for key in keys]):  # the first may be lost
+            for topic, name in keys:
+                await readers.show(topic, name)
+        router.stop()
+        for topic in (CURSOR, POSE, HEALTH):
+            await readers.show(topic)
+        router.start()
+        await readers.show(POSE, "anna")
+        with readers.doing(lambda: writer.put(HEALTH, "pui")):
+            await readers.show(HEALTH, "pui")
+        await readers.show(CURSOR)

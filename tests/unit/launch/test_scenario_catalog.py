@@ -184,7 +184,7 @@ def test_refusal_names_the_belt_and_the_option(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError,
         match=r"^conveyor-sim: feeders\.entry: map 'room' has no belt 'part_e', there are main, next; "
-        r"set conveyor-sim\.feeders\.entry\.belt, or choose another map: pui\.map$",
+        r"--set conveyor-sim\.feeders\.entry\.belt=main, or choose another map: --set pui\.map=NAME$",
     ):
         scenario_launches(read_scenario("scenario_4"), choices, 1)
 
@@ -202,7 +202,7 @@ def test_bay_that_a_map_of_several_bays_lacks_is_refused(tmp_path: Path) -> None
     bays = ROOM.replace("bays: {1: next}", "bays: {1: next, 2: main}")
     room = written(tmp_path, bays.replace("links:", "#"))
     settings = [f"pui.map={room}", "conveyor-sim.feeders.entry.belt=main"]
-    said = "conveyor-sim: bay_rest: map 'room' has no bay '3', there are 1, 2; set conveyor-sim.bay_rest"
+    said = "conveyor-sim: bay_rest: map 'room' has no bay '3', there are 1, 2; --set conveyor-sim.bay_rest=1"
     with pytest.raises(ConfigError, match=f"^{re.escape(said)}$"):
         scenario_launches(read_scenario("scenario_4"), Choices(settings=settings), 1)
     settings.append("conveyor-sim.bay_rest=2")

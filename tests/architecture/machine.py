@@ -30,7 +30,11 @@ case "$1 $2" in
     "-m pip")
         case "$*" in
             *config*) echo "${PIP_CONFIG:-}" ;;
-            *install*) if [ -n "${NO_NET:-}" ]; then echo "$NO_NET"; exit 1; fi ;;
+            *install*)
+                if [ -n "${NO_NET:-}" ]; then echo "$NO_NET"; exit 1; fi
+                if [ -n "${CONFIG_USER:-}" ] && [ "${PIP_USER:-}" != 0 ]; then  # as pip, of a virtualenv
+                    echo "ERROR: Can not perform a '--user' install."; exit 1
+                fi ;;
         esac
         case "$*" in
             *" --python "*" uv") uv="${4%/*}/uv" ;;

@@ -121,6 +121,12 @@ def test_pip_fetches_uv_once_which_installs_the_rest(machine: Machine) -> None:
     assert machine.calls == [f"{uv} -e {machine.root}[plot]"]
 
 
+def test_a_configuration_of_pip_with_user_true_does_not_keep_it_out_of_the_venv(machine: Machine) -> None:
+    machine.add("python3", PYTHON)
+    done = machine.run("setup", CONFIG_USER="true")
+    assert (done.returncode, done.stderr) == (0, "PointIt is in .venv: source .venv/bin/activate\n")
+
+
 @pytest.mark.parametrize("why", ["pip has an index", "uv fails"])
 def test_pip_installs_where_a_fetched_uv_cannot(machine: Machine, why: str) -> None:
     machine.add("python3", PYTHON)

@@ -8,6 +8,7 @@ import logging
 import os
 import ssl
 import time
+import unicodedata
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -105,6 +106,8 @@ def test_chosen_entities_become_things_of_a_map_whose_text_stays() -> None:
         "  desk_2: {home_assistant: switch.desk, label: Desk}",
     ]
     assert with_things(text, Path("room.yaml"), chosen)[1] == [], "again"
+    kueche = [HomeEntity("Küche", "light.desk", "Desk lamp", "on")]
+    assert chosen_entities(kueche, [], [unicodedata.normalize("NFD", "küche")]) == kueche, "as macOS has it"
     with pytest.raises(ConfigError, match=r"--entity light\.dsk: fits no entity; did you mean light\.desk"):
         chosen_entities(entities, ["light.dsk"], [])
 

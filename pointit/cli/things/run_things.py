@@ -161,9 +161,7 @@ def announcement_lines(summary: Mapping[str, Any]) -> list[str]:
     if not (counts := summary.get("names")):
         return []
     unheard = f", {counts['unheard']} more not heard" if counts["unheard"] else ""
-    unopened = (
-        "nothing has spoken yet: open the page" if counts["unheard"] and not counts["announced"] else ""
-    )
+    unopened = "is the page or phone open?" if counts["unheard"] and not counts["announced"] else ""
     why = f" ({counts['problem'] or unopened})" if counts["problem"] or unopened else ""
     steps, confirmed = (counts[each] for each in COUNTED)
     return [f"Names: {counts['announced']} announced{unheard}{why}, {steps} steps, {confirmed} confirmed."]

@@ -57,7 +57,7 @@ async def test_names_that_were_heard_are_counted_with_steps_and_presses() -> Non
         for each in subscriptions:
             each.close()
     assert lines == [
-        "Names: 0 announced, 3 more not heard (nothing has spoken yet: open the page), 3 steps, 1 confirmed.",
+        "Names: 0 announced, 3 more not heard (is the page or phone open?), 3 steps, 1 confirmed.",
         "Names: 1 announced, 2 more not heard (no voices), 3 steps, 1 confirmed.",
         "Names: 3 announced (no voices), 3 steps, 1 confirmed.",
         "Names: 3 announced, 3 steps, 1 confirmed.",

@@ -171,7 +171,8 @@ def test_requests_are_answered_for_whom_they_may_be(members: dict[str, Member]) 
                 for key, (row, name) in keys.items()
                 if NAMES[me] == "operator"
                 or (NAMES[me] == "web" and row not in OF_PEOPLE)
-                or row in (topics.READ_HISTORY, topics.STOP_ROBOT)
+                or row is topics.STOP_ROBOT
+                or (row is topics.READ_HISTORY and NAMES[me] != "dashboard")
                 or (
                     NAMES[me] == "user"
                     and row.placeholder == "user"

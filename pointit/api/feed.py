@@ -7,15 +7,17 @@ import functools
 import inspect
 import itertools
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 from pointit.runtime.bus.contract import EVENT_CAPACITY, Subscription, SubscriptionStats
 from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, PointItError, VersionError
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.schemas import Environment, Message, SelectionEvent, topics
+from pointit.runtime.service.carrier import Act, ActFailedError, Carrier, Target
+from pointit.schemas import Environment, Message, SelectionEvent, ThingState, topics
 from pointit.schemas.topics import ANY, Delivery, Topic
 from pointit.site.site_state import SiteState
 
@@ -355,16 +357,62 @@ async def react(
         await asyncio.gather(*ending, return_exceptions=True)
 
 
+class FunctionTarget:
+    """A function that carries out acts. Its return means that the act is done."""
+
+    def __init__(self, function: Reaction, limit_s: float) -> None:
+        self._function, self._limit_s = function, limit_s
+        self._name = getattr(function, "__name__", repr(function))
+
+    @property
+    def state(self) -> ThingState:
+        """Return the limit of its acts."""
+        return ThingState(id="", limit_s=self._limit_s)
+
+    async def carry_out(self, act: Act) -> None:
+        """Call the function. Raise ActFailedError if it raises."""
+        try:
+            await _call(self._function, act.event, self._name)
+        except ActFailedError:
+            raise
+        except Exception as error:
+            log.exception("%s failed for %s", self._name, act.thing)
+            raise ActFailedError("error", f"{self._name} failed ({type(error).__name__}: {error})") from error
+
+
+async def carry(
+    bus: MemoryBus, clock: Clock, name: str, targets: Mapping[str, Sequence[Target]], check: Awaitable[None]
+) -> None:
+    """Carry out the acts on the things of `targets` as the carrier `name` until cancelled, after `check`.
+
+    Raises:
+        AccessDeniedError: If this identity may not.
+    """
+    await check
+    if denied := await bus.denial_reason("writes", topics.THING_STATES, name):
+        raise AccessDeniedError(denied)
+    carrier = Carrier(bus, clock, name)
+    carrier.use(targets)
+    try:
+        await asyncio.Event().wait()
+    finally:
+        await carrier.close()
+
+
 async def _called(function: Reaction, event: SelectionEvent, name: str) -> None:
     try:
-        if inspect.iscoroutinefunction(function):
-            await function(event)
-        else:
-            result = await in_daemon_thread(functools.partial(_checked, function, event), f"reaction {name}")
-            if inspect.isawaitable(result):
-                await result
+        await _call(function, event, name)
     except Exception:
         log.exception("%s failed for %s", name, event.object_id)
+
+
+async def _call(function: Reaction, event: SelectionEvent, name: str) -> None:
+    if inspect.iscoroutinefunction(function):
+        await function(event)
+        return
+    result = await in_daemon_thread(functools.partial(_checked, function, event), f"reaction {name}")
+    if inspect.isawaitable(result):
+        await result
 
 
 def _checked(function: Reaction, event: SelectionEvent) -> object:

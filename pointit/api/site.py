@@ -3,14 +3,16 @@
 import asyncio
 import contextlib
 import functools
+import re
 import weakref
+import zlib
 from collections import defaultdict
 from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Coroutine, Sequence
 from operator import itemgetter
 from typing import Any, Literal, Self, TypeVar
 
 from pointit.api import requests
-from pointit.api.feed import F, Feed, Latest, ReceiveBuffer, is_reaction, react
+from pointit.api.feed import F, Feed, FunctionTarget, Latest, ReceiveBuffer, carry, is_reaction, react
 from pointit.api.inputs import Tracker, press
 from pointit.api.loop_thread import closed_error
 from pointit.api.requests import Lamp
@@ -206,13 +208,41 @@ class Site:
         """
 
         def register(function: F) -> F:
-            work = react(self.pointed(*things), function, self.fail)
-            task = asyncio.get_running_loop().create_task(work)
-            self._reactions.add(task)
-            task.add_done_callback(self._reactions.discard)
+            self._start(react(self.pointed(*things), function, self.fail))
             return function
 
         return register
+
+    def carries(self, *things: str, limit_s: float = 5.0) -> Callable[[F], F]:
+        """Return a decorator: the function carries out the acts on these things, each within `limit_s`.
+
+        Its return means that the act is done, and people are told. If it raises, or takes longer, the person
+        is told the error, and a switch goes back. On a secured site only operators may do this. If the map
+        lacks a thing, this ends all iterators, `sleep` and `wait`.
+        """
+
+        def register(function: F) -> F:
+            letters = re.sub(r"[^A-Za-z0-9]", "", getattr(function, "__name__", ""))
+            number = zlib.crc32(" ".join(things).encode())
+            name = f"{letters[:40] or 'function'}-{number:08x}"  # the same after a restart
+            target = FunctionTarget(function, limit_s)
+            targets = dict.fromkeys(things, (target,))
+            self._start(carry(self._bus, self._clock, name, targets, self._check_things(things)))
+            return function
+
+        return register
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run `work` until the site is closed. An error in it ends all iterators."""
+        task = asyncio.get_running_loop().create_task(self._guarded(work))
+        self._reactions.add(task)
+        task.add_done_callback(self._reactions.discard)
+
+    async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
+        try:
+            await work
+        except PointItError as error:
+            self.fail(error)
 
     async def _check_things(self, things: Collection[str]) -> None:
         check_things(things, await self.latest.map.wait())

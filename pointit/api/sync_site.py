@@ -20,6 +20,7 @@ from pointit.api.requests import Lamp
 from pointit.api.site import Site
 from pointit.runtime.bus.contract import REQUEST_TIMEOUT_S
 from pointit.runtime.config.nearest_name import accept_old_names
+from pointit.runtime.service.carrier import check_things
 from pointit.schemas import (
     AddPackageReply,
     Done,
@@ -236,6 +237,18 @@ class SyncSite:
         """
         self.latest.map.wait()
         return lambda function: self._thread.call(lambda: self._site.on_pointed(*things)(function))
+
+    def carries(self, *things: str, limit_s: float = 5.0) -> Callable[[F], F]:
+        """Return a decorator: the function carries out the acts on these things; see `Site.carries`.
+
+        Raises:
+            ConfigError: If the map has no such thing.
+            NoMessageError: If the map does not come within 2 s.
+        """
+        check_things(things, self.latest.map.wait())
+        return lambda function: self._thread.call(
+            lambda: self._site.carries(*things, limit_s=limit_s)(function)
+        )
 
     def tracker(
         self, name: str, *, frame: str = "", latency_s: float = 0.0, latency_sigma_s: float | None = None

@@ -55,7 +55,9 @@ _NAMES_ROOMS = ("pointit.bridges.speaker", "pointit.services.selector.methods.es
 RUN_PARTS: tuple[OptionalPart[RunPart], ...] = (
     OptionalPart("pointit.cli.page:PAGE_PART", ("pointit.launch.page", "pointit.bridges.web")),
     OptionalPart("pointit.cli.recordings.run_recorder:RECORDER_PART", ("pointit.services.recorder",)),
-    OptionalPart("pointit.cli.things.run_things:THINGS_PART", ("pointit.diagnosis",)),
+    OptionalPart(
+        "pointit.cli.things.run_things:THINGS_PART", ("pointit.diagnosis", "pointit.services.reactions")
+    ),
     OptionalPart("pointit.cli.things.run_things:NAMES_PART", _NAMES_ROOMS),
 )
 """Panels of options of `run`, in the order of its help."""

@@ -14,10 +14,10 @@ from pointit.api.sync_site import SyncSite
 from pointit.errors import BusClosedError, ConfigError, NoMessageError
 from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import VirtualClock
-from pointit.schemas import Environment, Selection, SelectionEvent
+from pointit.schemas import ActResult, Environment, Selection, SelectionEvent
 from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.selection import RESTORED
-from pointit.schemas.topics import MAP, SELECTION, SELECTION_EVENTS
+from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, MAP, SELECTION, SELECTION_EVENTS
 from tests.contract.public_api import in_memory
 from tests.support.bench import PATIENCE_S, Bench, in_virtual_time, until
 
@@ -246,3 +246,39 @@ def test_function_may_use_the_site_and_close_it(script: Shop) -> None:
     script.thread._thread.join(PATIENCE_S)
     assert not script.thread._thread.is_alive()
     assert problems == [""]
+
+
+@in_virtual_time
+async def test_the_return_of_a_function_that_carries_acts_is_their_result() -> None:
+    async with shop() as (site, bench):
+        results: list[ActResult] = bench.collect(ACT_RESULTS)
+        carriers: list[str] = []
+        bench.bus.watch(CARRIER_ALIVE, lambda name, present: carriers.append(name if present else "ended"))
+
+        @site.carries("screws", limit_s=2.0)
+        async def order(event: SelectionEvent) -> None:
+            if event.user == "bert":
+                raise ValueError("none left")
+            await asyncio.sleep(1.0 if event.user == "anna" else 3.0)
+
+        @site.carries("radio")
+        def switch(event: SelectionEvent) -> None:
+            assert event.is_on
+
+        await until(lambda: len(carriers) == 2)
+        for number, (name, user) in enumerate(
+            (("screws", "anna"), ("screws", "bert"), ("screws", "carl"), ("radio", "anna"))
+        ):
+            fields = {"stamp_ns": number, "event": "selected", "object_id": name, "user": user}
+            own = next(
+                each for each in carriers if each.startswith("order" if name == "screws" else "switch")
+            )
+            bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields | {"carriers": (own,)}))
+        await until(lambda: len(results) == 4, PATIENCE_S)
+        assert {each.event_ns: (each.result, each.text) for each in results} == {
+            0: ("done", ""),
+            1: ("failed", "order failed (ValueError: none left)"),
+            2: ("failed", "not done within 2 s"),
+            3: ("done", ""),
+        }
+    assert carriers[2:] == ["ended", "ended"]

@@ -216,9 +216,9 @@ class Site:
     def carries(self, *things: str, limit_s: float = 5.0) -> Callable[[F], F]:
         """Return a decorator: the function carries out the acts on these things, each within `limit_s`.
 
-        Its return means that the act is done, and people are told. If it raises, or takes longer, the person
-        is told the error, and a switch goes back. On a secured site only operators may do this. If the map
-        lacks a thing, this ends all iterators, `sleep` and `wait`.
+        Its return means that the act is done, and people learn that. If it raises, or takes longer, they
+        get the error as a cue, and a switch goes back. On a secured site only operators may do this. If the
+        map lacks a thing, this ends all iterators, `sleep` and `wait`.
         """
 
         def register(function: F) -> F:

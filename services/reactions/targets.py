@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-import importlib.util
+import importlib
 import json
 import os
 import re
@@ -177,8 +177,10 @@ class Webhook:
         if not host:
             raise ConfigError(f"{hide_secrets(url)} has no host; write http://HOST/PATH")
         check_placeholders(url)
-        if importlib.util.find_spec("httpx") is None:
-            raise ConfigError(f"webhooks need an extra: run {remedy('webhooks')}")
+        try:  # now, as it takes longer than a loop may be held up
+            importlib.import_module("pointit.services.reactions.http_status")
+        except ImportError as error:
+            raise ConfigError(f"webhooks need an extra: run {remedy('webhooks')}") from error
         return cls(url=url)
 
     def describe(self) -> str:

@@ -47,7 +47,7 @@ from pointit.services.selector.selection_publisher import Output, event_of
 
 log = logging.getLogger(__name__)
 
-MAX_ANSWER_S = 0.8 * REQUEST_TIMEOUT_S
+MAX_ANSWER_S = 0.6 * REQUEST_TIMEOUT_S
 """Time after which a caller of `set_thing` gets a reply without the result of the act, s."""
 
 Put = Callable[[list[Output]], list[Output]]

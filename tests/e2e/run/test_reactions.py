@@ -8,9 +8,9 @@ import psutil
 
 from pointit.schemas import Environment
 from pointit.schemas.environment import Thing
-from pointit.schemas.topics import CARRIER_ALIVE, MAP, SELECTION
+from pointit.schemas.topics import CARRIER_ALIVE, MAP, OUTCOMES, SELECTION
 from tests.support.bench import until
-from tests.support.commands import Commands, Ended, onlooker
+from tests.support.commands import Commands, onlooker
 
 SITE = """
 about: the map and the selections are another process's
@@ -73,24 +73,29 @@ async def test_who_points_learns_what_came_of_programs_and_webhooks(
                 SELECTION,
                 lambda now, _name: selected.__setitem__(slice(None), [one.id for one in now.objects]),
             )
+            outcomes: list[tuple[str, str, str]] = []
+            seen.bus.subscribe(
+                OUTCOMES, lambda told, _name: outcomes.append((told.object_id, told.result, told.text))
+            )
             await until(lambda: "reactions" in present, what="the carrier")
 
-            async def try_thing(name: str) -> Ended:
-                return await commands.start(
-                    "things", "try", name, "--user", "anna", "--connect", endpoint
-                ).end(code=None)
+            async def try_thing(name: str) -> tuple[str, str, str]:
+                """Return the first outcome, which the command may not wait for."""
+                outcomes.clear()
+                command = commands.start("things", "try", name, "--user", "anna", "--connect", endpoint)
+                await until(lambda: bool(outcomes), what=f"the outcome of {name}")
+                await command.end(code=None)
+                return outcomes[0]
 
-            ended = await try_thing("nuts")
-            assert (ended.code, ended.sentence) == (1, "nuts: sh -c 'exit 3' ended with exit code 3")
-            ended = await try_thing("radio")
+            failed = "sh -c 'exit 3' ended with exit code 3"
+            assert await try_thing("nuts") == ("nuts", "failed", failed)
             shown = url.replace("secret", "...")
-            assert (ended.code, ended.sentence) == (1, f"radio: {shown} answered 403 No")
+            assert await try_thing("radio") == ("radio", "failed", f"{shown} answered 403 No")
             await until(lambda: "radio" not in selected, what="the switch to go back")
             door.status = b"204 Yes"
-            assert (await try_thing("radio")).out.strip() == "radio selected"
+            assert await try_thing("radio") == ("radio", "done", "")
             await until(lambda: "radio" in selected, what="the switch")
-            ended = await try_thing("screws")
-            assert ended.out.strip() == "screws selected; reactions did not tell the result yet"
+            assert await try_thing("screws") == ("screws", "started", "")
             await until(told.exists, what="the program")
             user, *family = told.read_text().split()
             assert user == "anna"

@@ -2,9 +2,6 @@
 
 A hostile file costs bounded memory. Sizes are checked before anything is read or unpacked, and nothing that
 a file says about itself (its index, its statistics) is trusted.
-
-A hostile file costs bounded memory. Sizes are checked before anything is read or unpacked, and nothing that
-a file says about itself (its index, its statistics) is trusted.
 """
 
 import io

@@ -2,10 +2,6 @@
 
 The newest is the one that came last: stamps of writers on different machines, or of another run's simulated
 time, cannot be compared. States from disk are older than any that comes.
-
-
-The newest is the one that came last: stamps of writers on different machines, or of another run's simulated
-time, cannot be compared. States from disk are older than any that comes.
 """
 
 from collections.abc import Iterator

@@ -2,9 +2,6 @@
 
 led-driver alone decides. Localizers state which lamps they use and which one is to be lit
 (`Localization.lamps`, `target_id`), again every second, so that a restarted led-driver restores the queue.
-
-led-driver alone decides. Localizers state which lamps they use and which one is to be lit
-(`Localization.lamps`, `target_id`), again every second, so that a restarted led-driver restores the queue.
 """
 
 import math

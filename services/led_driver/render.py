@@ -9,16 +9,6 @@ An object is a segment in the colour of its kind, dim, or bright if selected. It
 the person who hovers or has selected it, alternating by pixel if there are several colours. The body changes
 from both ends to the middle with the progress of selection. Dark pixels in the body of a selected object
 form the owner's pattern. Cursors are drawn on top, alternating by pixel where several overlap.
-
-Every pixel belongs to its own strip, and to each belt beside which it lies: within half the belt's width and
-`BESIDE_BELT_M` of its centre line, not beyond its ends, at the nearest arc length. For each line the pixels
-of all strips are sorted by arc length. Curves, gaps, reversed strips, strips on both sides and clipping are
-all reduced to the position of an arc length in that order.
-
-An object is a segment in the colour of its kind, dim, or bright if selected. Its margins have the colour of
-the person who hovers or has selected it, alternating by pixel if there are several colours. The body changes
-from both ends to the middle with the progress of selection. Dark pixels in the body of a selected object
-form the owner's pattern. Cursors are drawn on top, alternating by pixel where several overlap.
 """
 
 from bisect import bisect_left, bisect_right

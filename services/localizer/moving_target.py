@@ -1,8 +1,6 @@
 """Localization by following a moving robot with the finger (paper, §II-B), matched by the time of capture.
 
 Pure: rays, tracked objects and the time go in; progress and poses come out.
-
-Pure: rays, tracked objects and the time go in; progress and poses come out.
 """
 
 import math

@@ -1,22 +1,11 @@
 """Life cycle of every localization procedure, and the base of those that point at lamps.
 
-Pure: rays, tracked objects and the time go in; progress, poses and anchors come out.
+Pure: rays, tracked objects and the time go in; progress, by which led-driver lights the lamp, poses and
+anchors come out.
 
-Pure: rays and the time go in; progress comes out, by which led-driver lights the lamp.
-
-One hold: a lamp lights, the person notices, turns to it and settles, and then their rays count.
-
-The first second or so is reaction, and an open-loop reach settles about two seconds after the light
-(pointing.md §4): the hold begins when the reaction is over and the ray is steady.
-
-Pure: rays, tracked objects and the time go in; progress, poses and anchors come out.
-
-Pure: rays and the time go in; progress comes out, by which led-driver lights the lamp.
-
-One hold: a lamp lights, the person notices, turns to it and settles, and then their rays count.
-
-The first second or so is reaction, and an open-loop reach settles about two seconds after the light
-(pointing.md §4): the hold begins when the reaction is over and the ray is steady.
+In one hold a lamp lights, the person notices, turns to it and settles, and then their rays count. The first
+second or so is reaction, and an open-loop reach settles about two seconds after the light (pointing.md §4):
+the hold begins when the reaction is over and the ray is steady.
 """
 
 import math

@@ -7,14 +7,6 @@ does not matter, since turning the person turns all rays equally.
 In the order given (two of them are the paper's case) or the most informative one first: as many as
 configured, or until the pose is certain enough. Pure: rays and the time go in; progress and the pose come
 out.
-
-The information of one pointing is its Fisher information about x, y, yaw and the person's elevation bias;
-holds add up. The position is that of the pose so far, or any in the room before there is one. The pose's yaw
-does not matter, since turning the person turns all rays equally.
-
-In the order given (two of them are the paper's case) or the most informative one first: as many as
-configured, or until the pose is certain enough. Pure: rays and the time go in; progress and the pose come
-out.
 """
 
 import math

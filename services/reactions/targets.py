@@ -1,4 +1,4 @@
-"""Targets of things in `--on`: programs, and requests to web servers."""
+"""Runs the programs and sends the webhooks of `--on`, each the target of a thing."""
 
 import asyncio
 import contextlib

@@ -1,8 +1,6 @@
-"""Runs the table of transitions for one person: events in, messages and requests out.
+"""Runs the table of transitions for one person: presses, cues and progress in, messages and requests out.
 
-One localization or anchor in progress, as the person sees it: queue, target and next step.
-
-Pure: it classifies the localizer's messages for this attempt.
+`LocalizationAttempt` is one in progress, as the person sees it: queue, target and next step.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The life cycle of a pointing-based interaction (paper, §II-D) as one table, with its messages.
+"""The life cycle of an interaction (paper, §II-D) as one table, what a press starts or stops, its messages.
 
 `python docs/pictures/life_cycle.py` draws it in docs/explanation/life_cycle.md, which explains each word. The
 stages `localizing`, `anchoring` and `joined` are published as the state `localizing`: the person points at

@@ -2,9 +2,6 @@
 
 The person knows their own recent movements (an efference copy), so that a correction still within the visual
 delay is not made twice, and the cursor is expected at the right position.
-
-The person knows their own recent movements (an efference copy), so that a correction still within the visual
-delay is not made twice, and the cursor is expected at the right position.
 """
 
 import math

@@ -4,11 +4,6 @@ A thing is a segment in its kind's colour, dim while it is free, bright once sel
 cursor is on it, or who selected it. A cursor is a short run in its person's colour on top, and overlapping
 cursors alternate by pixel. Only the frame's bytes, the map, the things and the own colour are used. A frame
 is decoded on a look, not on arrival.
-
-A thing is a segment in its kind's colour, dim while it is free, bright once selected. Its two ends show whose
-cursor is on it, or who selected it. A cursor is a short run in its person's colour on top, and overlapping
-cursors alternate by pixel. Only the frame's bytes, the map, the things and the own colour are used. A frame
-is decoded on a look, not on arrival.
 """
 
 import contextlib

@@ -1,1 +1,1 @@
-"""Selection methods: hold, fraction, gauge."""
+"""Selection methods: hold, fraction, gauge, estimate."""

@@ -333,7 +333,11 @@ async def connected(config: HomeAssistantConfig) -> AsyncGenerator[HomeAssistant
             raise NoHomeAssistantError(_is_none(config, "it does not begin as one")) from None
         yield HomeAssistantConnection(websocket)
     finally:
-        await websocket.close()
+        try:
+            await websocket.close()
+        finally:  # also if that is cancelled: its task of pings would stay
+            websocket.transport.abort()
+            await websocket.wait_closed()
 
 
 async def _log_in(config: HomeAssistantConfig, websocket: "ClientConnection", token: str) -> None:

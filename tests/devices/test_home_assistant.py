@@ -516,6 +516,33 @@ def test_address_of_the_websocket_is_below_the_path(url: str, address: str, tmp_
     assert config_of(tmp_path, 1, url=url).address == address
 
 
+async def test_connection_leaves_no_task_if_its_end_is_cancelled(tmp_path: Path) -> None:
+    before: set[asyncio.Task[Any]] = set()
+    is_open, is_over = asyncio.Event(), asyncio.Event()
+
+    async def answer(websocket: ServerConnection) -> None:
+        before.update(asyncio.all_tasks())  # without that of the client's pings, which is not connected yet
+        await websocket.send('{"type": "auth_required"}')
+        await websocket.recv()
+        await websocket.send('{"type": "auth_ok"}')
+        websocket.transport.pause_reading()  # it does not answer to the end
+        await is_over.wait()
+
+    async def connect_and_end(port: int) -> None:
+        async with connected(config_of(tmp_path, port)):
+            is_open.set()
+
+    async with serve(answer, "127.0.0.1", 0, ping_interval=None, close_timeout=0) as server:
+        client = asyncio.create_task(connect_and_end(next(iter(server.sockets)).getsockname()[1]))
+        await is_open.wait()
+        client.cancel()
+        await asyncio.wait([client])
+        assert client.cancelled()
+        left = asyncio.all_tasks() - before
+        is_over.set()
+    assert not left
+
+
 def frame(payload: bytes, opcode: int = 1) -> bytes:
     """Return a frame of a websocket from a server."""
     return bytes([0x80 | opcode, 127]) + len(payload).to_bytes(8) + payload

@@ -339,7 +339,11 @@ def _service(name: str) -> Rights:
         serves=_anywhere(row.serves for row in rows),
         asks=_anywhere([FOR_MEMBERS, _asked(rows)]),
         announces=_sorted(
-            [*_presences(rows), *(presence.at(ANY) for row in rows for presence in row.announces)]
+            [
+                *_presences(rows),
+                *_carriers(rows),
+                *(presence.at(ANY) for row in rows for presence in row.announces),
+            ]
         ),
     )
 
@@ -362,8 +366,12 @@ def _written(rows: Sequence[Process]) -> list[str]:
 
 def _presences(rows: Iterable[Process]) -> list[str]:
     """Return the keys of presence of all instances of `rows`."""
-    carriers = [CARRIER_ALIVE.at(row.name) for row in rows if THING_STATES in row.writes]
-    return [*carriers, *(key for row in rows for key in _instances(SERVICE_ALIVE.at(row.name), row))]
+    return [key for row in rows for key in _instances(SERVICE_ALIVE.at(row.name), row)]
+
+
+def _carriers(rows: Iterable[Process]) -> list[str]:
+    """Return the keys of presence as carriers of acts of `rows` that write states of things."""
+    return [CARRIER_ALIVE.at(row.name) for row in rows if THING_STATES in row.writes]
 
 
 def _services() -> Rights:
@@ -376,7 +384,11 @@ def _services() -> Rights:
         asks=_anywhere([FOR_MEMBERS, _asked(common)]),
         keeps=_anywhere([[topic for topic in TOPICS if topic.delivery is Delivery.STATE]]),
         announces=_sorted(
-            [*_presences(shared), *(presence.at(ANY) for presence in (SHARD_ALIVE, KEEPER_ALIVE))]
+            [
+                *_presences(shared),
+                *_carriers(common),
+                *(presence.at(ANY) for presence in (SHARD_ALIVE, KEEPER_ALIVE)),
+            ]
         ),
     )
 

@@ -149,6 +149,8 @@ class Claim(Message):
     confidence: Annotated[Fraction | None, Field(description="that this object was meant")] = None
 
 
+MAX_ACT_S = 3600.0
+"""Maximum limit of an act, s."""
 TargetState = Literal["", "on", "off", "unknown", "unavailable"]
 ResultKind = Literal["done", "failed", "started"]
 """`started`: it runs for long, and `done` or `failed` follows."""
@@ -165,7 +167,9 @@ class ThingState(SchemaModel):
     reason: Annotated[
         str, Field(max_length=500, description="cause if it is unavailable, and the remedy")
     ] = ""
-    limit_s: Annotated[float, Field(gt=0, description="time after which an act on it has failed, s")] = 5.0
+    limit_s: Annotated[
+        float, Field(gt=0, le=MAX_ACT_S, description="time after which an act on it has failed, s")
+    ] = 5.0
 
 
 class ThingStates(Message):

@@ -363,6 +363,8 @@ class FunctionTarget:
     def __init__(self, function: Reaction, limit_s: float) -> None:
         self._function, self._limit_s = function, limit_s
         self._name = getattr(function, "__name__", repr(function))
+        self._running: dict[asyncio.Task[None], Act] = {}
+        """Calls that run, also those in threads whose act has ended: a thread cannot be cancelled."""
 
     @property
     def state(self) -> ThingState:
@@ -370,9 +372,19 @@ class FunctionTarget:
         return ThingState(id="", limit_s=self._limit_s)
 
     async def carry_out(self, act: Act) -> None:
-        """Call the function. Raise ActFailedError if it raises."""
+        """Call the function, after calls that switch the thing the other way.
+
+        Raises:
+            ActFailedError: If it raises.
+        """
+        acts = self._running.items()
+        if earlier := [call for call, each in acts if each.thing == act.thing and each.on != act.on]:
+            await asyncio.wait(earlier)
+        call = asyncio.create_task(_call(self._function, act.event, self._name))
+        self._running[call] = act
+        call.add_done_callback(self._running.pop)
         try:
-            await _call(self._function, act.event, self._name)
+            await (call if inspect.iscoroutinefunction(self._function) else asyncio.shield(call))
         except ActFailedError:
             raise
         except Exception as error:
@@ -392,8 +404,8 @@ async def carry(
     if denied := await bus.denial_reason("writes", topics.THING_STATES, name):
         raise AccessDeniedError(denied)
     carrier = Carrier(bus, clock, name)
-    carrier.use(targets)
     try:
+        carrier.use(targets)
         await asyncio.Event().wait()
     finally:
         await carrier.close()

@@ -46,6 +46,7 @@ from pointit.schemas import (
     Word,
     topics,
 )
+from pointit.schemas.selection import MAX_ACT_S
 from pointit.schemas.topics import ANY, Delivery, Presence, Request, Topic, check_name
 from pointit.site.following import follow_site
 from pointit.site.site_state import SiteState
@@ -219,7 +220,12 @@ class Site:
         Its return means that the act is done, and people learn that. If it raises, or takes longer, they
         get the error as a cue, and a switch goes back. On a secured site only operators may do this. If the
         map lacks a thing, this ends all iterators, `sleep` and `wait`.
+
+        Raises:
+            ValueError: If `limit_s` is not above 0 s, or above 3600 s.
         """
+        if not 0.0 < limit_s <= MAX_ACT_S:
+            raise ValueError(f"limit_s is {limit_s:g} s; give more than 0 s, and at most {MAX_ACT_S:g} s")
 
         def register(function: F) -> F:
             letters = re.sub(r"[^A-Za-z0-9]", "", getattr(function, "__name__", ""))

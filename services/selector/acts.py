@@ -95,11 +95,14 @@ class Acts:
             state = carrier.states.get(object_id)
             if state is None or not _is_act(event, mode, state):
                 continue
-            if carrier.is_lost:
+            if carrier.is_lost and not self._is_carried(object_id):
                 return f"{name} has ended: start it again"
             if carrier.is_present and state.state == "unavailable":
                 return state.reason or f"{name} tells that it is unavailable"
         return ""
+
+    def _is_carried(self, object_id: str) -> bool:
+        return any(each.is_present and object_id in each.states for each in self._carriers.values())
 
     def replace(self, object_id: str, mode: ThingMode) -> list[PendingAct]:
         """Note that an object changes. Return the acts on a switch that this replaces."""
@@ -194,7 +197,7 @@ class Acts:
 
     def has_state(self, object_id: str, state: str) -> bool:
         """Return True if a target reports that the object is `on`, or `off`."""
-        states = (each.states.get(object_id) for each in self._carriers.values())
+        states = (each.states.get(object_id) for each in self._carriers.values() if each.is_present)
         return any(each is not None and each.state == state for each in states)
 
     def _start(self, act: PendingAct) -> PendingAct | None:

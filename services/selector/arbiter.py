@@ -156,6 +156,10 @@ class Arbiter:
         for user, stamp_ns in decided:
             self._is_decided(user, stamp_ns)
 
+    def is_pending(self, object_id: str) -> bool:
+        """Return True if the result of an act on the object is not known yet."""
+        return self._acts.is_pending(object_id)
+
     @property
     def has_selected(self) -> bool:
         """Return True if anything is selected."""
@@ -337,11 +341,11 @@ class Arbiter:
                 after_ns = max(now_ns, self._ledger.changed_ns(object_id) + 1)
                 record = self._ledger.correct(object_id, after_ns, f"{NOT_DONE}{text}")
                 outputs += [] if record is None else self._publisher.event(record)
-            outputs.append(self._publisher.cue(act.user, "refused", f"{name}: {text}", now_ns))
+            outputs.append(self._publisher.cue(act.record.user, "refused", f"{name}: {text}", now_ns))
             self._latch(object_id, "")
         elif act.result == "started" or not act.is_reported:
             status = act.event if act.result == "done" else "started"
-            outputs.append(self._publisher.cue(act.user, act.event, f"{name} {status}", now_ns))
+            outputs.append(self._publisher.cue(act.record.user, act.event, f"{name} {status}", now_ns))
         first = Output("", self.selection(now_ns))
         return [first, *outputs, *self._follow_targets(now_ns, {object_id})]
 
@@ -446,7 +450,10 @@ class Arbiter:
         changes = [record for record in records if record.event != "refused"]
         earlier_outputs: list[Output] = []
         carriers: dict[Record, tuple[str, ...]] = {}
+        counts = Counter(record.object_id for record in changes)
         for record in changes:
+            if counts[record.object_id] > 1:  # a take-over, or its undo: only the owner changes
+                continue
             mode = self._positions.mode(record.object_id)
             for act in self._acts.replace(record.object_id, mode):
                 earlier_outputs += self._conclude(act, now_ns)

@@ -174,7 +174,10 @@ class SiteRole:
     async def _set_thing(self, query: SetThing, user: str) -> Done:
         outputs = self._put(self.engine.set_thing(user, query, self._clock.now_ns()))
         if not outputs:
-            return Done(message=f"{query.thing} is {'on' if query.on else 'off'} already")
+            state = "on" if query.on else "off"
+            if self.engine.is_pending(query.thing):
+                return Done(message=f"{query.thing} is being switched {state}: its result is not told yet")
+            return Done(message=f"{query.thing} is {state} already")
         message = _done_message(outputs)
         event = next((each for each in _events(outputs) if each.carriers), None)
         if event is None:

@@ -79,7 +79,7 @@ class Carrier:
         """Declare it as `name`. It has no things before `use`."""
         self._bus, self._clock, self._name = bus, clock, name
         self._targets: Mapping[str, Sequence[Target]] = {}
-        self._running: dict[asyncio.Task[None], str] = {}
+        self._running: dict[asyncio.Task[None], Act] = {}
         self._last_states: tuple[ThingState, ...] | None = None
         self._states = bus.publisher(THING_STATES, name)
         self._results = bus.publisher(ACT_RESULTS, name)
@@ -107,7 +107,7 @@ class Carrier:
         self._subscription.close()
         acts = list(self._running)
         for task in acts:
-            task.cancel()
+            self._end(task, ActFailedError("error", f"{self._name} ended before it was done"))
         await asyncio.gather(*acts, return_exceptions=True)
         with contextlib.suppress(PointItError):  # the bus is closed
             self.use({})
@@ -117,14 +117,24 @@ class Carrier:
         if self._name not in event.carriers:
             return
         act = Act(event, lambda: self._put_result(event, "started"))
-        if [*self._running.values()].count(act.thing) >= MAX_AT_ONCE:
+        acts = [(task, each) for task, each in self._running.items() if each.thing == act.thing]
+        if len(acts) >= MAX_AT_ONCE:
             self._tell_result(event, ActFailedError("busy", f"{MAX_AT_ONCE} acts on it still run: wait"))
             return
-        task = asyncio.create_task(self._carry_out(act), name=f"act on {act.thing}")
-        self._running[task] = act.thing
+        earlier = [task for task, each in acts if each.on != act.on or task.cancelling()]
+        for each in earlier:
+            self._end(each, ActFailedError("replaced", "it was switched again before it was done"))
+        task = asyncio.create_task(self._carry_out(act, earlier), name=f"act on {act.thing}")
+        self._running[task] = act
         task.add_done_callback(self._running.pop)
 
-    async def _carry_out(self, act: Act) -> None:
+    def _end(self, task: asyncio.Task[None], problem: ActFailedError) -> None:
+        if not task.cancelling() and task.cancel():
+            self._tell_result(self._running[task].event, problem)
+
+    async def _carry_out(self, act: Act, earlier: Collection[asyncio.Task[None]]) -> None:
+        if earlier:  # the newest one counts: none of them may change its target after it
+            await asyncio.wait(earlier)
         targets = self._targets.get(act.thing, ())
         if not targets:
             problem = ActFailedError("unavailable", "it has no target any more: point again")
@@ -139,9 +149,6 @@ class Carrier:
                 )
         except TimeoutError:
             results = [ActFailedError("no_answer", f"not done within {limit_s:g} s")]
-        except asyncio.CancelledError:
-            self._tell_result(act.event, ActFailedError("error", f"{self._name} ended before it was done"))
-            raise
         self._tell_result(act.event, next((_failure(act, each) for each in results if each), None))
 
     def _tell_result(self, event: SelectionEvent, problem: ActFailedError | None) -> None:

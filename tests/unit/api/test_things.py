@@ -3,11 +3,12 @@
 import asyncio
 import contextlib
 import logging
+import threading
 from collections.abc import AsyncGenerator, Iterator
 
 import pytest
 
-from pointit.api.feed import MAX_AT_ONCE, is_reaction
+from pointit.api.feed import MAX_AT_ONCE, FunctionTarget, is_reaction
 from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
 from pointit.api.sync_site import SyncSite
@@ -19,6 +20,7 @@ from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.selection import RESTORED
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, MAP, SELECTION, SELECTION_EVENTS
 from tests.contract.public_api import in_memory
+from tests.support.acts import act_on
 from tests.support.bench import PATIENCE_S, Bench, in_virtual_time, until
 
 
@@ -282,3 +284,32 @@ async def test_the_return_of_a_function_that_carries_acts_is_their_result() -> N
             3: ("done", ""),
         }
     assert carriers[2:] == ["ended", "ended"]
+
+
+@pytest.mark.parametrize("limit_s", [0.0, 3601.0, float("nan")])
+@in_virtual_time
+async def test_a_limit_that_cannot_be_is_refused_at_once(limit_s: float) -> None:
+    async with shop() as (site, _bench):
+        with pytest.raises(ValueError, match=f"limit_s is {limit_s:g} s; give more than 0 s"):
+            site.carries("screws", limit_s=limit_s)
+
+
+@in_virtual_time
+async def test_a_function_in_a_thread_ends_before_it_switches_the_thing_the_other_way() -> None:
+    begun: list[bool] = []
+    end = threading.Event()
+
+    def switch(event: SelectionEvent) -> None:
+        begun.append(event.is_on)
+        assert end.wait(PATIENCE_S)
+
+    target = FunctionTarget(switch, 5.0)
+    first = asyncio.create_task(target.carry_out(act_on("radio")))
+    await until(lambda: begun == [True])
+    first.cancel()
+    second = asyncio.create_task(target.carry_out(act_on("radio", event="deselected")))
+    await settled()
+    assert begun == [True]
+    end.set()
+    await second
+    assert begun == [True, False]

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from typing import Literal
 
 from pointit.runtime.service.carrier import MAX_AT_ONCE, Act, ActFailedError, Carrier
 from pointit.schemas import ActResult, SelectionEvent, ThingState, ThingStates
@@ -36,11 +37,10 @@ class Site:
         self.carrier = Carrier(bench.bus, bench.clock, "home")
 
     async def act(
-        self, name: str = "lamp", *, number: int = 1, carriers: tuple[str, ...] = ("home",)
+        self, name: str = "lamp", *, number: int = 1, carriers: tuple[str, ...] = ("home",), on: bool = True
     ) -> None:
-        event = SelectionEvent(
-            stamp_ns=number, event="selected", object_id=name, user="anna", carriers=carriers
-        )
+        kind: Literal["selected", "deselected"] = "selected" if on else "deselected"
+        event = SelectionEvent(stamp_ns=number, event=kind, object_id=name, user="anna", carriers=carriers)
         self.bench.put(SELECTION_EVENTS, event)
         await self.bench.settle(3)
 
@@ -115,6 +115,21 @@ async def test_too_many_acts_at_once_are_refused_and_those_that_run_are_not_hurt
         await until(lambda: len(home.results) == MAX_AT_ONCE + 2)
         assert [each.code for each in home.results].count("busy") == 1
         assert [each.result for each in home.results].count("done") == MAX_AT_ONCE + 1
+
+
+@in_virtual_time
+async def test_the_newest_act_on_a_switch_ends_the_earlier_one_and_waits_for_its_end() -> None:
+    async with site() as home:
+        lamp = Lamp(takes_s=1.0)
+        home.carrier.use({"lamp": [lamp]})
+        for number in range(3):
+            await home.act(number=number, on=number != 1)
+        await until(lambda: len(home.results) == 3)
+        assert [(each.event_ns, each.result, each.code) for each in home.results] == [
+            (0, "failed", "replaced"), (1, "failed", "replaced"), (2, "done", ""),
+        ]  # fmt: skip
+        assert lamp.state.state == "on"
+        assert lamp.acts[-1].number == 2
 
 
 @in_virtual_time

@@ -98,6 +98,17 @@ def test_a_switch_that_went_on_in_spite_of_a_failure_stays_on() -> None:
     assert home.cues[-1][1] == "refused"
 
 
+def test_who_takes_a_thing_over_or_gives_it_back_switches_nothing() -> None:
+    home = Home()
+    home.set("lamp")
+    home.tell("done", state="on")
+    home.take(home.engine.release("bert", "lamp", True, at(home.time_s)))
+    home.take(home.engine.undo("bert", at(home.time_s)))
+    assert [event.user for event in home.events if event.event == "selected"] == ["anna", "bert", "anna"]
+    assert len(home.acts) == 1
+    assert home.selected == [("lamp", False)]
+
+
 @pytest.mark.parametrize("is_dead", [False, True])
 def test_an_act_fails_when_its_carrier_is_late_or_dies(*, is_dead: bool) -> None:
     home = Home()
@@ -130,6 +141,30 @@ def test_what_is_unavailable_is_refused_before_it_is_tried_by_pointing_and_by_pr
     home.set("lamp", "bert")
     assert home.cues == [(user, "refused", "no power: switch it on at the wall") for user in ("anna", "bert")]
     assert (home.acts, home.selected) == ([], [])
+
+
+def test_a_carrier_that_ended_blocks_no_thing_that_another_one_has_and_tells_no_state() -> None:
+    home = Home()
+    home.report(LAMP, carrier="other")
+    home.take(home.engine.on_carrier("other", True, at(home.time_s)))
+    home.set("lamp")
+    home.tell("done", "other", state="on")
+    home.take(home.engine.on_carrier("other", False, at(home.time_s)))
+    home.tell("failed", code="error", text="no power", state="off")
+    assert home.selected == []
+    home.set("lamp", "bert")
+    assert home.acts[-1].carriers == ("home",)
+
+
+def test_who_undoes_for_another_gets_the_cue_of_its_failure() -> None:
+    home = Home()
+    home.set("lamp")
+    home.tell("done", state="on")
+    home.set("lamp", "bert")
+    home.tell("done", state="off")
+    home.take(home.engine.undo("bert", at(home.time_s)))
+    home.tell("failed", code="error", text="no power", state="off")
+    assert home.cues[-1] == ("bert", "refused", "lamp: no power")
 
 
 def test_the_newest_act_on_a_switch_counts_whoever_did_it() -> None:

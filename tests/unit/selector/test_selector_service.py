@@ -1,12 +1,24 @@
 """The selector on a bus: from cursors to hovers, selections, events and cues."""
 
+import asyncio
+
 import pytest
 
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.service.service import Context
-from pointit.schemas import ButtonEvent, ClearSelection, Cursor, ReleaseObject, UndoSelection, topics
+from pointit.schemas import (
+    ButtonEvent,
+    ClearSelection,
+    Cursor,
+    ReleaseObject,
+    SetThing,
+    ThingState,
+    ThingStates,
+    UndoSelection,
+    topics,
+)  # fmt: skip
 from pointit.schemas.topics import ANNOUNCED
 from pointit.services.registry import process
 from pointit.services.selector.config import SelectorConfig
@@ -136,6 +148,23 @@ async def test_undo_and_release_answer_what_they_did_or_why_not() -> None:
         assert undone.message == "red a deselected, red a selected"
         await site.bench.settle()
         assert site.owners == [("a", "anna")]
+
+
+async def test_who_switches_what_is_being_switched_is_not_told_of_success() -> None:
+    async with served() as site:
+        site.bus.announce(topics.CARRIER_ALIVE, "home")
+        states = (ThingState(id="a", state="off"),)
+        site.bench.put(topics.THING_STATES, ThingStates(stamp_ns=1, things=states), "home")
+        listed = objects(site.clock, "a")
+        switches = tuple(each.model_copy(update={"mode": "switch"}) for each in listed.objects)
+        site.bench.put(topics.OBJECTS, listed.model_copy(update={"objects": switches}), "pui")
+        await site.bench.settle(3)
+        query = SetThing(thing="a", on=True)
+        first = asyncio.create_task(site.bus.call(topics.SET_THING, query, "anna"))
+        await until(lambda: bool(site.events))
+        second = await site.bus.call(topics.SET_THING, query, "ben")
+        assert second.message == "a is being switched on: its result is not told yet"
+        assert (await first).message == "red a selected; home did not tell the result yet"
 
 
 async def test_undo_for_somebody_who_is_not_there_names_who_is() -> None:

@@ -231,6 +231,11 @@ TOO_LONG_VERBS = {
     "Reply": "give such long answers to",
 }
 
+REVOCATION = (
+    "{identity} may not {attempts}: refused, as it was revoked or its certificate replaced; end its "
+    "processes, or make it valid with `pointit site renew {name}`, copy its folder there again, "
+    "and restart them"
+)
 SELF_TEST = f"/{ROOM}/"
 """Text in the keys of `PermissionProbe`."""
 MARKS = (b"is unauthorized to ", b"+CertCommonName(", b"+Username(")
@@ -253,6 +258,9 @@ class DeniedOperations:
         self.total = 0
         """Number of attempts so far."""
         self._attempts: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
+        """By common name."""
+        self.revoked: dict[str, str] = {}
+        """Messages on the denials of former common names in the last interval, by identity."""
         self.rates_hz: dict[str, float] = {}
         """Load by identity in the last interval, messages per second, a lower bound if there are many keys.
 
@@ -283,23 +291,20 @@ class DeniedOperations:
                     self._dropped.clear()
                 self._take(line, max(times, 1), in_order=not times)
 
-    def take_sentences(self, elapsed_s: float) -> dict[str, str]:
+    def take_sentences(self, elapsed_s: float, former: Collection[str] = ()) -> dict[str, str]:
         """Return the denials and excessive writes of the last `elapsed_s`, and reset them.
+
+        The denials of `former` common names go to `revoked`: those of an identity's valid certificate differ.
 
         Returns:
             Messages by identity, `SITE/NAME`, or by an empty name if it is unknown.
         """
         with self._lock:
-            return self._take_sentences(elapsed_s)
+            return self._take_sentences(elapsed_s, former)
 
     def identity(self, connection: str) -> str:
         """Return the identity of a connection, or `""` if it has not done anything yet."""
         return self._names.get(connection, "").rpartition("/")[0]
-
-    def identities(self, common_names: Collection[str]) -> set[str]:
-        """Return the identities of those of `common_names` that have done something."""
-        with self._lock:
-            return {each.rpartition("/")[0] for each in self._names.values() if each in common_names}
 
     def _take(self, line: str, times: int, *, in_order: bool) -> None:
         at = line.find(THREAD) + len(THREAD)
@@ -330,14 +335,23 @@ class DeniedOperations:
                 self._let_in[where] = line
             self._take_let_in(line, times)
 
-    def _take_sentences(self, elapsed_s: float) -> dict[str, str]:
+    def _take_sentences(self, elapsed_s: float, former: Collection[str]) -> dict[str, str]:
         for line in self._dropped.values():
             self._count(line, TOO_LONG_VERBS, 1)
         self._dropped.clear()
         slowed = self._take_slowed()
         clauses: dict[str, list[str]] = defaultdict(list)
-        for name, attempts in self._attempts.items():
-            clauses[name].append(f"may not {_listed(attempts)}: refused")
+        revoked: dict[str, Counter[tuple[str, str]]] = defaultdict(Counter)
+        for common_name, attempts in self._attempts.items():
+            name = _identity(common_name)
+            if common_name in former:
+                revoked[name] += attempts
+            else:
+                clauses[name].append(f"may not {_listed(attempts)}: refused")
+        self.revoked = {
+            name: REVOCATION.format(identity=name, attempts=_listed(attempts), name=name.rpartition("/")[2])
+            for name, attempts in revoked.items()
+        }
         for name, floods in self._floods(elapsed_s, slowed).items():
             key, count = floods.most_common(1)[0]
             clauses[name].append(
@@ -421,8 +435,10 @@ class DeniedOperations:
         return connection, message.removeprefix("Declare/Undeclare ").removeprefix("Declare "), key
 
     def _identity_of(self, connection: str) -> str:
-        name = self._names.get(connection, f"connection {connection[:8]}")
-        return name.rpartition("/")[0] or name
+        return _identity(self._name_of(connection))
+
+    def _name_of(self, connection: str) -> str:
+        return self._names.get(connection, f"connection {connection[:8]}")
 
     def _count(self, line: str, verbs: dict[str, str], times: int) -> None:
         read = self._read(line)
@@ -431,7 +447,7 @@ class DeniedOperations:
             return
         connection, _, key = read
         self.total += times
-        who = self._identity_of(connection)
+        who = self._name_of(connection)
         if who not in self._attempts and len(self._attempts) >= MAX_NAMES:
             return
         attempts, attempt = self._attempts[who], (verb, _without(key))
@@ -451,7 +467,7 @@ class DeniedOperations:
             # Who takes the first characters of the name of another's connection blames nobody.
             owners = {self._identity_of(each): each for each in self._names if each.startswith(found[2])}
             connection = next(iter(owners.values())) if len(owners) == 1 else found[2]
-            denied = self._attempts.get(self._identity_of(connection), Counter())
+            denied = self._attempts.get(self._name_of(connection), Counter())
             if (attempt := ("write", _without(found[1]))) in denied:
                 denied[attempt] += count
                 self.total += count
@@ -468,6 +484,10 @@ class DeniedOperations:
             if count > (SLOWED * max_rate_hz(key) if line in slowed else FLOOD_HZ) * elapsed_s:
                 floods[self._identity_of(_connection(line))][key] += count
         return floods
+
+
+def _identity(common_name: str) -> str:
+    return common_name.rpartition("/")[0] or common_name
 
 
 def _connection(written: str) -> str:

@@ -27,10 +27,6 @@ log = logging.getLogger(__name__)
 
 TELL_S = 1.0
 """Interval at which denied operations are reported."""
-REVOCATION = (
-    "{identity} was revoked or its certificate replaced, and its processes go on: end them, or make it valid "
-    "with `pointit site renew {name}`, copy its folder there again, and restart them"
-)
 BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 """Files beside a router configuration of `pointit site` that it refers to."""
 
@@ -175,7 +171,7 @@ async def _tell(router: Router, denied: DeniedOperations, limits: ConnectionLimi
     while True:
         await asyncio.sleep(TELL_S)
         now_s = loop.time()
-        sentences = denied.take_sentences(now_s - before_s)
+        sentences = denied.take_sentences(now_s - before_s, router.former)
         before_s = now_s
         connections = _connections(router, denied)
         excess, exceeding = limits.excess(connections, router.roles, denied.rates_hz, now_s)
@@ -183,10 +179,7 @@ async def _tell(router: Router, denied: DeniedOperations, limits: ConnectionLimi
         by_address = {each.address: each for each in connections}
         waiting = router.unread(by_address)
         stuck = limits.stuck({by_address[address]: count for address, count in waiting.items()})
-        former = denied.identities(router.former) & sentences.keys()
-        revoked = {name: REVOCATION.format(identity=name, name=name.rpartition("/")[2]) for name in former}
-        sentences = {name: each for name, each in sentences.items() if name not in former}
-        messages = {DENIED: sentences, REVOKED: revoked, EXCESS: exceeding, STUCK: stuck}
+        messages = {DENIED: sentences, REVOKED: denied.revoked, EXCESS: exceeding, STUCK: stuck}
         for kind, told in messages.items():
             for sentence in told.values():
                 if sentence not in logged:  # what lasts is logged once

@@ -232,15 +232,15 @@ def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
         if len(by_host) > 1 and by_host.keys() >= hosts - {health.host if health else seen.host}:
             first, *others = by_host.values()  # the clock that is wrong is the reporter's
             by_host = {"": [*first, *(each for group in others for each in group)]}
-    for cause in by_host.values():
-        is_far = cause[0].problem == CLOCK_LIMIT
+    for group in by_host.values():
+        is_far = group[0].problem == CLOCK_LIMIT
 
-        def explains(each: Finding, symptoms: Symptoms = symptoms, *, is_far: bool = is_far) -> bool:
+        def explains(each: Finding, group: Symptoms = group, *, is_far: bool = is_far) -> bool:
             is_late = each.code in ("stale", "slow", "no-cursor") or each.problem == LATE
             is_claim = each.problem in (CLOCK, CLOCK_LIMIT) and bool(person_of(each.service))
-            return each in symptoms or is_claim or (is_late and (is_far or each.code == "slow"))
+            return each in group or is_claim or (is_late and (is_far or each.code == "slow"))
 
-        yield replace(_first_of(cause, cause[0].code), explains=explains)
+        yield replace(_first_of(group, group[0].code), explains=explains)
 
 
 def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
@@ -261,11 +261,13 @@ def _disk(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    by_name: dict[str, list[Finding]] = defaultdict(list)
+    by_name: dict[tuple[str, bool], list[Finding]] = defaultdict(list)
+    revoked = {each.subject for each in symptoms if each.problem == REVOKED}
     for each in symptoms:
-        if each.problem in (DENIED, REVOKED):
-            by_name[each.subject].append(each)
-    for name, group in by_name.items():
+        if each.problem in (DENIED, REVOKED):  # a router tells a valid certificate from a revoked one
+            is_valid = each.problem == DENIED and is_router(each.service) and each.subject in revoked
+            by_name[each.subject, is_valid].append(each)
+    for (name, _), group in by_name.items():
         own = sorted(group, key=lambda each: (each.problem == DENIED, is_router(each.service)))
         services = {each.service for each in group}
         cause, follow = _first_of(own, "denied"), find_consequences(services, seen)
@@ -277,9 +279,10 @@ def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
             )
             cause = replace(cause, finding=replace(cause.finding, remedy=remedy))
 
-        def is_of_service(each: Finding, name: str = name) -> bool:
-            is_same = each.problem in (DENIED, REVOKED) and each.subject == name
-            return is_same or (each.code in GONE and split_instance(each.service)[1] == name)
+        def is_of_service(each: Finding, name: str = name, group: Symptoms = group) -> bool:
+            is_denied = each.problem in (DENIED, REVOKED) and not is_router(each.service)
+            is_same = is_denied and each.subject == name
+            return each in group or is_same or (each.code in GONE and split_instance(each.service)[1] == name)
 
         yield _also(_also(cause, follow), is_of_service)
 

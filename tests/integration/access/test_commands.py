@@ -137,7 +137,8 @@ async def test_doctor_names_the_revocation_of_an_identity_that_goes_on(
         ended = await commands.pointit("doctor", "--json", "--credentials", operator)
         findings = json.loads(ended.out)["findings"]
     (denied,) = (each for each in findings if each["code"] == "denied")
-    assert denied["sentence"].startswith("lab/anna was revoked or its certificate replaced")
+    assert denied["sentence"].startswith("lab/anna may not ")
+    assert "it was revoked or its certificate replaced" in denied["sentence"]
     assert "`pointit site renew anna`" in denied["sentence"]
 
 

@@ -234,6 +234,20 @@ def test_attempts_that_are_dropped_as_too_frequent_count() -> None:
     assert refused.total == 201
 
 
+def test_denials_of_a_revoked_certificate_do_not_hide_those_of_its_identitys_valid_one() -> None:
+    former, valid = ANNA, ANNA.replace("12ab", "34cd").replace("anna/2", "anna/3")
+    refused = DeniedOperations()
+    for who, key in ((former, "users/anna/imu"), (valid, "map")):
+        refused.take(f"{HEAD}{who} is unauthorized to Put (ingress) on pointit/lab/{key}")
+    assert refused.take_sentences(1.0, {"lab/anna/2"}) == {"lab/anna": "lab/anna may not write map: refused"}
+    assert refused.revoked.keys() == {"lab/anna"}
+    assert "may not write users/anna/imu: refused, as it was revoked" in refused.revoked["lab/anna"]
+
+    refused.take(f"{HEAD}{valid} is unauthorized to Put (ingress) on pointit/lab/map")
+    assert refused.take_sentences(1.0, {"lab/anna/2"}) == {"lab/anna": "lab/anna may not write map: refused"}
+    assert refused.revoked == {}, "the former one was connected, and does nothing now"
+
+
 def test_who_takes_the_first_letters_of_anothers_connection_blames_nobody() -> None:
     names = ["12ab34cd56", "12ab34cd78", "12ab34cd99"]
     known = [

@@ -48,6 +48,7 @@ class Routing:
     listens = ("tls/127.0.0.1:7447",)
     is_open = False
     roles: Mapping[str, str] = {}
+    former: frozenset[str] = frozenset()
 
     async def open(self) -> None:
         self.is_open = True

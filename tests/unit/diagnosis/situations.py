@@ -177,8 +177,9 @@ def starved(site: Site) -> None:
 def revoked(site: Site) -> None:
     site.end("anna")
     sentence = (
-        "hall/anna was revoked or its certificate replaced, and its processes go on: end them, or make it "
-        "valid with `pointit site renew anna`, copy its folder there again, and restart them"
+        "hall/anna may not write users/anna/imu: refused, as it was revoked or its certificate replaced; end "
+        "its processes, or make it valid with `pointit site renew anna`, copy its folder there again, and "
+        "restart them"
     )
     site.warnings["router"] = (Problem(code=REVOKED, sentence=sentence, subject="anna"),)
 

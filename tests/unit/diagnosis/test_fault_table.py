@@ -10,7 +10,17 @@ from pointit.diagnosis.causes import unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_healthy
 from pointit.diagnosis.observation import Finding, StoppedProcess
 from pointit.runtime.link.link import ROUTER_LOST
-from pointit.schemas.problems import DENIED, IDLE_ARM, INVALID, LATE, TWICE, UNWRITABLE, Problem
+from pointit.schemas.problems import (
+    CLOCK,
+    DENIED,
+    IDLE_ARM,
+    INVALID,
+    LATE,
+    REVOKED,
+    TWICE,
+    UNWRITABLE,
+    Problem,
+)
 from pointit.schemas.problems import ROUTER_LOST as LOST
 from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY, Topic
 from tests.unit.diagnosis.fault_sites import (
@@ -266,6 +276,19 @@ def test_what_the_router_alone_refuses_is_a_matter_of_rights_with_a_remedy() -> 
     (finding,) = problems(diagnose(site.seen()))
     assert (finding.code, finding.service) == ("denied", "router")
     assert "those of cleo" in finding.remedy
+
+
+def test_a_revoked_identity_and_a_wrong_clock_hide_no_denial() -> None:
+    site = router_with_people()
+    denials = {
+        "a denial of anna": Problem(code=DENIED, sentence="a denial of anna", subject="anna"),
+        "a denial of ben": Problem(code=DENIED, sentence="a denial of ben", subject="ben"),
+        "anna was revoked": Problem(code=REVOKED, sentence="anna was revoked", subject="anna"),
+        "a wrong clock": Problem(code=CLOCK, sentence="a wrong clock", subject="desk"),
+    }
+    site.warnings["router"] = tuple(denials.values())
+    found = [each for each in problems(diagnose(site.seen())) if not each.follows]
+    assert {each.sentence for each in found} == denials.keys()
 
 
 def test_two_faults_are_two_findings() -> None:

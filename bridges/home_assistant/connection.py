@@ -47,7 +47,7 @@ MAX_ENTRIES = 50_000
 TOO_BIG = 1009
 """Code by which a websocket is closed after a message above its limit."""
 _LIST_RESULT = re.compile(
-    r'\{\s*"id"\s*:\s*(\d+)\s*,\s*"type"\s*:\s*"result"\s*,\s*"success"\s*:\s*true\s*,\s*"result"\s*:\s*\['
+    r'\{\s*"id"\s*:\s*(\d{1,15})\s*,\s*"type"\s*:\s*"result"\s*,\s*"success"\s*:\s*true\s*,\s*"result"\s*:\s*\['
 )
 """Begin of a result that is a list, which is read entry by entry."""
 _SEPARATOR = re.compile(r"[\s,]*")

@@ -14,6 +14,8 @@ VOICE_REMEDY = f"choose another language (`{PROGRAM} --voices`)"
 SOUND_REMEDY = "does this machine have a sound card that its user may use (group audio)?"
 LONGEST = 200
 """Number of characters that are said."""
+HEARD_NS = 300_000_000
+"""Time after which a name that is cut off counts as heard, ns."""
 ECHO_NS = NS_PER_S // 4
 """Time after the voice in which a microphone may still hear it, ns."""
 
@@ -94,15 +96,20 @@ class SpeechSynthesizer:
     async def _run(self, text: str) -> None:
         """Run the program. The text comes by standard input, so that none is an option."""
         silent, pipe = asyncio.subprocess.DEVNULL, asyncio.subprocess.PIPE
-        process = await asyncio.create_subprocess_exec(
-            PROGRAM, *self._language, "--stdin", stdin=pipe, stdout=silent, stderr=pipe
-        )
+        began_ns, process, is_whole = self._clock.now_ns(), None, False
         try:
+            process = await asyncio.create_subprocess_exec(
+                PROGRAM, *self._language, "--stdin", stdin=pipe, stdout=silent, stderr=pipe
+            )
             _, output = await process.communicate(text.encode())
+            is_whole = True
             self._report(output.decode(errors="replace"))
+        except OSError as error:
+            self._report(f"error: {error.strerror or error}")
         finally:
-            self.spoken += bool(text) and not self._problem
-            if process.returncode is None:
+            is_heard = is_whole or self._clock.now_ns() - began_ns >= HEARD_NS
+            self.spoken += bool(text) and is_heard and not self._problem
+            if process is not None and process.returncode is None:
                 process.kill()
                 await process.wait()
             if self._saying is asyncio.current_task():  # no newer sentence is said

@@ -127,7 +127,8 @@ class PastPage:
         while True:
             if self._wake_event.is_set() and self._now_s() - sought_s >= SEEK_S:
                 self._wake_event.clear()
-                sought_s = sought_s if self._next_play.at_s is None else self._now_s()
+                is_seek = self._next_play.at_s is not None or (self._next_play.step or 0) < 0
+                sought_s = self._now_s() if is_seek else sought_s
                 self._do()
             was_playing = self._playback.is_playing
             self._playback.advance(self._now_s())

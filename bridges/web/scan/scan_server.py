@@ -168,9 +168,11 @@ class ScanServer:
 
     def _is_admitted(self, request: Request) -> bool:
         now_s = time.monotonic()
+        if self._is_operator(request):
+            return True
         if self._pairing.phone(request.cookies.get(_cookie(request), "")) is not None:
             return now_s < self._paired_until_s
-        return (now_s < self._open_until_s and self._is_wrist(request)) or self._is_operator(request)
+        return now_s < self._open_until_s and self._is_wrist(request)
 
     def _is_operator(self, request: Request) -> bool:
         return self._access.admit(info_of(request), time.monotonic()) == "operator"

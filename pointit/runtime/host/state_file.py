@@ -17,7 +17,7 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import summarize_validation_error
 from pointit.schemas.topics import check_name
 
-OTHERS = 0o077
+GROUP, OTHERS = 0o070, 0o007
 """Rights of the group and of others."""
 
 
@@ -40,13 +40,18 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
 def read_secret(path: Path, max_bytes: int) -> bytes:
     """Return the first `max_bytes` bytes of the file at `path`, which only its owner may read.
 
+    A file of another owner may be for a group, such as that of a service, and a mount without writing, such
+    as that of a container's secrets, has whatever rights the container's engine gives.
+
     Raises:
         FileNotFoundError: If there is no file.
         ConfigError: If it cannot be read, or others can read it. Names the file.
     """
     content = read_limited(path, max_bytes)
-    if os.name == "posix" and path.is_file() and path.stat().st_mode & OTHERS:
-        raise ConfigError(f"{path}: others can read it; make it yours alone with `chmod 600 {path}`")
+    if os.name == "posix" and path.is_file() and not os.statvfs(path).f_flag & os.ST_RDONLY:
+        status = path.stat()
+        if status.st_mode & (OTHERS | (GROUP if status.st_uid == os.geteuid() else 0)):
+            raise ConfigError(f"{path}: others can read it; make it yours alone with `chmod 600 {path}`")
     return content
 
 

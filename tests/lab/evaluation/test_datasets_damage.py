@@ -68,8 +68,8 @@ def test_time_goes_forwards(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("write", "columns", "said"),
     [
-        (write_motion, ["robot_x"], "robot_x=robot_x/mm"),
-        (write_motion, ["robot", "head"], "robot_x=robot_x/mm"),
+        (write_motion, ["robot_x"], "mm (0.677 m away)"),
+        (write_motion, ["robot", "head"], "mm (1.23 m away)"),
         (write_track, ["head_x"], "line 2: robot"),
         (write_track, ["px", "py"], "columns 'px', 'py': half of the points on the floor"),
     ],

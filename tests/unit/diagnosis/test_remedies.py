@@ -40,7 +40,7 @@ def texts(node: ast.expr) -> Iterator[str]:
     elif isinstance(node, ast.FormattedValue):
         yield from texts(node.value)
     elif isinstance(node, ast.Constant):
-        yield str(node.value)
+        yield "192.0.2.1" if node.value in ("ADDRESS", "NAME") else str(node.value)
     elif isinstance(node, ast.IfExp):
         yield from texts(node.body)
         yield from texts(node.orelse)

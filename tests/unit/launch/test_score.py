@@ -240,7 +240,7 @@ def test_a_summary_reads_well() -> None:
     bare = {**SUMMARY, "target_kinds": [], "speed": 2.5, "latency_ms": {"p50": None, "p99": None}}
     assert summary_lines(bare) == [
         "scenario_3 ran 60 s at 2.5 times the speed with 2 services.",
-        "Wrist to light: not measured; 7 cursors, 9 frames.",
+        "Wrist to light: not measured; 7 cursors on surfaces, 9 frames.",
     ]
 
 

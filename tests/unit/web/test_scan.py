@@ -158,8 +158,8 @@ async def test_a_wrist_may_map_the_room_from_an_operators_message_until_the_page
         if end == "left":
             await said(operator, 204, kind="light", colors=None)
         else:
-            now_s = time.monotonic()
-            monkeypatch.setattr(time, "monotonic", lambda: now_s + 1801.0)
+            now = time.monotonic
+            monkeypatch.setattr(time, "monotonic", lambda: now() + 1801.0)
         await said(wrist, 403, kind="begin")
 
 
@@ -169,8 +169,8 @@ async def test_a_phone_that_was_paired_for_a_scan_may_begin_none_after_30_minute
     async with bench.client() as client:
         await client.get(f"/scan?token={bench.door.pair()}")
         await said(client, kind="look")
-        now_s = time.monotonic()
-        monkeypatch.setattr(time, "monotonic", lambda: now_s + 1801.0)
+        now = time.monotonic
+        monkeypatch.setattr(time, "monotonic", lambda: now() + 1801.0)
         await said(client, 403, kind="begin")
 
 

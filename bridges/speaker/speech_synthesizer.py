@@ -14,7 +14,7 @@ VOICE_REMEDY = f"choose another language (`{PROGRAM} --voices`)"
 SOUND_REMEDY = "does this machine have a sound card that its user may use (group audio)?"
 LONGEST = 200
 """Number of characters that are said."""
-HEARD_NS = 300_000_000
+MIN_SPOKEN_NS = 300_000_000
 """Time after which a name that is cut off counts as heard, ns."""
 ECHO_NS = NS_PER_S // 4
 """Time after the voice in which a microphone may still hear it, ns."""
@@ -107,8 +107,8 @@ class SpeechSynthesizer:
         except OSError as error:
             self._report(f"error: {error.strerror or error}")
         finally:
-            is_heard = is_whole or self._clock.now_ns() - began_ns >= HEARD_NS
-            self.spoken += bool(text) and is_heard and not self._problem
+            is_audible = is_whole or self._clock.now_ns() - began_ns >= MIN_SPOKEN_NS
+            self.spoken += bool(text) and is_audible and not self._problem
             if process is not None and process.returncode is None:
                 process.kill()
                 await process.wait()

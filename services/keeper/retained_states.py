@@ -123,7 +123,12 @@ def write(path: Path, record: StateRecord) -> None:
     write_atomically(path, encode(record))
 
 
-NOT_RETAINED: tuple[Topic[Any], ...] = (topics.CLOCK, topics.LAMP_LEASES, topics.CONFIGURATION)
+NOT_RETAINED: tuple[Topic[Any], ...] = (
+    topics.CLOCK,
+    topics.LAMP_LEASES,
+    topics.CONFIGURATION,
+    topics.THING_STATES,
+)
 """States that end with their writers."""
 
 

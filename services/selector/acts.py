@@ -165,6 +165,9 @@ class Acts:
         known = self._carriers.setdefault(carrier, _Carrier())
         known.is_lost = known.is_present and not present
         known.is_present = present
+        known.newest_ns.clear()
+        if not present and not known.states:  # it took leave
+            del self._carriers[carrier]
         if present:
             return []
         problem: tuple[FailureCode, str] = (

@@ -327,7 +327,7 @@ SITUATIONS: tuple[Situation, ...] = (
         "denied",
         "router",
         "`pointit site renew anna`",
-        "anna was revoked",
+        "as it was revoked",
     ),
     Situation(
         "a process uses another person's identity",

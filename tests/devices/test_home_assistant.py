@@ -566,18 +566,19 @@ FLOODS: dict[str, Callable[[int], bytes]] = {
 }
 
 
+async def send_flood(websocket: ServerConnection, message: Callable[[int], bytes]) -> None:
+    with contextlib.suppress(RuntimeError):  # the bridge has gone
+        for number in itertools.count():
+            if websocket.transport.is_closing():  # what is written then is dropped without an error
+                return
+            websocket.transport.write(message(number))
+            while websocket.transport.get_write_buffer_size() > 2**20:  # noqa: ASYNC110 - no event
+                await asyncio.sleep(0.01)
+
+
 @pytest.mark.parametrize("flood", FLOODS)
 async def test_server_that_floods_the_bridge_leaves_the_loop_to_others(flood: str, tmp_path: Path) -> None:
     headers: list[Any] = []
-
-    async def send_flood(websocket: ServerConnection) -> None:
-        with contextlib.suppress(RuntimeError):  # the bridge has gone
-            for number in itertools.count():
-                if websocket.transport.is_closing():  # what is written then is dropped without an error
-                    return
-                websocket.transport.write(FLOODS[flood](number))
-                while websocket.transport.get_write_buffer_size() > 2**20:  # noqa: ASYNC110 - no event
-                    await asyncio.sleep(0.01)
 
     async def answer(websocket: ServerConnection) -> None:
         headers.append(websocket.request and websocket.request.headers.get("Sec-WebSocket-Extensions"))
@@ -592,7 +593,7 @@ async def test_server_that_floods_the_bridge_leaves_the_loop_to_others(flood: st
                 reply = {"id": command["id"], "type": "result", "success": True, "result": states}
                 await websocket.send(json.dumps(reply))
                 if states:
-                    tasks.create_task(send_flood(websocket))
+                    tasks.create_task(send_flood(websocket, FLOODS[flood]))
 
     port = free_port()
 

@@ -311,5 +311,6 @@ async def test_a_function_in_a_thread_ends_before_it_switches_the_thing_the_othe
     await settled()
     assert begun == [True]
     end.set()
+    await until(second.done)  # virtual time does not wait for threads
     await second
     assert begun == [True, False]

@@ -40,7 +40,7 @@ def texts(node: ast.expr) -> Iterator[str]:
     elif isinstance(node, ast.FormattedValue):
         yield from texts(node.value)
     elif isinstance(node, ast.Constant):
-        yield "192.0.2.1" if node.value in ("ADDRESS", "NAME") else str(node.value)
+        yield str(node.value)
     elif isinstance(node, ast.IfExp):
         yield from texts(node.body)
         yield from texts(node.orelse)
@@ -55,7 +55,8 @@ def options() -> Iterator[str]:
                 service, parameter, value = map(texts, call.args)
                 for each in itertools.product(service, parameter, value):
                     if not each[1].startswith({"conveyor-sim": "udp", "imu-bridge": "bay"}.get(each[0], " ")):
-                        yield f"{each[0]}.{each[1]}={each[2]}"
+                        is_address = each[1] == "ximu3.sensor"  # its sensors are known by their addresses
+                        yield f"{each[0]}.{each[1]}={'192.0.2.1' if is_address else each[2]}"
 
 
 def test_every_option_of_a_remedy_is_accepted_by_the_parser() -> None:

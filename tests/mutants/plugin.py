@@ -51,13 +51,16 @@ class _Finder(MetaPathFinder):
 
     def __init__(self, mutant: dict[str, str]) -> None:
         self._mutant = mutant
+        self._file = Path(mutant["file"]).resolve()
         self.used = False
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         spec = PathFinder.find_spec(fullname, path, target)
-        if spec is None or spec.origin is None or Path(spec.origin) != Path(self._mutant["file"]):
+        if spec is None or spec.origin is None or Path(spec.origin).name != self._file.name:
+            return None
+        if Path(spec.origin).resolve() != self._file:  # `pointit/services` is a link to `services`
             return None
         loader = _MutatingLoader(fullname, spec.origin)
         loader.mutant = self._mutant

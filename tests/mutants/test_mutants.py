@@ -72,6 +72,12 @@ def test_verdict_is_what_the_test_did(project: Path, each: runner.Mutant, expect
     assert (project / "src" / "shape.py").read_text(encoding="utf-8") == SOURCE
 
 
+def test_a_file_that_is_imported_through_a_link_is_mutated(project: Path) -> None:
+    (project / "src").rename(project / "files")
+    (project / "src").symlink_to("files")
+    assert runner.verdict(runner.Mutant("files/shape.py", LINE, MUTATED, "test_shape.py")) == "killed"
+
+
 def test_mutant_that_cannot_be_imported_is_broken_not_killed(project: Path) -> None:
     each = mutant("def area(a, b, c=undefined):", line="def area(a, b):")
     assert project.is_dir()

@@ -163,6 +163,10 @@ class Carrier:
     ) -> None:
         targets = self._targets.get(event.object_id, ())
         state: TargetState = _merged(event.object_id, targets).state if targets else "unavailable"
+        self._last_states = self._last_states and tuple(  # who reads the result knows this state
+            each.model_copy(update={"state": state}) if each.id == event.object_id else each
+            for each in self._last_states
+        )
         with contextlib.suppress(PointItError):  # the bus is closed
             self._results.put(
                 ActResult(

@@ -339,7 +339,7 @@ async def test_watch_without_orientation_is_named_with_the_remedy() -> None:
         for _ in range(50):
             await session.wrist.send(OUTPUT, bytes.fromhex("0a0912070d0000803f2814"))
             await asyncio.sleep(0.1)
-        assert "orientation to fusion" in session.health.warnings["link"]
+        assert "--set imu-bridge.touch_sdk.orientation=fusion" in session.health.warnings["link"]
 
 
 @in_virtual_time

@@ -51,6 +51,8 @@ _LIST_RESULT = re.compile(
 )
 """Begin of a result that is a list, which is read entry by entry."""
 _SEPARATOR = re.compile(r"[\s,]*")
+_NEXT_STATE = re.compile(r',\s*\{\s*"entity_id"')
+"""Begin of the entry after one that is too long, in a list of states."""
 _ENTRIES = json.JSONDecoder()
 LOST = "the connection is lost: wait until Home Assistant runs again"
 MAX_REASON = 200
@@ -193,14 +195,18 @@ class HomeAssistantConnection:
     async def _read_entries(self, text: str, start: int) -> list[Mapping[str, Any]]:
         """Return the objects in the list that begins at `start` of `text`, which gives others their turn."""
         entries: list[Mapping[str, Any]] = []
-        with contextlib.suppress(ValueError, RecursionError):  # the end of the list, or no JSON
-            while len(entries) < MAX_ENTRIES:
-                start = cast("re.Match[str]", _SEPARATOR.match(text, start)).end()
+        while len(entries) < MAX_ENTRIES:
+            start = cast("re.Match[str]", _SEPARATOR.match(text, start)).end()
+            try:
                 entry, length = _ENTRIES.raw_decode(text[start : start + MAX_ENTRY_CHARS])
-                start += length
-                if isinstance(entry, dict):
-                    entries.append(cast("Mapping[str, Any]", entry))
-                await self._pace.rest()
+            except (ValueError, RecursionError):  # the end of the list, an entry that is too long, or no JSON
+                if (following := _NEXT_STATE.search(text, start + MAX_ENTRY_CHARS)) is None:
+                    break
+                entry, length = None, following.start() - start
+            start += length
+            if isinstance(entry, dict):
+                entries.append(cast("Mapping[str, Any]", entry))
+            await self._pace.rest()
         return entries
 
     def _next_id(self) -> int:

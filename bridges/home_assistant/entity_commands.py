@@ -78,13 +78,15 @@ class EntityCommands:
         """Return True if calls can be sent."""
         return self._connection is not None
 
-    def open(self, connection: HomeAssistantConnection, states: Mapping[str, Mapping[str, Any]]) -> None:
-        """Send by `connection` from now on. `states`: all states at its begin, by entity."""
+    def open(self, connection: HomeAssistantConnection) -> None:
+        """Send by `connection` from now on."""
         self._connection = connection
+
+    def on_first_state(self, entity: str, state: Mapping[str, Any]) -> None:
+        """Note the state of an entity that was not known on this connection."""
         if self._feedback is not None:
             with self._reported():
-                for entity, state in states.items():
-                    self._feedback.on_first_state(entity, state)
+                self._feedback.on_first_state(entity, state)
 
     def on_state(self, entity: str, before: Mapping[str, Any], state: Mapping[str, Any]) -> None:
         """Note a change of the state of an entity."""

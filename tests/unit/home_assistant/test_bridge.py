@@ -12,8 +12,8 @@ from pointit.bridges.home_assistant import service
 from pointit.cli.maps.exchange import entities_of, with_things
 from pointit.maps.file import parse_map_file
 from pointit.maps.model import things_of
-from pointit.schemas import Announced
-from pointit.schemas.topics import ANNOUNCED, HEALTH
+from pointit.schemas import Announced, Environment
+from pointit.schemas.topics import ANNOUNCED, HEALTH, MAP
 from tests.support.bench import Bench, memory_bench, until
 from tests.support.home_assistant import HomeSite, MemoryHome, config_of, reading, start, thing
 
@@ -65,6 +65,26 @@ async def test_three_hundred_entities_become_things_by_four_messages(tmp_path: P
     things = things_of(parse_map_file(text, tmp_path / "home.yaml"))
     assert {each.home_assistant for each in things} == set(LIGHTS)
     assert {each.mode for each in things} == {"switch"}
+
+
+async def test_a_state_that_is_too_long_is_left_out_alone(tmp_path: Path) -> None:
+    rain = {"hours": "x" * 200_000}
+    home = MemoryHome({"light.a": ("on", {}), "sensor.rain": ("1", rain), LAMP: ("on", {})})
+    async with home.connected(config_of(tmp_path, 1)) as connection, reading(connection):
+        assert set(await connection.states()) == {"light.a", LAMP}
+
+
+async def test_a_lamp_that_the_map_gains_may_show_another_sites_hover(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = MemoryHome({LAMP: ("on", {"brightness": 120}), "light.a": ("on", {"brightness": 100})})
+    home.contexts[LAMP] = home.new_context("another site")
+    async with bridge(home, tmp_path, monkeypatch, thing("a", "light.a")) as (bench, site, _health):
+        bench.put(MAP, Environment(stamp_ns=2, name="room", things=(thing("desk", LAMP),)))
+        await asyncio.sleep(1.0)
+        async with site.hovering("desk"):
+            await asyncio.sleep(5.0)
+        assert home.calls == []
 
 
 async def test_entities_that_cannot_be_switched_are_not_offered(tmp_path: Path) -> None:

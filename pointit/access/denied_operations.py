@@ -269,7 +269,8 @@ class DeniedOperations:
         self._rejected_connections = RejectedConnections()
         self._written: Counter[str] = Counter()
         """Counts by the end of the line: connection and key."""
-        self._requests: Counter[str] = Counter()
+        self._requests: Counter[tuple[str, int]] = Counter()
+        """By the begin of the line and the cost of one."""
         """Counts of questions and declarations by the end of the line."""
         self._slowed: Counter[str] = Counter()
         """Counts of messages dropped as too frequent, by the end of the line."""
@@ -373,10 +374,9 @@ class DeniedOperations:
         loads, requests = Counter[str](), Counter[str]()
         for line, count in self._written.items():
             loads[self._identity_of(_connection(line))] += count
-        for line, count in self._requests.items():
+        for (line, cost), count in self._requests.items():
             if decision := DECIDED.match(line):
-                load = count * (INTERNAL_COST if "/@" in decision[4] else REQUEST_COST)
-                requests[self._identity_of(decision[1])] += load
+                requests[self._identity_of(decision[1])] += count * cost
         loads += requests
         self.rates_hz = {name: load / elapsed_s for name, load in loads.items()}
         return requests
@@ -396,7 +396,9 @@ class DeniedOperations:
         self._written[written] += times
 
     def _take_request(self, line: str, times: int) -> None:
-        request = line[line.rfind(PLAIN, 0, line.find(DECISION)) + len(PLAIN) :]
+        start = line.rfind(PLAIN, 0, line.find(DECISION)) + len(PLAIN)
+        begin = line[start : line.find(INGRESS) + len(INGRESS) + MAX_KEY]
+        request = begin, INTERNAL_COST if "/@" in line else REQUEST_COST
         if request not in self._requests:
             self._read(line)
             if len(self._requests) >= MAX_WRITTEN:

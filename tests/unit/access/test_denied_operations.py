@@ -178,6 +178,15 @@ def test_who_writes_too_often_is_told() -> None:
     assert told == MANY.format("button 1001")
 
 
+def test_questions_with_long_names_are_one_entry_each_identity_and_begin() -> None:
+    denied = DeniedOperations()
+    for number in range(300):
+        key = f"pointit/lab/{'x' * 200}{number}"
+        denied.take(f"{HEAD}{ANNA} is authorized to Query (ingress) on {key}")
+    assert len(denied._requests) == 1
+    assert "asks and declares 300 times" in denied.take_sentences(1.0)["lab/anna"]
+
+
 @pytest.mark.parametrize(
     ("request_line", "cost"),
     [

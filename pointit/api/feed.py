@@ -16,7 +16,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.errors import AccessDeniedError, NoMessageError, PointItError, VersionError
 from pointit.runtime.host.threads import in_daemon_thread
-from pointit.runtime.service.carrier import Act, ActFailedError, Carrier, Target
+from pointit.runtime.service.carrier import Act, ActFailedError, Carrier, Target, check_carrier
 from pointit.schemas import Environment, Message, SelectionEvent, ThingState, topics
 from pointit.schemas.topics import ANY, Delivery, Topic
 from pointit.site.site_state import SiteState
@@ -399,10 +399,10 @@ async def carry(
 
     Raises:
         AccessDeniedError: If this identity may not.
+        ConfigError: If another process or function does.
     """
     await check
-    if denied := await bus.denial_reason("writes", topics.THING_STATES, name):
-        raise AccessDeniedError(denied)
+    await check_carrier(bus, name)
     carrier = Carrier(bus, clock, name)
     try:
         carrier.use(targets)

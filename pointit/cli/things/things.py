@@ -19,8 +19,8 @@ from pointit.cli.things.run_things import mqtt_options, summary_lines
 from pointit.launch.plan.plan import Watcher
 from pointit.runtime.bus.contract import Bus
 from pointit.runtime.bus.site_clock import SiteClock
-from pointit.runtime.errors import AccessDeniedError, NoMessageError, RequestError
-from pointit.runtime.service.carrier import Carrier, check_things
+from pointit.runtime.errors import NoMessageError, RequestError
+from pointit.runtime.service.carrier import Carrier, check_carrier, check_things
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Environment, ReadHistory, SelectionEvent, SetThing, ThingStates
@@ -174,8 +174,7 @@ async def _carrier(bus: ZenohBus, reactions: Sequence[Reaction]) -> Carrier:
     """Return a carrier of the reactions, whose name is the same after a restart."""
     targets = targets_of(reactions)
     name = f"react-{zlib.crc32(' '.join(sorted(targets)).encode()):08x}"
-    if denied := await bus.denial_reason("writes", THING_STATES, name):
-        raise AccessDeniedError(denied)
+    await check_carrier(bus, name)
     carrier = Carrier(bus, SiteClock(bus), name)
     carrier.use(targets)
     return carrier

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from pointit.runtime.bus.contract import Bus
+from pointit.runtime.bus.memory_bus import MemoryBus
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import nearest
-from pointit.runtime.errors import ConfigError, PointItError
+from pointit.runtime.errors import AccessDeniedError, ConfigError, PointItError
 from pointit.schemas import ActResult, Environment, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.selection import FailureCode, ResultKind, TargetState
 from pointit.schemas.text import hide_secrets, one_line
@@ -179,6 +180,21 @@ class Carrier:
                     text=one_line(hide_secrets(str(problem)), MAX_TEXT) if problem else "",
                 )
             )
+
+
+async def check_carrier(bus: MemoryBus, name: str) -> None:
+    """Check that this identity may be the carrier `name`, and that no other process is.
+
+    Two of them would carry out each act, and the first result would be taken for both.
+
+    Raises:
+        AccessDeniedError: If it may not.
+        ConfigError: If another process is.
+    """
+    if denied := await bus.denial_reason("writes", THING_STATES, name):
+        raise AccessDeniedError(denied)
+    if name in await bus.list_present(CARRIER_ALIVE):
+        raise ConfigError(f"{name} carries out acts on these things already: end the other process")
 
 
 def _failure(act: Act, error: BaseException) -> ActFailedError:

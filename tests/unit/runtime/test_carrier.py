@@ -5,7 +5,12 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from typing import Literal
 
-from pointit.runtime.service.carrier import MAX_AT_ONCE, Act, ActFailedError, Carrier
+import pytest
+
+from pointit.runtime.bus.memory_bus import MemoryBus
+from pointit.runtime.clock import VirtualClock
+from pointit.runtime.errors import ConfigError
+from pointit.runtime.service.carrier import MAX_AT_ONCE, Act, ActFailedError, Carrier, check_carrier
 from pointit.schemas import ActResult, SelectionEvent, ThingState, ThingStates
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
 from tests.support.bench import Bench, in_virtual_time, memory_bench, until
@@ -158,3 +163,15 @@ async def test_a_carrier_that_ends_tells_that_its_acts_have_failed_and_takes_lea
         await until(lambda: home.present == [True, False])
         assert home.told[-1] == ("failed", "error", "home ended before it was done")
         assert home.states[-1].things == ()
+
+
+@in_virtual_time
+async def test_a_name_is_that_of_one_carrier() -> None:
+    bus = MemoryBus()
+    carrier = Carrier(bus, VirtualClock(), "home")
+    await check_carrier(bus, "other")
+    with pytest.raises(ConfigError, match="home carries out acts on these things already: end the other"):
+        await check_carrier(bus, "home")
+    await carrier.close()
+    await check_carrier(bus, "home")
+    await bus.close()

@@ -391,14 +391,14 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
     plain_url, encrypted_url = (f"{each}://{parts.netloc}{parts.path}" for each in ("http", "https"))
     problem = f"no Home Assistant answers at {config.url} ({one_line(str(error), MAX_REASON) or 'no answer'})"
     problem += ": start it, or correct `url`, its usual port is 8123"
+    may_encrypt = not isinstance(error, OSError)
     if (refusal := certificate_error_in(error)) is not None:
         problem = describe_certificate_error(refusal, f"Home Assistant at {parts.netloc}", AUTHORITY_HINT)
     elif isinstance(error, InvalidStatus):
-        problem = _status_problem(config, error.response.status_code, error.response.headers)
-        if not problem or (error.response.status_code == BAD_REQUEST and not is_encrypted):
-            problem = problem or _is_none(config, f"it answers {error.response.status_code}")
-            if not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
-                problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
+        status = error.response.status_code
+        problem = _status_problem(config, status, error.response.headers)
+        may_encrypt = not problem or status == BAD_REQUEST
+        problem = problem or _is_none(config, f"it answers {status}")
     elif is_encrypted and isinstance(error, ssl.SSLError | ConnectionResetError | ConnectionAbortedError):
         problem = f"the server at {config.url} does not encrypt: write {plain_url} as `url`"
     elif isinstance(error, socket.gaierror):
@@ -408,8 +408,8 @@ async def _raise_connect_error(config: HomeAssistantConfig, error: Exception) ->
         )
     elif isinstance(error, TimeoutError):
         problem = f"no Home Assistant answers at {config.url} within {CONNECT_TIMEOUT_S:g} s: correct `url`"
-    elif not isinstance(error, OSError):
+    elif may_encrypt:
         problem = _is_none(config, "it does not answer as one")
-        if not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
-            problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
+    if may_encrypt and not is_encrypted and await encrypts(host, parts.port or 80, PROBE_TIMEOUT_S):
+        problem = f"the server at {config.url} encrypts: write {encrypted_url} as `url`"
     raise NoHomeAssistantError(problem) from error

@@ -73,11 +73,6 @@ class EntityCommands:
             now_s = asyncio.get_running_loop().time
             self._feedback = HoverFeedback(StateFile[DimmedLights].at(file, DimmedLights), now_s)
 
-    @property
-    def is_connected(self) -> bool:
-        """Return True if calls can be sent."""
-        return self._connection is not None
-
     def open(self, connection: HomeAssistantConnection) -> None:
         """Send by `connection` from now on."""
         self._connection = connection
@@ -121,9 +116,7 @@ class EntityCommands:
         if self._connection is None:
             raise ActFailedError("unavailable", LOST)
         if call.entity in self._pending and not self._pending[call.entity][1].done():
-            self._pending[call.entity][1].set_exception(
-                ActFailedError("replaced", f"another act on {call.entity} came before it was done")
-            )
+            self._pending[call.entity][1].set_exception(replaced_act(call.entity))
         result: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         pending = self._pending[call.entity] = (call, result)
         self._ended.add(call.entity)
@@ -252,6 +245,11 @@ class EntityCommands:
             yield
         except ConfigError as error:
             self._bus.warn("hover", f"lamps show no hover: {error}")
+
+
+def replaced_act(entity: str) -> ActFailedError:
+    """Return the failure of an act that a newer one on the same entity has replaced."""
+    return ActFailedError("replaced", f"another act on {entity} came before it was done")
 
 
 def _failure(call: ServiceCall, error: Exception) -> ActFailedError:

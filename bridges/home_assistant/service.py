@@ -17,7 +17,7 @@ from pointit.bridges.home_assistant.connection import (
     is_state,
     require_client,
 )
-from pointit.bridges.home_assistant.entity_commands import EntityCommands
+from pointit.bridges.home_assistant.entity_commands import EntityCommands, replaced_act
 from pointit.bridges.home_assistant.home_action import SLOW_DOMAINS, UNAVAILABLE, HomeAction
 from pointit.runtime.config.nearest_name import did_you_mean
 from pointit.runtime.errors import ConfigError, RefusedError
@@ -266,9 +266,7 @@ class HomeAssistant(Service[HomeAssistantConfig]):
             async with asyncio.timeout(timeout_s):
                 while self._is_on(action) is not is_on:
                     if self._acts.get(action.entity) is not act:
-                        raise ActFailedError(
-                            "replaced", f"another act on {action.entity} came before it was done"
-                        )
+                        raise replaced_act(action.entity)
                     await self._change.wait()
         except TimeoutError:
             raise ActFailedError(

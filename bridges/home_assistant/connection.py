@@ -51,8 +51,7 @@ _LIST_RESULT = re.compile(
 )
 """Begin of a result that is a list, which is read entry by entry."""
 _SEPARATOR = re.compile(r"[\s,]*")
-_NEXT_STATE = re.compile(r',\s*\{\s*"entity_id"')
-"""Begin of the entry after one that is too long, in a list of states."""
+_NEXT_STATE = re.compile(r',\s*\{\s*"entity_id"')  # the entry after one that is too long
 _ENTRIES = json.JSONDecoder()
 LOST = "the connection is lost: wait until Home Assistant runs again"
 MAX_REASON = 200

@@ -191,10 +191,9 @@ class HomeAssistant(Service[HomeAssistantConfig]):
         states = await connection.states()
         self._names = states.keys()
         used = {name: each for name, each in states.items() if self._is_used(name)}
-        new = used.keys() - self._states.keys()
+        for entity in used.keys() - self._states.keys():
+            self._commands.on_first_state(entity, used[entity])
         self._states |= used | self._states  # events since the request are newer
-        for entity in new:
-            self._commands.on_first_state(entity, self._states[entity])
 
     def _is_used(self, entity: str) -> bool:
         """Return True if the state of an entity matters here."""

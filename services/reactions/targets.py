@@ -255,13 +255,13 @@ class Webhook:
         body = {
             **{name: values[name] for name in ("thing", "user", "state")},
             "confidence": float(confidence) if confidence else None,
-            "stamp_ns": act.number,
+            "stamp_ns": act.event.stamp_ns,
         }
         headers = {
             "Accept-Encoding": "identity",
             "Connection": "close",
             "Content-Type": "application/json",
-            "Idempotency-Key": quote(f"{values['thing']}-{values['user']}-{act.number}"),
+            "Idempotency-Key": quote(f"{values['thing']}-{values['user']}-{act.event.stamp_ns}"),
             "User-Agent": f"PointIt/{pointit_version()}",
         }
         request = httpx.Request("POST", url, headers=headers, content=json.dumps(body))

@@ -54,11 +54,6 @@ class Act:
         """Return the wanted state. True if a button fired."""
         return self.event.is_on
 
-    @property
-    def number(self) -> int:
-        """Return its number, unique among the acts on the same thing."""
-        return self.event.stamp_ns
-
 
 class Target(Protocol):
     """Counterpart of a thing: a web server, a program, an entity of Home Assistant, a function."""
@@ -183,9 +178,7 @@ class Carrier:
 
 
 async def check_carrier(bus: MemoryBus, name: str) -> None:
-    """Check that this identity may be the carrier `name`, and that no other process is.
-
-    Two of them would carry out each act, and the first result would be taken for both.
+    """Check that this identity may be the carrier `name`, and that none is: two would act on each event.
 
     Raises:
         AccessDeniedError: If it may not.

@@ -134,7 +134,7 @@ async def test_the_newest_act_on_a_switch_ends_the_earlier_one_and_waits_for_its
             (0, "failed", "replaced"), (1, "failed", "replaced"), (2, "done", ""),
         ]  # fmt: skip
         assert lamp.state.state == "on"
-        assert lamp.acts[-1].number == 2
+        assert lamp.acts[-1].event.stamp_ns == 2
 
 
 @in_virtual_time

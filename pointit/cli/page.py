@@ -18,7 +18,7 @@ import click
 from pointit.cli.common.output import interruptible, progress
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import site_options
-from pointit.cli.parts import Added, RunPart
+from pointit.cli.parts import RunAddition, RunPart
 from pointit.launch.page import (
     EVERYWHERE,
     PORT,
@@ -240,7 +240,7 @@ def _options(function: Any) -> Any:
     return function
 
 
-def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
+def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
     """Return the page of a run, if it has one. Raises ConfigError, or ListenError if its port is in use."""
     port: int | None = options["web_port"]
     asked = {"--web-port": port is not None, "--lan": options["lan"], "--new-link": options["new_link"]}
@@ -249,13 +249,13 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
         for option, is_given in asked.items():
             if is_given:
                 raise ConfigError(f"--no-web and {option} exclude each other: there is no page")
-        return Added()
+        return RunAddition()
     if not is_available():
         asked["--set web."] = is_asked_of_page(choices.settings)
         for option, is_given in asked.items():
             if is_given:
                 raise page_unavailable_error(option)
-        return Added(
+        return RunAddition(
             notes=[f"{REMEDY}; --no-web runs without it and without this note"],
             closing_note=f"There was no page: {REMEDY}.",
         )
@@ -274,7 +274,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
         notes = (*notes, "--new-link does not change the link for control: its token is set by hand")
     config = page.config.model_copy(update={"run_output": page.config.run_output or choices.output})
     beside = RunPage(dataclasses.replace(page, config=config), opens_browser=not options["no_browser"])
-    return Added(beside=[beside], services=[PAGE], notes=notes, moves_wrists=True)
+    return RunAddition(beside=[beside], services=[PAGE], notes=notes, moves_wrists=True)
 
 
 PAGE_PART = RunPart(heading="Page", names=tuple(OPTIONS), options=_options, add=_add)

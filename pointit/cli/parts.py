@@ -13,8 +13,8 @@ if TYPE_CHECKING:  # the listings need none of them
 
 
 @dataclass(frozen=True, kw_only=True)
-class Added:
-    """Outcome of the options for one run."""
+class RunAddition:
+    """Services, parameters and sentences that options add to one run."""
 
     beside: Sequence["Beside"] = ()
     services: Sequence[str] = ()
@@ -42,7 +42,7 @@ class RunPart:
     """Names of the options."""
     options: Callable[[Any], Any]
     """Adds the options to a command."""
-    add: "Callable[[Scenario, Choices, Mapping[str, Any]], Added]"
+    add: "Callable[[Scenario, Choices, Mapping[str, Any]], RunAddition]"
     """Checks the values of the options of `run`; raises PointItError. Returns what they put beside it."""
 
 

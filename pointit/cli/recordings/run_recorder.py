@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import click
 
-from pointit.cli.parts import Added, RunPart
+from pointit.cli.parts import RunAddition, RunPart
 from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import Beside, Scenario
 from pointit.runtime.errors import ConfigError
@@ -94,16 +94,16 @@ def _options(function: Any) -> Any:
     )(recorder_options(function))
 
 
-def _add(_scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
+def _add(_scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
     """Return the recorder of a run, if any; ConfigError: it has a file already, or options but no file."""
     file: Path | None = options["record"]
     without, pseudonyms = options["without"], options["pseudonyms"]
     if file is None:
         if without or pseudonyms:
             raise ConfigError("--without and --pseudonyms are for a recording: add --record FILE")
-        return Added()
+        return RunAddition()
     launch = recorder_launch(file, without=without, pseudonyms=pseudonyms, seed=choices.seed)
-    return Added(beside=[RunRecorder(launch)])
+    return RunAddition(beside=[RunRecorder(launch)])
 
 
 RECORDER_PART = RunPart(

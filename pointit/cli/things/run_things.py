@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from pointit.bridges.speaker.speech_synthesizer import require_synthesizer
-from pointit.cli.parts import Added, RunPart
+from pointit.cli.parts import RunAddition, RunPart
 from pointit.cli.summary import DisplayPart
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
 from pointit.diagnosis.missing_services import HOME_REMEDY, home_things, listed, unconnected_sentence
@@ -122,13 +122,13 @@ class NameWatcher:
         self._counts["confirmed"] += event.event in {"selected", "deselected"} and event.cause == "button"
 
 
-def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
+def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
     """Return the parameters and the watcher of names. Raises ConfigError if nothing can be announced."""
     announce, language = options["announce"], options["language"]
     if announce is None:
         if language:
             raise ConfigError("--language is that of spoken names: add --announce")
-        return Added()
+        return RunAddition()
     if "selector" not in scenario.site:
         raise ConfigError(
             f"--announce {announce}: nothing is selected in {scenario.source}; "
@@ -148,7 +148,7 @@ def _add_names(scenario: Scenario, choices: Choices, options: Mapping[str, Any])
     room = room_of(site_launches(scenario, choices))
     alike = [each.text for each in check_labels(() if room is None else room.things)]
     more = f" (and {len(alike) - 1} more: pointit map check MAP --spoken)" if alike[1:] else ""
-    return Added(
+    return RunAddition(
         notes=[alike[0] + more] if alike else [],
         site_services=speaker,
         settings=(*SELECTOR, *players, *languages, *presses),
@@ -215,7 +215,7 @@ def _options(function: Any) -> Any:
     return on(mqtt_options(function))
 
 
-def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Added:
+def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> RunAddition:
     """Return watchers and parameters. Raises ConfigError: no such program, thing, extra or broker."""
     watchers: list[MakeWatcher] = []
     room = room_of(site_launches(scenario, choices)) if options["on"] else None
@@ -227,7 +227,7 @@ def _add(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> Ad
         config = broker_of(options["mqtt"], ca_file)
         prefix = discovery_prefix(options.get("mqtt_discovery_prefix", ""))
         watchers.append(lambda _launches: MqttThings(config, prefix))
-    return Added(watchers=watchers, settings=settings, notes=_home_notes(scenario, choices, options))
+    return RunAddition(watchers=watchers, settings=settings, notes=_home_notes(scenario, choices, options))
 
 
 def _home_notes(scenario: Scenario, choices: Choices, options: Mapping[str, Any]) -> list[str]:

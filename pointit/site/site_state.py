@@ -2,8 +2,9 @@
 
 The bus does not report that a message has lost its writer. All that show a site go by these rules:
 
-- All that is a person's ends with them. Their states return with them, since they do not repeat those.
+- All that is a person's ends with them.
 - What only services of the process table write ends with the last of them, and a service's accounts with it.
+- States return with their person or writer, who do not repeat them. A new process replaces them at its start.
 - Late messages of people and services that have left are not shown.
 - Trackers, which anybody may be, end when they are silent. A deployment without services is over. Rooms stay.
 
@@ -172,7 +173,7 @@ class SiteState:
         service, _ = split_instance(instance)
         for topic in list(self._messages):
             if topic in ACCOUNTS:
-                self.forget(topic, instance)
+                self._hide(topic, instance)
             elif service in topic.writers and ends_with_writers(topic):
                 for name in list(self._messages[topic]):
                     if not present_writers(topic, name, self._services):
@@ -211,7 +212,7 @@ class SiteState:
     def _hide(self, topic: Topic[Any], name: str) -> None:
         received_s = self._received_s.get((topic, name), 0.0)
         message = self.forget(topic, name)
-        if message is not None and is_personal(topic) and topic.delivery is Delivery.STATE:
+        if message is not None and topic.delivery is Delivery.STATE:
             _remember(self._hidden, (topic, name), (message, received_s))
 
     def _show_valid(self) -> None:

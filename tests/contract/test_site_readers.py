@@ -15,23 +15,27 @@ from pointit.bridges.foxglove.config import FoxgloveConfig
 from pointit.bridges.ros2 import service as ros2_service
 from pointit.bridges.ros2.config import Ros2Config
 from pointit.bridges.web.model.site_model import SiteModel
+from pointit.cli.inspect import topics as echo
 from pointit.cli.inspect.doctor import SiteObserver
+from pointit.cli.inspect.trace import Tracer
 from pointit.launch.run.monitor import Monitor, RunScore
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Context
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import Cursor, Health, Message, TrackedObjects, UserPose
-from pointit.schemas.topics import CURSOR, HEALTH, OBJECTS, POSE, SERVICE_ALIVE, USER_ALIVE, Topic
+from pointit.schemas import Cursor, Health, Message, Selection, TrackedObjects, UserPose
+from pointit.schemas.topics import CURSOR, HEALTH, OBJECTS, POSE, SELECTION, SERVICE_ALIVE, USER_ALIVE, Topic
 from pointit.site.following import follow_site
+from pointit.site.site_state import SiteState
 from pointit.speech.interpreter import Interpreter
 from pointit.testing.bench import background
 from tests.support.bench import until
 from tests.support.buses import router_process, settled, site_of
 from tests.unit.ros2.graph_of_one import FakeBackend
 
-TOPICS: tuple[Topic[Any], ...] = (CURSOR, POSE, HEALTH, OBJECTS)
+TOPICS: tuple[Topic[Any], ...] = (CURSOR, POSE, HEALTH, OBJECTS, SELECTION)
+SERVICES = frozenset(("pui", "selector"))
 Names = Callable[[], set[str]]
 
 
@@ -42,6 +46,16 @@ class Readers:
         self.names: dict[str, dict[Topic[Any], Names]] = {}
         self.present: dict[str, Callable[[], frozenset[str]]] = {}
         self.ticks: list[Callable[[], object]] = []
+
+    async def show_present(self, *instances: str) -> None:
+        """Wait until all readers show that of the services of this test `instances` are present."""
+
+        def shown() -> dict[str, frozenset[str]]:
+            return {reader: each() & SERVICES for reader, each in self.present.items()}
+
+        await until(
+            lambda: all(each == set(instances) for each in shown().values()), what=lambda: f"{shown()}"
+        )
 
     @contextlib.contextmanager
     def doing(self, step: Callable[[], object]) -> Generator[None]:
@@ -66,7 +80,7 @@ class Readers:
 
 @contextlib.asynccontextmanager
 async def readers_on(bus: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncGenerator[Readers]:
-    """Yield page, ROS bridge, Foxglove, monitor of a run, API, doctor and speech on one bus."""
+    """Yield page, ROS bridge, Foxglove, monitor of a run, API, doctor, speech, echo and trace on one bus."""
 
     async def opened(*_: object, **_named: object) -> FakeBackend:
         return FakeBackend()
@@ -94,14 +108,22 @@ async def readers_on(bus: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncGenerato
     doctor = SiteObserver()
     follow_site(doctor._site, bus, now_s, (HEALTH,))
     speech = Interpreter(bus, clock, "anna")._room
-    async with ApiSite.on(bus, clock) as site, background(ros.run()):
-        latest = {CURSOR: site.latest.cursor, POSE: site.latest.pose, HEALTH: site.latest.health}
+    tracer = Tracer(bus, "anna")
+    echoed = SiteState()
+    monkeypatch.setattr(echo, "SiteState", lambda: echoed)
+    monkeypatch.setattr(echo, "join_site", lambda: contextlib.nullcontext(bus))
+    echoing = echo._echo("selection", [(SELECTION, "")], None, as_json=True)
+    async with ApiSite.on(bus, clock) as site, background(ros.run()), background(echoing):
+        newest = site.latest
+        by_topic = {CURSOR: newest.cursor, POSE: newest.pose, HEALTH: newest.health}
+        latest: dict[Topic[Any], Any] = {**by_topic, OBJECTS: newest.objects, SELECTION: newest.selection}
         readers = Readers()
         readers.names = {
             "page": {topic: lambda topic=topic: set(page.cache.names(topic)) for topic in TOPICS},
             "ros2": {
                 CURSOR: lambda: {name for name, each in people.items() if each.cursor},
                 POSE: lambda: {name for name, each in people.items() if each.pose},
+                SELECTION: lambda: {""} if ros._state.selection else set(),
             },
             "foxglove": {
                 topic: lambda topic=topic: {
@@ -113,11 +135,9 @@ async def readers_on(bus: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncGenerato
                 CURSOR: lambda: set(monitor.cursors),
                 POSE: lambda: set(monitor.poses),
                 HEALTH: lambda: set(monitor.health),
+                SELECTION: lambda: set(monitor.site.all(SELECTION)),
             },
-            "api": {
-                topic: lambda newest=newest: set(newest)
-                for topic, newest in {**latest, OBJECTS: site.latest.objects}.items()
-            },
+            "api": {topic: lambda newest=newest: set(newest) for topic, newest in latest.items()},
             "doctor": {HEALTH: lambda: set(doctor._site.all(HEALTH))},
             "speech": {OBJECTS: lambda: set(speech.objects)},
         }
@@ -126,6 +146,9 @@ async def readers_on(bus: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncGenerato
             "foxglove": lambda: foxglove._site.services,
             "monitor": lambda: monitor.site.services,
             "doctor": lambda: doctor._site.services,
+            "speech": lambda: speech.site.services,
+            "echo": lambda: echoed.services,
+            "trace": lambda: tracer._site.services,
         }
         readers.ticks = [
             lambda: page.tick(now_s()),
@@ -152,6 +175,7 @@ class Writer:
             POSE: UserPose(stamp_ns=now_ns, position_m=(1.0, 2.0, 0.0), yaw_rad=0.0),
             HEALTH: Health(stamp_ns=now_ns, service=name, instance=name, pid=1),
             OBJECTS: TrackedObjects(stamp_ns=now_ns, objects=()),
+            SELECTION: Selection(stamp_ns=now_ns),
         }
         key = topic.key, name
         if key not in self._publishers:
@@ -168,14 +192,16 @@ async def test_all_readers_show_the_same_of_who_leaves_and_comes_back(
         writer = Writer(site.a)
         anna, _ = (site.a.announce(USER_ALIVE, user) for user in ("anna", "ben"))
         pui, _ = (site.a.announce(SERVICE_ALIVE, instance) for instance in ("pui", "selector"))
-        await until(lambda: all({"pui", "selector"} <= each() for each in readers.present.values()))
+        await readers.show_present("pui", "selector")
         for topic, name in ((CURSOR, "anna"), (CURSOR, "ben"), (POSE, "anna"), (OBJECTS, "conveyor")):
             writer.put(topic, name)
         for instance in ("pui", "selector"):
             writer.put(HEALTH, instance)
+        writer.put(SELECTION, "")
         await readers.show(CURSOR, "anna", "ben")
         await readers.show(POSE, "anna")
         await readers.show(HEALTH, "pui", "selector")
+        await readers.show(SELECTION, "")
 
         anna.close()
         await readers.show(CURSOR, "ben")
@@ -188,6 +214,7 @@ async def test_all_readers_show_the_same_of_who_leaves_and_comes_back(
         await readers.show(CURSOR, "ben", "clara")
 
         pui.close()
+        await readers.show_present("selector")
         await readers.show(CURSOR)
         await readers.show(HEALTH, "selector")
         writer.put(CURSOR, "ben")  # late
@@ -196,7 +223,7 @@ async def test_all_readers_show_the_same_of_who_leaves_and_comes_back(
         await readers.show(HEALTH, "keeper", "selector")
         await readers.show(CURSOR)
         site.a.announce(SERVICE_ALIVE, "pui")
-        await until(lambda: all("pui" in each() for each in readers.present.values()))
+        await readers.show_present("pui", "selector")
         writer.put(CURSOR, "anna")
         await readers.show(CURSOR, "anna")
 
@@ -215,17 +242,21 @@ async def test_all_readers_show_the_same_after_a_lost_router(monkeypatch: pytest
         await settled(a, b)
         writer = Writer(a)
         a.announce(USER_ALIVE, "anna")
-        a.announce(SERVICE_ALIVE, "pui")
-        await until(lambda: all("pui" in each() for each in readers.present.values()))
-        keys = (CURSOR, "anna"), (POSE, "anna"), (HEALTH, "pui")
+        for instance in SERVICES:
+            a.announce(SERVICE_ALIVE, instance)
+        await readers.show_present(*SERVICES)
+        keys = (CURSOR, "anna"), (POSE, "anna"), (HEALTH, "pui"), (SELECTION, "")
         with readers.doing(lambda: [writer.put(*key) for key in keys]):  # the first may be lost
             for topic, name in keys:
                 await readers.show(topic, name)
         router.stop()
-        for topic in (CURSOR, POSE, HEALTH):
+        for topic, _name in keys:
             await readers.show(topic)
+        await readers.show_present()
         router.start()
+        await readers.show_present(*SERVICES)
         await readers.show(POSE, "anna")
+        await readers.show(SELECTION, "")
         with readers.doing(lambda: writer.put(HEALTH, "pui")):
             await readers.show(HEALTH, "pui")
         await readers.show(CURSOR)

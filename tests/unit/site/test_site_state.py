@@ -122,6 +122,27 @@ def test_late_messages_of_a_service_bring_nothing_back(site: SiteState) -> None:
     assert site.get(SELECTION) == Selection(stamp_ns=2)
 
 
+def test_states_return_with_a_writer_that_was_cut_off_until_it_writes_new_ones(
+    site: SiteState, changes: list[Change]
+) -> None:
+    appear(site, "selector")
+    put(site, SELECTION, "", kept := Selection(stamp_ns=1))
+    put(
+        site,
+        CONFIGURATION,
+        "selector",
+        told := Configuration(stamp_ns=1, service="selector", instance="selector"),
+    )
+    site.set_service("selector", False)
+    assert not site.all(SELECTION)
+    assert not site.all(CONFIGURATION)
+    changes.clear()
+    appear(site, "selector")
+    assert changes == [Change(SELECTION, "", kept), Change(CONFIGURATION, "selector", told)]
+    put(site, SELECTION, "", restarted := Selection(stamp_ns=2))
+    assert site.get(SELECTION) == restarted
+
+
 def test_a_report_that_comes_before_the_presence_of_its_service_is_shown_with_it(site: SiteState) -> None:
     appear(site, "pui")
     site.set_service("pui", False)

@@ -112,8 +112,11 @@ async def readers_on(bus: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncGenerato
     echoed = SiteState()
     monkeypatch.setattr(echo, "SiteState", lambda: echoed)
     monkeypatch.setattr(echo, "join_site", lambda: contextlib.nullcontext(bus))
-    echoing = echo._echo("selection", [(SELECTION, "")], None, as_json=True)
-    async with ApiSite.on(bus, clock) as site, background(ros.run()), background(echoing):
+
+    async def echoing() -> None:
+        await echo._echo("selection", [(SELECTION, "")], None, as_json=True, site="", connect=())
+
+    async with ApiSite.on(bus, clock) as site, background(ros.run()), background(echoing()):
         newest = site.latest
         by_topic = {CURSOR: newest.cursor, POSE: newest.pose, HEALTH: newest.health}
         latest: dict[Topic[Any], Any] = {**by_topic, OBJECTS: newest.objects, SELECTION: newest.selection}

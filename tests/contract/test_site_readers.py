@@ -111,7 +111,11 @@ async def readers_on(bus: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncGenerato
     tracer = Tracer(bus, "anna")
     echoed = SiteState()
     monkeypatch.setattr(echo, "SiteState", lambda: echoed)
-    monkeypatch.setattr(echo, "join_site", lambda **_: contextlib.nullcontext(bus))
+
+    def join_site(**_: object) -> contextlib.AbstractAsyncContextManager[Any]:
+        return contextlib.nullcontext(bus)
+
+    monkeypatch.setattr(echo, "join_site", join_site)
 
     async def echoing() -> None:
         await echo._echo("selection", [(SELECTION, "")], None, as_json=True, site="", connect=())

@@ -217,7 +217,6 @@ async def test_three_insiders_who_come_back_whenever_they_are_blocked_take_nobod
         assert site.router.err.count("is cut off for 30 s") <= 3 * TRIES, "each is named once a block"
 
 
-@pytest.mark.long
 @pytest.mark.timeout(3600)
 async def test_no_key_that_a_person_may_write_takes_others_cursors(tmp_path: Path, account: Account) -> None:
     keys = [key.replace("somebody", "{}") for key in rights_of("user", "somebody").writes]

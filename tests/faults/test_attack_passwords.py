@@ -127,7 +127,6 @@ async def test_who_has_no_password_is_not_let_in_and_told_of(password_site: Site
         await attacked.unharmed()
 
 
-@pytest.mark.long
 async def test_who_says_nothing_at_the_door_keeps_nobody_out(password_site: Site, account: Account) -> None:
     async with besieged(password_site) as attacked:
         attacked.begin()

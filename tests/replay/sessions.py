@@ -14,8 +14,8 @@ from pointit.schemas.system import split_instance
 from pointit.schemas.topics import CONFIGURATION, HEALTH, MAP, SERVICE_ALIVE, Request
 from tests.golden import scripts
 from tests.golden.bad_link import BadLink
-from tests.golden.sessions import ROBOT, Session, choices, play
 from tests.golden.sessions import SESSIONS as GOLDEN
+from tests.golden.sessions import Session, choices, play
 
 RECORDINGS = Path(__file__).with_name("recordings")
 
@@ -24,58 +24,14 @@ SESSIONS: dict[str, Session] = {
         scenario="scenario_1", duration_s=8.0, happens=("leds/led_1/color", "users/anna/cursor=lamp")
     ),
     "strips": Session(scenario="scenario_2", duration_s=8.0, happens=("users/anna/cursor=strip",)),
-    "fraction": Session(scenario="scenario_3", duration_s=20.0, happens=("selection/events=selected",)),
-    "gauge": Session(scenario="scenario_4", duration_s=20.0, happens=("selection/events=selected",)),
-    "hold": Session(
-        scenario="scenario_3",
-        duration_s=15.0,
-        choices=choices(
-            "supervisor.profile.body.neck_to_shoulder_m=0.2",
-            "user-sim.body.neck_to_shoulder_m=0.2",
-            method="hold",
-            hand="left",
-        ),
-        happens=("selection/events=selected",),
-    ),
     "goal": Session(scenario="send_a_robot", duration_s=20.0, happens=("users/anna/goal",)),
-    "drift": Session(
-        scenario="scenario_2",
-        duration_s=45.0,
-        choices=choices(
-            "user-sim.aim.elevation_bias_deg=10", "user-sim.wristband.yaw_drift_degpmin=40", localize=True
-        ),
-        happens=("users/anna/pose=static_targets", "users/anna/anchor", "users/anna/cursor=strip"),
-    ),
-    "robot": Session(
-        scenario="scenario_2",
-        duration_s=25.0,
-        choices=choices("localizer.method=moving_target", localize=True),
-        site={"robot-replay": {"recording": ROBOT}},
-        happens=("users/anna/pose=moving_target", "users/anna/cursor=strip"),
-    ),
-    "two_people": Session(
-        scenario="scenario_3",
-        duration_s=45.0,
-        choices=choices(localize=True),
-        users=("anna", "ben"),
-        happens=("users/anna/pose=static_targets", "users/ben/pose=static_targets"),
-    ),
-    "four_people": Session(
-        scenario="scenario_4",
-        duration_s=12.0,
-        users=("anna", "ben", "carl", "dora"),
-        happens=("users/dora/hover",),
-    ),
     "restarts": Session(
         scenario="scenario_3", duration_s=20.0, restarts=True, happens=("selection/events=selected",)
     ),
     "bad_link": Session(
         scenario="scenario_3", duration_s=20.0, link=BadLink, happens=("selection/events=selected",)
     ),
-    "offset": GOLDEN["an offset"],
-    "taken_back": GOLDEN["taken back"],
     "workspaces": GOLDEN["a shard and workspaces"],
-    "solids": GOLDEN["solids"],
     "things": Session(
         scenario="shelf",
         duration_s=28.0,

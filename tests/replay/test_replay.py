@@ -5,7 +5,7 @@ presence, configurations, the map. `accepted` holds what the services made of th
 hovers, events, cues, light (frames as hashes). A failing test shows a line for each key that changed, and
 the first message that differs with the one accepted. Look at the change of one session:
 
-    .venv/bin/python -m tests.replay drift
+    .venv/bin/python -m tests.replay goal
 
 If it is wanted, `.venv/bin/python -m tests.replay --accept` stores what the replays give now and prints a
 summary. Put that into the message of the commit and say why.
@@ -18,7 +18,7 @@ from tests.replay.sessions import RECORDINGS, SESSIONS, open_recording
 
 HELP = "the docstring of tests/replay/test_replay.py says how to look at the change, and how to accept it"
 
-MAX_BYTES = 6_000_000
+MAX_BYTES = 2_000_000
 """Limit of all recordings and accepted outputs."""
 
 

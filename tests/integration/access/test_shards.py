@@ -1,4 +1,4 @@
-"""Shards that run under the identity of their person, at a router that goes by the site's rules."""
+"""Shards and bridges under the identities of people and services, at a router with rules."""
 
 import asyncio
 import contextlib
@@ -10,6 +10,10 @@ from typing import Any
 import pytest
 import pytest_asyncio
 
+from pointit.bridges.agv_tracker.config import AgvTrackerConfig
+from pointit.bridges.agv_tracker.service import AgvTracker
+from pointit.bridges.foxglove.config import FoxgloveConfig
+from pointit.bridges.foxglove.service import Foxglove
 from pointit.runtime.clock import WallClock
 from pointit.runtime.link.link import Link
 from pointit.runtime.service.service import Launch, run_service
@@ -21,6 +25,7 @@ from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.service import Selector
 from tests.integration.access.secured import link_of, make_site, routed
 from tests.support.bench import until
+from tests.support.buses import free_port
 
 
 class SecuredSite:
@@ -161,3 +166,47 @@ async def test_what_an_onlooker_tells_stays_in_its_process(buses: tuple[str, Zen
         assert there == []
     announced.close()
     await until(lambda: here[-1] == late[-1] == ("web.2", False))
+
+
+@pytest.mark.parametrize(
+    ("service", "identity"),
+    [(service, name) for service in (Foxglove, AgvTracker) for name in ("services", service.NAME)],
+)
+async def test_bridge_reports_and_is_present_under_the_services_identity_and_under_its_own(
+    service: Any, identity: str, tmp_path: Path
+) -> None:
+    configs = {
+        "foxglove": FoxgloveConfig(port=0),
+        "agv-tracker": AgvTrackerConfig(broker=f"127.0.0.1:{free_port()}"),
+    }
+    folder = make_site(
+        tmp_path / "lab",
+        names={
+            "services": "services",
+            service.NAME: "service",
+            "operator": "operator",
+            "supervisor": "supervisor",
+        },
+    )
+    health: dict[str, Health] = {}
+    present: set[str] = set()
+    async with contextlib.AsyncExitStack() as stack:
+        stack.enter_context(routed(folder))
+        buses: dict[str, ZenohBus] = {}
+        for name in (identity, "operator"):
+            buses[name] = await ZenohBus.open(link_of(folder, name), patience_s=30)
+            stack.push_async_callback(buses[name].close)
+        operator = buses["operator"]
+        operator.subscribe(topics.HEALTH, lambda message, name: health.__setitem__(name, message))
+        operator.watch(
+            topics.SERVICE_ALIVE, lambda name, there: (present.add if there else present.discard)(name)
+        )
+        launch = Launch(service=service, config=configs[service.NAME])
+        running = asyncio.create_task(run_service(launch, buses[identity], WallClock()))
+        refused = f"{identity} may not "
+        try:
+            await until(lambda: {service.NAME} <= health.keys() & present, what="its health and presence")
+            await until(lambda: not any(refused in each for each in health[service.NAME].warnings))
+        finally:
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)

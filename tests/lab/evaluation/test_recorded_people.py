@@ -32,8 +32,7 @@ from tests.support.data import data_file
 from tests.unit.localizer.person import START_NS, config, poses, yaw_difference
 from tests.unit.localizer.test_latency import is_outside
 from tests.unit.localizer.test_mounting import TURNS, verdict
-from tests.unit.localizer.test_moving_target import robots
-from tests.unit.localizer.test_target_disambiguation import TRUST
+from tests.unit.localizer.test_moving_target import TRUST, robots
 
 RISE_S = 0.7
 UNLIMITED = SolverSettings().unlimited()

@@ -1,4 +1,4 @@
-"""ROS 2 bags of the ROS toolkit as recordings; the bags are written by rosbags' own writer."""
+"""Import of ROS bags, and frames in them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -300,3 +300,17 @@ def test_a_bag_without_anything_to_record_writes_nothing_and_says_why(tmp_path: 
     assert "nothing in the source can be recorded" in str(result.exception or result.output)
     assert "/chatter: left out, a recording has no place for it" in result.stderr
     assert not (tmp_path / "session.mcap").exists()
+
+
+def test_a_frame_that_cannot_be_read_leaves_the_others_and_is_named(tmp_path: Path) -> None:
+    names = ("anna", "/world"), ("ben", "optitrack"), ("eve", "world"), ("finn", "world")
+    frames = [frame(1.0, f"{user}/human_footprint", parent).transforms[0] for user, parent in names]
+    frames[2].transform.translation.x = 1e9
+    said: list[Said] = [
+        (1.0, "/tf", "tf2_msgs/msg/TFMessage", make("tf2_msgs/msg/TFMessage", transforms=frames))
+    ]
+    source = bag(tmp_path / "bag", said)
+    assert sorted(imported(source)) == ["users/anna/pose", "users/finn/pose"]
+    (tmp_path / "session.mcap").unlink()
+    sentence = "the pose of ben is in the frame 'optitrack': transform it to 'world' first"
+    assert sentence in " ".join(run(source).output.split())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pointit.geometry import vector
 from pointit.geometry.cloud_tree import LEAF_POINTS, CloudMeasure, CloudTree, PointTree
 from pointit.geometry.vector import Vec3
-from tests.support.known import known
+from tests.support import there
 
 Array = NDArray[np.float64]
 MEASURES: list[CloudMeasure] = ["angle", "metres", "samples"]
@@ -40,7 +40,7 @@ def test_no_point_is_overlooked(seed: int, measure: CloudMeasure) -> None:
     for _ in range(5):
         origin, direction = some_ray(rng)
         expected = misses(points, origin, direction, measure)
-        hit = known(tree.cast(origin, direction))
+        hit = there(tree.cast(origin, direction))
         assert expected[hit.target] == pytest.approx(expected.min(), abs=2e-7)
         assert math.dist(hit.point_m, points[hit.target].tolist()) == 0.0
 
@@ -81,14 +81,14 @@ def test_a_hundred_thousand_points_take_more_than_one_level() -> None:
     tree = CloudTree(points)
     for _ in range(10):
         origin, direction = some_ray(rng)
-        hit = known(tree.cast(origin, direction))
+        hit = there(tree.cast(origin, direction))
         assert hit.miss_rad == pytest.approx(misses(points, origin, direction, "angle").min(), abs=2e-7)
 
 
 @pytest.mark.parametrize("measure", MEASURES)
 def test_one_place_many_times_and_eyes_in_it(measure: CloudMeasure) -> None:
     tree = CloudTree([(1.0, 2.0, 3.0)] * 200, measure=measure)
-    hit = known(tree.cast((1.0, 2.0, 3.0), (1.0, 0.0, 0.0)))
+    hit = there(tree.cast((1.0, 2.0, 3.0), (1.0, 0.0, 0.0)))
     assert all(math.isfinite(x) for x in (*hit.point_m, hit.miss_m, hit.miss_rad, hit.range_m))
 
 
@@ -96,7 +96,7 @@ def test_lines_points_and_clouds_of_a_point_tree_are_numbered_in_turn() -> None:
     cloud = np.array([[5.0, 0.0, 0.0], [0.0, 5.0, 0.0]])
     tree = PointTree([], [(0.0, 0.0, 5.0)], [cloud[:1], cloud[1:]])
     for direction, target in (((0.0, 0.0, 1.0), 0), ((1.0, 0.0, 0.0), 1), ((0.0, 1.0, 0.0), 2)):
-        hit = known(tree.cast((0.0, 0.0, 0.0), direction, 0.1))
+        hit = there(tree.cast((0.0, 0.0, 0.0), direction, 0.1))
         assert hit.target == target
 
 

@@ -14,7 +14,7 @@ from pointit.geometry.cloud_tree import PointTree
 from pointit.geometry.polyline import Hit, Measure, Polyline, make_hit, nearest_in_angle, nearest_in_metres
 from pointit.geometry.ray_cast import FEW, RayCaster
 from pointit.geometry.vector import Vec3
-from tests.support.known import known
+from tests.support import there
 
 MEASURES: list[Measure] = ["angle", "metres"]
 seeds = st.integers(0, 2**32 - 1)
@@ -70,7 +70,7 @@ def test_no_segment_is_overlooked(seed: int, measure: Measure) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
-    hit = known(RayCaster(lines, points, measure=measure).cast(o, d))
+    hit = there(RayCaster(lines, points, measure=measure).cast(o, d))
     assert miss(hit, measure) == pytest.approx(least(lines, points, o, d, measure), abs=3e-7)
 
 
@@ -79,7 +79,7 @@ def test_the_hit_is_on_its_target_and_says_its_own_misses(seed: int, measure: Me
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
-    hit = known(RayCaster(lines, points, measure=measure).cast(o, d))
+    hit = there(RayCaster(lines, points, measure=measure).cast(o, d))
     if hit.target < len(lines):
         assert 0.0 <= hit.position_m <= lines[hit.target].length_m + 1e-9
         expected = lines[hit.target].point_at(hit.position_m)
@@ -108,7 +108,7 @@ def test_grazing_along_a_long_strip() -> None:
     # eyes 2 cm above a strip of 10 m, pointing along it and ever so slightly down: it is met at 8 m
     strip = Polyline([(x / 100, 0.0, 0.0) for x in range(1001)])
     caster = RayCaster([strip])
-    hit = known(caster.cast((0.0, 0.0, 0.02), vector.normalized((8.0, 0.0, -0.02)), 0.1))
+    hit = there(caster.cast((0.0, 0.0, 0.02), vector.normalized((8.0, 0.0, -0.02)), 0.1))
     assert hit.position_m == pytest.approx(8.0, abs=1e-3)
     assert hit.miss_rad < 1e-7
 
@@ -117,13 +117,13 @@ def test_eyes_on_a_line_or_lamp_give_finite_hits() -> None:
     line = Polyline([(x / 10, 0.0, 0.0) for x in range(101)])
     lamps: list[Vec3] = [(5.0, 0.0, 0.0)]
     for measure in MEASURES:
-        hit = known(RayCaster([line], lamps, measure=measure).cast((5.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+        hit = there(RayCaster([line], lamps, measure=measure).cast((5.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
         assert all(math.isfinite(x) for x in (*hit.point_m, hit.miss_m, hit.miss_rad, hit.range_m))
 
 
 def test_a_direction_of_nearly_norm_one_is_taken_as_one() -> None:
     caster = RayCaster([Polyline([(2.0, -1.0, 0.0), (2.0, 1.0, 0.0)])])
-    hit = known(caster.cast((0.0, 0.0, 0.0), (1.0009, 0.0, 0.0), 0.1))
+    hit = there(caster.cast((0.0, 0.0, 0.0), (1.0009, 0.0, 0.0), 0.1))
     assert (hit.miss_rad, hit.miss_m, hit.range_m) == (0.0, 0.0, 2.0)
 
 
@@ -135,8 +135,8 @@ def test_the_tree_agrees_with_the_exact_cast_within_its_step(seed: int) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
-    exact = known(RayCaster(lines, points, measure="metres").cast(o, d))
-    found = known(PointTree(lines, points, step_m=0.05, reach_m=20.0).cast(o, d))
+    exact = there(RayCaster(lines, points, measure="metres").cast(o, d))
+    found = there(PointTree(lines, points, step_m=0.05, reach_m=20.0).cast(o, d))
     # half a step along the line and half a step along the ray, at worst
     assert exact.miss_m - 1e-9 <= found.miss_m <= exact.miss_m + 0.05 + 1e-9
 
@@ -168,7 +168,7 @@ def test_both_ends_of_every_line_are_in_the_tree() -> None:
     for target, line in enumerate(lines):
         for position in (0.0, line.length_m):
             x, y, _ = line.point_at(position)
-            hit = known(tree.cast((x, y, 2.0), (0.0, 0.0, -1.0), 0.01))
+            hit = there(tree.cast((x, y, 2.0), (0.0, 0.0, -1.0), 0.01))
             assert hit.target == target
             assert hit.position_m == pytest.approx(position)
 

@@ -25,7 +25,7 @@ from pointit.services.localizer.procedure import Hold
 from pointit.services.localizer.static_targets import StaticTargets
 from pointit.services.localizer.verification import held, outlier_lamps, without_spikes
 from pointit.services.pointing.pointer import ArmRay
-from tests.support.known import known
+from tests.support import there
 from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, solved, told
 from tests.unit.localizer.test_static_targets import TICK_NS
 
@@ -258,7 +258,7 @@ def test_a_calibrated_person_has_a_narrower_prior() -> None:
 
 def test_the_mean_ray_with_its_spread_and_its_time() -> None:
     rays = [ray_at(0.0, -2.0, 0.0), ray_at(1.0, 2.0, 0.0)]
-    middle = known(mean(rays))
+    middle = there(mean(rays))
     assert math.degrees(middle.spread_rad) == pytest.approx(2.0)
     assert middle.stamp_ns == ns(0.5)
     assert middle.direction == pytest.approx((1.0, 0.0, 0.0))

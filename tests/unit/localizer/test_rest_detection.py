@@ -1,4 +1,4 @@
-"""A resting arm measures the drift rate, a moving one does not."""
+"""Poses between localizations, and the drift that resting arms tell."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -10,8 +10,280 @@ from numpy.typing import NDArray
 
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
-from pointit.schemas import NS_PER_S
+from pointit.schemas import NS_PER_S, Lamp, Localization, PointingRay, UserPose
 from pointit.services.localizer.drift.rest_detection import RestDetector, RestYawRate
+from pointit.services.localizer.estimation.estimator import Mean, mean
+from pointit.services.localizer.outputs import Output
+from pointit.services.localizer.procedure_runner import Anchoring
+from pointit.services.localizer.tracking import MEASURED, PoseTracker
+from tests.support import there
+from tests.unit.localizer.person import START_NS, Person, config, yaw_difference
+
+S = NS_PER_S
+LAMP = Lamp(id="led", position_m=(4.0, 1.0, 1.2))
+RATE = math.radians(0.3)
+"""The yaw of {H} drifts by so much in a second."""
+DEGREE = math.radians(1.0)
+
+
+def at(t_s: float) -> int:
+    return START_NS + round(t_s * S)
+
+
+def person(t_s: float, bias_rad: float = 0.0) -> Person:
+    return Person(0.5, -0.5, 0.4 + RATE * t_s, bias_rad)
+
+
+def found(t_s: float = 0.0, bias_rad: float = 0.0) -> UserPose:
+    sigma = (0.1**2, 0.0, 0.0, 0.0, 0.1**2, 0.0, 0.0, 0.0, (1.5 * DEGREE) ** 2)
+    return UserPose(
+        stamp_ns=at(t_s),
+        position_m=(0.5, -0.5, 0.0),
+        yaw_rad=person(t_s).yaw_rad,
+        covariance=sigma,
+        method="static_targets",
+        elevation_bias_rad=bias_rad,
+        samples=200,
+    )
+
+
+def pointing(t_s: float, bias_rad: float = 0.0, off_rad: float = 0.0) -> Mean:
+    now = person(t_s, bias_rad)
+    turned = Person(now.x, now.y, now.yaw_rad - off_rad, now.bias_rad)
+    return there(mean([turned.ray(LAMP.position_m, at(t_s) + tick * S // 50) for tick in range(-25, 26)]))
+
+
+def localized(*, follow: bool | None = None) -> PoseTracker:
+    tracking = PoseTracker(follow=follow)
+    tracking.set_localized(found(), at(-8.0), at(0.0), at(0.0))
+    return tracking
+
+
+def test_the_pose_is_followed_at_a_sensible_pace() -> None:
+    tracking = localized()
+    tracking.anchor(LAMP, pointing(10.0))
+    tracking.anchor(LAMP, pointing(30.0))
+    published: list[UserPose] = []
+    now_ns = at(31.0)
+    while now_ns < at(61.0):
+        pose = tracking.due(now_ns)
+        if pose is not None:
+            published.append(pose)
+        now_ns += round(tracking.wait_s(now_ns) * S)
+    gaps = np.diff([pose.stamp_ns for pose in published]) / S
+    assert gaps.min() >= 0.2
+    assert gaps.max() <= 2.0
+    steps = np.abs(np.diff([pose.yaw_rad for pose in published]))
+    assert steps.max() < 0.4 * DEGREE  # 0.1° and a period
+    sigmas = [pose.covariance[8] for pose in published]
+    assert sigmas == sorted(sigmas)  # it becomes less certain
+    assert {pose.method for pose in published} == {"static_targets"}
+    assert published[-1].anchored_ns == at(30.0)
+    assert published[-1].yaw_rate_radps == pytest.approx(RATE, abs=0.15 * DEGREE)
+    assert published[-1].yaw_rate_sigma_radps is not None
+
+
+def test_an_anchor_says_how_far_the_ray_was_off_in_the_pose_before() -> None:
+    tracking = PoseTracker()
+    tracking.set_localized(found(bias_rad=5.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
+    anchor = tracking.anchor(LAMP, pointing(10.0, bias_rad=5.0 * DEGREE)).anchor
+    # the pose before had not turned by 3° yet: the target is to the left of the ray as it was cast
+    assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
+    assert anchor.elevation_error_rad == pytest.approx(0.0, abs=0.2 * DEGREE)
+    assert anchor.yaw_rad == pytest.approx(person(0.0).yaw_rad)
+    assert (anchor.target_id, anchor.target_m, anchor.samples) == ("led", LAMP.position_m, 51)
+    assert anchor.accepted
+
+
+def test_rejected_anchor_is_measured_and_changes_nothing() -> None:
+    tracking = localized()
+    before = there(tracking.pose(at(10.0)))
+    anchor = tracking.anchor(LAMP, pointing(10.0), "the arm wandered").anchor
+    assert (anchor.accepted, anchor.reason) == (False, "the arm wandered")
+    assert anchor.azimuth_error_rad == pytest.approx(3.0 * DEGREE, abs=0.1 * DEGREE)
+    after = there(tracking.pose(at(10.0)))
+    assert after.yaw_rad == before.yaw_rad
+    assert PoseTracker().anchor(LAMP, pointing(0.0)).anchor.reason.startswith("no pose is known")
+
+
+def test_a_fixed_pose_stays_until_an_anchor_sets_it_right() -> None:
+    tracking = PoseTracker()
+    given = found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9})
+    assert tracking.set_exact(given, at(0.0)) == given
+    assert tracking.due(at(60.0)) is None
+    assert [value for _, value, _ in tracking.figures(at(60.0))] == [None] * 4
+    assert tracking.anchor(LAMP, pointing(20.0)).anchor.accepted  # 6° off
+    pose = there(tracking.pose(at(20.0)))
+    assert abs(yaw_difference(pose.yaw_rad, person(20.0).yaw_rad)) < 0.5 * DEGREE
+    assert math.dist(pose.position_m, given.position_m) < 0.05
+    assert pose.method == "fixed"
+    assert tracking.follows
+    assert tracking.due(at(25.0)) is not None
+
+
+@pytest.mark.parametrize("follow", [True, False])
+def test_following_can_be_asked_for_or_ruled_out(*, follow: bool) -> None:
+    tracking = PoseTracker(follow=follow)
+    given = found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9})
+    tracking.set_exact(given, at(0.0))
+    assert (tracking.due(at(5.0)) is not None) is follow
+    tracking.set_localized(found(6.0), at(0.0), at(3.0), at(6.0))
+    assert (tracking.due(at(10.0)) is not None) is follow
+    assert tracking.anchor(LAMP, pointing(12.0)).anchor.accepted
+    assert (tracking.due(at(20.0)) is not None) is follow
+
+
+def test_a_tracker_has_the_pose_and_anchors_only_measure() -> None:
+    tracking = localized()
+    tracking.set_external(found(10.0).model_copy(update={"method": "external", "yaw_rad": 0.0}))
+    assert tracking.pose(at(10.0)) is None
+    assert tracking.due(at(20.0)) is None
+    anchor = tracking.anchor(LAMP, pointing(10.0)).anchor
+    assert (anchor.accepted, anchor.reason, anchor.yaw_rad) == (False, MEASURED, 0.0)
+    assert anchor.azimuth_error_rad == pytest.approx(person(10.0).yaw_rad, abs=0.01)
+    ours = tracking.set_localized(found(11.0), at(5.0), at(8.0), at(11.0))
+    assert ours.stamp_ns >= at(11.0)
+
+
+def test_the_yaw_of_a_long_localization_is_that_of_its_middle() -> None:
+    tracking = localized()
+    for t_s in (20.0, 40.0, 60.0):
+        tracking.anchor(LAMP, pointing(t_s))  # the drift is known by now
+    mean_yaw = found(66.0).model_copy(update={"stamp_ns": at(70.0)})
+    published = tracking.set_localized(mean_yaw, at(62.0), at(66.0), at(70.0))
+    assert published.stamp_ns == at(70.0)
+    assert abs(yaw_difference(published.yaw_rad, person(70.0).yaw_rad)) < 0.3 * DEGREE
+
+
+def test_every_pose_is_newer_than_the_ones_before() -> None:
+    tracking = localized()
+    later = there(tracking.due(at(5.0)))
+    # a solution of rays that are older than what was published meanwhile
+    again = tracking.set_localized(found(4.5), at(0.0), at(2.0), at(5.0))
+    assert again.stamp_ns > later.stamp_ns
+    tracking.set_external(found(5.8).model_copy(update={"method": "external"}))  # its clock is 0.6 s ahead
+    ours = tracking.set_localized(found(5.2), at(0.0), at(2.0), at(5.2))
+    assert ours.stamp_ns > at(5.8)
+    back = tracking.set_localized(found(-3600.0), at(-3610.0), at(-3605.0), at(-3600.0))
+    assert back.stamp_ns == at(-3600.0)
+
+
+def ray(t_s: float, correction_rad: float = 0.0, sigma_rad: float | None = None) -> PointingRay:
+    return PointingRay(
+        stamp_ns=at(t_s),
+        origin_m=(0.0, 0.0, 1.64),
+        direction=(1.0, 0.0, 0.0),
+        elevation_correction_rad=correction_rad,
+        elevation_sigma_rad=sigma_rad,
+    )
+
+
+def test_a_calibration_takes_the_bias_over_and_gives_it_back() -> None:
+    """Else an offset of -8° and a bias of 8°, which are the same thing, would both be taken out."""
+    tracking = PoseTracker()
+    tracking.on_ray(ray(0.0), at(0.0))
+    tracking.set_localized(found(0.0, 8.0 * DEGREE), at(-8.0), at(0.0), at(0.0))
+    assert tracking.on_ray(ray(1.0), at(1.0)) is None
+    calibrated = there(tracking.on_ray(ray(2.0, -8.0 * DEGREE, DEGREE), at(2.0)))
+    assert calibrated.elevation_bias_rad == 0.0
+    assert tracking.on_ray(ray(3.0, -8.0 * DEGREE, DEGREE), at(3.0)) is None
+    erased = there(tracking.on_ray(ray(4.0), at(4.0)))
+    assert erased.elevation_bias_rad == pytest.approx(8.0 * DEGREE)
+    fixed = PoseTracker()
+    fixed.set_exact(found().model_copy(update={"method": "fixed"}), at(0.0))
+    assert fixed.on_ray(ray(1.0, -8.0 * DEGREE, DEGREE), at(1.0)) is None
+    assert fixed.on_ray(ray(2.0), at(2.0)) is None
+
+
+def anchoring(tracking: PoseTracker, off_deg: float = 0.0, wander_deg: float = 0.0) -> list[Output]:
+    procedure = Anchoring(LAMP, tracking.anchor, config(), occupies=("other",))
+    assert procedure.lamp_ids == ("led", "other")
+    outputs = procedure.start(at(30.0))
+    for tick in range(50 * 12):
+        t_s = 30.0 + tick / 50.0
+        now = person(t_s)
+        wander = math.radians(off_deg + wander_deg * math.sin(t_s * 3.0))
+        procedure.on_ray(Person(now.x, now.y, now.yaw_rad - wander).ray(LAMP.position_m, at(t_s)))
+        outputs += procedure.step(at(t_s))
+    assert not procedure.running
+    return outputs
+
+
+def test_an_anchor_is_asked_for_lit_held_and_told() -> None:
+    outputs = anchoring(localized())
+    news = [output for output in outputs if isinstance(output, Localization)]
+    assert {(each.target_id, each.lamps) for each in news[:-1]} == {("led", ("led", "other"))}
+    assert (news[-1].target_id, news[-1].lamps) == ("", ())
+    kinds = [type(output).__name__ for output in outputs]
+    assert kinds[-2:] == ["Anchor", "Localization"]
+    last = outputs[-1]
+    assert last.phase == "solved"  # pyrefly: ignore[missing-attribute]  # checked above
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "wander_deg", "reason"),
+    [(80.0, 0.0, "point at that target again"), (0.0, 12.0, "the arm wandered by")],
+)
+def test_a_bad_anchor_is_told_too_and_refused(off_deg: float, wander_deg: float, reason: str) -> None:
+    outputs = anchoring(localized(), off_deg, wander_deg)
+    anchor, progress = outputs[-2:]
+    assert type(anchor).__name__ == "Anchor"
+    assert reason in anchor.reason  # pyrefly: ignore[missing-attribute]  # checked above
+    assert not anchor.accepted  # pyrefly: ignore[missing-attribute]  # checked above
+    assert progress.phase == "refused"  # pyrefly: ignore[missing-attribute]  # the last is always progress
+    assert progress.reason == anchor.reason  # pyrefly: ignore[missing-attribute]  # as above
+
+
+def test_a_rest_counts_until_a_cursor_appears() -> None:
+    tracking = localized()
+    for tick in range(25 * 9):  # shorter than what is measured by itself
+        tracking.on_orientation(
+            rotation.from_azimuth_elevation(1.0 - RATE * tick / 25.0, -1.2), at(tick / 25.0)
+        )
+    tracking.end_rest()
+    pose = there(tracking.pose(at(9.0)))
+    assert pose.yaw_rate_radps == pytest.approx(RATE, rel=0.2)
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+@pytest.mark.parametrize("follow", [None, False])
+def test_of_another_yaw_origin_the_yaw_is_lost_until_something_tells_it(
+    *, restarted: bool, follow: bool | None
+) -> None:
+    tracking = localized(follow=follow)
+    before = there(tracking.pose(at(5.0)))
+    lost = there(tracking.on_yaw_origin_changed(at(5.0), is_restarted=restarted))
+    assert math.sqrt(lost.covariance[8]) >= math.pi / 2
+    assert lost.position_m == before.position_m
+    assert lost.covariance[0] == pytest.approx(before.covariance[0], rel=0.1)
+    assert tracking.has_lost_yaw
+    refused = tracking.anchor(LAMP, pointing(6.0), "the arm wandered").anchor
+    assert not refused.accepted
+    assert tracking.has_lost_yaw
+    # 2.5 rad from what it was
+    assert tracking.anchor(LAMP, pointing(7.0, off_rad=-2.5)).anchor.accepted
+    assert not tracking.has_lost_yaw
+    told = there(tracking.pose(at(7.0)))
+    assert abs(yaw_difference(told.yaw_rad, person(7.0).yaw_rad + 2.5)) < 2.0 * DEGREE
+    tracking.on_yaw_origin_changed(at(8.0), is_restarted=restarted)
+    tracking.set_localized(found(20.0), at(12.0), at(16.0), at(20.0))
+    assert not tracking.has_lost_yaw
+    assert tracking.yaw_sigma_rad(at(20.0)) < 3.0 * DEGREE
+
+
+def test_a_pose_that_is_exact_by_word_or_a_trackers_is_not_doubted() -> None:
+    tracking = PoseTracker()
+    assert tracking.on_yaw_origin_changed(at(0.0), is_restarted=True) is None
+    tracking.set_exact(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))
+    assert tracking.on_yaw_origin_changed(at(1.0), is_restarted=True) is None
+    tracking.set_external(found(2.0).model_copy(update={"method": "external"}))
+    assert tracking.on_yaw_origin_changed(at(3.0), is_restarted=False) is None
+    assert not tracking.has_lost_yaw
+    set_right = PoseTracker()
+    set_right.set_exact(found().model_copy(update={"method": "fixed", "covariance": (0.0,) * 9}), at(0.0))
+    assert set_right.anchor(LAMP, pointing(5.0)).anchor.accepted
+    assert set_right.on_yaw_origin_changed(at(6.0), is_restarted=False) is not None
+
 
 HANGING, LEVEL = -1.45, -0.3
 DRIFT_RADPS = math.radians(0.4)

@@ -25,8 +25,8 @@ from pointit.schemas import (
 from pointit.schemas.topics import HEALTH, MAP, OBJECTS, SET_TOLERANCE, SET_WORKSPACE, USE_MAP, USER_ALIVE
 from pointit.services.pui.config import PuiConfig
 from pointit.services.pui.service import Pui
+from tests.support import there
 from tests.support.bench import in_virtual_time, memory_bench, until
-from tests.support.known import known
 from tests.unit.pui.room import EYES, LAB, Room, S, pose_at, ray_to, room
 from tests.unit.pui.test_cursor import on_strip
 
@@ -186,7 +186,7 @@ async def test_the_service_takes_the_bias_out_and_the_newer_pose() -> None:
         await here.pose("anna", pose)
         await here.pose("anna", pose_at((9.0, 0.5, 0.0), stamp_ns=now_ns - S))
         cursor = await here.send(ray_to(on_strip(1, 2.5), pose, now_ns, bias_rad))
-        assert known(cursor).miss_rad < 1e-6
+        assert there(cursor).miss_rad < 1e-6
 
 
 @pytest.mark.parametrize("method", ["exact", "kd_tree"])
@@ -274,7 +274,7 @@ async def test_a_workspace_is_laid_through_a_robot_and_left_again() -> None:
         assert said == "anna's cursor moves on a horizontal workspace"
         cursor = await here.point_at((3.0, -1.0, 0.5))
         assert (cursor.surface, cursor.solid, cursor.surface_id) == ("none", "plane", "workspace/horizontal")
-        assert known(cursor.point_m)[2] == pytest.approx(1.0, abs=0.01)
+        assert there(cursor.point_m)[2] == pytest.approx(1.0, abs=0.01)
         with pytest.raises(RefusedError, match="anna: no object 'rover' is known"):
             await ask(here, kind="sphere", anchor="object", object_id="rover")
         assert await ask(here, kind="none") == "anna points at the things of the map"

@@ -26,7 +26,7 @@ from pointit.schemas import (
 )
 from pointit.services.pui.cursor import NearbyLamps, PersonCursor
 from pointit.services.pui.surfaces import ALL_KINDS, OPAQUE, Surfaces
-from tests.support.known import known
+from tests.support import there
 from tests.unit.pui.room import EYES
 
 FAR_WALL_M = 8.0
@@ -175,9 +175,9 @@ def test_instead_of_something_hidden_the_next_in_front_counts() -> None:
 def test_a_strip_behind_a_crate_gives_way_to_its_part_in_front() -> None:
     line = ((1.5, 0.3, 0.9), (4.5, 0.0, 0.3))
     room = Environment(stamp_ns=0, name="r", strips=(Strip(id="s", line_m=line, pixels=9),), boxes=ROOM.boxes)
-    found = known(surfaces("strip", room=room).hit_test(EYES, towards((4.5, 0.0, 0.3))))
+    found = there(surfaces("strip", room=room).hit_test(EYES, towards((4.5, 0.0, 0.3))))
     assert 1.5 <= found[1].point_m[0] < 2.9
-    free = known(surfaces("strip", room=room, opaque=()).hit_test(EYES, towards((4.5, 0.0, 0.3))))
+    free = there(surfaces("strip", room=room, opaque=()).hit_test(EYES, towards((4.5, 0.0, 0.3))))
     assert free[1].point_m[0] == pytest.approx(4.5, abs=1e-4)
 
 
@@ -295,5 +295,5 @@ def test_a_pose_at_the_end_of_the_world_makes_no_impossible_cursor(x_m: float) -
     for azimuth in (0.0, math.pi):
         direction = vector.direction(azimuth, -math.radians(6))
         ray = PointingRay(stamp_ns=0, origin_m=(x_m / 1e5, 0.0, 1.6), direction=direction)
-        cursor = known(person.cursor(ray))
+        cursor = there(person.cursor(ray))
         assert cursor.point_m is None or abs(cursor.point_m[0]) <= 1e6

@@ -21,7 +21,7 @@ from pointit.services.pui.cursor import PersonCursor
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked_objects import Tracked
 from pointit.services.pui.workspace import Workspace, WorkspaceError, WorkspaceKind, WorkspaceStart
-from tests.support.known import known
+from tests.support import there
 from tests.unit.pui.room import EYES, LAB, S
 
 SURFACES = Surfaces(LAB)
@@ -52,7 +52,7 @@ class Person:
 
     def point(self, direction: Vec3, stamp_ns: int = 0) -> Cursor:
         turned = vector.rotate_z(direction, -self.yaw_rad)
-        return known(self.core.cursor(PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=turned)))
+        return there(self.core.cursor(PointingRay(stamp_ns=stamp_ns, origin_m=EYES, direction=turned)))
 
     def point_at(self, place: Vec3, stamp_ns: int = 0) -> Cursor:
         return self.point(vector.normalized(vector.subtract(place, self.eyes_m)), stamp_ns)
@@ -104,11 +104,11 @@ def test_uv_of_hits_on_each_kind_of_workspace() -> None:
     eyes = vector.add(feet, EYES)
     ahead = {kind: laid(kind, (3.0, 0.0, 0.5), feet).intersect(eyes, (1.0, 0.0, 0.0), feet) for kind in KINDS}
     assert ahead["horizontal"] is None  # level: never met
-    facing, cylinder, sphere = (known(ahead[kind]) for kind in ("facing", "cylinder", "sphere"))
+    facing, cylinder, sphere = (there(ahead[kind]) for kind in ("facing", "cylinder", "sphere"))
     assert facing.uv_m == pytest.approx((0.0, 1.34))
     assert cylinder.uv_m == pytest.approx((0.0, 1.64))
     assert sphere.uv_m == pytest.approx((0.0, 0.0))
-    left = known(laid("facing", (3.0, 0.0, 0.5), feet).intersect(eyes, vector.direction(0.1, 0.0), feet))
+    left = there(laid("facing", (3.0, 0.0, 0.5), feet).intersect(eyes, vector.direction(0.1, 0.0), feet))
     assert left.uv_m is not None
     assert left.uv_m[0] == pytest.approx(-2.0 * math.tan(0.1))  # u is to the right of a viewer
 
@@ -127,9 +127,9 @@ def test_what_goes_with_the_person_and_what_stays() -> None:
         person = Person()
         person.point_at((2.0, 0.0, 0.5))
         person.ask(kind, anchor="point", point_m=(2.0, 0.0, 0.5))
-        known(person.point_at((2.0, 0.0, 0.5)).point_m)
+        there(person.point_at((2.0, 0.0, 0.5)).point_m)
         person.stand((1.0, 0.0, 0.0))
-        now = known(person.point(vector.normalized(vector.subtract((2.0, 0.0, 0.5), EYES))).point_m)
+        now = there(person.point(vector.normalized(vector.subtract((2.0, 0.0, 0.5), EYES))).point_m)
         # a metre on, but for the upright plane, which the same ray now meets higher
         expected = (2.0, 0.0, 1.64 - 0.57) if kind == "facing" else (3.0, 0.0, 0.5)
         assert now == pytest.approx(expected)
@@ -208,7 +208,7 @@ def test_a_robot_is_where_it_was_moved_on_to_the_ray() -> None:
     person.tracked.on_objects("sim", robot(10 * S, velocity_mps=(0.0, 0.0, 0.5)))
     person.point_at((2.0, 1.0, 1.0), stamp_ns=10 * S + S // 2)
     person.ask("horizontal", anchor="object", object_id="drone")
-    point = known(person.point_at((2.0, 1.0, 1.0)).point_m)
+    point = there(person.point_at((2.0, 1.0, 1.0)).point_m)
     assert point[2] == pytest.approx(0.8 + 0.25)
 
 
@@ -336,6 +336,6 @@ def test_a_horizontal_plane_at_eye_height_to_begin_with_is_none() -> None:
 def test_workspace_is_not_met_more_than_200_m_away() -> None:
     feet, eyes = (0.0, 0.0, 18.36), (0.0, 0.0, 20.0)
     workspace = Workspace("horizontal", (10.0, 0.0, 0.0), feet_m=feet, eyes_m=eyes)
-    hit = known(workspace.intersect(eyes, vector.direction(0.0, math.radians(-6.0)), feet))
+    hit = there(workspace.intersect(eyes, vector.direction(0.0, math.radians(-6.0)), feet))
     assert hit.range_m == pytest.approx(20.0 / math.sin(math.radians(6.0)))
     assert workspace.intersect(eyes, vector.direction(0.0, math.radians(-5.5)), feet) is None

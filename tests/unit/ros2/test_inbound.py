@@ -6,14 +6,29 @@ from typing import Any
 import pytest
 
 from pointit.bridges.ros2.inbound.checks import LATE_NS
+from pointit.bridges.ros2.inbound.person import MAX_TF_AGE_NS, MAX_TRANSFORMS, SOONEST_NS, Poses
 from pointit.bridges.ros2.routing.conversion_state import ConversionState
-from pointit.bridges.ros2.routing.route_types import BusOutput, ConversionWarning, InboundRoute
+from pointit.bridges.ros2.routing.route_types import (
+    BusOutput,
+    ConversionContext,
+    ConversionWarning,
+    InboundRoute,
+)
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.schemas import NS_PER_S, AddPackage, ButtonEvent, ClockTick, SetFeeding, SetSpeed, UserPose
-from pointit.schemas.topics import ADD_PACKAGE, BUTTON, CLOCK, SET_FEEDING, SET_SPEED, WRIST
+from pointit.schemas import (
+    NS_PER_S,
+    AddPackage,
+    ButtonEvent,
+    ClockTick,
+    ImuSample,
+    SetFeeding,
+    SetSpeed,
+    UserPose,
+)
+from pointit.schemas.topics import ADD_PACKAGE, BUTTON, CLOCK, POSE, SET_FEEDING, SET_POSE, SET_SPEED, WRIST
 from tests.unit.ros2.scenes import (
     NOW_NS,
     ROOM,
@@ -254,3 +269,139 @@ def test_a_wall_clock_that_was_set_back_is_told_at_once_and_one_that_stands_stil
     found = ticks(into("clock_in"), [(0.5 * n, 100.0) for n in range(8)])
     assert found[-1].speed == pytest.approx(0.01)
     assert "before 0" in warned(taken(into("clock_in"), clock(-1.0)))
+
+
+YAW_RAD = 0.7
+MOUNT = rotation.from_axis_angle((0.6, 0.0, 0.8), 1.1)
+NONE = (0.0, 0.0, 0.0, 0.0)
+"""Orientation of a message that states none."""
+
+
+def posed(q: Quaternion, *, stamp_ns: int = NOW_NS, frame: str = "world") -> Any:
+    value = jazzy().make(
+        "geometry_msgs/msg/PoseStamped", header=stamped(stamp_ns, frame), pose=pose_at((1.0, 2.0, 0.0))
+    )
+    value.pose.orientation = quaternion(q)
+    return value
+
+
+def converted(name: str, value: Any, scene: ConversionState, now_ns: int = NOW_NS) -> Any:
+    found = into(name).convert(value, "user1", scene, now_ns=now_ns, wall_ns=now_ns)
+    return found[0] if found else None
+
+
+def wave(scene: ConversionState, begin_ns: int, duration_s: float, *, epoch: int = 0) -> int:
+    """Move the arm with wrist and body; return the time of the end."""
+    now_ns = begin_ns
+    for tick in range(round(50 * duration_s)):
+        now_ns, time_s = begin_ns + tick * NS_PER_S // 50, tick / 50
+        arm = rotation.from_azimuth_elevation(
+            0.3 * math.sin(7.0 * time_s), 0.3 * math.sin(5.0 * time_s + 1.0), 0.3 * math.sin(9.0 * time_s)
+        )
+        body = rotation.multiply(rotation.multiply(rotation.from_yaw(YAW_RAD), arm), MOUNT)
+        assert converted("mocap_forearm", posed(body, stamp_ns=now_ns), scene, now_ns) is None
+        scene.take("user1", ImuSample(stamp_ns=now_ns, orientation_xyzw=arm, yaw_epoch=epoch), now_ns)
+    return now_ns
+
+
+def test_the_yaw_of_a_pose_is_that_of_the_forearm_and_its_own_orientation_does_not_count() -> None:
+    scene = furnished()
+    now_ns = wave(scene, NOW_NS, 3.0)
+    for q in (NONE, rotation.from_yaw(-2.0)):
+        output = converted("mocap_pose", posed(q, stamp_ns=now_ns), scene, now_ns)
+        assert isinstance(output, BusOutput), output
+        pose: Any = output.what
+        assert (pose.method, pose.position_m) == ("external", (1.0, 2.0, 0.0))
+        assert pose.yaw_rad == pytest.approx(YAW_RAD, abs=math.radians(0.3))
+        assert 0.0 < math.sqrt(pose.covariance[8]) < math.radians(1.0)
+
+
+def test_a_pose_is_refused_with_the_remedy_until_the_forearm_has_moved() -> None:
+    scene = furnished()
+    assert converted("mocap_forearm", posed(MOUNT), scene) is None
+    warning = converted("mocap_pose", posed(rotation.IDENTITY), scene)
+    assert isinstance(warning, ConversionWarning)
+    assert warning.sentence.startswith("the yaw of user1 is not known: move the arm")
+
+
+def test_another_yaw_origin_of_the_wrist_makes_the_yaw_unknown_again() -> None:
+    scene = furnished()
+    now_ns = wave(scene, NOW_NS, 3.0)
+    assert isinstance(converted("mocap_pose", posed(NONE, stamp_ns=now_ns), scene, now_ns), BusOutput)
+    now_ns = wave(scene, now_ns + NS_PER_S // 50, 0.1, epoch=1)
+    last = converted("mocap_pose", posed(NONE, stamp_ns=now_ns), scene, now_ns)
+    assert isinstance(last, BusOutput)
+    pose: Any = last.what
+    assert math.sqrt(pose.covariance[8]) > math.radians(90.0), "the pose that stays says that it is unknown"
+    assert isinstance(converted("mocap_pose", posed(NONE), scene, now_ns), ConversionWarning)
+
+
+def test_transforms_of_a_person_have_the_yaw_of_the_forearm_too() -> None:
+    scene = furnished()
+    scene.person("user1").is_here = True
+    now_ns = wave(scene, NOW_NS, 3.0)
+    frames = [transform("world", "user1/human_footprint", (1.0, 2.0, 0.0), rotation.from_yaw(2.0), now_ns)]
+    value = jazzy().make("tf2_msgs/msg/TFMessage", transforms=frames)
+    (output,) = Poses().tf(value, ConversionContext(scene, "", now_ns, "world", now_ns))
+    assert isinstance(output, BusOutput)
+    pose: Any = output.what
+    assert pose.yaw_rad == pytest.approx(YAW_RAD, abs=math.radians(0.3))
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [
+        (posed(NONE), "the forearm's body of user1 is not a rotation"),
+        (posed(MOUNT, frame="odom"), "in the frame 'odom': send it in 'world'"),
+        (posed(MOUNT, stamp_ns=NOW_NS - 60 * NS_PER_S), "behind the site's clock"),
+    ],
+)
+def test_a_forearm_that_cannot_be_one_is_reported(value: Any, reason: str) -> None:
+    warning = converted("mocap_forearm", value, furnished())
+    assert isinstance(warning, ConversionWarning)
+    assert reason in warning.sentence
+
+
+def test_tf_gives_the_poses_of_the_people_who_are_known() -> None:
+    row, scene = into("tf_in"), furnished()
+    scene.person("user1")
+    scene.person("user2")
+    frames = [("base_link", "odom"), ("user1/human_footprint",), ("user3/human_footprint",)]
+    found = taken(row, tf(*(frame_of(*each) for each in [*frames, ("user2/human_footprint", "odom")])), scene)
+    assert [(each.at, each.name) for each in found[:-1] if isinstance(each, BusOutput)] == [(POSE, "user1")]
+    assert warned(found[-1:]) == "the pose of user2 is in the frame 'odom': send it in 'world'"
+    assert scene.person("user1").tf_until_ns == NOW_NS + MAX_TF_AGE_NS
+    assert scene.person("user2").tf_until_ns == 0
+
+
+def test_tf_is_taken_no_more_often_than_is_of_use() -> None:
+    row, scene = into("tf_in"), furnished()
+    scene.person("user1")
+    times = [0, 1, SOONEST_NS - 1, SOONEST_NS, SOONEST_NS + 5, -NS_PER_S]  # at last the clock is set back
+    value = tf(frame_of("user1/human_footprint"))
+    assert [len(taken(row, value, scene, now_ns=NOW_NS + each)) for each in times] == [1, 0, 0, 1, 0, 1]
+
+
+def test_a_static_frame_tells_the_pose_once() -> None:
+    row, scene = into("tf_static_in"), furnished()
+    scene.person("user1")
+    one = output(taken(row, tf(frame_of("user1/human_footprint")), scene))
+    assert (one.at, one.name, one.what.position_m) == (SET_POSE, "user1", (1.0, 2.0, 0.0))
+    assert one.what.yaw_rad == pytest.approx(1.0)
+    assert scene.person("user1").tf_until_ns > NOW_NS + 3600 * NS_PER_S
+    assert "not a position" in warned(taken(row, tf(frame_of("user1/human_footprint", x=1e9)), scene))
+    assert "in the frame 'map'" in warned(taken(row, tf(frame_of("user1/human_footprint", "map")), scene))
+
+
+def test_a_static_frame_that_was_told_before_its_person_came_is_theirs_when_they_come() -> None:
+    row, scene = into("tf_static_in"), furnished()
+    frames = tf(frame_of("anna/human_footprint"), frame_of("ben/human_footprint", "map"))
+    assert taken(row, frames, scene) == []
+    assert row.on_presence is not None
+    one = output([*row.on_presence(ConversionContext(scene, "anna", NOW_NS))])
+    assert (one.at, one.name, one.what.position_m) == (SET_POSE, "anna", (1.0, 2.0, 0.0))
+    assert row.on_presence(ConversionContext(scene, "ben", NOW_NS)) == (), "in another frame"
+    for count in range(MAX_TRANSFORMS):
+        taken(row, tf(frame_of(f"box_{count}")), scene)
+    kept = row.on_presence(ConversionContext(scene, "anna", NOW_NS))
+    assert kept == (), "as many are kept as one message may have"

@@ -1,4 +1,4 @@
-"""Rooms from photographs: positions, what is stated of them, and what is refused."""
+"""Views, the solver of a scan, and the map of its solution."""
 
 import math
 from dataclasses import replace
@@ -6,13 +6,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pointit.bridges.web.scan.session import marked_pixels
-from pointit.maps.file import parse_map_file
+from pointit.cli.maps.exchange import export, import_
+from pointit.cli.maps.scan import command
+from pointit.maps.file import load_map, parse_map_file
 from pointit.runtime.errors import ConfigError
 from pointit.scan.result import Scan, ScanError, map_text
 from pointit.scan.solver import next_view, solve
-from pointit.scan.views import CameraView, KnownLength, Mark, StripSighting, StripSpec
+from pointit.scan.views import (
+    CameraView,
+    KnownLength,
+    Mark,
+    StripSighting,
+    StripSpec,
+    Survey,
+    parse_survey,
+    read_survey,
+    to_json,
+)
 from tests.unit.scan.photographs import LAMP, LAMPS, LINES, PITCH_M, PLACES, photograph, photographs, specs
 
 
@@ -250,3 +265,125 @@ def test_strips_without_any_pitch_are_refused() -> None:
 def test_a_pixel_beyond_the_strips_count_is_an_error_that_names_it() -> None:
     with pytest.raises(ConfigError, match=r"has no pixel .*; its pixels are 0 to "):
         solve([StripSpec(s.name, 20, s.pitch_m) for s in specs()], LAMPS, photographs(2))
+
+
+def test_a_survey_is_the_same_after_json() -> None:
+    survey = Survey(tuple(specs()), tuple(LAMPS), tuple(photographs(2)))
+    assert parse_survey(to_json(survey)) == survey
+
+
+def test_a_survey_that_an_editor_gave_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+    survey = Survey(tuple(specs()), tuple(LAMPS), tuple(photographs(2)))
+    path = tmp_path / "views.json"
+    path.write_bytes(b"\xef\xbb\xbf" + to_json(survey))
+    assert read_survey(path) == survey
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        ("x", "JSON"),
+        ('{"views": [{"width": 1280}]}', "height"),
+        ('{"strips": [{"name": "a", "count": 1}]}', "1 pixels"),
+        ('{"strips": [{"name": "a", "count": 9}, {"name": "a", "count": 9}]}', "same name"),
+        ('{"strips": [{"name": "a", "count": 9, "pitch_m": 60}]}', "pitch"),
+        ('{"strips": [{"name": "../a", "count": 9}]}', "use 1 to 64 letters"),
+        ('{"lamps": [{"name": "a\\nb"}]}', "use 1 to 64 letters"),
+        ('{"views": [{"width": 0, "height": 0, "sightings": []}]}', "image"),
+        ('{"known_lenght": {}}', "known_lenght"),
+        ('{"strips": [{"name": "a", "count": 9, "pitch": 0.01}]}', "pitch"),
+        ('{"lamps": [{"name": "a", "colour": 1}]}', "colour"),
+        ('{"views":[{"width":9,"height":9,"sightings":[{"name":"b","pixel":0,"u":1,"v":1,"w":1}]}]}', "w: "),
+        ('{"views": [{"width": 64, "height": 64, "sightings": [], "gravity": [0, 9.8, 0]}]}', "gravity"),
+        ('{"views":[{"width":99,"height":99,"sightings":[{"name":"b","pixel":0,"u":1,"v":1}]}]}', "'b'"),
+    ],
+)
+def test_a_wrong_survey_is_an_error_that_names_it(data: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        parse_survey(data)
+
+
+@given(st.binary(max_size=80))
+def test_any_bytes_are_a_survey_or_an_error_of_one_sentence(data: bytes) -> None:
+    try:
+        survey = parse_survey(data)
+    except ConfigError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - both outcomes are right
+    else:
+        assert isinstance(survey, Survey)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"none\.json"):
+        read_survey(tmp_path / "none.json")
+
+
+@pytest.fixture
+def views(tmp_path: Path) -> Path:
+    """Return a file of views."""
+    path = tmp_path / "views.json"
+    path.write_bytes(to_json(Survey(tuple(specs()), tuple(LAMPS), tuple(photographs(4)))))
+    return path
+
+
+def test_it_writes_a_map_that_can_be_read_and_never_overwrites_one(views: Path) -> None:
+    room = views.with_name("room.yaml")
+    arguments = ["--from", str(views), "-o", str(room), "--known", "post:0,post:59,0.98"]
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    assert {strip.id for strip in load_map(str(room), 0).strips} == {spec.name for spec in specs()}
+    before = room.read_bytes()
+    with pytest.raises(ConfigError, match="exists already"):
+        CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert room.read_bytes() == before
+
+
+def test_what_is_left_out_of_the_map_is_told_by_the_exit_code(views: Path) -> None:
+    survey = read_survey(views)
+    hidden = [
+        replace(
+            view, sightings=tuple(each for each in view.sightings if each.name != "post" or each.pixel < 40)
+        )
+        for view in survey.views
+    ]
+    views.write_bytes(to_json(replace(survey, views=tuple(hidden))))
+    for option, code, count in ((["--all"], 0, 1), ([], 1, 0)):
+        room = views.with_name(f"room{code}.yaml")
+        arguments = ["--from", str(views), "-o", str(room), *option]
+        result = CliRunner().invoke(command, arguments, catch_exceptions=False, standalone_mode=False)
+        assert result.return_value == code
+        assert "no two views show pixels" in result.stderr
+        assert sum(strip.id == "post" for strip in load_map(str(room), 0).strips) == count
+
+
+@pytest.mark.parametrize("option", [("--known", "a,b"), ("--known", "a:x,b:1,2")])
+def test_wrong_options_are_named(views: Path, option: tuple[str, str]) -> None:
+    result = CliRunner().invoke(command, ["--from", str(views), *option])
+    assert result.exit_code == 2
+    assert option[1] in result.output
+
+
+def test_pixels_go_out_and_come_back(views: Path) -> None:
+    room, csv, back = (views.with_name(name) for name in ("room.yaml", "room.csv", "back.yaml"))
+    run = CliRunner()
+    run.invoke(command, ["--from", str(views), "-o", str(room)], catch_exceptions=False)
+    run.invoke(export, [str(room), "--as", "csv", "-o", str(csv)], catch_exceptions=False)
+    run.invoke(import_, [str(csv), "--as", "csv", "-o", str(back)], catch_exceptions=False)
+    there, here = ({s.id: s.pixels for s in load_map(str(path), 0).strips} for path in (room, back))
+    assert there == here
+
+
+def test_pixels_that_make_no_map_are_not_written(tmp_path: Path) -> None:
+    pixels, room = tmp_path / "pixels.csv", tmp_path / "room.yaml"
+    pixels.write_text("x,y,z,strip\n0,0,0,a\nnan,0,0,a\n")
+    with pytest.raises(ConfigError, match=r"pixels\.csv: line 3: .nan,0,0,a. is no pixel; write numbers"):
+        CliRunner().invoke(import_, [str(pixels), "--as", "csv", "-o", str(room)], catch_exceptions=False)
+    assert not room.exists()
+
+
+@pytest.mark.parametrize("kind", ["csv", "segments", "ledmap"])
+def test_a_file_of_something_else_is_named(tmp_path: Path, kind: str) -> None:
+    other = tmp_path / "other.bin"
+    other.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"other\.bin"):
+        CliRunner().invoke(import_, [str(other), "--as", kind], catch_exceptions=False)

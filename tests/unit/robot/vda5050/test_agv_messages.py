@@ -1,13 +1,14 @@
-"""Messages of VDA 5050: those of the specification, and whatever a broker may deliver."""
+"""Messages of AGVs: as specified, tolerated, late."""
 
 import json
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.services.robot.drivers.agv_orders import InstantAction, MessageEncoder, Order, OrderNode, Version
-from pointit.vda5050 import AgvConnection, AgvState, Visualization, blocked_by, parse
+from pointit.vda5050 import AgvConnection, AgvState, TimestampCheck, Visualization, blocked_by, parse
 
 HEADER = """"headerId": 15, "timestamp": "2017-04-15T11:40:03.12Z", "version": "2.0.0",
   "manufacturer": "KIT", "serialNumber": "0001" """
@@ -128,3 +129,309 @@ def test_orders_and_actions_are_written_as_the_specification_wants(version: Vers
     assert json.loads(payload) == {**header, **{key: [action] for key in names}}
     _, second = letterhead.actions([InstantAction("cancelOrder", "d")])
     assert json.loads(second)["headerId"] == 1, "counted by topic"
+
+
+PLACE: dict[str, Any] = {"x": 4.0, "y": -2.0, "theta": 1.2, "mapId": "f2", "positionInitialized": True}
+IDLE: dict[str, Any] = {
+    "headerId": 41,
+    "timestamp": "2026-03-02T08:15:00.250Z",
+    "version": "2.1.0",
+    "manufacturer": "Nordlicht",
+    "serialNumber": "T-12",
+    "orderId": "",
+    "orderUpdateId": 0,
+    "lastNodeId": "",
+    "lastNodeSequenceId": 0,
+    "nodeStates": [],
+    "edgeStates": [],
+    "actionStates": [],
+    "driving": False,
+    "agvPosition": PLACE,
+    "batteryState": {"batteryCharge": 63.5, "charging": False},
+    "operatingMode": "AUTOMATIC",
+    "errors": [],
+    "safetyState": {"eStop": "NONE", "fieldViolation": False},
+}
+NONE: set[str] = set()
+
+
+def state(*missing: str, **change: object) -> AgvState:
+    """Return the message with fields changed or missing; it must be understood."""
+    fields = {name: value for name, value in {**IDLE, **change}.items() if name not in missing}
+    parsed = parse(AgvState, json.dumps(fields).encode())
+    assert parsed is not None
+    return parsed
+
+
+def place(**change: object) -> dict[str, object]:
+    return {"agvPosition": {**PLACE, **change}}
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        ({"errors": None, "actionStates": None, "nodeStates": None}, NONE),  # empty slices of Go
+        ({"orderId": None, "lastNodeId": None, "velocity": None, "paused": None}, NONE),
+        ({"velocity": {"vx": None, "vy": None, "omega": None}}, NONE),
+        ({"errors": [{"errorType": "wear", "errorLevel": "WARNING", "errorReferences": None}]}, NONE),
+        ({"batteryState": {"batteryCharge": None}}, NONE),
+        (place(mapId=None, deviationRange=None), NONE),
+        ({"headerId": "41", "lastNodeSequenceId": 0.0}, NONE),
+        ({"orderUpdateId": "0", "velocity": {"vx": "0"}}, {"orderUpdateId", "vx"}),
+        ({"serialNumber": 12, "orderId": 77}, {"serialNumber", "orderId"}),
+        (place(mapId=3), {"mapId"}),
+        ({"headerId": 1_767_000_000_000}, NONE),  # a time in ms
+        ({"timestamp": "2026-03-02T08:15:00.250"}, NONE),
+        ({"timestamp": "2026-03-02 09:15:00,25+01:00"}, NONE),
+        ({"timestamp": 1_772_439_300_250}, {"timestamp"}),
+        ({"timestamp": ""}, {"timestamp"}),
+        ({"errors": {}, "actionStates": {}}, {"errors", "actionStates"}),  # empty tables of Lua
+        (place(positionInitialized=False, x=4.0, y=-2.0, theta=None), NONE),
+        ({"zoneSets": [], "instantActionStates": [], "plannedPath": {"trajectory": {}}}, NONE),
+        ({"batteryState": {"batteryCharge": -1}}, {"batteryCharge"}),
+        ({"batteryState": {"batteryCharge": 255}}, {"batteryCharge"}),
+        ({"batteryState": "full"}, {"batteryState"}),
+        (place(deviationRange=-1), {"deviationRange"}),
+        (place(theta=93.0), {"theta"}),  # degrees
+        ({"timestamp": "yesterday"}, {"timestamp"}),
+        ({"timestamp": 10**400}, {"timestamp"}),
+        ({"lastNodeSequenceId": -1}, {"lastNodeSequenceId"}),
+        ({"velocity": {"vx": "fast", "vy": 0}}, {"vx"}),
+        ({"driving": "perhaps"}, {"driving"}),
+        (
+            {"actionStates": [{"actionId": "a"}, {"actionId": "b", "actionStatus": "FINISHED"}]},
+            {"actionStatus"},
+        ),
+        ({"errors": ["E 17"]}, {"errors"}),
+        ({"errors": [{"errorType": "x", "errorLevel": "SEVERE"}]}, {"errorLevel"}),
+        ({"errors": [{"errorType": "x", "errorDescription": "no level"}]}, {"errorLevel"}),
+        ({"operatingMode": "ECO"}, {"operatingMode"}),
+        ({"safetyState": None}, {"safetyState"}),
+        ({"safetyState": {"eStop": None}}, {"eStop"}),
+    ],
+)
+def test_a_field_that_cannot_be_read_is_left_out_by_name_and_all_others_are_used(
+    change: dict[str, object], names: set[str]
+) -> None:
+    parsed = state(**change)
+    assert set(parsed.unreadable) == names
+    assert parsed.agv_position is not None
+    assert (parsed.agv_position.x, parsed.agv_position.y) == (4.0, -2.0)
+    assert not parsed.is_executing
+
+
+def test_a_long_value_is_shortened_visibly() -> None:
+    assert state(timestamp="x" * 99).unreadable["timestamp"] == f"is '{'x' * 36}..."
+
+
+def test_an_unreadable_item_of_a_list_leaves_the_others() -> None:
+    parsed = state(actionStates=[7, {"actionId": "b", "actionStatus": "FINISHED"}, {}])
+    assert [(each.action_id, each.action_status) for each in parsed.action_states] == [("b", "FINISHED")]
+    parsed = state(errors=[None, {"errorType": "wheel", "errorLevel": "fatal"}])
+    assert [each.error_type for each in parsed.errors] == ["wheel"]
+
+
+@pytest.mark.parametrize(
+    ("written", "charge"), [(57, 57.0), (0, 0.0), (0.8, None), ("57", None), (-1, None), (100.4, None)]
+)
+def test_a_charge_that_is_no_plausible_percentage_is_unknown(written: object, charge: float | None) -> None:
+    assert state(batteryState={"batteryCharge": written}).charge == charge
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"safetyState": None}, "eStop"),
+        ({"safetyState": "NONE"}, "eStop"),
+        ({"safetyState": {}}, "eStop"),
+        ({"safetyState": {"eStop": None}}, "eStop"),
+        ({"safetyState": {"eStop": ""}}, "eStop"),
+        ({"safetyState": {"eStop": False}}, "eStop"),
+        ({"safetyState": {"eStop": ["NONE"]}}, "eStop"),
+        ({"safetyState": {"eStop": "OK"}}, "eStop is OK"),
+        ({"safetyState": {"eStop": "AUTOACK"}}, "emergency stop of the AGV is active"),
+        ({"safetyState": {"eStop": "none"}}, "eStop is none"),
+        ({"operatingMode": None}, "operatingMode"),
+        ({"operatingMode": "ECO"}, "mode ECO"),
+        ({"operatingMode": 2}, "operatingMode"),
+        ({"operatingMode": "TEACH_IN"}, "mode TEACH_IN"),
+        ({"operatingMode": "Automatic"}, "mode Automatic"),
+        ({"errors": "wheel"}, "errors"),
+        ({"errors": ["wheel"]}, "errors"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": "fatal"}]}, "wheel"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": "SEVERE"}]}, "wheel"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": 4}]}, "wheel"),
+        ({"errors": [{"errorType": "wheel"}]}, r"without errorLevel, which may be FATAL (wheel)"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": None}]}, "without errorLevel"),
+        ({"errors": [{"errorType": "wheel", "errorLevel": ""}]}, "without errorLevel"),
+        ({"errors": [{"errorType": "ok", "errorLevel": "WARNING"}, {"errorType": "arm"}]}, "FATAL (arm)"),
+    ],
+)
+def test_safety_that_cannot_be_read_never_counts_as_safe(change: dict[str, object], words: str) -> None:
+    assert words in blocked_by(state(**change))
+
+
+@pytest.mark.parametrize("missing", ["safetyState", "operatingMode"])
+def test_safety_that_is_missing_never_counts_as_safe(missing: str) -> None:
+    parsed = state(missing)
+    assert missing in parsed.unreadable
+    assert blocked_by(parsed)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"safetyState": {"activeEmergencyStop": "NONE"}},  # 3.0
+        {"operatingMode": "SEMIAUTOMATIC"},
+        {"errors": [{"errorType": "x", "errorLevel": "URGENT"}]},  # 3.0
+        {"errors": [{"errorLevel": "WARNING", "errorDescription": None}]},
+        {"errors": None},
+    ],
+)
+def test_names_and_words_of_version_3_are_understood(change: dict[str, object]) -> None:
+    assert blocked_by(state(**change)) == ""
+
+
+@pytest.mark.parametrize("flag", ["positionInitialized", "localized"])
+def test_an_agv_that_does_not_know_where_it_is_need_not_state_a_position(flag: str) -> None:
+    parsed = state(agvPosition={"x": None, "y": None, "theta": None, flag: False})
+    assert parsed.agv_position is not None
+    assert not parsed.agv_position.position_initialized
+    assert parsed.unreadable == {}
+
+
+def test_names_of_version_3_are_read_beside_empty_fields_of_version_2() -> None:
+    where = {"x": 1.5, "y": 2.5, "theta": 0.5, "mapId": "hall", "localized": True}
+    parsed = state(
+        agvPosition=None, mobileRobotPosition=where, batteryState=None, powerSupply={"stateOfCharge": 40.0}
+    )
+    assert parsed.agv_position is not None
+    assert (parsed.agv_position.x, parsed.charge, parsed.unreadable) == (1.5, 40.0, {})
+
+
+def test_names_of_version_3_are_those_of_version_2() -> None:
+    where = {"x": 1.5, "y": 2.5, "theta": 0.5, "mapId": "hall", "localized": False}
+    parsed = state(
+        "agvPosition", "batteryState", mobileRobotPosition=where, powerSupply={"stateOfCharge": 40.0}
+    )
+    assert parsed.agv_position is not None
+    assert (parsed.agv_position.x, parsed.agv_position.position_initialized) == (1.5, False)
+    assert parsed.charge == 40.0
+    assert parsed.unreadable == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"nodeStates": None, "driving": True}, True),
+        ({"nodeStates": "two", "driving": True}, True),
+        ({"nodeStates": None, "driving": None}, True),
+        ({"nodeStates": None, "driving": False}, False),
+        ({"nodeStates": [None]}, True),
+        ({"nodeStates": [{"nodeId": None, "sequenceId": "x"}]}, True),
+    ],
+)
+def test_an_agv_whose_nodes_cannot_be_read_is_idle_only_if_it_says_that_it_does_not_drive(
+    change: dict[str, object], expected: object
+) -> None:
+    assert state(**change).is_executing == expected
+
+
+@pytest.mark.parametrize("flag", ["perhaps", 2, [], {}])
+def test_a_position_of_which_it_cannot_be_read_whether_it_is_valid_is_not(flag: object) -> None:
+    parsed = state(**place(positionInitialized=flag))
+    assert parsed.agv_position is not None
+    assert not parsed.agv_position.position_initialized
+    assert set(parsed.unreadable) == {"positionInitialized"}
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [{"positionInitialized": True, "localized": False}, {"positionInitialized": None, "localized": False}],
+)
+def test_position_that_one_of_the_fields_denies_does_not_count(flags: dict[str, object]) -> None:
+    parsed = state(agvPosition={"x": None, "y": None, "theta": None, "mapId": "", **flags})
+    assert parsed.agv_position is not None
+    assert parsed.agv_position.position_initialized is False
+    assert parsed.unreadable == {}
+
+
+def test_charge_that_may_be_a_share_is_reported() -> None:
+    parsed = state(batteryState={"batteryCharge": 0.83})
+    assert (parsed.charge, parsed.unreadable) == (None, {"batteryCharge": "is 0.83"})
+    assert [state(batteryState={"batteryCharge": charge}).charge for charge in (0, 1, 1.5)] == [0.0, 1.0, 1.5]
+
+
+@pytest.mark.parametrize("where", [{"positionInitialized": None}, {}])
+def test_position_of_which_nothing_states_that_it_is_valid_counts_and_is_reported(
+    where: dict[str, object],
+) -> None:
+    parsed = state(agvPosition={"x": 1.0, "y": 2.0, "theta": 0.0, "mapId": "f2", **where})
+    assert parsed.agv_position is not None
+    assert parsed.agv_position.position_initialized is None
+    assert parsed.unreadable == {"positionInitialized": "is missing"}
+
+
+@pytest.mark.parametrize("where", [{"x": "here"}, {"x": None}, {"y": 1e9}])
+def test_a_position_without_a_coordinate_is_none_and_the_rest_of_the_state_is_used(
+    where: dict[str, object],
+) -> None:
+    parsed = state(**place(**where))
+    assert parsed.agv_position is None
+    assert set(parsed.unreadable) == set(where)
+    assert parsed.charge == 63.5
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [b"\xef\xbb\xbf{}", "Bär".encode("latin-1"), b"{}", b'{"state": "ON"}', b'"ON"', b"[]", b"21.5"],
+)
+def test_json_of_other_devices_is_no_message(payload: bytes) -> None:
+    assert parse(AgvState, payload) is None
+    assert parse(Visualization, payload) is None
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [
+        ("ONLINE", "ONLINE"),
+        ("CONNECTIONBROKEN",) * 2,
+        ("CONNECTION_BROKEN",) * 2,  # 3.0
+        ("HIBERNATING",) * 2,
+    ],
+)
+def test_words_of_a_connection_are_those_of_the_standard(written: str, read: str) -> None:
+    connection = parse(AgvConnection, json.dumps({"headerId": None, "connectionState": written}).encode())
+    assert connection is not None
+    assert (connection.connection_state, connection.unreadable) == (read, {})
+
+
+@pytest.mark.parametrize("written", ["UP", "online", "", None, []])
+def test_a_connection_that_cannot_be_read_is_reported_by_name(written: object) -> None:
+    connection = parse(AgvConnection, json.dumps({"serialNumber": "7", "connectionState": written}).encode())
+    assert connection is not None
+    assert set(connection.unreadable) == {"connectionState"}
+
+
+@pytest.mark.parametrize(
+    ("stamps_s", "expected"),
+    [
+        ([1.0, 2.0, 1.5, 2.0, 3.0], [True, True, False, True, True]),
+        ([1.0, 1.0, 2.0, 2.0], [True] * 4),  # a clock of whole seconds
+        ([None] * 3, [True] * 3),
+        ([5.0, None, 4.0], [True] * 3),
+        ([9000.0, 9001.0, 3.0, 4.0], [True] * 4),  # its clock is set back
+    ],
+)
+def test_late_messages_are_ignored_and_no_clock_freezes_an_agv(
+    stamps_s: list[float | None], expected: list[bool]
+) -> None:
+    check = TimestampCheck()
+    assert [check.is_new(each) for each in stamps_s] == expected
+
+
+def test_any_message_is_new_after_a_restart() -> None:
+    check = TimestampCheck()
+    check.is_new(5.0)
+    check.forget()
+    assert check.is_new(4.0)

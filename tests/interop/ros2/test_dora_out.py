@@ -1,4 +1,4 @@
-"""What dora-rs and MCAP's decoder read of ours."""
+"""Messages of ours as dora-rs and MCAP's decoder read them."""
 
 import asyncio
 import base64

@@ -1,4 +1,4 @@
-"""What a replay begins with, and its comparison with the recording."""
+"""The beginning of a replay, and its comparison with the recording."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Who steers a robot, and figures that it flies for localizations."""
+"""Persons who steer a robot, and figures that it flies for localizations."""
 
 import asyncio
 import math

@@ -1,4 +1,4 @@
-"""How far and how long robots go on, and courses among fences and people."""
+"""Distances and times until robots stop, and courses among fences and people."""
 
 import asyncio
 import math

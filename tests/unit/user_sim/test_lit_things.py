@@ -1,4 +1,4 @@
-"""What simulated people believe, and things with lights."""
+"""Beliefs of simulated people, and things with lights."""
 
 import math
 

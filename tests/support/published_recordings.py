@@ -144,28 +144,3 @@ def write_acts(recordings: Path, people: dict[str, tuple[float, Stand]], *, time
     points = [f"{part}_{axis}" for part in ("target", "hmd", "forearm", "hand") for axis in "xyz"]
     header = ",".join(["subject", "stature", *points])
     return write_csv(recordings / "vr_arm_pointing" / "endpoints.csv", header, rows)
-
-
-LAMPS = np.array([[1.7, -2.6, 0.85], [0.8, -0.2, 0.1]])
-
-
-def write_simulated(recordings: Path, stands: Sequence[Stand], **other: Any) -> Path:
-    """Write a trial of two lamps for each stand; the scenarios are `a` and `b` in turn."""
-    lamps = np.repeat([0, 1], 50)
-    angles = np.stack([stand.rays(LAMPS[lamps]) for stand in stands])
-    arrays: dict[str, Any] = {
-        "ray_az_rad": angles[:, :, 0],
-        "ray_el_rad": angles[:, :, 1],
-        "led_xyz": LAMPS,
-        "led_of_sample": lamps.astype(np.int8),
-        "t_s": np.arange(100) / 50.0,
-        "eye_height_m": np.float64(stands[0].eyes_m),
-        "truth_user_xy": np.array([(stand.x, stand.y) for stand in stands]),
-        "truth_yaw_rad": np.array([-math.radians(stand.yaw_deg) for stand in stands]),
-        "scenario": np.array([i % 2 for i in range(len(stands))], dtype=np.int8),
-        "scenario_names": np.array(["a", "b"]),
-    }
-    folder = recordings / "synth_two_led"
-    folder.mkdir(parents=True, exist_ok=True)
-    np.savez(folder / "trials.npz", **{**arrays, **other})
-    return folder / "trials.npz"

@@ -3,7 +3,6 @@
 import asyncio
 import json
 import os
-import socket
 import statistics
 import sys
 import tempfile
@@ -19,22 +18,20 @@ from pointit.runtime.host.state_file import VARIABLE, replaced_file
 from pointit.runtime.service.process import SWITCH_INTERVAL_S
 from pointit_lab.benchmarks import (
     against,
-    bare_chain,
+    bare_zenoh,
     cores,
     instructions,
-    light,
     our_chain,
-    page,
+    rclpy_relay,
     recorder,
     ros2,
-    sample_path,
     startup,
 )
-from pointit_lab.benchmarks.relays import bare_relay, rclpy_relay
+from pointit_lab.benchmarks.bare_zenoh import free_endpoint
 from pointit_lab.benchmarks.statistics import Figures, machine
 
 RATE_HZ = 100.0
-PARTS = ("latency", "users", "calls", "startup", "cores", "lights", "things", "page", "ros2", "recorder")
+PARTS = ("latency", "users", "startup", "cores", "lights", "things", "ros2", "recorder")
 ON_REQUEST = ("instructions", "hop")
 """Parts that run only if named: Valgrind must be installed, and takes minutes; one hop needs a ROS 2."""
 HOP_HZ = 500.0
@@ -53,11 +50,11 @@ def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
     samples: dict[str, list[float]] = {name: [] for name in ("direct", "default", "ours", "bare", "separate")}
     hops = our_chain.HOPS
     for _ in range(ROUNDS):
-        samples["direct"] += asyncio.run(bare_chain.one_process(hops, rate_hz, duration_s, "direct"))
-        samples["default"] += asyncio.run(bare_chain.one_process(hops, rate_hz, duration_s, "default"))
+        samples["direct"] += asyncio.run(bare_zenoh.one_process(hops, rate_hz, duration_s, "direct"))
+        samples["default"] += asyncio.run(bare_zenoh.one_process(hops, rate_hz, duration_s, "default"))
         samples["ours"] += asyncio.run(our_chain.one_process(rate_hz, duration_s))
     for _ in range(ROUNDS):
-        samples["bare"] += asyncio.run(bare_chain.processes(hops, rate_hz, duration_s, free_endpoint()))
+        samples["bare"] += asyncio.run(bare_zenoh.processes(hops, rate_hz, duration_s, free_endpoint()))
         samples["separate"] += asyncio.run(our_chain.processes(rate_hz, duration_s, free_endpoint()))
     figures = {name: Figures.of(values) for name, values in samples.items()}
     return {
@@ -76,13 +73,6 @@ def latency(rate_hz: float, duration_s: float) -> dict[str, Any]:
             "ratio_to_direct": figures["separate"].ratio_to(figures["bare"]),
         },
     }
-
-
-def free_endpoint() -> str:
-    """Return a free address of this machine."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def _resolved(_context: click.Context, _option: click.Parameter, commit: str | None) -> str | None:
@@ -141,20 +131,29 @@ def main(
         result |= our_chain.user_rows(duration, free_endpoint)
         titles = our_chain.USERS.items()
         console.print(*(users_table(title, result[part]) for part, title in titles), sep="\n")
-    _measure_sample(wanted, result, console)
+    if "instructions" in wanted:
+        console.print("instructions: IMU sample to LED frame, counted by Valgrind …")
+        result["instructions"] = instructions.measure()
+        console.print(
+            "{per_sample} instructions a sample, {people} people; {cpu_us} µs of CPU without Valgrind; "
+            "{bytecodes} bytecodes, "
+            "{different} different ones".format(**result["instructions"])
+        )
+        console.print(hops_table(result["instructions"]))
     if "startup" in wanted:
         console.print("start-up …")
         result["startup"] = startup.start()
-        result["starts_cpu_ms"] = startup.commands()
-        console.print(_startup_lines(result["startup"], result["starts_cpu_ms"]))
+        console.print(
+            "command to first light {command_to_first_light_s} s, without waiting for a core "
+            "{first_light_without_queue_s} s, CPU until then {first_light_cpu_s} s, to first cursor "
+            "{command_to_first_cursor_s} s, peak memory {memory_peak_mb} MB".format(**result["startup"])
+        )
     if "cores" in wanted:
         result["cores"] = cores.run()
         for row in result["cores"]:
-            core, room, us, times = row["core"], row["map"], row["us"], row.get("times_ours", 1.0)
-            ratio = f", {times} x ours" if times != 1.0 else ""
-            console.print(f"{core:<50} {room:<6} {us:>8} µs{ratio}")
+            console.print("{core:<30} {map:<12} {us:>8} µs".format(**row))
     if "lights" in wanted:
-        result["lights"] = light.large_site_rows()
+        result["lights"] = cores.large_site_rows()
         for row in result["lights"]:
             console.print(
                 "{pixels} pixels, {outputs:>2} outputs by {kind:<4}, {changes:<10} changed: frame "
@@ -166,26 +165,6 @@ def main(
         f"machine: {result['before']['cores']} cores, load {result['before']['load_average']} before"
     )
     _write(path, result)
-
-
-def _measure_sample(wanted: Sequence[str], result: dict[str, Any], console: Console) -> None:
-    """Count what one sample takes."""
-    if "calls" in wanted:
-        console.print("calls: IMU sample to LED frame, over TCP …")
-        result["calls"] = asyncio.run(sample_path.measure(free_endpoint()))
-        console.print(
-            "{calls} Python calls in {files} files, of them {own_calls} in {own_files} of PointIt, "
-            "{cpu_us} µs of CPU".format(**result["calls"])
-        )
-    if "instructions" in wanted:
-        console.print("instructions: IMU sample to LED frame, counted by Valgrind …")
-        result["instructions"] = instructions.measure()
-        console.print(
-            "{per_sample} instructions a sample, {people} people; {cpu_us} µs of CPU without Valgrind; "
-            "{bytecodes} bytecodes, "
-            "{different} different ones".format(**result["instructions"])
-        )
-        console.print(hops_table(result["instructions"]))
 
 
 def measure_hop(duration_s: float) -> dict[str, Any]:
@@ -201,7 +180,9 @@ def measure_hop(duration_s: float) -> dict[str, Any]:
     row = asyncio.run(our_chain.carried(HOP_PEOPLE, duration_s, free_endpoint()))
     return {
         "one hop through rclpy, Fast DDS": rclpy_relay.measure_cost(HOP_HZ, duration_s)["us_per_message"],
-        "one hop through bare Zenoh": asyncio.run(bare_relay.cost(HOP_HZ, duration_s))["us_per_message"],
+        "one hop through bare Zenoh": asyncio.run(bare_zenoh.measure_relay(HOP_HZ, duration_s))[
+            "us_per_message"
+        ],
         f"whole chain, {HOP_PEOPLE} people": row["services_us_per_sample"],
     }
 
@@ -209,7 +190,7 @@ def measure_hop(duration_s: float) -> dict[str, Any]:
 def _measure_bridges(
     wanted: Sequence[str], duration: float, result: dict[str, Any], console: Console
 ) -> None:
-    """Measure what runs beside the services: functions, page, ROS bridge, recorder, one hop of others."""
+    """Measure what runs beside the services: functions, ROS bridge, recorder, one hop of others."""
     if "hop" in wanted:
         console.print("hop: a message through rclpy and through bare Zenoh, and a sample through all …")
         rounds = [measure_hop(duration) for _ in range(ROUNDS)]
@@ -226,10 +207,6 @@ def _measure_bridges(
                 **result["things"]
             )
         )
-    if "page" in wanted:
-        console.print("page: browsers and bare clients of a run …")
-        result["page"] = asyncio.run(page.measure(max(duration, page.MIN_S)))
-        console.print(page_table(result["page"]))
     if "ros2" in wanted:
         console.print("ROS 2: the bridge as a process, a node beside it …")
         result["ros2"] = asyncio.run(ros2.measure(duration))
@@ -309,47 +286,14 @@ def hops_table(counted: dict[str, Any]) -> Table:
     return table
 
 
-def page_table(page_result: dict[str, Any]) -> Table:
-    """Return CPU cost and latency of the page as a table."""
-    table = Table(title=f"Page of {page_result['scenario']}, {page_result['duration_s']:.0f} s each")
-    for column in ("who looks on", "run's CPU", "the page's", "to page p50 / p95 / p99 ms", "light p99 ms"):
-        table.add_column(column, justify="left" if column == "who looks on" else "right")
-    rows = [
-        ("no page", page_result["without_page"]),
-        ("nobody", page_result["nobody_looks_on"]),
-        *((f"{row['clients']} bare clients", row) for row in page_result["clients"]),
-        ("nobody", page_result["nobody_looks_on_again"]),
-        *((f"browser, {row['view']}, {row['fps']} frames/s", row) for row in page_result.get("browser", [])),
-    ]
-    for name, row in rows:
-        age = row.get("capture_to_client_ms") or row.get("capture_to_frame_ms")
-        light_ms = row["wrist_to_light_ms"]["p99"]
-        table.add_row(
-            name,
-            f"{row['cpu_share_of_a_core']:.1%}",
-            f"{row['cost_of_page']:.1%}" if "cost_of_page" in row else "",
-            f"{age['p50']:.1f} / {age['p95']:.1f} / {age['p99']:.1f}" if age else "",
-            f"{light_ms:.1f}" if light_ms is not None else "-",
-        )
-    return table
-
-
 def ros2_table(ros2_result: dict[str, Any]) -> Table:
     """Return the cost of the ROS 2 bridge compared with a bare relay as a table."""
-    trip = ros2_result["round_trip"]
-    bare = ros2_result["bare_round_trip"]
     load = ros2_result["before"]["load_average"][0]
-    table = Table(
-        title=f"Bridge to ROS 2, load {load}: started in {ros2_result['start_s']} s; round trip p50 "
-        f"{trip['p50_ms']:.2f} ms, p99 {trip['p99_ms']:.2f} ms, {trip['lost']} of {trip['count']} lost; "
-        f"of a bare relay p50 {bare['p50_ms']:.2f} ms, p99 {bare['p99_ms']:.2f} ms"
-    )
+    table = Table(title=f"Bridge to ROS 2, load {load}")
     for column in ("what", "messages/s", "CPU of a core", "µs per message", "lost"):
         table.add_column(column, justify="left" if column == "what" else "right")
     rows = [("bare relay of bytes", ros2_result["bare_relay"]), ("nothing", ros2_result["nothing"])]
     rows += [(way, row) for way in ("out", "in", "both") for row in ros2_result[way]]
-    rows += [("bare relay, in step", ros2_result["bare_relay_in_step"])]
-    rows += [(f"{way}, in step", row) for way in ("out", "in") for row in ros2_result[f"{way}_in_step"]]
     for name, row in rows:
         us = row["us_per_message"]
         table.add_row(
@@ -360,16 +304,6 @@ def ros2_table(ros2_result: dict[str, Any]) -> Table:
             f"{row['lost']}",
         )
     return table
-
-
-def _startup_lines(run: dict[str, Any], starts_cpu_ms: dict[str, float]) -> str:
-    first = (
-        f"command to first light {run['command_to_first_light_s']} s, without waiting for a core "
-        f"{run['first_light_without_queue_s']} s, CPU until then {run['first_light_cpu_s']} s, "
-        f"to first cursor {run['command_to_first_cursor_s']} s, "
-        f"peak memory {run['memory_peak_mb']} MB"
-    )
-    return "\n".join((first, *(f"{name:<20} {ms:>7} ms of CPU" for name, ms in starts_cpu_ms.items())))
 
 
 if __name__ == "__main__":

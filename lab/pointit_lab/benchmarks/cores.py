@@ -1,39 +1,38 @@
-"""The pure cores alone, warm: a cursor, a frame, a localization; ours and the paper's in one run."""
+"""Cores without a bus: a cursor and its hover before few and many things, frames of a large site."""
 
+import asyncio
 import math
+import socket
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from pointit.geometry import vector
-from pointit.geometry.polyline import Polyline
-from pointit.geometry.vector import Vec3
-from pointit.maps.file import load_map
-from pointit.schemas import NS_PER_S, Cloud, Environment, PointingRay, Thing, TrackedObjects, UserPose
+from pointit.runtime.service.plugin_guard import NullHealth, Surroundings
+from pointit.schemas import (
+    NS_PER_S,
+    Cursor,
+    Environment,
+    PointingRay,
+    Strip,
+    Thing,
+    TrackedObject,
+    TrackedObjects,
+    UserPose,
+)
 from pointit.schemas.codec import decode, encode
-from pointit.services.localizer.estimation.estimator import Pointings, Solution, solve
+from pointit.services.led_driver.config import LedDriverConfig
+from pointit.services.led_driver.light_state import LightState
+from pointit.services.led_driver.outputs import GuardedOutput, make_outputs
 from pointit.services.pui.cursor import PersonCursor
-from pointit.services.pui.surfaces import Kind, Surfaces
+from pointit.services.pui.surfaces import Surfaces
 from pointit.services.pui.tracked_objects import PERIOD_S, TRACKER, listing
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.selection_engine import SelectionEngine
-from pointit_lab.benchmarks.light import frame_rows
-from pointit_lab.evaluation.localization.baselines import mean_angle_4dof, mean_angle_z0
 
-Array = NDArray[np.float64]
-
-STEP_M = 0.05
-REACH_M = 20.0
-TOLERANCE_M = 0.7
 EYES_M = (0.0, 0.0, 1.64)
-TARGETS_M = ((2.0, -2.0, 0.5), (3.0, 2.0, 1.0), (-2.0, 1.0, 0.2))
 SAMPLES = 300
-POINTS = 1_000_000
 ROUNDS = 5
 COUNTS = ((4, 1), (20, 10))
 """Columns and rows of shelves of few and of many things."""
@@ -43,73 +42,6 @@ RATE_HZ = 50
 
 
 def run() -> list[dict[str, Any]]:
-    """Return the median microseconds of each core on each map."""
-    rows: list[dict[str, Any]] = _clouds()
-    rooms = [load_map("lab", 0), load_map("conveyor", 0)]
-    for room in rooms:
-        rows += _cursors(room)
-        rows += frame_rows(room)
-    return rows + _things() + _localizations()
-
-
-def _cursors(room: Environment) -> list[dict[str, Any]]:
-    """Return alternating times of our and the paper's cursor on one map."""
-    kinds: tuple[Kind, ...] = ("strip", "belt", "lamp")
-    points = discretized(room)
-    surfaces = Surfaces(room, kinds)
-    person = PersonCursor(surfaces)
-    person.set_pose(UserPose(stamp_ns=0, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
-    ways: dict[str, Callable[[Vec3, Vec3], object]] = {
-        "exact": surfaces.hit_test,
-        "message and all": lambda eyes, direction: person.cursor(
-            PointingRay.model_construct(stamp_ns=0, origin_m=eyes, direction=direction)
-        ),
-        "kd_tree": Surfaces(room, kinds, method="kd_tree").hit_test,
-        "the paper's": PaperCursor(points).meet,
-        "the paper's, told the tolerance": PaperCursor(points, bounded=True).meet,
-    }
-    rays = [(EYES_M, vector.direction(azimuth / 50, -0.2)) for azimuth in range(-157, 157)]
-    return _in_turn(ways, rays, "cursor", room.name)
-
-
-def _clouds() -> list[dict[str, Any]]:
-    """Return alternating times of our and the paper's cursor on a room of a million points."""
-    points = walls(POINTS)
-    cloud = Cloud(id="walls", points=len(points), low_m=(0.0, 0.0, 0.0), high_m=(10.0, 8.0, 3.0))
-    room = Environment(stamp_ns=0, name="a million points", clouds=(cloud,))
-    clouds = {"walls": points}
-    ways: dict[str, Callable[[Vec3, Vec3], object]] = {
-        "exact": Surfaces(room, ("points",), clouds=clouds).hit_test,
-        "exact, metres": Surfaces(room, ("points",), clouds=clouds, tolerance_m=TOLERANCE_M).hit_test,
-        "kd_tree": Surfaces(room, ("points",), clouds=clouds, method="kd_tree").hit_test,
-        "the paper's": PaperCursor(points).meet,
-        "the paper's, told the tolerance": PaperCursor(points, bounded=True).meet,
-    }
-    random = np.random.default_rng(1)
-    rays = [
-        ((4.0, 3.0, 1.64), vector.direction(random.uniform(-3.1, 3.1), random.uniform(-0.8, 0.4)))
-        for _ in range(150)
-    ]
-    return _in_turn(ways, rays, "cursor", room.name)
-
-
-def _in_turn(
-    ways: dict[str, Callable[[Vec3, Vec3], object]], rays: list[tuple[Vec3, Vec3]], core: str, room: str
-) -> list[dict[str, Any]]:
-    """Return for each method, ours first, the median of rounds of the median of all rays."""
-    times_us: dict[str, list[float]] = {name: [] for name in ways}
-    for _ in range(ROUNDS):
-        for name, way in ways.items():
-            times_us[name].append(_median_us([partial(way, *ray) for ray in rays]))
-    medians = {name: sorted(times)[ROUNDS // 2] for name, times in times_us.items()}
-    ours_us = next(iter(medians.values()))
-    return [
-        {"core": f"{core}, {name}", "map": room, "us": round(us, 1), "times_ours": round(us / ours_us, 1)}
-        for name, us in medians.items()
-    ]
-
-
-def _things() -> list[dict[str, Any]]:
     """Return alternating CPU times of a cursor and its hover before few and many things of a shelf.
 
     The list of things, made by `pui` every `PERIOD_S`, comes as to a selector that is a process of its own.
@@ -120,18 +52,14 @@ def _things() -> list[dict[str, Any]]:
         for _ in range(ROUNDS):
             for person in people:
                 person.point(SAMPLES)
-        few, many = (
-            {part: 1e6 * float(np.median(times)) for part, times in one.times_s.items()} for one in people
-        )
         rows += [
             {
                 "core": f"{part}, {columns * shelves} things",
                 "map": name,
-                "us": round(us, 1),
-                "times_ours": round(us / few[part], 2),
+                "us": round(1e6 * float(np.median(times_s)), 1),
             }
-            for (columns, shelves), parts in zip(COUNTS, (few, many), strict=True)
-            for part, us in parts.items()
+            for (columns, shelves), one in zip(COUNTS, people, strict=True)
+            for part, times_s in one.times_s.items()
         ]
     return rows
 
@@ -190,93 +118,121 @@ class PersonBeforeThings:
         self.times_s["list"].append(time.thread_time() - began_s)
 
 
-def _localizations() -> list[dict[str, Any]]:
-    """Return alternating times of ours, from all starts, and of the baselines, from one start."""
-    random = np.random.default_rng(0)
-    targets = np.repeat(np.array(TARGETS_M), SAMPLES // len(TARGETS_M), axis=0)
-    origins = np.tile(np.array(EYES_M), (SAMPLES, 1))
-    rays = targets - origins + random.normal(0.0, 2.0 * math.radians(2.0), (SAMPLES, 3))
-    rays /= np.linalg.norm(rays, axis=1)[:, None]
-    pointings = Pointings(
-        stamps_s=np.arange(SAMPLES) / 50.0, origins_m=origins, directions=rays, targets_m=targets
-    )
-    if not isinstance(solve(pointings), Solution):
-        raise TypeError("a refusal is not a localization")
-    solvers: dict[str, Callable[[Pointings], object]] = {
-        "ours": solve,
-        "mean angle, 4-DoF BFGS": mean_angle_4dof,
-        "mean angle, z = 0 BFGS": mean_angle_z0,
-    }
-    times_us: dict[str, list[float]] = {name: [] for name in solvers}
-    for _ in range(10):
-        for name, solver in solvers.items():
-            times_us[name].append(_median_us([partial(solver, pointings)] * 5))
-    ours_us = sorted(times_us["ours"])[5]
+NOW_NS = 1_700_000_000 * NS_PER_S
+LARGE_SITES = ((10_000, 10), (65_000, 1), (65_000, 10))
+"""Pixels and outputs."""
+STRIP_PIXELS = 1000
+STRIP_M = 20.0
+FAST_MPS = 0.6
+"""Speed at which an object moves by more than a pixel from frame to frame."""
+STEP_NS = NS_PER_S // 25
+FRAMES = 100
+WARM_FRAMES = 10
+PAUSE_S = 0.02
+"""Time after each frame of a large site, in which it is sent."""
+
+
+def large_site_rows() -> list[dict[str, Any]]:
+    """Return the milliseconds of CPU of a frame that is sent by UDP, and of drawing it."""
     return [
-        {
-            "core": f"localization, {SAMPLES} samples, {name}",
-            "map": "-",
-            "us": round(sorted(times)[5], 1),
-            "times_ours": round(sorted(times)[5] / ours_us, 1),
-        }
-        for name, times in times_us.items()
+        asyncio.run(_row(pixels, outputs, kind, changes))
+        for pixels, outputs in LARGE_SITES
+        for kind in ("ddp", "e131")
+        for changes in ("one strip", "all strips")
     ]
 
 
-def _median_us(calls: list[Callable[[], object]]) -> float:
-    calls[0]()
-    times_s: list[float] = []
-    for call in calls:
-        began_s = time.perf_counter()
-        call()
-        times_s.append(time.perf_counter() - began_s)
-    return sorted(times_s)[len(times_s) // 2] * 1e6
+async def _row(pixels: int, count: int, kind: str, changes: str) -> dict[str, Any]:
+    ids = [f"s{number}" for number in range(pixels // STRIP_PIXELS)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("", 0))
+        outputs = _outputs(ids, count, kind, receiver.getsockname()[1])
+        room = _room(ids)
+        lights = LightState(LedDriverConfig(objects_timeout_s=60.0))
+        lights.on_map(room)
+        if changes == "all strips":
+            lights.content.set_objects("tracker", _packages(ids), NOW_NS)
+        for output in outputs:
+            output.set_map(room)
+        tasks = [asyncio.create_task(output.run()) for output in outputs]
+        began_s = drawn_s = 0.0
+        for number in range(WARM_FRAMES + FRAMES):
+            if number == WARM_FRAMES:
+                began_s, drawn_s = time.process_time(), 0.0
+            drawn_s += await _draw(lights, outputs, ids, number)
+        spent_s = time.process_time() - began_s
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+    return {
+        "pixels": pixels,
+        "outputs": count,
+        "kind": kind,
+        "changes": changes,
+        "drawing_ms": round(drawn_s / FRAMES * 1e3, 2),
+        "frame_ms": round(spent_s / FRAMES * 1e3, 2),
+    }
 
 
-class PaperCursor:
-    """The paper's cursor (§III-C), a baseline: points in a k-d tree, the ray as points, the nearest one.
-
-    Objects of the room and the ray, to 20 m, are points 5 cm apart. The tree is queried for the neighbour of
-    every point of the ray, and the nearest of all counts if it is within 0.7 m.
-    """
-
-    def __init__(self, points: Array, *, bounded: bool = False) -> None:
-        """Build the tree; `bounded` also passes it the tolerance, which the paper does not mention."""
-        self._points = points
-        self._tree = cKDTree(points)
-        self._steps = np.arange(0.0, REACH_M + STEP_M / 2, STEP_M)[:, None]
-        self._bound_m = TOLERANCE_M if bounded else np.inf
-
-    def meet(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
-        """Return the cursor."""
-        on_ray = np.array(origin_m) + self._steps * np.array(direction)
-        distances, found = self._tree.query(on_ray, distance_upper_bound=self._bound_m)
-        best = int(np.argmin(distances))
-        if not np.asarray(distances)[best] <= TOLERANCE_M:
-            return None
-        x, y, z = self._points[int(np.asarray(found)[best])].tolist()
-        return (x, y, z)
+async def _draw(lights: LightState, outputs: list[GuardedOutput], ids: list[str], number: int) -> float:
+    """Show a frame in which a cursor has moved, and let it be sent. Return the CPU time of drawing, s."""
+    now_ns = NOW_NS + number * STEP_NS
+    place_m = 1.0 + number * STRIP_M / STRIP_PIXELS
+    cursor = Cursor(stamp_ns=now_ns, surface="strip", surface_id=ids[0], position_m=place_m)
+    lights.on_cursor("anna", cursor, now_ns)
+    began_s = time.thread_time()
+    frame = lights.frame(now_ns)
+    drawn_s = time.thread_time() - began_s
+    if frame is None:
+        raise RuntimeError("there is a map")
+    for output in outputs:
+        output.show(frame, 0.0)
+    await asyncio.sleep(PAUSE_S)
+    return drawn_s
 
 
-def discretized(room: Environment) -> Array:
-    """Return the lamps, strips and belts of a map as points."""
-    points: list[Sequence[Vec3] | Array] = [[lamp.position_m for lamp in room.lamps]] if room.lamps else []
-    for line in [strip.line_m for strip in room.strips] + [belt.line_m for belt in room.belts]:
-        polyline = Polyline(line)
-        points.append(polyline.points_at(np.arange(0.0, polyline.length_m, STEP_M)))
-    return np.concatenate([np.asarray(some, dtype=np.float64) for some in points])
+def _outputs(ids: list[str], count: int, kind: str, port: int) -> list[GuardedOutput]:
+    """Return outputs of one protocol, each at an address of its own with its share of the strips."""
+    outputs = [
+        {
+            "kind": kind,
+            "host": f"127.0.0.{1 + number}",
+            "port": port,
+            "max_rate_hz": 1000.0,
+            "segments": [{"strip": name} for name in ids[number::count]],
+        }
+        for number in range(count)
+    ]
+    config = LedDriverConfig.model_validate({"outputs": outputs})
+    surroundings = Surroundings.detached()
+
+    def same(_kind: str, _name: str, _user: str, _which: str) -> Surroundings:
+        return surroundings
+
+    return make_outputs(config.outputs, same, NullHealth())
 
 
-def walls(count: int, size_m: Vec3 = (10.0, 8.0, 3.0)) -> Array:
-    """Return about `count` points on floor, ceiling and walls of a room, with 5 mm of scanner noise."""
-    random = np.random.default_rng(0)
-    sides: list[Array] = []
-    size = np.array(size_m)
-    areas = [size[(axis + 1) % 3] * size[(axis + 2) % 3] for axis in range(3)]
-    for axis in range(3):
-        for end in (0.0, size_m[axis]):
-            side = random.uniform(0.0, 1.0, (round(count * areas[axis] / sum(areas) / 2.0), 3)) * size
-            side[:, axis] = end
-            sides.append(side)
-    points = np.concatenate(sides)
-    return np.asarray(points + random.normal(0.0, 0.005, points.shape))
+def _room(ids: list[str]) -> Environment:
+    strips = [
+        Strip(id=name, line_m=((0, number, 0), (STRIP_M, number, 0)), pixels=STRIP_PIXELS)
+        for number, name in enumerate(ids)
+    ]
+    return Environment(stamp_ns=1, name="large", strips=tuple(strips))
+
+
+def _packages(ids: list[str]) -> TrackedObjects:
+    """Return a moving object on each strip."""
+    objects = [
+        TrackedObject(
+            id=name,
+            kind="red",
+            position_m=(0.0, 0.0, 0.0),
+            length_m=0.3,
+            surface="strip",
+            surface_id=name,
+            surface_position_m=1.0,
+            surface_speed_mps=FAST_MPS,
+        )
+        for name in ids
+    ]
+    return TrackedObjects(stamp_ns=NOW_NS, objects=tuple(objects))

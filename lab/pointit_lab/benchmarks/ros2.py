@@ -1,4 +1,4 @@
-"""The ROS 2 bridge in a process of its own: cost compared with a bare relay, round trips, start time."""
+"""The ROS 2 bridge in a process of its own: cost compared with a bare relay."""
 
 import asyncio
 import subprocess
@@ -21,17 +21,15 @@ from pointit.runtime.link.link import Link
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import PointingRay, WristSample
 from pointit.schemas.topics import RAY, USER_ALIVE, WRIST
-from pointit_lab.benchmarks.relays import bare_relay
-from pointit_lab.benchmarks.relays.relay_cost import RoundTrips, relay_cost
+from pointit_lab.benchmarks import bare_zenoh
+from pointit_lab.benchmarks.bare_zenoh import relay_cost
 from pointit_lab.benchmarks.statistics import machine
 from tests.support.buses import free_port
 
 USERS = 10
 HZ = 50.0
 """Rate of each topic and person: 500 messages per second in total."""
-ROUND_HZ = 100.0
 ROUNDS = 3
-MIN_S = 5.0
 TIMEOUT_S = 60.0
 SETTLE_S = 1.0
 RAY_TYPE, ROTATION_TYPE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/QuaternionStamped"
@@ -53,19 +51,16 @@ class StderrWarnings:
 class Ends:
     """Both ends of the bridge: our bus, and a ROS node that is the router there."""
 
-    def __init__(self, bus: ZenohBus, backend: Backend, process: psutil.Process, started_s: float) -> None:
+    def __init__(self, bus: ZenohBus, backend: Backend, process: psutil.Process) -> None:
         self.bus = bus
         self.peer = backend
         self.process = process
-        self.started_s = started_s
         self.types = Types("jazzy")
         self.users = [f"user{index}" for index in range(USERS)]
         self.rays: list[int] = []
         """Stamps of the rays that arrived in ROS, ns."""
         self.samples: list[WristSample] = []
         """Samples that arrived on our bus."""
-        self.on_ray: Callable[[int], None] = self.rays.append
-        self.echoes = False
         self._presences = [bus.announce(USER_ALIVE, user) for user in self.users]
         self._ours = {user: bus.publisher(RAY, user) for user in self.users}
         kind = self.types.kind(ROTATION_TYPE)
@@ -75,16 +70,14 @@ class Ends:
         for user in self.users:
             qos = Qos(depth=100)
             backend.subscribe(f"/{user}/pointing_ray", self.types.kind(RAY_TYPE), qos, self._on_message)
-        self.reader = bus.subscribe(WRIST, self._take)
+        self.reader = bus.subscribe(WRIST, self._on_sample)
 
     def _on_message(self, cdr: bytes) -> None:
         stamp = self.types.decode(RAY_TYPE, cdr).header.stamp
-        self.on_ray(stamp.sec * 1_000_000_000 + stamp.nanosec)
+        self.rays.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
 
-    def _take(self, sample: WristSample, user: str) -> None:
+    def _on_sample(self, sample: WristSample, _user: str) -> None:
         self.samples.append(sample)
-        if self.echoes:
-            self.put_ray(user, sample.stamp_ns)
 
     def put_ray(self, user: str, stamp_ns: int) -> None:
         """Publish a ray on our bus."""
@@ -116,28 +109,19 @@ class Ends:
 
 
 async def measure(duration_s: float) -> dict[str, Any]:
-    """Return cost, delivery, round trips and start of the bridge."""
-    bare = await bare_relay.cost(USERS * HZ, duration_s)
-    bare_in_step = await bare_relay.cost(USERS * HZ, duration_s, at_once=USERS)
-    rounds = int(max(duration_s, MIN_S) * ROUND_HZ)
-    bare_trip = await bare_relay.round_trip(ROUND_HZ, rounds)
+    """Return cost and delivery of the bridge, and of a bare relay."""
+    bare = await bare_zenoh.measure_relay(USERS * HZ, duration_s)
     async with bridged() as ends:
         await ends.ready()
         return {
             "users": USERS,
             "messages_per_second": USERS * HZ,
             "before": machine(),
-            "start_s": round(ends.started_s, 3),
             "bare_relay": bare,
-            "bare_relay_in_step": bare_in_step,
             "nothing": await _cost(ends, duration_s, []),
             "out": [await _cost(ends, duration_s, [ends.put_ray]) for _ in range(ROUNDS)],
             "in": [await _cost(ends, duration_s, [ends.put_rotation]) for _ in range(ROUNDS)],
             "both": [await _cost(ends, duration_s, [ends.put_ray, ends.put_rotation]) for _ in range(ROUNDS)],
-            "out_in_step": [await _cost(ends, duration_s, [ends.put_ray], USERS) for _ in range(ROUNDS)],
-            "in_in_step": [await _cost(ends, duration_s, [ends.put_rotation], USERS) for _ in range(ROUNDS)],
-            "bare_round_trip": bare_trip,
-            "round_trip": await _round_trip(ends, rounds),
             "memory_mb": round(ends.process.memory_info().rss / 1e6, 1),
             "after": machine(),
         }
@@ -160,7 +144,6 @@ async def bridged() -> AsyncGenerator[Ends]:
                 found.set()
 
         backend.watch(look)
-        began_s = time.perf_counter()
         settings = {"mode": "peer", "endpoint": ros, "domain-id": "7"}
         child = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "pointit.services", "ros2", "--connect", ours, "--routes", f"{routes}"),
@@ -170,7 +153,7 @@ async def bridged() -> AsyncGenerator[Ends]:
         try:
             async with asyncio.timeout(TIMEOUT_S):
                 await found.wait()
-            yield Ends(bus, backend, psutil.Process(child.pid), time.perf_counter() - began_s)
+            yield Ends(bus, backend, psutil.Process(child.pid))
         finally:
             child.terminate()
             await child.wait()
@@ -178,13 +161,8 @@ async def bridged() -> AsyncGenerator[Ends]:
             await bus.close()
 
 
-async def _cost(
-    ends: Ends, duration_s: float, puts: list[Callable[[str, int], None]], at_once: int = 1
-) -> dict[str, Any]:
-    """Return the CPU share of the bridge while each of `puts` publishes `HZ` messages of each person.
-
-    Messages of `at_once` persons come in bursts, as from one process that samples several.
-    """
+async def _cost(ends: Ends, duration_s: float, puts: list[Callable[[str, int], None]]) -> dict[str, Any]:
+    """Return the CPU share of the bridge while each of `puts` publishes `HZ` messages of each person."""
     ends.rays.clear()
     ends.samples.clear()
     superseded = ends.reader.traffic.dropped
@@ -193,19 +171,10 @@ async def _cost(
         for put in puts:
             put(ends.users[turn % USERS], time.time_ns())
 
-    messages, figures = await relay_cost(
-        ends.process, put_all, HZ * USERS, duration_s, at_once=at_once, per_turn=len(puts)
-    )
+    messages, figures = await relay_cost(ends.process, put_all, HZ * USERS, duration_s, per_turn=len(puts))
     superseded = ends.reader.traffic.dropped - superseded
     return {
         **figures,
         "superseded": superseded,  # by the same person's next one while this process was stopped
         "lost": messages - len(ends.rays) - len(ends.samples) - superseded,
     }
-
-
-async def _round_trip(ends: Ends, count: int) -> dict[str, Any]:
-    """Return round-trip times of ROS, bridge, our bus, bridge, ROS, one message after the other."""
-    trips = RoundTrips()
-    ends.on_ray, ends.echoes = trips.on_return, True
-    return await trips.measure(lambda: ends.put_rotation(ends.users[0], time.time_ns()), ROUND_HZ, count)

@@ -1,4 +1,4 @@
-"""Time from `pointit run` to the first light and the first cursor, its memory, and CPU times of starts."""
+"""Time from `pointit run` to the first light and the first cursor, CPU time and memory."""
 
 import json
 import os
@@ -18,30 +18,6 @@ LOOK_S = 0.01
 """Interval at which a run is looked at."""
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 """With that variable, which many containers set, each start of a checkout compiles all modules."""
-STARTS = 9
-COMMANDS = {
-    "bare python": ("-c", ""),
-    "import pointit": ("-c", "import pointit"),
-    "its connect": ("-c", "import pointit; pointit.connect"),
-    "pointit --help": ("-m", "pointit", "--help"),
-    "pointit run --help": ("-m", "pointit", "run", "--help"),
-}
-"""Programs to start, by name, as arguments of Python."""
-
-
-def commands() -> dict[str, float]:
-    """Return the CPU time of each of `COMMANDS`, the median of `STARTS` in turn, ms."""
-    used_ms: dict[str, list[float]] = {name: [] for name in COMMANDS}
-    for _ in range(STARTS):
-        for name, arguments in COMMANDS.items():
-            command = [sys.executable, *arguments]
-            with subprocess.Popen(command, stdout=subprocess.DEVNULL, env=ENVIRONMENT) as child:
-                _, status, usage = os.wait4(child.pid, 0)
-                child.returncode = os.waitstatus_to_exitcode(status)
-            if child.returncode:
-                raise RuntimeError(f"{name} ended with {child.returncode}")
-            used_ms[name].append(1e3 * (usage.ru_utime + usage.ru_stime))
-    return {name: round(statistics.median(values), 1) for name, values in used_ms.items()}
 
 
 def start(scenario: str = "scenario_3") -> dict[str, Any]:

@@ -21,7 +21,7 @@ ACTS_REMARK = (
     "In vr_arm_pointing each trial has a random map origin and yaw origin; the true yaw is, as in the other "
     "sets, the arm's mean one."
 )
-UNCORRECTED_REMARK = "`none`, `raw`: not corrected."
+UNCORRECTED_REMARK = "`raw`: not corrected."
 BOUND_REMARK = "`bound`: as well as these recordings allow."
 
 
@@ -36,11 +36,10 @@ def _localization_remarks(rows: Sequence[Row], baseline_trials: int) -> list[str
 
 
 def _pointing_remarks(rows: Sequence[Row]) -> list[str]:
-    solvers = {row.solver for row in rows}
-    remarks = [UNCORRECTED_REMARK] if solvers & {"none", "raw"} else []
+    remarks = [UNCORRECTED_REMARK]
     if any((row.set, row.condition) == (FEEDBACK, CHAINED) for row in rows):
         remarks.append(CHAINS_REMARK)
-    return [*remarks, BOUND_REMARK] if "bound" in solvers else remarks
+    return [*remarks, BOUND_REMARK] if any(row.solver == "bound" for row in rows) else remarks
 
 
 def _options(command: Callable[..., None]) -> Callable[..., None]:
@@ -95,7 +94,7 @@ def localization(
 
     People follow a moving robot with the finger for 1 to 20 s (motion_relloc, proximity_waypoints), or point
     once at each of 2 to 6 targets (vr_arm_pointing; each act is given to all solvers as a hold of equal rays,
-    2 s long); synth_two_led is simulated. With the baselines this needs minutes.
+    2 s long). With the baselines this needs minutes.
 
     With --recording, localizations of your own sessions are solved again and compared with a tracker's
     positions of the people, beside the poses found `live` and the pointing at `anchors`.
@@ -103,11 +102,9 @@ def localization(
     Example: pointit evaluate localization --only-ours --set vr_arm_pointing --json rows.json
     """
     if recordings:
-        from pointit_lab.cli.sessions import evaluate_sessions  # noqa: PLC0415 - SciPy is wanted only here
-
         if sets:
             raise ConfigError("--set: not of recordings; leave it out with --recording")
-        evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
+        _evaluate_sessions(recordings, subjects, json_file, brief=brief, baselines=baselines, jobs=jobs)
         return
     from pointit_lab.cli.table import print_over_people  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.datasets import SETS, read_trials  # noqa: PLC0415 - SciPy is wanted only here
@@ -140,6 +137,55 @@ def localization(
                 print_over_people(screen, f"{name}, over people", of_set, OURS)
 
 
+def _evaluate_sessions(
+    recordings: Sequence[Path],
+    subjects: Sequence[str],
+    json_file: Path | None,
+    *,
+    brief: bool,
+    baselines: bool,
+    jobs: int,
+) -> None:
+    """Print the errors of `recordings` by person and over people, and write them to `json_file` if given.
+
+    Raises:
+        ConfigError: If there is nothing to score, with what is missing.
+    """
+    from pointit_lab.cli.table import print_over_people  # noqa: PLC0415 - SciPy is wanted only here
+    from pointit_lab.evaluation.localization.localization import localization_rows  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.localization.over_people import MIN_PEOPLE, over_people  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.localization.recorded import read_sessions  # noqa: PLC0415 - as above
+
+    check_writable(json_file)
+    with interruptible():
+        with progress() as tell:
+            sessions = read_sessions(recordings, tell)
+        for note in sessions.notes:
+            click.echo(f"note: {note}", err=True)
+        trials = [trial for trial in sessions.trials if not subjects or trial.subject in subjects]
+        with progress(len(trials)) as tell_solved:
+            solved = localization_rows(
+                trials,
+                baselines=baselines,
+                jobs=jobs,
+                tick=lambda done, _: tell_solved("localizations", done),
+            )
+    rows = arranged(
+        row for row in (*solved, *sessions.rows()) if not subjects or row.subject in (ALL, *subjects)
+    )
+    if not rows:
+        raise ConfigError(f"--subject {subjects[0]}: no person of that name can be scored here")
+    over = over_people(rows, OURS)
+    if not write_json({**document(rows), "over_people": [each.as_json() for each in over]}, json_file):
+        screen = evaluation_console()
+        remarks = ["`live`: as found in the session; `anchors`: pointing at lamps afterwards."]
+        print_rows(screen, shown(rows, brief=brief), remarks)
+        if over:
+            print_over_people(screen, "over people", over, OURS)
+        else:
+            click.echo(f"No interval over people: at least {MIN_PEOPLE} have to be scored.")
+
+
 @click.command("pointing")
 @_options
 def pointing(
@@ -150,25 +196,21 @@ def pointing(
     json_file: Path | None,
     brief: bool,
 ) -> None:
-    """Evaluate the remaining systematic error of people and drift of their IMU after correction.
+    """Evaluate the yaw error of a drifting IMU after some time, with anchors in between.
 
-    Systematic error: people point without a cursor; some pointings serve as anchors, the rest is measured
-    (vr_eyefinger, proximity_feedback). Drift: yaw error after some time, with anchors in between
-    (proximity_feedback; simulated_drift, whose true yaw is known).
+    People of proximity_feedback point without a cursor at known positions; those of simulated_drift are
+    simulated, and their true yaw is known.
 
     Example: pointit evaluate pointing --data recordings --json rows.json
     """
-    from pointit_lab.evaluation.pointing.pointing import RECORDED, SETS, pointing_rows  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.pointing.drift import SETS, drift_rows  # noqa: PLC0415 - as above
 
     check_sets(sets, SETS)
     check_writable(json_file)
     with interruptible():
         recordings = recordings_folder(data)
-        for name in sets or RECORDED:
-            if name in RECORDED and not (recordings / name).is_dir():
-                click.echo(f"note: {recordings / name} is skipped: there is no such folder", err=True)
         with progress() as tell_progress:
-            rows = pointing_rows(recordings, sets, subjects, tick=tell_progress)
+            rows = drift_rows(recordings, sets, subjects, tick=tell_progress)
         tell(rows, json_file, _pointing_remarks(rows), brief=brief)
 
 

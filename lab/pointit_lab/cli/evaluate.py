@@ -19,11 +19,7 @@ evaluate = group(
             "poses of people: errors, stated sigma, time; baselines",
             "pointit_lab.cli.command:localization",
         ),
-        command(
-            "pointing",
-            "systematic errors and IMU drift after their correction",
-            "pointit_lab.cli.command:pointing",
-        ),
+        command("pointing", "yaw error of a drifting IMU, with anchors", "pointit_lab.cli.command:pointing"),
         command(
             "honesty",
             "coverage of stated uncertainties, with faults injected",

@@ -5,17 +5,15 @@ from itertools import groupby
 from pathlib import Path
 
 import click
-from rich import box
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.common.output import interruptible, progress
 from pointit_lab.cli.command import check_sets
 from pointit_lab.cli.options import DATA, JOBS, JSON, check_writable, write_json
-from pointit_lab.cli.table import evaluation_console
+from pointit_lab.cli.table import Column, evaluation_console, fitted_table, number, share
 from pointit_lab.evaluation.honesty.row import EVERY, HonestyRow
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder
+from pointit_lab.evaluation.selection.difference import Interval
 
 
 @click.command("honesty")
@@ -29,7 +27,6 @@ from pointit_lab.evaluation.recordings.data_folder import recordings_folder
     help="only this one, named as in the table, such as 'time +0.2 s'; may be repeated",
 )
 @click.option("--quick", is_flag=True, help="fewer people and windows: a minute instead of several")
-@click.option("--durations", is_flag=True, help="a row for each duration and number of lamps, too")
 @click.option(
     "--gate", is_flag=True, help="--quick, and an error if a row is missing or worse than its limits"
 )
@@ -48,7 +45,6 @@ def honesty(
     sets: tuple[str, ...],
     names: tuple[str, ...],
     quick: bool,
-    durations: bool,
     gate: bool,
     seed: int,
     jobs: int,
@@ -109,7 +105,7 @@ def honesty(
             "worse": worse,
         }
         if not write_json(document, json_file):
-            print_honesty([*rows, *pooled], misses, durations=durations)
+            print_honesty([*rows, *pooled], misses)
     if worse:
         raise click.ClickException("worse than stated: " + "; ".join(worse))
 
@@ -128,41 +124,53 @@ NOTES = (
     "recording, recorded people who point at lamps. `without one`: range of the share before it without any "
     "one person."
 )
-FIGURES = (
-    "n",
-    "taken",
-    "m",
-    "p90",
-    "> 1 m",
-    "miss",
-    "right",
-    "2 sigma",
-    "without one",
-    "yaw",
-    "square",
-    "wrong",
-    "can show",
-    "without one",
+COLUMNS = (
+    Column[HonestyRow](name="n", cell=lambda row: str(row.n), rank=5),
+    Column[HonestyRow](name="taken", cell=lambda row: share(row.taken)),
+    Column[HonestyRow](name="m", cell=lambda row: number(row.error_m.median if row.error_m else None, 2)),
+    Column[HonestyRow](
+        name="p90", cell=lambda row: number(row.error_m.p90 if row.error_m else None, 2), rank=7
+    ),
+    Column[HonestyRow](name="> 1 m", cell=lambda row: share(row.far.value if row.far else None, 1)),
+    Column[HonestyRow](
+        name="miss",
+        cell=lambda row: None if row.miss_m is None else f"{row.miss_m:.2f} ({row.miss_sigma_m:.2f})",
+        rank=1,
+    ),
+    Column[HonestyRow](name="right", cell=lambda row: share(row.right, 1), rank=2),
+    Column[HonestyRow](name="2 sigma", cell=lambda row: share(row.within_2_sigma)),
+    Column[HonestyRow](
+        name="2 sigma without one", title="without one", cell=lambda row: _range(row.without_one), rank=8
+    ),
+    Column[HonestyRow](name="yaw", cell=lambda row: share(row.yaw_within_2_sigma), rank=4),
+    Column[HonestyRow](name="square", cell=lambda row: number(row.square, 2), rank=6),
+    Column[HonestyRow](name="wrong", cell=lambda row: _interval(row.wrong)),
+    Column[HonestyRow](
+        name="can show",
+        cell=lambda row: (
+            None if row.provable is None else f"{100.0 * row.provable:.0f} % ({row.independent})"
+        ),
+        rank=3,
+    ),
+    Column[HonestyRow](
+        name="wrong without one", title="without one", cell=lambda row: _range(row.wrong_without_one), rank=8
+    ),
 )
-LEFT_OUT = ("without one", "p90", "square", "n", "yaw", "can show", "right", "miss")
-"""Figures that a narrow terminal leaves out, the first one first, so that no condition is cut."""
 MISSED = "Missed (90 to 98 % within 2 sigma, square 0.6 to 1.6, at most 1 % wrong):"
 
 
-def print_honesty(
-    rows: Sequence[HonestyRow], missed: Sequence[tuple[HonestyRow, Sequence[str]]], *, durations: bool
-) -> None:
+def print_honesty(rows: Sequence[HonestyRow], missed: Sequence[tuple[HonestyRow, Sequence[str]]]) -> None:
     """Print `rows` by set, then the rows that `missed` the targets.
 
     Args:
-        rows: of all durations.
+        rows: of all durations together, and of single ones, which are not printed.
         missed: rows, and their figures out of range.
-        durations: also print the rows of single durations.
     """
     console = evaluation_console()
-    shown = [row for row in rows if durations or row.duration == EVERY]
-    for name, of_set in groupby(shown, key=lambda row: row.set):
-        console.print(_fitting(console, name, list(of_set)))
+    for name, of_set in groupby(rows, key=lambda row: row.set):
+        shown = [row for row in of_set if row.duration == EVERY]
+        words = {"condition": [row.condition for row in shown]}
+        console.print(fitted_table(console, name, words, COLUMNS, shown).table)
     console.print(Text(NOTES))
     if missed:
         console.print(Text(MISSED, style="bold"))
@@ -170,60 +178,11 @@ def print_honesty(
         console.print(Text(f"  {row.set}, {row.condition}: {', '.join(figures)}"))
 
 
-def _fitting(console: Console, name: str, rows: Sequence[HonestyRow]) -> Table:
-    """Return the table of `rows` with as many figures as fit `console`."""
-    unbounded = console.options.update(max_width=10 * console.width)
-    tables = [_table(name, rows, LEFT_OUT[:count]) for count in range(len(LEFT_OUT) + 1)]
-    fits = (each for each in tables if console.measure(each, options=unbounded).maximum <= console.width)
-    return next(fits, tables[-1])
-
-
-def _table(name: str, rows: Sequence[HonestyRow], left_out: Sequence[str]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title=name, title_justify="left", title_style="bold", pad_edge=False)
-    table.padding = (0, 1, 0, 0)
-    table.add_column("condition", min_width=max(len(row.condition) for row in rows))
-    has_durations = any(row.duration != EVERY for row in rows)
-    if has_durations:
-        table.add_column("after")
-    shown = [index for index, figure in enumerate(FIGURES) if figure not in left_out]
-    for index in shown:
-        table.add_column(FIGURES[index], justify="right", no_wrap=True)
-    for row in rows:
-        words = (row.condition, row.duration) if has_durations else (row.condition,)
-        figures = _figures(row)
-        table.add_row(*map(Text, words), *(_cell(figures[index]) for index in shown))
-    return table
-
-
-def _figures(row: HonestyRow) -> tuple[str | None, ...]:
-    error, wrong = row.error_m, row.wrong
-    return (
-        str(row.n),
-        _percent(row.taken),
-        None if error is None else f"{error.median:.2f}",
-        None if error is None else f"{error.p90:.2f}",
-        None if row.far is None else f"{100.0 * row.far.value:.1f} %",
-        None if row.miss_m is None else f"{row.miss_m:.2f} ({row.miss_sigma_m:.2f})",
-        None if row.right is None else f"{100.0 * row.right:.1f} %",
-        _percent(row.within_2_sigma),
-        _range(row.without_one),
-        _percent(row.yaw_within_2_sigma),
-        None if row.square is None else f"{row.square:.2f}",
-        None
-        if wrong is None
-        else f"{100.0 * wrong.value:.1f} [{100.0 * wrong.low:.1f}, {100.0 * wrong.high:.1f}] %",
-        None if row.provable is None else f"{100.0 * row.provable:.0f} % ({row.independent})",
-        _range(row.wrong_without_one),
-    )
-
-
-def _percent(value: float | None) -> str | None:
-    return None if value is None else f"{100.0 * value:.0f} %"
-
-
 def _range(shares: tuple[float, float] | None) -> str | None:
     return None if shares is None else "{:.0f}-{:.0f}".format(*(100.0 * share for share in shares))
 
 
-def _cell(text: str | None) -> Text:
-    return Text("-", style="dim") if text is None else Text(text)
+def _interval(share: Interval | None) -> str | None:
+    if share is None:
+        return None
+    return f"{100.0 * share.value:.1f} [{100.0 * share.low:.1f}, {100.0 * share.high:.1f}] %"

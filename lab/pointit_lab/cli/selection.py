@@ -6,20 +6,20 @@ from pathlib import Path
 
 import click
 from rich import box
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.common.output import interruptible, progress
 from pointit.runtime.errors import ConfigError
 from pointit_lab.cli.options import DATA, JOBS, JSON, bench_option, check_writable, write_json
-from pointit_lab.cli.table import evaluation_console
+from pointit_lab.cli.table import Column, evaluation_console, fitted_table, number, share
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder
 from pointit_lab.evaluation.selection.condition import Condition
 from pointit_lab.evaluation.selection.difference import Difference, Interval
 from pointit_lab.evaluation.selection.row import SelectionMetrics, SelectionTrialRow
-from pointit_lab.evaluation.selection.selection import SimulationSpeed
 
-BENCHES = ("belts_lab", "belts_vr", "conveyor")
+BENCHES = ("belts_lab", "conveyor")
 METHODS = ("original", "hold", "fraction", "gauge")
 """Methods evaluated by default."""
 
@@ -84,9 +84,9 @@ def selection(
     """Simulate people who select packages by each method, and compare with real people.
 
     The services' own cores run in virtual time: the person sees only the light of the strips. Benches:
-    belts_lab, packages on two strips; belts_vr, fast belts; conveyor, the paper's demonstrator, one thing
-    varied at a time. The same seed gives the same rows. A method is called better than another only if the
-    interval of their difference over the same trials excludes zero.
+    belts_lab, packages on two strips; conveyor, the paper's demonstrator, one thing varied at a time. The
+    same seed gives the same rows. A method is called better than another only if the interval of their
+    difference over the same trials excludes zero.
 
     Example: pointit evaluate selection --bench belts_lab --method gauge --method hold@0.6 --json rows.json
     """
@@ -110,7 +110,7 @@ def selection(
         for note in notes:
             click.echo(f"note: {note}", err=True)
         with progress(len(tried) * len(chosen) * trials) as tell_progress:
-            rows, differences, pace = selection_rows(
+            rows, differences = selection_rows(
                 tried,
                 chosen,
                 trials=trials,
@@ -122,7 +122,7 @@ def selection(
         if plot_file is not None:
             plot(rows, plot_file)
         if not write_json(document(rows, differences), json_file):
-            print_selection(rows, differences, pace)
+            print_selection(rows, differences)
 
 
 def _named(conditions: Sequence[Condition], names: Sequence[str]) -> list[Condition]:
@@ -148,6 +148,21 @@ NOTES = (
     "leave at bay 1. `original`: fraction as in the paper's system (10 Hz, 4 of 5 timesteps)."
 )
 
+COLUMNS = (
+    Column[SelectionMetrics](name="n", cell=lambda each: str(each.n)),
+    Column[SelectionMetrics](
+        name="median", cell=lambda each: number(each.time_s.median if each.time_s else None, 1)
+    ),
+    Column[SelectionMetrics](
+        name="p90", cell=lambda each: number(each.time_s.p90 if each.time_s else None, 1)
+    ),
+    Column[SelectionMetrics](
+        name="between", cell=lambda each: number(each.between_s.median if each.between_s else None, 1)
+    ),
+    Column[SelectionMetrics](name="wrong", cell=lambda each: share(each.wrong_rate, 1)),
+    Column[SelectionMetrics](name="missed", cell=lambda each: share(each.missed_rate, 1)),
+)
+
 DIFFERENCE_NOTES = (
     "Differences over the same trials, each with a seed of its own. `errors`: wrong and missed, of what "
     "should be selected; `time`: mean. Intervals: bootstrap over trials; all of this run together hold with "
@@ -155,48 +170,25 @@ DIFFERENCE_NOTES = (
 )
 
 
-def print_selection(
-    rows: Sequence[SelectionTrialRow], differences: Sequence[Difference], speed: SimulationSpeed
-) -> None:
-    """Print `rows`, sorted by bench and condition, people after the methods.
-
-    Then print the differences between methods, and the simulation speed `speed`.
-    """
+def print_selection(rows: Sequence[SelectionTrialRow], differences: Sequence[Difference]) -> None:
+    """Print `rows`, sorted by bench and condition, people after the methods, and `differences`."""
     screen = evaluation_console()
     for bench, of_bench in groupby(rows, key=lambda row: row.bench):
-        screen.print(_table(bench, list(of_bench)))
+        screen.print(_table(screen, bench, list(of_bench)))
     screen.print(Text(NOTES))
     if differences:
         screen.print(_differences(differences))
         screen.print(Text(DIFFERENCE_NOTES))
-    screen.print(
-        Text(
-            f"Simulated: {speed.simulated_s:.0f} s, {speed.times_real:.0f} times faster than real time on "
-            "one core.",
-            style="dim",
-        )
-    )
 
 
-def _table(bench: str, rows: list[SelectionTrialRow]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title=bench, title_justify="left", title_style="bold", pad_edge=False)
-    table.add_column("condition")
-    table.add_column("method")
-    for name in ("n", "median", "p90", "between", "wrong", "missed"):
-        table.add_column(name, justify="right", no_wrap=True)
+def _table(console: Console, bench: str, rows: Sequence[SelectionTrialRow]) -> Table:
+    lines: list[tuple[str, str, SelectionMetrics]] = []
     for condition, group in groupby(rows, key=lambda row: row.condition):
         of_it = list(group)
-        lines = [(row.method, row.figures, "") for row in of_it]
-        lines += [(PEOPLE.get(name, name), human, "italic") for name, human in of_it[0].human.items()]
-        for index, (name, figures, style) in enumerate(lines):
-            table.add_row(
-                Text(condition if index == 0 else ""),
-                Text(name),
-                *(Text("-", style="dim") if cell is None else Text(cell) for cell in _cells(figures)),
-                style=style,
-                end_section=index == len(lines) - 1,
-            )
-    return table
+        lines += [(condition, row.method, row.figures) for row in of_it]
+        lines += [(condition, PEOPLE.get(name, name), human) for name, human in of_it[0].human.items()]
+    words = {"condition": [line[0] for line in lines], "method": [line[1] for line in lines]}
+    return fitted_table(console, bench, words, COLUMNS, [line[2] for line in lines]).table
 
 
 def _differences(differences: Sequence[Difference]) -> Table:
@@ -219,15 +211,3 @@ def _differences(differences: Sequence[Difference]) -> Table:
 def _interval(interval: Interval, scale: float, unit: str) -> str:
     value, low, high = (scale * each for each in (interval.value, interval.low, interval.high))
     return f"{value:+.2f} [{low:+.2f}, {high:+.2f}] {unit}"
-
-
-def _cells(figures: SelectionMetrics) -> tuple[str | None, ...]:
-    time_s, between_s = figures.time_s, figures.between_s
-    return (
-        str(figures.n),
-        None if time_s is None else f"{time_s.median:.1f}",
-        None if time_s is None else f"{time_s.p90:.1f}",
-        None if between_s is None else f"{between_s.median:.1f}",
-        None if figures.wrong_rate is None else f"{100.0 * figures.wrong_rate:.1f} %",
-        None if figures.missed_rate is None else f"{100.0 * figures.missed_rate:.1f} %",
-    )

@@ -2,9 +2,10 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Generic, TypeVar
 
 from rich import box
 from rich.console import Console
@@ -19,28 +20,21 @@ from pointit_lab.evaluation.selection.difference import Interval
 PIPE_WIDTH = 100
 """Width without a terminal, unless COLUMNS in the environment is set."""
 
-GAP = 2
-"""Space between two columns."""
-
-EDGES = 2
-"""Columns of a table's edges."""
-
 WORDS_WIDTH = 16
 """Characters after which conditions and solvers wrap if there is little room."""
 
-SHORT = {"pointit": "ours", "mean-angle-4dof": "4-DoF", "mean-angle-z0": "z=0"}
-"""Short names of solvers for narrow screens."""
-
-SHORTENED = "`ours`: pointit; `4-DoF`, `z=0`: the baselines mean-angle-4dof and mean-angle-z0."
+AnyRow = TypeVar("AnyRow")
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Column:
+class Column(Generic[AnyRow]):
+    """A column of figures."""
+
     name: str
     """Full name, unique among the columns."""
-    cell: Callable[[Row], str | None]
+    cell: Callable[[AnyRow], str | None]
     """Returns the text, or None if it does not apply."""
-    rank: int
+    rank: int = 0
     """The lowest ranks are shown if there is little room; a p90 ranks after its median."""
     title: str = ""
     """Column heading. `""`: its name."""
@@ -49,29 +43,101 @@ class _Column:
 
     @property
     def head(self) -> str:
+        """Return the column heading."""
         return self.title or self.name
 
 
-def _number(value: float | None, digits: int) -> str | None:
+@dataclass(frozen=True, kw_only=True)
+class FittedTable(Generic[AnyRow]):
+    """A table with as many columns as fit the screen."""
+
+    table: Table
+    columns: Sequence[Column[AnyRow]]
+    left_out: Sequence[Column[AnyRow]]
+    needed: int
+    """Width with all columns, characters."""
+
+
+def fitted_table(
+    console: Console,
+    title: str,
+    words: Mapping[str, Sequence[str]],
+    columns: Sequence[Column[AnyRow]],
+    rows: Sequence[AnyRow],
+) -> FittedTable[AnyRow]:
+    """Return the table of `rows` as wide as `console`, so that no text is cut.
+
+    Empty columns are left out, and those of the highest ranks that do not fit.
+
+    Args:
+        console: the screen.
+        title: of the table.
+        words: texts in front of the figures, by column heading, one for each row. Rows with the same first
+            text are a block.
+        columns: figures.
+        rows: rows.
+    """
+    cells = {column.name: [column.cell(row) for row in rows] for column in columns}
+    filled = [column for column in columns if any(text is not None for text in cells[column.name])]
+    needed = 0
+    for count in range(len(filled), -1, -1):
+        ranks = sorted(filled, key=lambda column: column.rank)[:count]
+        shown = [column for column in filled if column in ranks]
+        table = _table(title, words, [(column.head, cells[column.name]) for column in shown])
+        unbounded = console.options.update(max_width=10 * PIPE_WIDTH)
+        width = console.measure(table, options=unbounded).minimum
+        needed = max(needed, width)
+        if width <= console.width or not count:
+            left_out = [column for column in filled if column not in shown]
+            return FittedTable(table=table, columns=shown, left_out=left_out, needed=needed)
+    raise AssertionError
+
+
+def _table(
+    title: str, words: Mapping[str, Sequence[str]], figures: Sequence[tuple[str, Sequence[str | None]]]
+) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left", title_style="bold", pad_edge=False)
+    table.padding = (0, 1, 0, 0)
+    for head, texts in words.items():
+        table.add_column(head, min_width=min(WORDS_WIDTH, max(map(len, (head, *texts)))))
+    for head, texts in figures:
+        width = max(map(len, (head, *(text or "-" for text in texts))))
+        table.add_column(head, justify="right", no_wrap=True, min_width=width)
+    lines = list(zip(*words.values(), strict=True))
+    blocks = [line[0] for line in lines]
+    has_blocks = len(set(blocks)) < len(blocks)
+    for index, (line, block) in enumerate(zip(lines, [*blocks[1:], None], strict=True)):
+        of_row = (texts[index] for _, texts in figures)
+        table.add_row(
+            *map(Text, line),
+            *(Text("-", style="dim") if text is None else Text(text) for text in of_row),
+            end_section=has_blocks and block != line[0],
+        )
+    return table
+
+
+def number(value: float | None, digits: int) -> str | None:
+    """Return the text of `value`, or None."""
     return None if value is None else f"{value:.{digits}f}"
 
 
-def _share(value: float | None) -> str | None:
-    return None if value is None else f"{100.0 * value:.0f} %"
+def share(value: float | None, digits: int = 0) -> str | None:
+    """Return the text of a share in per cent, or None."""
+    return None if value is None else f"{100.0 * value:.{digits}f} %"
 
 
 def _spread(
     name: str, of: Callable[[Row], MetricSpread | None], digits: int, ranks: Sequence[int], note: str = ""
-) -> Iterator[_Column]:
+) -> Iterator[Column[Row]]:
     """Yield the columns of median, p90 and rms, as many as there are `ranks`."""
     for part, rank in zip(("median", "p90", "rms"), ranks, strict=False):
         is_first = part == "median"
 
         def cell(row: Row, part: str = part) -> str | None:
             spread = of(row)
-            return None if spread is None else _number(getattr(spread, part), digits)
+            return None if spread is None else number(getattr(spread, part), digits)
 
-        yield _Column(
+        yield Column(
             name=name if is_first else f"{part} of {name.removesuffix(' °')}",
             cell=cell,
             rank=rank,
@@ -83,37 +149,37 @@ def _spread(
 _SIGMA_NOTE = "`2 sigma`: share of errors within twice the stated sigma."
 
 _COLUMNS = (
-    _Column(name="n", rank=0, cell=lambda row: str(row.n)),
-    _Column(
+    Column[Row](name="n", rank=0, cell=lambda row: str(row.n)),
+    Column[Row](
         name="refused",
         rank=3,
-        cell=lambda row: _number(row.refused, 0),
+        cell=lambda row: number(row.refused, 0),
         note="`refused`: of the n trials, those without a pose.",
     ),
-    _Column(
+    Column[Row](
         name="unsure",
         rank=14,
-        cell=lambda row: _number(row.unsure, 0),
+        cell=lambda row: number(row.unsure, 0),
         note="`unsure`: poses with a larger stated sigma than the localizer accepts; it requests another "
         "target then.",
     ),
-    _Column(
+    Column[Row](
         name="taken",
         rank=14,
-        cell=lambda row: _share(row.taken),
+        cell=lambda row: share(row.taken),
         note="`taken`: share of the trials whose pose the running localizer takes.",
     ),
-    _Column(
+    Column[Row](
         name="after s",
         rank=14,
-        cell=lambda row: _number(row.until_taken_s, 0),
+        cell=lambda row: number(row.until_taken_s, 0),
         note="`after s`: shortest window whose pose is taken, median over starts; `-`: most are never.",
     ),
     *_spread("taken m", lambda row: row.taken_m, 3, (14, 14), "`taken m`: error of the taken poses."),
-    _Column(
+    Column[Row](
         name="far",
         rank=14,
-        cell=lambda row: _share(row.taken_above_1m),
+        cell=lambda row: share(row.taken_above_1m),
         note="`far`: share of the taken poses that are more than 1 m off.",
     ),
     *_spread("m", lambda row: row.position_m, 3, (1, 2), "`m`: error of the poses that were stated, median."),
@@ -124,31 +190,31 @@ _COLUMNS = (
         (15, 20),
         "`all m`: error of all trials, of the refused ones with the pose that fits best.",
     ),
-    _Column(
+    Column[Row](
         name="bound",
         rank=16,
-        cell=lambda row: _number(row.bound_m, 3),
+        cell=lambda row: number(row.bound_m, 3),
         note="`bound`: median error of an ideal solver of the same trials, who knows how bias, slopes and "
         "latency go together in the person, and their scatter (posterior Cramér-Rao bound of mean squares: "
         "the median is that of normal errors).",
     ),
-    _Column(name="> 1 m", rank=12, cell=lambda row: _share(row.share_above_1m)),
-    _Column(
+    Column[Row](name="> 1 m", rank=12, cell=lambda row: share(row.share_above_1m)),
+    Column[Row](
         name="misled",
         rank=17,
-        cell=lambda row: _share(row.misled),
+        cell=lambda row: share(row.misled),
         note="`misled`: share of poses off by more than 1 m with a stated sigma below 0.5 m.",
     ),
-    _Column(name="2 sigma", rank=4, cell=lambda row: _share(row.within_2_sigma), note=_SIGMA_NOTE),
+    Column[Row](name="2 sigma", rank=4, cell=lambda row: share(row.within_2_sigma), note=_SIGMA_NOTE),
     *_spread("yaw °", lambda row: row.yaw_deg, 1, (10, 11, 19)),
-    _Column(
+    Column[Row](
         name="2 sigma of yaw",
         title="2 sigma",
         rank=13,
-        cell=lambda row: _share(row.yaw_within_2_sigma),
+        cell=lambda row: share(row.yaw_within_2_sigma),
         note=_SIGMA_NOTE,
     ),
-    _Column(
+    Column[Row](
         name="to plain",
         rank=21,
         cell=lambda row: None if row.times_plain is None else ", ".join(map(_interval, row.times_plain)),
@@ -169,102 +235,26 @@ def evaluation_console() -> Console:
 
 
 def print_rows(console: Console, rows: Sequence[Row], remarks: Sequence[str] = ()) -> None:
-    """Print `rows`, sorted by set and condition, then the notes on their columns, and `remarks`.
-
-    Empty columns and those that do not fit the screen are left out, so that no text is cut.
-    """
+    """Print `rows`, sorted by set and condition, then the notes on their columns, and `remarks`."""
     notes: list[str] = [_SPREADS]
     left_out: list[str] = []
     needed = 0
     for name, group in groupby(rows, key=lambda row: row.set):
-        layout = _Layout(list(group), console.width)
-        console.print(layout.table(name))
-        notes += [column.note for column in layout.shown if column.note]
-        notes += [SHORTENED] if layout.shortens else []
-        left_out += [column.name for column in layout.left_out]
-        needed = max(needed, layout.needed)
+        of_set = list(group)
+        words = {"condition": [row.condition for row in of_set]}
+        if any(row.subject != ALL for row in of_set):
+            words["subject"] = [row.subject for row in of_set]
+        words["solver"] = [row.solver for row in of_set]
+        fitted = fitted_table(console, name, words, _COLUMNS, of_set)
+        console.print(fitted.table)
+        notes += [column.note for column in fitted.columns if column.note]
+        left_out += [column.name for column in fitted.left_out]
+        needed = max(needed, fitted.needed)
     console.print(Text(" ".join(dict.fromkeys([*notes, *remarks]))))
     if left_out:
         names = ", ".join(dict.fromkeys(left_out))
         wider = f"With {needed} columns (COLUMNS={needed} in a pipe) this shows also: {names}."
         console.print(Text(f"{wider} --json FILE has all.", style="dim"))
-
-
-class _Layout:
-    """Selects the columns of one set's rows that fit the screen."""
-
-    def __init__(self, rows: Sequence[Row], width: int) -> None:
-        self._rows = rows
-        there = [column for column in _COLUMNS if any(column.cell(row) is not None for row in rows)]
-        self._has_subjects = any(row.subject != ALL for row in rows)
-        figures_width = {column.name: self._width(column) for column in there}
-        all_figures = sum(figures_width.values())
-        scant = self._words(WORDS_WIDTH, shortens=True)
-        self.needed = scant + all_figures
-        left = width - scant
-        chosen: set[str] = set()
-        for column in sorted(there, key=lambda column: column.rank):
-            left -= figures_width[column.name]
-            if left < 0:
-                break
-            chosen.add(column.name)
-        self.shown = [column for column in there if column.name in chosen]
-        self.left_out = [column for column in there if column.name not in chosen]
-        shown_width = sum(figures_width[column.name] for column in self.shown)
-        self.shortens, max_width = next(  # full words if they fit
-            (
-                (shortens, max_width)
-                for shortens, max_width in ((False, None), (True, None), (False, WORDS_WIDTH))
-                if self._words(max_width, shortens=shortens) + shown_width <= width
-            ),
-            (True, WORDS_WIDTH),
-        )
-        self._max_width: int | None = max_width
-        self.shortens = self.shortens and any(row.solver in SHORT for row in rows)
-
-    def table(self, name: str) -> Table:
-        """Return the rows as a table."""
-        table = Table(
-            box=box.SIMPLE_HEAD,
-            title=name,
-            title_justify="left",
-            title_style="bold",
-            pad_edge=False,
-            padding=(0, GAP - 1, 0, 0),
-        )
-        for title, texts in self._texts(shortens=self.shortens):
-            width = max(map(len, (title, *texts)))
-            table.add_column(title, width=width if self._max_width is None else min(width, self._max_width))
-        for column in self.shown:
-            table.add_column(column.head, justify="right", no_wrap=True, width=self._width(column) - GAP)
-        words = list(zip(*(texts for _, texts in self._texts(shortens=self.shortens)), strict=True))
-        following = [row.condition for row in self._rows[1:]]
-        for row, own, condition in zip(self._rows, words, [*following, None], strict=True):
-            figures = (column.cell(row) for column in self.shown)
-            table.add_row(
-                *map(Text, own),
-                *(Text("-", style="dim") if text is None else Text(text) for text in figures),
-                style="bold" if row.subject == ALL and self._has_subjects else "",
-                end_section=condition != row.condition,
-            )
-        return table
-
-    def _width(self, column: _Column) -> int:
-        cells = (column.cell(row) for row in self._rows)
-        return GAP + max(len(text) for text in (column.head, *(text or "-" for text in cells)))
-
-    def _texts(self, *, shortens: bool) -> list[tuple[str, list[str]]]:
-        """Return the text columns, each with its title."""
-        columns = [("condition", [row.condition for row in self._rows])]
-        if self._has_subjects:
-            columns.append(("subject", [row.subject for row in self._rows]))
-        solvers = [SHORT.get(row.solver, row.solver) if shortens else row.solver for row in self._rows]
-        return [*columns, ("solver", solvers)]
-
-    def _words(self, max_width: int | None, *, shortens: bool) -> int:
-        widths = [max(map(len, (title, *texts))) for title, texts in self._texts(shortens=shortens)]
-        shown = sum(width if max_width is None else min(width, max_width) for width in widths)
-        return shown + GAP * len(widths) + EDGES
 
 
 def print_over_people(console: Console, name: str, over: Sequence[OverPeople], reference: str) -> None:

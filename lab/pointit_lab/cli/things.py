@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich import box
-from rich.table import Table
 from rich.text import Text
 
 from pointit.cli.common.output import interruptible, progress
 from pointit.runtime.errors import ConfigError
 from pointit_lab.cli.options import JOBS, JSON, check_writable, write_json
-from pointit_lab.cli.table import evaluation_console
+from pointit_lab.cli.table import Column, evaluation_console, fitted_table, number, share
 
 if TYPE_CHECKING:
     from pointit_lab.evaluation.things.things import MissKind, ReachRow, Share
@@ -58,7 +56,7 @@ def things(
     """
     from pointit.services.selector.config import SelectorConfig  # noqa: PLC0415 - all of the selector
     from pointit.services.selector.selection_methods import METHODS  # noqa: PLC0415 - as above
-    from pointit_lab.evaluation.recordings.parallel import map_parallel  # noqa: PLC0415 - as above
+    from pointit_lab.evaluation.recordings.parallel import map_in_order  # noqa: PLC0415 - as above
     from pointit_lab.evaluation.things.things import (  # noqa: PLC0415 - as above
         MISS_KINDS,
         ROWS,
@@ -80,42 +78,53 @@ def things(
     others: list[tuple[MissKind, int, float]] = [
         (kind, seed + index, minutes) for kind in MISS_KINDS for index in range(people)
     ]
-    found: dict[str, list[Result]] = {row.name: [] for row in ROWS}
-    fired: dict[MissKind, int] = dict.fromkeys(MISS_KINDS, 0)
     with interruptible():
-        with progress(len(pieces) + len(others)) as tell_progress:
-            for done, (index, results) in enumerate(map_parallel(partial(reaches, config), pieces, jobs)):
-                found[pieces[index][0].name] += results
-                tell_progress("parts", done + 1)
-            for done, (index, count) in enumerate(
-                map_parallel(partial(wrong_selections, config), others, jobs)
-            ):
-                fired[others[index][0]] += count
-                tell_progress("parts", len(pieces) + done + 1)
-        rows = [row_of(row, found[row.name]) for row in ROWS]
-        per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in fired.items() if people}
+        with progress() as tell_progress:
+            reached = map_in_order(
+                partial(reaches, config),
+                pieces,
+                jobs=jobs,
+                tick=lambda done, of: tell_progress(f"reaches, part {done} of {of}"),
+            )
+            fired = map_in_order(
+                partial(wrong_selections, config),
+                others,
+                jobs=jobs,
+                tick=lambda done, of: tell_progress(f"people who point elsewhere, {done} of {of}"),
+            )
+        results: dict[str, list[Result]] = {row.name: [] for row in ROWS}
+        for (row, _, _), of_piece in zip(pieces, reached, strict=True):
+            results[row.name] += of_piece
+        rows = [row_of(row, results[row.name]) for row in ROWS]
+        counts = {
+            kind: sum(count for (other, _, _), count in zip(others, fired, strict=True) if other == kind)
+            for kind in MISS_KINDS
+        }
+        per_half_hour = {kind: 30.0 * count / (people * minutes) for kind, count in counts.items() if people}
         document = {"rows": [asdict(row) for row in rows], "unintended_per_30_min": per_half_hour}
         if not write_json(document, json_file):
             _print(rows, per_half_hour)
 
 
+COLUMNS: "tuple[Column[ReachRow], ...]" = (
+    Column(name="n", cell=lambda row: str(row.right.of)),
+    Column(name="right", cell=lambda row: _interval(row.right)),
+    Column(name="wrong", cell=lambda row: _interval(row.wrong)),
+    Column(name="nothing", cell=lambda row: _interval(row.nothing)),
+    Column(name="median", cell=lambda row: number(row.median_s, 1)),
+    Column(name="p90", cell=lambda row: number(row.p90_s, 1)),
+    Column(name="stated", cell=lambda row: None if math.isnan(row.stated) else share(row.stated)),
+)
+
+
 def _print(rows: "Sequence[ReachRow]", per_half_hour: "Mapping[MissKind, float]") -> None:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("things")
-    for name in ("n", "right", "wrong", "nothing", "median", "p90", "stated"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        shares = [_share(each) for each in (row.right, row.wrong, row.nothing)]
-        times = [f"{row.median_s:.1f}", f"{row.p90_s:.1f}"]
-        stated = "-" if math.isnan(row.stated) else f"{row.stated:.0%}"
-        table.add_row(row.name, str(row.right.of), *shares, *times, stated)
     screen = evaluation_console()
-    screen.print(table)
+    screen.print(fitted_table(screen, "", {"things": [row.name for row in rows]}, COLUMNS, rows).table)
     screen.print(Text(NOTES))
     for kind, rate in per_half_hour.items():
         screen.print(Text(f"Unintended firings in 30 min of pointing at {PLACES[kind]}: {rate:.1f}"))
 
 
-def _share(share: "Share") -> str:
+def _interval(share: "Share") -> str:
     low, high = share.interval
     return f"{100.0 * share.value:.1f} [{100.0 * low:.0f}, {100.0 * high:.0f}]"

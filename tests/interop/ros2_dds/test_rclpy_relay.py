@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit_lab.benchmarks.relays import rclpy_relay
+from pointit_lab.benchmarks import rclpy_relay
 
 
 def test_a_hop_is_measured(rclpy_python: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.pointing import drift
 from tests.support.invoked import printed
 from tests.support.pace import slowness
-from tests.support.published_recordings import Stand, write_acts, write_motion, write_simulated, write_track
+from tests.support.published_recordings import Stand, write_acts, write_motion, write_track
 
 COMMAND = ("-m", "pointit", "evaluate", "localization", "--jobs", "2")
 
@@ -27,21 +27,24 @@ def invoke(*arguments: str) -> tuple[str, str]:
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
-    write_simulated(tmp_path / "recordings", [Stand(x=0.1 * i) for i in range(6)])
+    write_track(tmp_path / "recordings", Stand(), duration_s=3.0)
     return tmp_path
 
 
 def test_a_table_for_people_and_json_for_programs(data: Path) -> None:
     file = data / "rows.json"
     out, err = invoke("localization", "--data", str(data), "--only-ours", "--jobs", "1", "--json", str(file))
-    assert "synth_two_led" in out
-    assert [line.split()[:3] for line in out.splitlines() if line.startswith((" a", " b"))] == [
-        [scenario, subject, "pointit"] for scenario in "ab" for subject in ("all", "simulated")
+    assert "proximity_waypoints" in out
+    lines = [line.split()[:5] for line in out.splitlines() if "pointit" in line]
+    assert lines == [
+        [f"{length}", "s", subject, "pointit", f"{4 - length}"]
+        for length in (1, 2, 3)
+        for subject in ("all", "user9")
     ]
     assert "motion_relloc is skipped" in err
     rows = json.loads(file.read_text())["rows"]
     assert [(row["condition"], row["subject"], row["n"]) for row in rows] == [
-        (scenario, subject, 3) for scenario in "ab" for subject in ("all", "simulated")
+        (f"{length} s", subject, 4 - length) for length in (1, 2, 3) for subject in ("all", "user9")
     ]
 
 
@@ -76,9 +79,9 @@ def test_mistakes_are_told_before_the_work(data: Path, monkeypatch: pytest.Monke
 
 def test_what_corrections_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(drift, "PEOPLE", 5)
-    with pytest.raises(ConfigError, match="has none of the folders vr_eyefinger, proximity_feedback"):
+    with pytest.raises(ConfigError, match="has no folder proximity_feedback"):
         invoke("pointing", "--data", str(tmp_path))
-    with pytest.raises(ConfigError, match="no such set; there are vr_eyefinger"):
+    with pytest.raises(ConfigError, match="no such set; there are proximity_feedback"):
         invoke("pointing", "--data", str(tmp_path), "--set", "motion_relloc")
     file = tmp_path / "rows.json"
     out, _ = invoke("pointing", "--data", str(tmp_path), "--set", "simulated_drift", "--json", str(file))

@@ -1,4 +1,4 @@
-"""Packages on belts, in the laboratory and in virtual reality: what is read, refused, and published."""
+"""Packages on belts: what is read, refused, and published."""
 
 import json
 from pathlib import Path
@@ -7,9 +7,8 @@ from typing import Any
 import pytest
 
 from pointit.runtime.errors import ConfigError
-from pointit_lab.evaluation.datasets import belts_vr
 from pointit_lab.evaluation.datasets.belts_lab import FILE, NAME, read_runs
-from pointit_lab.evaluation.selection.human import humans, lab_figures, vr_figures
+from pointit_lab.evaluation.selection.human import humans, lab_figures
 from tests.support import there
 from tests.support.data import data_file
 
@@ -94,7 +93,7 @@ def test_people_that_are_not_there_are_noted(tmp_path: Path) -> None:
     notes: list[str] = []
     assert humans(None, notes) == {}
     assert humans(tmp_path, notes) == {}
-    assert len(notes) == 4
+    assert len(notes) == 2
     write(tmp_path, GOOD)
     assert list(humans(tmp_path, [])) == [("belts_lab", "static, 1 of 3")]
 
@@ -110,56 +109,3 @@ def test_the_published_runs() -> None:
     assert medians["static, 1 of 3"] == pytest.approx(2.3, abs=0.2)
     assert medians["moving, 0.9 m/s"] == pytest.approx(7.2, abs=0.2)
     assert all(figures.missed_rate == 0.0 for figures in pointing.values())
-
-
-def passage(selected_t: float | None = 2.5, **fields: Any) -> dict[str, Any]:
-    usual = {
-        "subject": "V1", "step": 0, "speed_param": 2.0, "target": True,
-        "t": [0.5 + 0.1 * i for i in range(50)], "selected_t": selected_t,
-    }  # fmt: skip
-    return usual | fields
-
-
-def write_passages(folder: Path, *lines: dict[str, Any]) -> Path:
-    folder = folder / belts_vr.NAME
-    folder.mkdir()
-    (folder / belts_vr.FILE).write_text("".join(json.dumps(line) + "\n" for line in lines))
-    return folder
-
-
-def test_recall_and_wrong_selections(tmp_path: Path) -> None:
-    folder = write_passages(
-        tmp_path, passage(2.5), passage(3.5), passage(None), passage(None, target=False),
-        passage(1.0, target=False),
-    )  # fmt: skip
-    figures = vr_figures(belts_vr.read_passages(folder))
-    assert figures.n == 3
-    assert figures.missed_rate == pytest.approx(1 / 3)
-    assert (figures.wrong_rate, there(figures.time_s).median) == pytest.approx((1 / 3, 2.5))
-
-
-@pytest.mark.parametrize(
-    ("line", "complaint"),
-    [
-        (passage(speed_param=0.0), "line 2: speed_param: "),
-        (passage(0.1), "line 2: selected_t: a time after the first"),
-        (passage(t=[]), "line 2: t: "),
-        (passage(t=[0.2, 0.1]), "line 2: t: time goes backwards"),
-        ({"subject": "V1"}, "line 2: .*and 3 more"),
-    ],
-)
-def test_a_malformed_passage_is_told(line: dict[str, Any], complaint: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=complaint):
-        belts_vr.read_passages(write_passages(tmp_path, passage(), line))
-
-
-def test_the_published_packages() -> None:
-    found = humans(data_file("recordings/belts_vr").parent, [])
-    missed = {
-        condition: figures["pointing"].missed_rate
-        for (bench, condition), figures in found.items()
-        if bench == belts_vr.NAME
-    }
-    assert missed["0.5 m/s"] == 0.0
-    assert missed["2 m/s"] == pytest.approx(0.125)
-    assert (missed["7.5 m/s"] or 0.0) > 0.8

@@ -14,7 +14,7 @@ from pointit_lab.evaluation.localization.baselines import mean_angle
 from pointit_lab.evaluation.localization.trial import LocalizationTrial
 from pointit_lab.evaluation.recordings.data_folder import recordings_folder
 from tests.support.data import data_file
-from tests.support.published_recordings import Stand, write_acts, write_motion, write_simulated, write_track
+from tests.support.published_recordings import Stand, write_acts, write_motion, write_track
 
 STAND = Stand()
 
@@ -94,14 +94,6 @@ def test_the_same_acts_are_drawn_whoever_else_is_there(tmp_path: Path) -> None:
     assert len(drawn) > 20
 
 
-def test_simulated_trials_have_their_sign_of_yaw_and_their_scenario(tmp_path: Path) -> None:
-    write_simulated(tmp_path, [STAND, Stand(x=2.0, yaw_deg=-100.0), STAND])
-    trials = read_trials(tmp_path).trials
-    assert [trial.condition for trial in trials] == ["a", "b", "a"]
-    assert max(miss_rad(trial) for trial in trials) < 1e-6
-    assert trials[0].pointings.span_s < 2.0  # the way from lamp to lamp is no pointing
-
-
 def test_the_data_may_be_the_root_or_the_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     inner = tmp_path / "recordings"
     inner.mkdir()
@@ -119,8 +111,8 @@ def test_the_data_may_be_the_root_or_the_recordings(tmp_path: Path, monkeypatch:
 def test_what_is_missing_is_named_and_passed_over(tmp_path: Path) -> None:
     write_motion(tmp_path, STAND)
     reading = read_trials(tmp_path)
-    assert len(reading.notes) == 4
-    for name in ("lost.csv", "proximity_waypoints", "vr_arm_pointing", "synth_two_led"):
+    assert len(reading.notes) == 3
+    for name in ("lost.csv", "proximity_waypoints", "vr_arm_pointing"):
         assert sum(name in note for note in reading.notes) == 1
     assert {trial.set for trial in reading.trials} == {"motion_relloc"}
 

@@ -38,7 +38,7 @@ from pointit_lab.evaluation.recordings.row import Row
 from tests.support import there
 from tests.support.data import data_file
 from tests.support.pace import within
-from tests.support.published_recordings import Stand, write_simulated, write_track
+from tests.support.published_recordings import Stand, write_acts, write_track
 
 
 def outcome(
@@ -173,11 +173,13 @@ def test_a_bias_is_metres_for_the_original_and_none_for_ours(rows: list[Row]) ->
 def test_baselines_solve_some_of_the_trials_ours_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pointit_lab.evaluation.localization.localization.BASELINE_TRIALS", 5)
     assert BASELINE_TRIALS >= 100
-    write_simulated(tmp_path, [Stand(x=0.1 * i) for i in range(22)])
-    trials = read_trials(tmp_path).trials
+    write_acts(tmp_path, {"1": (1.7, Stand())})
+    trials = [
+        trial for trial in read_trials(tmp_path).trials if trial.condition in {"2 targets", "3 targets"}
+    ]
     found = localization_rows(trials, baselines=True, jobs=1, tick=silent)
     counts = {(row.condition, row.solver): row.n for row in found if row.subject == "all"}
-    assert counts == {(c, s): 11 if s == OURS else 4 for c in ("a", "b") for s in SOLVERS}
+    assert counts == {(f"{n} targets", s): 100 if s == OURS else 5 for n in (2, 3) for s in SOLVERS}
 
 
 def test_published_recordings_are_solved_sensibly() -> None:

@@ -10,7 +10,7 @@ from pointit.geometry.vector import Vec3
 from pointit.schemas import NS_PER_S, Cursor, PointingRay, SelectionEvent
 from pointit.services.pui.cursor import PersonCursor
 from pointit.services.user_sim.eyes import Eyes, Kind, SeenCursor, Span
-from pointit_lab.evaluation.selection.condition import CONVEYOR, LAB, VR, Condition, conditions
+from pointit_lab.evaluation.selection.condition import CONVEYOR, LAB, Condition, conditions
 from pointit_lab.evaluation.selection.row import Score
 from pointit_lab.evaluation.selection.selection import SelectionTrial, TrialRecorder, run, selection_rows
 from pointit_lab.evaluation.selection.stage import stage_of
@@ -23,7 +23,6 @@ def condition(bench: str, name: str) -> Condition:
 
 STATIC = condition(LAB, "static, 2 of 6")
 FEW = replace(condition(CONVEYOR, "6 packages"), packages=3, targets=1)
-FAST = replace(condition(VR, "2 m/s"), packages=4, targets=2)
 
 
 def trial(of: Condition, method: str = "gauge", seed: int = 0) -> SelectionTrial:
@@ -49,12 +48,11 @@ def test_people_select_what_they_should() -> None:
 
 
 def test_packages_that_pass_by_are_all_accounted_for() -> None:
-    for of in (FEW, FAST):
-        score = run(trial(of))
-        assert score.targets == of.targets
-        assert 0 <= score.missed <= score.targets
-        assert len(score.took_s) >= score.targets - score.missed
-        assert score.simulated_s < stage_of(of, (0, 0, 0)).limit_s
+    score = run(trial(FEW))
+    assert score.targets == FEW.targets
+    assert 0 <= score.missed <= score.targets
+    assert len(score.took_s) >= score.targets - score.missed
+    assert score.simulated_s < stage_of(FEW, (0, 0, 0)).limit_s
 
 
 def test_frames_are_drawn_only_for_eyes_that_are_due() -> None:
@@ -132,12 +130,11 @@ def test_on_the_conveyor_only_what_leaves_at_the_right_bay_counts() -> None:
 def test_rows_are_the_same_with_however_many_processes() -> None:
     def rows(jobs: int) -> object:
         told: list[int] = []
-        found, differences, pace = selection_rows(
+        found, differences = selection_rows(
             [STATIC], ["hold", "gauge"], trials=2, seed=3, jobs=jobs, humans={},
             tick=lambda done, total: told.append(done * 100 + total),
         )  # fmt: skip
         assert told[-1] == 4 * 100 + 4
-        assert pace.times_real > 1.0
         assert differences == []  # of so few trials
         return found
 

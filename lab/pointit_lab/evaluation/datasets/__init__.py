@@ -4,12 +4,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pointit.runtime.errors import ConfigError
-from pointit_lab.evaluation.datasets import motion_relloc, proximity_waypoints, synth_two_led, vr_arm_pointing
+from pointit_lab.evaluation.datasets import motion_relloc, proximity_waypoints, vr_arm_pointing
 from pointit_lab.evaluation.localization.trial import TrialReading
 
 SETS: dict[str, Callable[[Path, TrialReading], None]] = {
-    module.NAME: module.read
-    for module in (motion_relloc, proximity_waypoints, vr_arm_pointing, synth_two_led)
+    module.NAME: module.read for module in (motion_relloc, proximity_waypoints, vr_arm_pointing)
 }
 """Readers by the name of the folder."""
 

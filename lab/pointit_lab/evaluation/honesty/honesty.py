@@ -16,7 +16,7 @@ from pointit_lab.evaluation.honesty.row import MEDIAN_SQUARE, UNIT_S, WITHIN_SQU
 from pointit_lab.evaluation.honesty.sources import SIMULATED, Size, people
 from pointit_lab.evaluation.localization.localization import judged
 from pointit_lab.evaluation.localization.trial import Array, FollowRecording, LocalizationTrial
-from pointit_lab.evaluation.recordings.parallel import map_parallel
+from pointit_lab.evaluation.recordings.parallel import map_in_order
 
 WINDOWS_S = (2.0, 3.0, 5.0, 10.0)
 """Durations of following."""
@@ -144,21 +144,13 @@ def judged_sources(
     Raises:
         PointItError: If a process ended unexpectedly.
     """
-    pieces = [sources[start : start + CHUNK] for start in range(0, len(sources), CHUNK)]
-    results: dict[int, list[Judged]] = {}
-    done = 0
-    tick(done, len(sources))
-    work = map_parallel(verdicts, pieces, jobs) if jobs > 1 else enumerate(map(verdicts, pieces))
-    for number, found in work:
-        results[number] = found
-        done += len(pieces[number])
-        tick(done, len(sources))
-    return [each for _, piece in sorted(results.items()) for each in piece]
+    verdicts = map_in_order(judge_source, sources, jobs=jobs, chunk=CHUNK, tick=tick)
+    return [each for of_source in verdicts for each in of_source]
 
 
-def verdicts(sources: Sequence[PeopleSource]) -> list[Judged]:
-    """Return the verdicts on all trials of `sources`. Runs in other processes."""
-    return [verdict(trial, source.injection.name) for source in sources for trial in trials_of(source)]
+def judge_source(source: PeopleSource) -> list[Judged]:
+    """Return the verdicts on all trials of `source`. Runs in other processes."""
+    return [verdict(trial, source.injection.name) for trial in trials_of(source)]
 
 
 def trials_of(source: PeopleSource) -> Iterator[LocalizationTrial]:

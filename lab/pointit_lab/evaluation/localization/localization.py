@@ -21,7 +21,7 @@ from pointit_lab.evaluation.localization.baselines import BaselineEstimate, mean
 from pointit_lab.evaluation.localization.cramer_rao import median_bounds_m
 from pointit_lab.evaluation.localization.scoring import Key, Outcome, rows_of, until_taken_rows
 from pointit_lab.evaluation.localization.trial import LocalizationTrial
-from pointit_lab.evaluation.recordings.parallel import map_parallel
+from pointit_lab.evaluation.recordings.parallel import map_in_order
 from pointit_lab.evaluation.recordings.row import Row, arranged
 
 OURS = "pointit"
@@ -81,22 +81,14 @@ def localization_rows(
         PointItError: If a process ended unexpectedly.
     """
     tasks = list(_tasks(trials, baselines=baselines))
-    pieces = [tasks[start : start + CHUNK] for start in range(0, len(tasks), CHUNK)]
-    results: dict[int, list[Outcome]] = {}
-    done = 0
-    tick(done, len(tasks))
-    one = enumerate(map(solved, pieces)) if len(pieces) < 2 else None  # not worth the start of a process
-    for number, outcomes in one or map_parallel(solved, pieces, jobs):
-        results[number] = outcomes
-        done += len(pieces[number])
-        tick(done, len(tasks))
-    outcomes = [outcome for _, of_piece in sorted(results.items()) for outcome in of_piece]
+    solved = map_in_order(solve_task, tasks, jobs=jobs, chunk=CHUNK, tick=tick)
+    outcomes = [outcome for of_task in solved for outcome in of_task]
     return arranged([*rows_of(outcomes), *until_taken_rows(outcomes)])
 
 
-def solved(tasks: Sequence[Task]) -> list[Outcome]:
-    """Return the outcome of each solver on each trial. Runs in other processes."""
-    return [outcome(task.trial, task.bound_m, name, SOLVERS[name]) for task in tasks for name in task.solvers]
+def solve_task(task: Task) -> list[Outcome]:
+    """Return the outcome of each solver on a trial. Runs in other processes."""
+    return [outcome(task.trial, task.bound_m, name, SOLVERS[name]) for name in task.solvers]
 
 
 def _tasks(trials: Sequence[LocalizationTrial], *, baselines: bool) -> Iterator[Task]:

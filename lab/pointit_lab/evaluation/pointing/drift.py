@@ -20,8 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pointit.runtime.errors import ConfigError
 from pointit_lab.evaluation.datasets import proximity_feedback
 from pointit_lab.evaluation.datasets.proximity_feedback import FloorTrial, read_floor_trials
+from pointit_lab.evaluation.pointing import drift_simulated
 from pointit_lab.evaluation.pointing.drift_courses import chained, courses, hold_sigma_rad
 from pointit_lab.evaluation.pointing.drift_simulated import normal_row, simulated_rows
 from pointit_lab.evaluation.pointing.drift_solvers import (
@@ -32,7 +34,9 @@ from pointit_lab.evaluation.pointing.drift_solvers import (
     predictable,
     ratios,
 )
-from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row
+from pointit_lab.evaluation.recordings.row import ALL, MetricSpread, Row, arranged
+
+SETS = (proximity_feedback.NAME, drift_simulated.NAME)
 
 PEOPLE = 300
 
@@ -53,23 +57,36 @@ CHAINS_REMARK = (
 )
 
 
-def drift_rows(data: Path, tick: Callable[[str], None]) -> list[Row]:
+def drift_rows(
+    recordings: Path, sets: Sequence[str], subjects: Sequence[str], tick: Callable[[str], None]
+) -> list[Row]:
     """Return yaw errors after some time, of recorded people if there are recordings, and of simulated ones.
 
     Args:
-        data: folder with one folder per set.
+        recordings: folder with one folder per set.
+        sets: those of `SETS` to evaluate. Empty: all.
+        subjects: subjects whose rows to return. Empty: all, and the rows over all.
         tick: called with a short description of the current step.
 
     Raises:
-        ConfigError: If a recording is damaged.
+        ConfigError: If a file is damaged, the set is not present, or there is no data of these subjects.
     """
+    wanted = tuple(sets) or SETS
     rows: list[Row] = []
-    folder = data / proximity_feedback.NAME
-    if folder.is_dir():
+    folder = recordings / proximity_feedback.NAME
+    if folder.is_dir() and folder.name in wanted:
         tick("drift: reading recordings")
         rows += recorded_rows(read_floor_trials(folder), tick)
-    tick(f"drift: {PEOPLE} simulated people")
-    return rows + simulated_rows(PEOPLE)
+    elif proximity_feedback.NAME in wanted:
+        raise ConfigError(f"{recordings}: has no folder {proximity_feedback.NAME}")
+    if drift_simulated.NAME in wanted:
+        tick(f"drift: {PEOPLE} simulated people")
+        rows += simulated_rows(PEOPLE)
+    known = dict.fromkeys(row.subject for row in rows)
+    for subject in subjects:
+        if subject not in known:
+            raise ConfigError(f"{recordings}: has no subject {subject!r}; there are {', '.join(known)}")
+    return arranged(row for row in rows if not subjects or row.subject in subjects)
 
 
 def recorded_rows(trials: Sequence[FloorTrial], tick: Callable[[str], None]) -> list[Row]:

@@ -6,9 +6,10 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from multiprocessing.connection import wait
 from typing import TypeVar
 
@@ -22,6 +23,45 @@ END_TIMEOUT_S = 1.0
 
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """One thread per process: the processes use all cores, and more threads would disturb the times."""
+
+
+def map_in_order(
+    work: Callable[[Piece], Result],
+    pieces: Sequence[Piece],
+    *,
+    jobs: int,
+    chunk: int = 1,
+    tick: Callable[[int, int], object],
+) -> list[Result]:
+    """Return the results of `work` on `pieces`, in their order.
+
+    Args:
+        work: function of a module other than `__main__`, or such one with some arguments.
+        pieces: picklable arguments.
+        jobs: number of processes. 1: this one alone, as for a single chunk.
+        chunk: pieces that a process does at once.
+        tick: called with the number of finished pieces and of all.
+
+    Raises:
+        PointItError: If a process ended unexpectedly.
+    """
+    chunks = [pieces[start : start + chunk] for start in range(0, len(pieces), chunk)]
+    work_all = partial(_work_all, work)
+    is_alone = jobs == 1 or len(chunks) < 2
+    results: dict[int, list[Result]] = {}
+    done = 0
+    tick(done, len(pieces))
+    for number, found in (
+        enumerate(map(work_all, chunks)) if is_alone else map_parallel(work_all, chunks, jobs)
+    ):
+        results[number] = found
+        done += len(found)
+        tick(done, len(pieces))
+    return [each for _, of_chunk in sorted(results.items()) for each in of_chunk]
+
+
+def _work_all(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> list[Result]:
+    return [work(piece) for piece in pieces]
 
 
 def map_parallel(

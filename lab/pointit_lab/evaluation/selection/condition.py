@@ -4,14 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 LAB = "belts_lab"
-VR = "belts_vr"
 CONVEYOR = "conveyor"
-
-BENCHES = (LAB, VR, CONVEYOR)
 
 LAB_SPEEDS_MPS = (0.2, 0.5, 0.9)
 """Speeds of the levels 1, 2, 3 with moving packages."""
-VR_SPEEDS_MPS = tuple(0.5 * step for step in range(1, 16))
 
 RING_M = 10.0
 """Total length of the two strips of the laboratory."""
@@ -43,16 +39,11 @@ def lab_condition(motion: str, level: int, speed_mps: float) -> str:
     return f"static, {level} of {3 * level}"
 
 
-def vr_condition(speed_mps: float) -> str:
-    """Return the name of a condition of virtual reality."""
-    return f"{speed_mps:g} m/s"
-
-
 def conditions(benches: Sequence[str] = ()) -> list[Condition]:
     """Return the conditions of `benches` (empty: of all)."""
     return [
         condition
-        for bench, of_it in ((LAB, _lab()), (VR, _vr()), (CONVEYOR, _conveyor()))
+        for bench, of_it in ((LAB, _lab()), (CONVEYOR, _conveyor()))
         if not benches or bench in benches
         for condition in of_it
     ]
@@ -71,20 +62,6 @@ def _lab() -> list[Condition]:
             spacing_m=RING_M / packages,
         )
         for motion, level, speed_mps, packages, targets in (*static, *moving)
-    ]
-
-
-def _vr() -> list[Condition]:
-    return [
-        Condition(
-            bench=VR,
-            name=vr_condition(speed_mps),
-            speed_mps=speed_mps,
-            packages=24,
-            targets=8,
-            spacing_m=3.7 * speed_mps,  # fed by time: one every 3.7 s at any speed
-        )
-        for speed_mps in VR_SPEEDS_MPS
     ]
 
 

@@ -84,8 +84,6 @@ class Score:
     took_s: list[float] = field(default_factory=list[float])
     """Times that count, see `SelectionMetrics`."""
     simulated_s: float = 0.0
-    cpu_s: float = 0.0
-    """Processor time of the simulation."""
     frames: int = 0
     """Frames drawn for the simulated eyes."""
 

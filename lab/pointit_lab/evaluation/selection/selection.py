@@ -1,20 +1,19 @@
 """Comparison of simulated people with real ones, by condition and selection method."""
 
-import time
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pointit.schemas import NS_PER_S, SelectionEvent
-from pointit_lab.evaluation.recordings.parallel import map_parallel
+from pointit_lab.evaluation.recordings.parallel import map_in_order
 from pointit_lab.evaluation.selection.condition import Condition
 from pointit_lab.evaluation.selection.difference import Difference, differences_of
 from pointit_lab.evaluation.selection.human import Humans
 from pointit_lab.evaluation.selection.method import selector_config
 from pointit_lab.evaluation.selection.row import Score, SelectionTrialRow, figures_of
-from pointit_lab.evaluation.selection.stage import TrialSetup, stage_of
+from pointit_lab.evaluation.selection.stage import RIGHT_BAY, TrialSetup, stage_of
 from pointit_lab.evaluation.selection.world import START_NS, USUAL, Rates, World
 
 SETTLE_S = 1.5
@@ -42,7 +41,6 @@ class SelectionTrial:
 
 def run(trial: SelectionTrial) -> Score:
     """Run `trial` and return its score."""
-    began_ns = time.process_time_ns()
     setup = stage_of(trial.condition, trial.entropy)
     world = World(
         setup.environment,
@@ -60,7 +58,6 @@ def run(trial: SelectionTrial) -> Score:
     score = recorder.finish()
     score.simulated_s = (world.now_ns - START_NS) / NS_PER_S
     score.frames = world.frames
-    score.cpu_s = (time.process_time_ns() - began_ns) / 1e9
     return score
 
 
@@ -93,7 +90,7 @@ class TrialRecorder:
                 self._selected.pop(event.object_id, None)
                 self._took_s.pop(event.object_id, None)
                 self._toggled(event, at_s, selected=False)
-            elif event.event in self._stage.ends:
+            elif event.event == "dispatched":
                 self._leave(event)
 
     def is_over(self, now_ns: int) -> bool:
@@ -127,32 +124,7 @@ class TrialRecorder:
         if event.object_id in self._out:
             return
         self._out.add(event.object_id)
-        if event.kind != self._stage.target_kind:
-            return
-        bay = self._stage.right_bay
-        self._right_out += event.bay == bay if bay else self._selected.get(event.object_id, False)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulationSpeed:
-    """Speed of the simulation relative to real time."""
-
-    simulated_s: float
-    cpu_s: float
-    """Processor time of all processes together."""
-
-    @classmethod
-    def of(cls, results: Iterable[Sequence[Score]]) -> "SimulationSpeed":
-        """Return the speed over all `results`."""
-        scores = [score for each in results for score in each]
-        return cls(
-            simulated_s=sum(score.simulated_s for score in scores), cpu_s=sum(score.cpu_s for score in scores)
-        )
-
-    @property
-    def times_real(self) -> float:
-        """Return the real-time factor on one core."""
-        return self.simulated_s / self.cpu_s if self.cpu_s else 0.0
+        self._right_out += event.kind == self._stage.target_kind and event.bay == RIGHT_BAY
 
 
 def selection_rows(
@@ -164,8 +136,8 @@ def selection_rows(
     jobs: int,
     humans: Humans,
     tick: Callable[[int, int], None],
-) -> tuple[list[SelectionTrialRow], list[Difference], SimulationSpeed]:
-    """Return results of simulated people by condition and method, differences of methods, and the speed.
+) -> tuple[list[SelectionTrialRow], list[Difference]]:
+    """Return results of simulated people by condition and method, and differences of methods.
 
     A trial has the same people, packages and hand motion for every method, so that rows of one condition
     differ by the method alone. Every trial has its own seed.
@@ -182,22 +154,16 @@ def selection_rows(
     Raises:
         PointItError: If a process ended unexpectedly.
     """
-    pieces = [
-        [SelectionTrial(condition=condition, method=method, seed=seed + number) for number in numbers]
+    tasks = [
+        SelectionTrial(condition=condition, method=method, seed=seed + number)
         for condition in conditions
         for method in methods
-        for numbers in _cut(trials)
+        for number in range(trials)
     ]
-    results: dict[int, list[Score]] = {}
-    done, total = 0, len(conditions) * len(methods) * trials
-    tick(done, total)
-    for number, scores in _worked(pieces, jobs):
-        results[number] = scores
-        done += len(scores)
-        tick(done, total)
+    scores = map_in_order(run, tasks, jobs=jobs, chunk=CHUNK, tick=tick)
     groups: dict[tuple[Condition, str], list[Score]] = defaultdict(list)
-    for number, piece in enumerate(pieces):
-        groups[piece[0].condition, piece[0].method] += results[number]
+    for task, score in zip(tasks, scores, strict=True):
+        groups[task.condition, task.method].append(score)
     rows = [
         SelectionTrialRow(
             bench=condition.bench,
@@ -208,7 +174,7 @@ def selection_rows(
         )
         for (condition, method), scores in groups.items()
     ]
-    return rows, differences_of(groups), SimulationSpeed.of(results.values())
+    return rows, differences_of(groups)
 
 
 def document(rows: Sequence[SelectionTrialRow], differences: Sequence[Difference]) -> dict[str, Any]:
@@ -217,20 +183,3 @@ def document(rows: Sequence[SelectionTrialRow], differences: Sequence[Difference
         "rows": [row.as_json() for row in rows],
         "differences": [difference.as_json() for difference in differences],
     }
-
-
-def done(trials: Sequence[SelectionTrial]) -> list[Score]:
-    """Return the scores of `trials`. Runs in other processes."""
-    return [run(trial) for trial in trials]
-
-
-def _worked(trials: Sequence[Sequence[SelectionTrial]], jobs: int) -> Iterator[tuple[int, list[Score]]]:
-    if jobs > 1:
-        yield from map_parallel(done, trials, jobs)
-    else:
-        for number, piece in enumerate(trials):
-            yield number, done(piece)
-
-
-def _cut(trials: int) -> list[range]:
-    return [range(first, min(first + CHUNK, trials)) for first in range(0, trials, CHUNK)]

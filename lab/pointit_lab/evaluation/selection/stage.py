@@ -16,7 +16,7 @@ from pointit.services.conveyor_sim.plant import Plant
 from pointit.services.pui.surfaces import Surfaces
 from pointit.services.user_sim.config import AimConfig, DecisionConfig, UserSimConfig
 from pointit_lab.evaluation.selection.carousel import OTHER, TARGET, Carousel
-from pointit_lab.evaluation.selection.condition import LAB, RING_M, VR, Condition
+from pointit_lab.evaluation.selection.condition import LAB, RING_M, Condition
 from pointit_lab.evaluation.selection.world import START_NS, ObjectMotion, TrialPerson
 
 LAB_LENGTH_M = 0.5
@@ -27,19 +27,13 @@ LAB_MIN_M = 0.9
 
 LAB_LIMIT_S = 60.0
 
-VR_BELTS = ("a", "b", "c", "d")
-
-VR_LENGTH_M = 1.2
-
-VR_INTERVALS_S = (3.0, 5.0)
-"""Time between packages on a belt."""
-
 LENGTH_M = 0.4
 """Length of a package on the conveyor."""
 
 ENTRY = "part_e"
 
 RIGHT_BAY = "1"
+"""Bay where selected packages must leave the conveyor."""
 
 PLACES_M = ((-1.3, -1.9, 0.0), (1.8, -1.9, 0.0), (-3.0, -1.9, 0.0), (0.0, -2.3, 0.0))
 """Positions of people at the conveyor, in order; as in scenario 4."""
@@ -73,20 +67,12 @@ class TrialSetup:
     limit_s: float
     """Time limit; targets not selected by then are missed."""
     target_kind: str = TARGET
-    right_bay: str = ""
-    """Bay where selected packages must leave, or `""` for any."""
-    ends: frozenset[str] = frozenset({"left"})
-    """Events after which a package is out of reach."""
 
 
 def stage_of(condition: Condition, entropy: Sequence[int]) -> TrialSetup:
     """Return the setup of `condition` with packages and people drawn from `entropy`."""
     rng = np.random.default_rng([*entropy, 1])
-    if condition.bench == LAB:
-        return _lab(condition, rng)
-    if condition.bench == VR:
-        return _vr(condition, rng)
-    return _conveyor(condition, rng)
+    return _lab(condition, rng) if condition.bench == LAB else _conveyor(condition, rng)
 
 
 def kinds_of(condition: Condition, rng: np.random.Generator) -> list[str]:
@@ -129,32 +115,6 @@ def _lab(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     )
 
 
-def _vr(condition: Condition, rng: np.random.Generator) -> TrialSetup:
-    """Return independently fed belts, with intervals as in the recordings."""
-    environment, surfaces = room("vr_belts", "belt")
-    kinds = kinds_of(condition, rng)
-    each = condition.packages // len(VR_BELTS)
-    feeders = {
-        belt: NamedFeederConfig(
-            belt=belt,
-            sequence=tuple(kinds[number * each : (number + 1) * each]),
-            min_interval_s=VR_INTERVALS_S[0],
-            max_interval_s=VR_INTERVALS_S[1],
-            length_m=VR_LENGTH_M,
-            count=each,
-        )
-        for number, belt in enumerate(VR_BELTS)
-    }
-    return TrialSetup(
-        environment=environment,
-        movers=_plant(environment, condition, feeders, rng),
-        people=[person(0, (0.0, 0.0, 0.0), TARGET)],
-        surfaces=surfaces,
-        packages=condition.packages,
-        limit_s=each * VR_INTERVALS_S[1] + _longest_m(environment) / condition.speed_mps + REST_S,
-    )
-
-
 def _conveyor(condition: Condition, rng: np.random.Generator) -> TrialSetup:
     """Return the paper's demonstrator, fed at one entry; selected packages leave at bay 1."""
     environment, surfaces = room("conveyor", "belt")
@@ -175,8 +135,6 @@ def _conveyor(condition: Condition, rng: np.random.Generator) -> TrialSetup:
         surfaces=surfaces,
         packages=condition.packages,
         limit_s=condition.packages * interval_s + way_m / condition.speed_mps + REST_S,
-        right_bay=RIGHT_BAY,
-        ends=frozenset({"dispatched"}),
     )
 
 
@@ -188,10 +146,6 @@ def _plant(
 ) -> Plant:
     config = ConveyorSimConfig(speed_mps=condition.speed_mps, feeders=feeders)
     return Plant(environment, config, seed=int(rng.integers(2**31)), start_ns=START_NS)
-
-
-def _longest_m(environment: Environment) -> float:
-    return max(Polyline(belt.line_m).length_m for belt in environment.belts)
 
 
 @dataclass(frozen=True, kw_only=True)

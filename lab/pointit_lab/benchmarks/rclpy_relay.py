@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-PYTHON = Path(__file__).parents[4] / ".venv-rclpy" / "bin" / "python"
+PYTHON = Path(__file__).parents[3] / ".venv-rclpy" / "bin" / "python"
 THERE, BACK = "relayed", "returned"
 DEPTH = 100
 READY_S = 20.0

@@ -1,0 +1,256 @@
+"""The baseline: Zenoh and nothing else, as a chain of hops driven at the same rate as ours, and as a relay.
+
+Each hop forwards 200 bytes; the payload carries the time of the first put. `direct` runs the callback on
+Zenoh's own thread (the minimum), `default` as in Zenoh's documentation, with a thread per subscriber. A relay
+forwards bytes from one session to another: the lower bound of any bridge in Python.
+
+As a program: `bare_zenoh ADDRESS HOP` is a hop of the chain, `bare_zenoh FROM TO` a relay, until it is ended.
+"""
+
+import asyncio
+import contextlib
+import json
+import os
+import socket
+import struct
+import sys
+import time
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import psutil
+import zenoh
+from zenoh.handlers import Callback
+
+PAYLOAD_BYTES = 200
+KEY = "bare/{}"
+CallbackKind = Literal["direct", "default"]
+ENVIRONMENT = dict(os.environ)
+"""The environment before our bus chooses Zenoh's threads in it: bare processes have those of the user."""
+
+
+def free_endpoint() -> str:
+    """Return a free address of this machine."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def opened(*, listen: str = "", connect: str = "", mode: str = "") -> zenoh.Session:
+    """Open a session with the settings of our own ones, without a namespace."""
+    config = zenoh.Config()
+    settings: dict[str, Any] = {
+        "mode": mode or ("client" if connect else "peer"),
+        "listen/endpoints": [listen] if listen else [],
+        "connect/endpoints": [connect] if connect else [],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,
+    }
+    if not connect:
+        settings["scouting/delay"] = 0
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
+def forward(session: zenoh.Session, hop: int, kind: CallbackKind) -> None:
+    """Forward samples of `hop` to the next."""
+    publisher = session.declare_publisher(KEY.format(hop + 1))
+    subscribe(session, hop, lambda sample: publisher.put(sample.payload.to_bytes()), kind)
+
+
+def subscribe(
+    session: zenoh.Session, hop: int, callback: Callable[[zenoh.Sample], None], kind: CallbackKind
+) -> None:
+    """Call `callback` with samples of `hop`."""
+    session.declare_subscriber(KEY.format(hop), Callback(callback, indirect=kind == "default"))
+
+
+async def one_process(hops: int, rate_hz: float, duration_s: float, kind: CallbackKind) -> list[float]:
+    """Return the times through `hops` hops in one session, seconds."""
+    with opened() as session:
+        return await _drive(session, hops, rate_hz, duration_s, kind)
+
+
+async def processes(hops: int, rate_hz: float, duration_s: float, endpoint: str) -> list[float]:
+    """Return the times when each hop is a process, all connected to this one, seconds."""
+    with opened(listen=endpoint) as session:
+        children = [
+            await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "pointit_lab.benchmarks.bare_zenoh", endpoint, str(hop)),
+                stdin=asyncio.subprocess.PIPE,
+                env=ENVIRONMENT,
+            )
+            for hop in range(hops - 1)
+        ]
+        try:
+            await asyncio.sleep(2.0)  # they import and connect
+            return await _drive(session, hops, rate_hz, duration_s, "direct", forwards=False)
+        finally:
+            for child in children:
+                child.kill()
+                await child.wait()
+
+
+async def _drive(
+    session: zenoh.Session,
+    hops: int,
+    rate_hz: float,
+    duration_s: float,
+    kind: CallbackKind,
+    *,
+    forwards: bool = True,
+) -> list[float]:
+    times_s: list[float] = []
+
+    def arrive(sample: zenoh.Sample) -> None:
+        (sent_ns,) = struct.unpack_from("<q", sample.payload.to_bytes())
+        times_s.append((time.perf_counter_ns() - sent_ns) / 1e9)
+
+    if forwards:
+        for hop in range(hops - 1):
+            forward(session, hop, kind)
+    subscribe(session, hops - 1, arrive, kind)
+    publisher = session.declare_publisher(KEY.format(0))
+    await asyncio.sleep(0.3)
+    loop = asyncio.get_running_loop()
+    due_s = loop.time()
+    end_s = due_s + duration_s
+    while due_s < end_s:
+        publisher.put(struct.pack("<q", time.perf_counter_ns()).ljust(PAYLOAD_BYTES, b"\0"))
+        due_s += 1.0 / rate_hz
+        await asyncio.sleep(max(0.0, due_s - loop.time()))
+    await asyncio.sleep(0.1)
+    return times_s
+
+
+TAIL_S = 0.2
+"""Time for the last messages to arrive, s."""
+
+
+async def relay_cost(
+    process: psutil.Process,
+    put: Callable[[int], object],
+    rate_hz: float,
+    duration_s: float,
+    *,
+    per_turn: int = 1,
+) -> tuple[int, dict[str, Any]]:
+    """Return the number of messages that were put, and what they cost `process`.
+
+    Args:
+        process: the relay.
+        put: publishes the messages of a turn. It is called with the number of the turn.
+        rate_hz: turns per second.
+        duration_s: duration of the measurement, s.
+        per_turn: messages that `put` publishes.
+    """
+    before, began_s = process.cpu_times(), time.perf_counter()
+    loop, turn = asyncio.get_running_loop(), 0
+    due_s = loop.time()
+    end_s = due_s + duration_s
+    while due_s < end_s:
+        put(turn)
+        turn += 1
+        # no larger bursts to catch up, in which only the newest message would be delivered
+        due_s = max(due_s + 1.0 / rate_hz, loop.time())
+        await asyncio.sleep(due_s - loop.time())
+    after, took_s = process.cpu_times(), time.perf_counter() - began_s
+    await asyncio.sleep(TAIL_S)
+    cpu_s = after.user + after.system - before.user - before.system
+    messages = turn * per_turn
+    return messages, {
+        "cpu_share_of_a_core": round(cpu_s / took_s, 4),
+        "messages_per_second": round(messages / took_s, 1),
+        "us_per_message": round(cpu_s / messages * 1e6, 1) if messages else None,
+    }
+
+
+THERE, BACK = "relayed", "returned"
+PAYLOAD = bytes(100)
+ATTACHMENT = bytes(33)
+READY_S = 20.0
+SETTLE_S = 0.5
+
+
+@dataclass(frozen=True)
+class RelayEnds:
+    """Both ends of a relay, and its process."""
+
+    source: zenoh.Session
+    sink: zenoh.Session
+    process: psutil.Process
+
+
+@contextlib.asynccontextmanager
+async def relaying() -> AsyncGenerator[RelayEnds]:
+    """Yield the ends of a relay that has started."""
+    endpoints = [free_endpoint() for _ in range(2)]
+    source, session = (opened(listen=endpoint, mode="router") for endpoint in endpoints)
+    child = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "pointit_lab.benchmarks.bare_zenoh", *endpoints
+    )
+    samples: list[zenoh.Sample] = []
+    try:
+        for near, far, key in ((source, session, THERE), (session, source, BACK)):
+            reader = far.declare_subscriber(key, Callback(samples.append, indirect=False))
+            async with asyncio.timeout(READY_S):
+                while not samples:
+                    near.put(key, PAYLOAD, attachment=ATTACHMENT)
+                    await asyncio.sleep(0.1)
+            reader.undeclare()
+            samples.clear()
+        await asyncio.sleep(SETTLE_S)
+        yield RelayEnds(source, session, psutil.Process(child.pid))
+    finally:
+        child.kill()
+        await child.wait()
+        source.close()
+        session.close()
+
+
+async def measure_relay(rate_hz: float, duration_s: float) -> dict[str, Any]:
+    """Return the CPU share and losses of the relay."""
+    samples: list[zenoh.Sample] = []
+    async with relaying() as ends:
+        publisher = ends.source.declare_publisher(THERE)
+        reader = ends.sink.declare_subscriber(THERE, Callback(samples.append, indirect=False))
+        await asyncio.sleep(SETTLE_S)
+
+        def put(_turn: int) -> None:
+            publisher.put(PAYLOAD, attachment=ATTACHMENT)
+
+        count, figures = await relay_cost(ends.process, put, rate_hz, duration_s)
+        reader.undeclare()
+    return {**figures, "lost": count - len(samples)}
+
+
+def relay_until_terminated(source: str, session: str) -> None:
+    """Forward both ways between the sessions at two addresses."""
+    near, far = opened(connect=source), opened(connect=session)
+    there, back = far.declare_publisher(THERE), near.declare_publisher(BACK)
+
+    def relay(sample: zenoh.Sample) -> None:
+        there.put(sample.payload.to_bytes(), attachment=ATTACHMENT)
+
+    def give_back(sample: zenoh.Sample) -> None:
+        back.put(sample.payload.to_bytes(), attachment=ATTACHMENT)
+
+    readers = (
+        near.declare_subscriber(THERE, Callback(relay, indirect=False)),
+        far.declare_subscriber(BACK, Callback(give_back, indirect=False)),
+    )
+    while readers:
+        time.sleep(3600.0)
+
+
+if __name__ == "__main__":
+    near, far = sys.argv[1:]
+    if far.isdigit():
+        with opened(connect=near) as child_session:
+            forward(child_session, int(far), "direct")
+            sys.stdin.read()
+    else:
+        relay_until_terminated(near, far)

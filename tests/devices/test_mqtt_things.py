@@ -12,11 +12,23 @@ from pointit.cli.things import mqtt_events
 from pointit.cli.things.mqtt_events import broker_of
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import Done, SelectedObject, Selection, SetThing
-from pointit.schemas.topics import SELECTION, SET_THING
+from pointit.schemas.topics import ACT_RESULTS, SELECTION, SET_THING, THING_STATES
 from tests.support.bench import memory_bench, until
 from tests.support.buses import free_port
 from tests.support.mqtt import Relay, broker, overheard
-from tests.support.mqtt_things import ROOM, TRIGGER, announced, found, point, published, room, thing, told
+from tests.support.mqtt_things import (
+    ROOM,
+    TRIGGER,
+    announced,
+    found,
+    point,
+    published,
+    room,
+    selecting,
+    switch,
+    thing,
+    told,
+)
 
 
 @pytest.fixture
@@ -27,6 +39,7 @@ def port(tmp_path: Path) -> Iterator[int]:
 
 async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int) -> None:
     async with memory_bench() as bench, overheard(port, "#") as heard, published(port, bench) as watcher:
+        results = bench.collect(ACT_RESULTS)
         watcher.on_map(ROOM)
         await until(lambda: len(found(heard)) == 3, what="announcements")
         screws, seat = found(heard)["event screws"], found(heard)["event seat"]
@@ -43,8 +56,10 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
         bench.put(SELECTION, Selection(stamp_ns=1))
         await until(lambda: bool(told(heard, radio["state_topic"])), what="the state of the switch")
         for name in ("screws", "seat", "radio"):
-            point(bench, name)
-            point(bench, name, "deselected")
+            for event in ("selected", "deselected"):
+                before = len(results)
+                point(bench, name, event)
+                await until(lambda before=before: len(results) > before, what="the result")
         chosen = SelectedObject(id="radio", user="anna", since_ns=1, confidence=0.9)
         bench.put(SELECTION, Selection(stamp_ns=2, objects=(chosen,)))
         pointed = {"event_type": "pointed", "user": "anna", "confidence": 0.9, "cause": ""}
@@ -61,7 +76,8 @@ async def test_each_thing_is_announced_and_what_is_pointed_at_arrives(port: int)
             ),
             what="the switch to be on, with all attributes",
         )
-        assert watcher.summary()["mqtt"] == {"events": 3, "dropped": 0, "problem": ""}
+        assert watcher.summary()["mqtt"] == {"events": 3, "problem": ""}
+        assert [each.result for each in results] == ["done"] * 6
     await until_retained(port, radio["availability_topic"], b"offline")
 
 
@@ -105,41 +121,39 @@ async def test_a_thing_that_is_gone_is_taken_back_also_after_a_restart(port: int
     assert [topic for topic, _ in later] == ["homeassistant/last"]
 
 
-async def test_lost_events_are_one_line_of_the_log_and_all_are_counted(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    async with memory_bench() as bench, published(free_port(), bench) as watcher:
-        watcher.on_map(ROOM)
-        for _ in range(5):
-            point(bench, "screws")
-        await until(lambda: watcher.summary()["mqtt"]["dropped"] == 5, what="the events")
-    assert len([text for text in caplog.messages if "events are lost" in text]) == 1
-
-
-async def test_what_is_pointed_at_without_a_broker_is_counted_and_never_told_later(
+async def test_what_is_pointed_at_without_a_broker_is_refused_with_the_reason_and_never_told_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mqtt_events, "RETRY_S", 0.1)
     port = free_port()
-    async with memory_bench() as bench, published(port, bench) as watcher:
+    async with selecting() as bench, published(port, bench) as watcher:
+        states = bench.collect(THING_STATES)
+
+        def problems() -> set[str]:
+            return {each.reason for told in states[-1:] for each in told.things}
+
         watcher.on_map(ROOM)
-        await until(lambda: "cannot be reached" in watcher.summary()["mqtt"]["problem"], what="the problem")
-        point(bench, "screws")
-        await until(lambda: watcher.summary()["mqtt"]["dropped"] == 1, what="the event")
+        await until(lambda: "cannot be reached" in str(problems()), what="the problem")
+        for user in ("anna", "ben", "cleo"):
+            with pytest.raises(RefusedError, match=f"127.0.0.1:{port}: the broker cannot be reached"):
+                await switch(bench, user)
         with broker(tmp_path, port):
             async with overheard(port, "#") as heard:
-                await until(lambda: len(found(heard)) == 3, what="announcements")
-                topic = found(heard)["event screws"]["state_topic"]
-                point(bench, "screws")
-                await until(lambda: bool(told(heard, topic)), what="the next event")
-                assert watcher.summary()["mqtt"] == {"events": 1, "dropped": 1, "problem": ""}
-        await until(lambda: watcher.summary()["mqtt"]["problem"] != "", what="the loss of the broker")
+                await until(lambda: problems() == {""}, what="the broker to be there")
+                assert await switch(bench, "ben") == "radio selected"
+                topic = found(heard)["switch radio"]["state_topic"]
+                await until(lambda: "ben" in str(told(heard, topic)), what="the state")
+                assert [each["user"] for each in told(heard, topic)] == ["", "ben"]
+        await until(lambda: problems() != {""}, what="the loss of the broker")
         point(bench, "screws")
-        await until(lambda: watcher.summary()["mqtt"]["dropped"] == 2, what="the event")
+        results = bench.collect(ACT_RESULTS)
+        await until(lambda: bool(results), what="the result")
+        assert (results[0].result, results[0].code) == ("failed", "unavailable")
         with broker(tmp_path, port):
             async with overheard(port, "#") as heard:
                 await until(lambda: len(found(heard)) == 3, what="announcements to a broker that forgot them")
-                assert told(heard, topic) == []
+                await until(lambda: "ben" in str(told(heard, topic)), what="the state of the switch")
+                assert told(heard, found(heard)["event screws"]["state_topic"]) == []
 
 
 async def test_a_switch_obeys_the_broker_and_nothing_else_does(port: int) -> None:

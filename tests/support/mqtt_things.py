@@ -7,10 +7,15 @@ from collections.abc import AsyncGenerator, Mapping
 from typing import Any
 
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
-from pointit.schemas import Environment, SelectionEvent
+from pointit.runtime.clock import WallClock
+from pointit.schemas import Environment, SelectionEvent, SetThing
 from pointit.schemas.environment import Thing, ThingMode
-from pointit.schemas.topics import SELECTION_EVENTS
-from tests.support.bench import Bench
+from pointit.schemas.topics import OBJECTS, SELECTION_EVENTS, SET_THING
+from pointit.services.pui.tracked_objects import TRACKER as THINGS
+from pointit.services.pui.tracked_objects import listing
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.service import Selector
+from tests.support.bench import Bench, memory_bench
 
 TRIGGER = "device_automation "
 Heard = list[tuple[str, bytes]]
@@ -40,8 +45,26 @@ async def published(port: int, bench: Bench) -> AsyncGenerator[MqttThings]:
         await asyncio.gather(*ended, return_exceptions=True)
 
 
+@contextlib.asynccontextmanager
+async def selecting(room: Environment = ROOM) -> AsyncGenerator[Bench]:
+    """Yield a site with a selector, which knows nothing of earlier ones, in a room with these things."""
+    clock = WallClock()
+    async with memory_bench(clock) as bench:
+        selector = bench.start(Selector, SelectorConfig.model_validate({"journal": {"enabled": False}}))
+        await bench.settle()
+        bench.put(OBJECTS, listing(room, clock.now_ns()), THINGS)
+        yield bench
+        await bench.end(selector)
+
+
+async def switch(bench: Bench, user: str = "anna", *, on: bool = True) -> str:
+    """Switch the radio as `user`. Return what they are told."""
+    return (await bench.bus.call(SET_THING, SetThing(thing="radio", on=on), user)).message
+
+
 def point(bench: Bench, name: str, event: str = "selected") -> None:
     fields = {"stamp_ns": 1, "event": event, "object_id": name, "user": "anna", "confidence": 0.9}
+    fields["carriers"] = ("mqtt",)
     bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
 
 

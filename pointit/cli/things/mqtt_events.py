@@ -12,12 +12,13 @@ import logging
 import math
 import re
 import zlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from pointit.launch.plan.plan import OnEvent
 from pointit.runtime.bus.contract import Bus, Closable
+from pointit.runtime.bus.site_clock import SiteClock
 from pointit.runtime.config.config import Layers
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.extras import pointit_version
@@ -30,10 +31,10 @@ from pointit.runtime.mqtt.broker import (
     uncancelled,
 )
 from pointit.runtime.mqtt.broker_config import FORM, BrokerConfig
-from pointit.schemas import Environment, ReadHistory, SelectedObject, Selection, SelectionEvent, SetThing
+from pointit.runtime.service.carrier import Act, ActFailedError, Carrier
+from pointit.schemas import Environment, SelectedObject, Selection, SelectionEvent, SetThing, ThingState
 from pointit.schemas.environment import Thing
-from pointit.schemas.selection import REPEATED_REASON
-from pointit.schemas.topics import READ_HISTORY, SELECTION, SELECTION_EVENTS, SET_THING
+from pointit.schemas.topics import SELECTION, SET_THING
 
 log = logging.getLogger(__name__)
 
@@ -232,14 +233,12 @@ RETRY_S = 2.0
 """Pause before the next connection, s."""
 OLD_FOUND_S = 0.5
 """Timeout for the next retained announcement of the broker, s."""
-RESTORE_PAUSES_S = (0.0, 0.5, 1.0, 2.0, 4.0)
-"""Delays before each attempt to restore switches after a restart, s."""
+RESTORE_TIMEOUT_S = 8.0
+"""Time after a start for which a switch that the broker retains as on is told as on, s."""
 LOG_PERIOD_S = 600.0
 """Minimum time between two log lines with the same cause, s."""
 MAX_CAUSES = 100
 """Maximum number of causes whose times are kept. Beyond it all are logged again."""
-MAX_QUEUED = 100
-"""Maximum number of events that wait for the broker."""
 
 
 def broker_of(address: str, ca_file: str = "") -> BrokerConfig:
@@ -257,7 +256,7 @@ def broker_of(address: str, ca_file: str = "") -> BrokerConfig:
 
 
 class MqttThings:
-    """Watcher of a run that announces its things at a broker, and publishes their events and states."""
+    """Watcher of a run that announces its things at a broker. Carries out acts: publishes their events."""
 
     def __init__(self, config: BrokerConfig, prefix: str = "") -> None:
         """Prepare; nothing is opened yet.
@@ -271,25 +270,21 @@ class MqttThings:
         self._config = config
         self._prefix = discovery_prefix(prefix)
         self._options = client_options(config)
-        self._things: dict[str, Thing] = {}
-        self._has_map = asyncio.Event()
-        self._selection = Selection(stamp_ns=0)
-        self._has_selection = asyncio.Event()
-        self._retained: dict[str, object] = {}
+        self._things: Sequence[Thing] | None = None
+        self._selection: Selection | None = None
+        self._retained: Mapping[str, object] | None = None
         """Payloads by topic that the broker had retained at the first connection."""
-        self._has_retained = asyncio.Event()
         self._restoring: set[str] | None = None
-        """Switches that are about to be switched on again. None until they are known."""
+        """Switches that the broker retains as on, and the selector does not have yet. None until known."""
         self._shown: dict[str, str] = {}
         """Payloads by topic that the broker has retained."""
-        self._publications: asyncio.Queue[Publication] = asyncio.Queue(MAX_QUEUED)
         self._changed = asyncio.Event()
-        self._is_connected = False
+        self._client: aiomqtt.Client | None = None
+        """The connection, or None if there is none."""
         self._problem = ""
         self._logged_s: dict[str, float] = {}
         """Times at which causes were logged."""
         self._sent = 0
-        self._dropped = 0
 
     def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
         """Subscribe on `bus`, and connect.
@@ -298,90 +293,90 @@ class MqttThings:
         """
         del on_event
         self._bus, self._announcements = bus, Announcements(bus.site, self._prefix)
-        ending = contextlib.ExitStack()
-        for run, name in ((self._run, "things by MQTT"), (self._restore, "switches by MQTT")):
-            ending.callback(asyncio.create_task(run(), name=name).cancel)
-        return (
-            ending,
-            bus.subscribe(SELECTION_EVENTS, self._on_event),
-            bus.subscribe(SELECTION, self._on_selection),
-        )
+        self._carrier = Carrier(bus, SiteClock(bus), USER)
+        self._ending = contextlib.ExitStack()
+        self._ending.callback(asyncio.create_task(self._run(), name="things by MQTT").cancel)
+        return self._ending, bus.subscribe(SELECTION, self._on_selection)
 
     def on_map(self, environment: Environment) -> None:
         """Announce the things of the map, and take back those that are gone."""
-        self._things = {thing.id: thing for thing in environment.things}
-        self._has_map.set()
-        self._changed.set()
+        self._things = environment.things
+        self._carrier.use({thing.id: [MqttTarget(self, thing)] for thing in environment.things})
+        self._restore()
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
         """Ignore services."""
 
     def summary(self) -> Mapping[str, Any]:
-        """Return the number of events that the broker got and that it did not get, and its last problem."""
-        return {"mqtt": {"events": self._sent, "dropped": self._dropped, "problem": self._problem}}
+        """Return the number of events that the broker got, and its last problem."""
+        return {"mqtt": {"events": self._sent, "problem": self._problem}}
+
+    def state_of(self, thing: Thing) -> ThingState:
+        """Return the state of a thing. The broker has none but that of a switch from before a restart."""
+        if self._client is None:
+            reason = self._problem or "it is not connected yet: wait"
+            return ThingState(id="", state="unavailable", reason=f"{self._config.broker}: {reason}")
+        if thing.id in (self._restoring or ()):
+            return ThingState(id="", state="on")
+        return ThingState(id="", state="unknown" if thing.mode == "claim" else "")  # its end is an act
+
+    async def publish(self, thing: Thing, event: SelectionEvent) -> None:
+        """Return when the broker has the message of an event. Raises ActFailedError if it does not get it."""
+        from aiomqtt import MqttError  # noqa: PLC0415 - an extra
+
+        self._stop_restoring([thing.id])
+        message = self._announcements.event(thing, event)
+        if message is None:
+            return
+        try:
+            if self._client is None:
+                raise ActFailedError("unavailable", self.state_of(thing).reason)
+            await uncancelled(self._client.publish(message.topic, message.payload, qos=1))
+        except MqttError as error:
+            raise ActFailedError(
+                "no_answer", f"{self._config.broker} did not take the event: {error}"
+            ) from error
+        self._sent += 1
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
         self._selection = selection
-        self._has_selection.set()
+        self._restore()
+        self._stop_restoring(each.id for each in selection.objects)
+
+    def _restore(self) -> None:
+        """Tell for a while that switches are on which the broker retains as on, as soon as all is known."""
         self._changed.set()
+        is_known = self._restoring is not None
+        if not is_known and self._things is not None and self._retained is not None and self._selection:
+            selected = {each.id for each in self._selection.objects}
+            self._restoring = self._announcements.switched_on(self._things, self._retained) - selected
+            timer = asyncio.get_running_loop().call_later(RESTORE_TIMEOUT_S, self._give_up_restoring)
+            self._ending.callback(timer.cancel)
+        self._carrier.tell()
 
-    def _on_event(self, event: SelectionEvent, _name: str) -> None:
-        thing = self._things.get(event.object_id)
-        publication = self._announcements.event(thing, event) if thing is not None else None
-        # events from before a restart of the selector have been published
-        if publication is None or event.reason.endswith(REPEATED_REASON):
-            return
-        # what was pointed at while there was no broker would happen long after
-        if not self._is_connected or self._publications.full():
-            self._dropped += 1
-            self._log(f"{self._config.broker}: events are lost until the broker accepts them again")
-            return
-        self._publications.put_nowait(publication)
+    def _give_up_restoring(self) -> None:
+        for name in self._restoring or ():
+            self._log(
+                f"{name} was on before the restart and is off now: not placed, or another target is off"
+            )
+        self._stop_restoring(self._restoring or ())
 
-    async def _restore(self) -> None:
-        """Switch on the things that the broker retains as on, unless a user has switched them off."""
-        for known in (self._has_retained, self._has_map, self._has_selection):
-            await known.wait()
-        forgotten = self._announcements.switched_on([*self._things.values()], self._retained)
-        self._restoring = forgotten - self._selected()
-        self._changed.set()
-        if not self._restoring:
-            return
-        try:
-            events = (await self._bus.call(READ_HISTORY, ReadHistory())).events
-        except PointItError:  # there is no journal
-            events = ()
-        last = {event.object_id: event for event in events if event.event in ("selected", "deselected")}
-        await asyncio.gather(*(self._switch_on(each, last.get(each)) for each in self._restoring))
-
-    async def _switch_on(self, thing_id: str, last: SelectionEvent | None) -> None:
-        """Switch on a switch whose last event is `last`, unless somebody switches it meanwhile."""
-        restoring = self._restoring or set()
-        problem = ""
-        for pause_s in RESTORE_PAUSES_S if last is None or last.is_on else ():
-            await asyncio.sleep(pause_s)
-            if thing_id in self._selected() or thing_id not in restoring:
-                break
-            try:
-                user = USER if last is None else last.user
-                await self._bus.call(SET_THING, SetThing(thing=thing_id, on=True, is_restored=True), user)
-            except PointItError as error:  # its lamp or object may come later
-                problem = str(error)
-        else:
-            if problem:
-                self._log(f"{thing_id} was on before the restart and is off now: {problem}")
-        restoring.discard(thing_id)
-        self._changed.set()
-
-    def _selected(self) -> set[str]:
-        return {each.id for each in self._selection.objects}
+    def _stop_restoring(self, things: Iterable[str]) -> None:
+        if self._restoring:
+            self._restoring -= {*things}
+            self._carrier.tell()
+            self._changed.set()
 
     async def _run(self) -> None:
         has_user = bool(self._config.username)
-        await keep_connected(self._serve, self._on_lost, has_user=has_user, retry_s=RETRY_S)
+        try:
+            await keep_connected(self._serve, self._on_lost, has_user=has_user, retry_s=RETRY_S)
+        finally:
+            await self._carrier.close()
 
     def _on_lost(self, problem: str) -> None:
         self._problem = problem
+        self._carrier.tell()
         self._log(f"{self._config.broker}: {problem}")
 
     def _log(self, cause: str) -> None:
@@ -401,23 +396,19 @@ class MqttThings:
         will = Will(status, OFFLINE, qos=1, retain=True)
         async with connected({**self._options, "will": will}) as client:
             retained = await self._read_retained(client)
-            if not self._has_retained.is_set():
+            if self._retained is None:
                 self._retained = retained
-                self._has_retained.set()
             self._shown = dict.fromkeys(retained, "")
             self._problem = ""
-            self._is_connected = True
-            self._changed.set()
+            self._client = client
+            self._restore()
             try:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._publish_states(client), name="states by MQTT")
-                    tasks.create_task(self._publish_events(client), name="events by MQTT")
                     tasks.create_task(self._run_commands(client), name="commands by MQTT")
             finally:
-                self._is_connected = False
-                self._dropped += self._publications.qsize()
-                while not self._publications.empty():
-                    self._publications.get_nowait()
+                self._client = None
+                self._carrier.tell()
                 with contextlib.suppress(MqttError, TimeoutError):  # the last will says it then
                     async with asyncio.timeout(OLD_FOUND_S):
                         await client.publish(status, OFFLINE, qos=1, retain=True)
@@ -441,9 +432,9 @@ class MqttThings:
         while True:
             await self._changed.wait()
             self._changed.clear()
-            if not self._has_map.is_set():
+            if self._things is None:
                 continue
-            things = list(self._things.values())
+            things = self._things
             outdated = self._announcements.outdated([*self._shown], things)
             wanted = [
                 *outdated,
@@ -459,17 +450,11 @@ class MqttThings:
                 self._shown.pop(each.topic, None)
 
     def _states(self, things: Sequence[Thing]) -> Sequence[Publication]:
-        if self._restoring is None:  # what is on is not known yet
+        if self._restoring is None or self._selection is None:  # what is on is not known yet
             return ()
-        return self._announcements.states(things, self._selection.objects, without=self._restoring)
-
-    async def _publish_events(self, client: "aiomqtt.Client") -> None:
-        while True:
-            event = await self._publications.get()
-            self._dropped += 1  # until the broker has it
-            await uncancelled(client.publish(event.topic, event.payload, qos=1))
-            self._dropped -= 1
-            self._sent += 1
+        selected = self._selection.objects
+        without = self._restoring | {each.id for each in selected if each.is_pending}
+        return self._announcements.states(things, selected, without)
 
     async def _run_commands(self, client: "aiomqtt.Client") -> None:
         """Switch things as the broker says, until the connection is lost, which raises MqttError."""
@@ -483,7 +468,7 @@ class MqttThings:
                     self._shown.clear()  # announces a device again that was deleted there
                     self._changed.set()
                 continue
-            command = self._announcements.command([*self._things.values()], topic, message.payload)
+            command = self._announcements.command(self._things or (), topic, message.payload)
             if message.retain:
                 self._log(f"{topic} is retained, thus old, and ignored: send commands without `retain`")
                 continue
@@ -493,9 +478,25 @@ class MqttThings:
                 )
                 continue
             thing_id, on = command
-            if self._restoring:
-                self._restoring.discard(thing_id)
+            self._stop_restoring([thing_id])
             try:
                 await self._bus.call(SET_THING, SetThing(thing=thing_id, on=on), USER)
             except PointItError as error:
                 self._log(f"{topic}: {error}")
+
+
+@dataclass(frozen=True)
+class MqttTarget:
+    """Topic of a thing, as the target of acts."""
+
+    things: MqttThings
+    thing: Thing
+
+    @property
+    def state(self) -> ThingState:
+        """Return whether the broker can be reached."""
+        return self.things.state_of(self.thing)
+
+    async def carry_out(self, act: Act, /) -> None:
+        """Publish its event."""
+        await self.things.publish(self.thing, act.event)

@@ -253,8 +253,7 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return sentences on the entry of the broker in a summary."""
     lines: list[str] = []
     if mqtt := summary.get("mqtt"):
-        dropped = f", {mqtt['dropped']} lost" if mqtt["dropped"] else ""
-        lines += [f"MQTT: {mqtt['events']} events published{dropped}."]
+        lines += [f"MQTT: {mqtt['events']} events published."]
         lines += [f"MQTT: {mqtt['problem']}."] if mqtt["problem"] else []
     return lines
 

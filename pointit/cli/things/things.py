@@ -14,7 +14,7 @@ from pointit.cli.common.latest_message import LatestMessage
 from pointit.cli.common.output import OutputSection, Row, json_option, say, show
 from pointit.cli.common.panels import PanelCommand
 from pointit.cli.common.site_link import TIMEOUT_S, AtSite, join_site, quiet, site_options
-from pointit.cli.things.mqtt_events import MqttThings, broker_of
+from pointit.cli.things.mqtt_events import USER, MqttThings, broker_of
 from pointit.cli.things.run_things import mqtt_options, summary_lines
 from pointit.launch.plan.plan import Watcher
 from pointit.runtime.bus.contract import Bus
@@ -185,6 +185,8 @@ async def _react(watchers: Sequence[Watcher], reactions: Sequence[Reaction], **a
         room = await _map(bus)
         for reaction in reactions:
             reaction.check(room)
+        if watchers:
+            await check_carrier(bus, USER)
         carrier = await _carrier(bus, reactions) if reactions else None
 
         def on_map(environment: Environment, _name: str) -> None:

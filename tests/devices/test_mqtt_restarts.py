@@ -1,4 +1,4 @@
-"""Things at a genuine broker (mosquitto) after restarts of PointIt, its selector and Home Assistant."""
+"""Things at a genuine broker (mosquitto) after restarts of it, PointIt, its selector and Home Assistant."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Iterator
@@ -8,30 +8,49 @@ import aiomqtt
 import pytest
 
 from pointit.cli.things import mqtt_events
-from pointit.schemas import Selection, ThingState, ThingStates
+from pointit.runtime.clock import WallClock
+from pointit.runtime.errors import RefusedError
+from pointit.schemas import Selection, SetThing, ThingState, ThingStates
 from pointit.schemas.selection import REPORTED
-from pointit.schemas.topics import CARRIER_ALIVE, SELECTION, SELECTION_EVENTS, THING_STATES
-from tests.support.bench import Bench, memory_bench, until
-from tests.support.mqtt import broker, overheard
-from tests.support.mqtt_things import (
-    ROOM,
-    Heard,
-    found,
-    point,
-    published,
-    room,
-    selecting,
-    state_topic,
-    switch,
-    thing,
-    told,
+from pointit.schemas.topics import (
+    ACT_RESULTS,
+    CARRIER_ALIVE,
+    OBJECTS,
+    SELECTION,
+    SELECTION_EVENTS,
+    SET_THING,
+    THING_STATES,
 )
+from pointit.services.pui.tracked_objects import TRACKER, listing
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.service import Selector
+from tests.support.bench import Bench, memory_bench, until
+from tests.support.buses import free_port
+from tests.support.mqtt import broker, overheard
+from tests.support.mqtt_things import ROOM, Heard, found, point, published, room, state_topic, thing, told
 
 
 @pytest.fixture
 def port(tmp_path: Path) -> Iterator[int]:
     with broker(tmp_path) as port:
         yield port
+
+
+@contextlib.asynccontextmanager
+async def selecting() -> AsyncGenerator[Bench]:
+    """Yield a site with a selector, which knows nothing of earlier ones, in the room `ROOM`."""
+    clock = WallClock()
+    async with memory_bench(clock) as bench:
+        selector = bench.start(Selector, SelectorConfig.model_validate({"journal": {"enabled": False}}))
+        await bench.settle()
+        bench.put(OBJECTS, listing(ROOM, clock.now_ns()), TRACKER)
+        yield bench
+        await bench.end(selector)
+
+
+async def switch(bench: Bench, user: str = "anna", *, on: bool = True) -> str:
+    """Switch the radio as `user`. Return what they are told."""
+    return (await bench.bus.call(SET_THING, SetThing(thing="radio", on=on), user)).message
 
 
 @contextlib.asynccontextmanager
@@ -109,6 +128,41 @@ async def test_a_command_of_home_assistant_has_precedence_over_what_was_on(port:
             await home.publish(f"{state_topic(bench)}/set", b"OFF")
             await until(lambda: bool(switched(heard, bench)), what="the state")
         assert switched(heard, bench) == ["OFF"]
+
+
+async def test_what_is_pointed_at_without_a_broker_is_refused_with_the_reason_and_never_told_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mqtt_events, "RETRY_S", 0.1)
+    port = free_port()
+    async with selecting() as bench, published(port, bench) as watcher:
+        states = bench.collect(THING_STATES)
+
+        def problems() -> set[str]:
+            return {each.reason for told in states[-1:] for each in told.things}
+
+        watcher.on_map(ROOM)
+        await until(lambda: "cannot be reached" in str(problems()), what="the problem")
+        for user in ("anna", "ben", "cleo"):
+            with pytest.raises(RefusedError, match=f"127.0.0.1:{port}: the broker cannot be reached"):
+                await switch(bench, user)
+        with broker(tmp_path, port):
+            async with overheard(port, "#") as heard:
+                await until(lambda: problems() == {""}, what="the broker to be there")
+                assert await switch(bench, "ben") == "radio selected"
+                topic = state_topic(bench)
+                await until(lambda: "ben" in str(told(heard, topic)), what="the state")
+                assert [each["user"] for each in told(heard, topic)] == ["", "ben"]
+        await until(lambda: problems() != {""}, what="the loss of the broker")
+        point(bench, "screws")
+        results = bench.collect(ACT_RESULTS)
+        await until(lambda: bool(results), what="the result")
+        assert (results[0].result, results[0].code) == ("failed", "unavailable")
+        with broker(tmp_path, port):
+            async with overheard(port, "#") as heard:
+                await until(lambda: len(found(heard)) == 3, what="announcements to a broker that forgot them")
+                await until(lambda: "ben" in str(told(heard, topic)), what="the state of the switch")
+                assert told(heard, found(heard)["event screws"]["state_topic"]) == []
 
 
 async def test_home_assistant_gets_all_again_when_it_has_started(port: int) -> None:

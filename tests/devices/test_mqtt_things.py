@@ -12,23 +12,10 @@ from pointit.cli.things import mqtt_events
 from pointit.cli.things.mqtt_events import broker_of
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.schemas import Done, SelectedObject, Selection, SetThing
-from pointit.schemas.topics import ACT_RESULTS, SELECTION, SET_THING, THING_STATES
+from pointit.schemas.topics import ACT_RESULTS, SELECTION, SET_THING
 from tests.support.bench import memory_bench, until
-from tests.support.buses import free_port
 from tests.support.mqtt import Relay, broker, overheard
-from tests.support.mqtt_things import (
-    ROOM,
-    TRIGGER,
-    announced,
-    found,
-    point,
-    published,
-    room,
-    selecting,
-    switch,
-    thing,
-    told,
-)
+from tests.support.mqtt_things import ROOM, TRIGGER, announced, found, point, published, room, thing, told
 
 
 @pytest.fixture
@@ -119,41 +106,6 @@ async def test_a_thing_that_is_gone_is_taken_back_also_after_a_restart(port: int
         await client.publish("homeassistant/last", "x", qos=1)
         await until(lambda: bool(later), what="what the broker retains, then the message")
     assert [topic for topic, _ in later] == ["homeassistant/last"]
-
-
-async def test_what_is_pointed_at_without_a_broker_is_refused_with_the_reason_and_never_told_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mqtt_events, "RETRY_S", 0.1)
-    port = free_port()
-    async with selecting() as bench, published(port, bench) as watcher:
-        states = bench.collect(THING_STATES)
-
-        def problems() -> set[str]:
-            return {each.reason for told in states[-1:] for each in told.things}
-
-        watcher.on_map(ROOM)
-        await until(lambda: "cannot be reached" in str(problems()), what="the problem")
-        for user in ("anna", "ben", "cleo"):
-            with pytest.raises(RefusedError, match=f"127.0.0.1:{port}: the broker cannot be reached"):
-                await switch(bench, user)
-        with broker(tmp_path, port):
-            async with overheard(port, "#") as heard:
-                await until(lambda: problems() == {""}, what="the broker to be there")
-                assert await switch(bench, "ben") == "radio selected"
-                topic = found(heard)["switch radio"]["state_topic"]
-                await until(lambda: "ben" in str(told(heard, topic)), what="the state")
-                assert [each["user"] for each in told(heard, topic)] == ["", "ben"]
-        await until(lambda: problems() != {""}, what="the loss of the broker")
-        point(bench, "screws")
-        results = bench.collect(ACT_RESULTS)
-        await until(lambda: bool(results), what="the result")
-        assert (results[0].result, results[0].code) == ("failed", "unavailable")
-        with broker(tmp_path, port):
-            async with overheard(port, "#") as heard:
-                await until(lambda: len(found(heard)) == 3, what="announcements to a broker that forgot them")
-                await until(lambda: "ben" in str(told(heard, topic)), what="the state of the switch")
-                assert told(heard, found(heard)["event screws"]["state_topic"]) == []
 
 
 async def test_a_switch_obeys_the_broker_and_nothing_else_does(port: int) -> None:

@@ -7,15 +7,10 @@ from collections.abc import AsyncGenerator, Mapping
 from typing import Any
 
 from pointit.cli.things.mqtt_events import MqttThings, broker_of
-from pointit.runtime.clock import WallClock
-from pointit.schemas import Environment, SelectionEvent, SetThing
+from pointit.schemas import Environment, SelectionEvent
 from pointit.schemas.environment import Thing, ThingMode
-from pointit.schemas.topics import OBJECTS, SELECTION_EVENTS, SET_THING
-from pointit.services.pui.tracked_objects import TRACKER as THINGS
-from pointit.services.pui.tracked_objects import listing
-from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.service import Selector
-from tests.support.bench import Bench, memory_bench
+from pointit.schemas.topics import SELECTION_EVENTS
+from tests.support.bench import Bench
 
 TRIGGER = "device_automation "
 Heard = list[tuple[str, bytes]]
@@ -43,23 +38,6 @@ async def published(port: int, bench: Bench) -> AsyncGenerator[MqttThings]:
             each.close()
         ended = [task for task in asyncio.all_tasks() if task.get_name().endswith("by MQTT")]
         await asyncio.gather(*ended, return_exceptions=True)
-
-
-@contextlib.asynccontextmanager
-async def selecting(room: Environment = ROOM) -> AsyncGenerator[Bench]:
-    """Yield a site with a selector, which knows nothing of earlier ones, in a room with these things."""
-    clock = WallClock()
-    async with memory_bench(clock) as bench:
-        selector = bench.start(Selector, SelectorConfig.model_validate({"journal": {"enabled": False}}))
-        await bench.settle()
-        bench.put(OBJECTS, listing(room, clock.now_ns()), THINGS)
-        yield bench
-        await bench.end(selector)
-
-
-async def switch(bench: Bench, user: str = "anna", *, on: bool = True) -> str:
-    """Switch the radio as `user`. Return what they are told."""
-    return (await bench.bus.call(SET_THING, SetThing(thing="radio", on=on), user)).message
 
 
 def point(bench: Bench, name: str, event: str = "selected") -> None:

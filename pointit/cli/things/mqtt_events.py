@@ -234,7 +234,7 @@ RETRY_S = 2.0
 OLD_FOUND_S = 0.5
 """Timeout for the next retained announcement of the broker, s."""
 RESTORE_TIMEOUT_S = 8.0
-"""Time after a start for which a switch that the broker retains as on is told as on, s."""
+"""Time after a start for which a switch that the broker retains as on counts as on, s."""
 LOG_PERIOD_S = 600.0
 """Minimum time between two log lines with the same cause, s."""
 MAX_CAUSES = 100

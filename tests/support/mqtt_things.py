@@ -42,8 +42,7 @@ async def published(port: int, bench: Bench) -> AsyncGenerator[MqttThings]:
 
 def point(bench: Bench, name: str, event: str = "selected") -> None:
     fields = {"stamp_ns": 1, "event": event, "object_id": name, "user": "anna", "confidence": 0.9}
-    fields["carriers"] = ("mqtt",)
-    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate(fields))
+    bench.put(SELECTION_EVENTS, SelectionEvent.model_validate({**fields, "carriers": ("mqtt",)}))
 
 
 def found(heard: Heard) -> Mapping[str, Any]:

@@ -494,7 +494,7 @@ class MqttTarget:
 
     @property
     def state(self) -> ThingState:
-        """Return whether the broker can be reached."""
+        """Return the state of the thing: unavailable while there is no connection."""
         return self.things.state_of(self.thing)
 
     async def carry_out(self, act: Act, /) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from pointit.runtime.bus.contract import AnyTopic, Bus, Closable, Subscription
-from pointit.schemas.topics import ANY, SERVICE_ALIVE, USER_ALIVE
+from pointit.schemas.topics import ANY, CARRIER_ALIVE, SERVICE_ALIVE, USER_ALIVE
 from pointit.site.site_state import SiteState
 
 
@@ -17,6 +17,7 @@ def follow_site(
         *follow_topics(state, bus, now_s, topics, user),
         bus.watch(USER_ALIVE, state.set_person),
         bus.watch(SERVICE_ALIVE, state.set_service),
+        bus.watch(CARRIER_ALIVE, state.set_carrier),
     ]
 
 

@@ -4,6 +4,7 @@ The bus does not report that a message has lost its writer. All that show a site
 
 - All that is a person's ends with them.
 - What only services of the process table write ends with the last of them, and a service's accounts with it.
+- The things of a carrier of acts end with it.
 - States return with their person or writer, who do not repeat them. A new process replaces them at its start.
 - Late messages of people and services that have left are not shown.
 - Trackers, which anybody may be, end when they are silent. A deployment without services is over. Rooms stay.
@@ -18,7 +19,7 @@ from typing import Any, TypeVar, cast
 
 from pointit.schemas import Deployment, Message
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import ACCOUNTS, DEPLOYMENT, MAP, OBJECTS, Delivery, Topic
+from pointit.schemas.topics import ACCOUNTS, DEPLOYMENT, MAP, OBJECTS, THING_STATES, Delivery, Topic
 from pointit.services.registry import PROCESSES, present_writers
 
 M = TypeVar("M", bound=Message)
@@ -197,6 +198,15 @@ class SiteState:
             if is_personal(topic):
                 self._hide(topic, user)
         self._on_person(user, False)
+
+    def set_carrier(self, name: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        """Update the presence of the carrier `name`."""
+        if present:
+            self._orphans.pop((THING_STATES, name), None)
+            self._show_valid()
+        else:
+            _remember(self._orphans, (THING_STATES, name), None)
+            self._hide(THING_STATES, name)
 
     def tick(self, now_s: float) -> None:
         """Remove trackers that have been silent for too long."""

@@ -11,6 +11,10 @@ from pointit.services.selector.selection_publisher import Record
 
 MARGIN_S = 1.0
 """Time beyond the limit of a thing after which its carrier is taken for dead, s."""
+DEFAULT_LIMIT_S = 5.0
+"""Limit of an act whose carriers are not known yet, s."""
+MAX_ABSENCE_NS = 60 * NS_PER_S
+"""Time after which a carrier that has ended without taking leave is forgotten, ns."""
 
 
 @dataclass
@@ -19,9 +23,8 @@ class PendingAct:
 
     record: Record
     waits_for: set[str]
-    limit_s: float
-    until_ns: int = 0
-    """Time at which it has failed, ns. 0 until the next check."""
+    began_ns: int = 0
+    """Time of the first check, ns. 0 until then."""
     is_newest: bool = True
     """False if its object has changed since."""
     started: set[str] = field(default_factory=set[str])
@@ -71,10 +74,18 @@ class PendingAct:
 class _Carrier:
     states: dict[str, ThingState] = field(default_factory=dict[str, ThingState])
     newest_ns: dict[str, int] = field(default_factory=dict[str, int])
-    """Stamp of the newest result of each thing. Older reports of its state are out of date."""
+    """Stamp of the newest report of each thing, a result or a state. Older ones are out of date."""
     is_present: bool = False
     is_lost: bool = False
     """True if it was present and has ended without taking leave."""
+    absent_ns: int = 0
+    """Time of the first check in which it was absent, ns. 0 if there was none."""
+
+    def is_news(self, thing: str, stamp_ns: int) -> bool:
+        """Return True if a report of this stamp is not older than the newest one, and note it."""
+        newest_ns = self.newest_ns.get(thing, 0)
+        self.newest_ns[thing] = max(stamp_ns, newest_ns)
+        return stamp_ns >= newest_ns
 
 
 class Acts:
@@ -114,31 +125,35 @@ class Acts:
                 del self._pending[act.key]
         return acts if mode == "switch" else []
 
-    def begin(self, record: Record, mode: ThingMode) -> tuple[str, ...]:
-        """Note an event. Return its carriers: all of the object but the one whose report caused it."""
+    def begin(self, record: Record, mode: ThingMode) -> Record:
+        """Return the record of an event with its carriers: all but the one whose report caused it."""
         if record.event not in ("selected", "deselected") or record.reason:  # it is so already
-            return ()
-        states = {
-            name: state
+            return record
+        names = [
+            name
             for name, each in self._carriers.items()
             if (state := each.states.get(record.object_id)) is not None
             and each.is_present
             and name != record.user
             and _is_act(record.event, mode, state)
-        }
-        if states:
-            limit_s = MARGIN_S + max(state.limit_s for state in states.values())
-            act = PendingAct(record, {*states}, limit_s)
-            self._pending[act.key] = act
-        return tuple(states)
+        ]
+        record = record._replace(carriers=" ".join(names))
+        if names:
+            self.resume(record, is_newest=True)
+        return record
+
+    def resume(self, record: Record, *, is_newest: bool) -> None:
+        """Wait for the carriers of `record`."""
+        act = PendingAct(record, {*record.carriers.split()}, is_newest=is_newest)
+        self._pending[act.key] = act
 
     def on_result(self, carrier: str, result: ActResult) -> PendingAct | None:
         """Note a result. Return the act if it is complete, or runs for long in all that are left."""
         known = self._carriers.get(carrier)
         is_final = result.result != "started"
-        if is_final and known is not None and (state := known.states.get(result.object_id)) is not None:
-            known.states[result.object_id] = state.model_copy(update={"state": result.state})
-            known.newest_ns[result.object_id] = result.stamp_ns
+        state = None if known is None else known.states.get(result.object_id)
+        if is_final and known is not None and state is not None and known.is_news(state.id, result.stamp_ns):
+            known.states[state.id] = state.model_copy(update={"state": result.state})
         act = self._pending.get((result.object_id, result.event_ns))
         if act is None or carrier not in act.waits_for:
             return None
@@ -153,11 +168,10 @@ class Acts:
         known = self._carriers.setdefault(carrier, _Carrier())
         before = known.states
         known.states = {
-            each.id: before[each.id]
-            if each.id in before and known.newest_ns.get(each.id, 0) > states.stamp_ns
-            else each
+            each.id: each if known.is_news(each.id, states.stamp_ns) else before.get(each.id, each)
             for each in states.things
         }
+        known.newest_ns = {name: known.newest_ns[name] for name in known.states}
         return {name for name, each in before.items() if each.state in ("on", "off")}
 
     def on_presence(self, carrier: str, *, present: bool) -> list[PendingAct]:
@@ -180,13 +194,24 @@ class Acts:
     def expire(self, now_ns: int, speed: float) -> list[PendingAct]:
         """Return the acts whose carriers have not told a result in time. `speed`: of the site's time."""
         for act in self._pending.values():
-            act.until_ns = act.until_ns or now_ns + int(act.limit_s * speed * NS_PER_S)
-        late = [each for each in self._pending.values() if now_ns > each.until_ns]
+            act.began_ns = act.began_ns or now_ns
+        late = [
+            act
+            for act in self._pending.values()
+            if now_ns - act.began_ns > (MARGIN_S + self._limit_s(act)) * speed * NS_PER_S
+        ]
         for act in late:
             names = ", ".join(sorted(act.waits_for))
             act.problem = ("no_answer", f"{names} did not tell the result in time: look at `pointit doctor`")
             del self._pending[act.key]
         return late
+
+    def forget_absent(self, now_ns: int) -> None:
+        """Forget the carriers that have been absent for `MAX_ABSENCE_NS`."""
+        for name, carrier in [*self._carriers.items()]:
+            carrier.absent_ns = 0 if carrier.is_present else carrier.absent_ns or now_ns
+            if carrier.absent_ns and now_ns - carrier.absent_ns > MAX_ABSENCE_NS:
+                del self._carriers[name]
 
     def reported(self) -> Iterable[tuple[str, str, bool]]:
         """Return thing, carrier and state of all things without an act under way whose targets agree."""
@@ -202,6 +227,12 @@ class Acts:
         """Return True if a target reports that the object is `on`, or `off`."""
         states = (each.states.get(object_id) for each in self._carriers.values() if each.is_present)
         return any(each is not None and each.state == state for each in states)
+
+    def _limit_s(self, act: PendingAct) -> float:
+        """Return the limit that its carriers tell, which are not known just after a restart."""
+        carriers = (self._carriers[name].states for name in act.waits_for if name in self._carriers)
+        states = [states[act.record.object_id] for states in carriers if act.record.object_id in states]
+        return max((each.limit_s for each in states), default=DEFAULT_LIMIT_S)
 
     def _start(self, act: PendingAct) -> PendingAct | None:
         if act.is_reported or not act.waits_for <= act.started:

@@ -138,15 +138,21 @@ class Arbiter:
         self._tells_method = self._has_changed = True
 
     def restore(
-        self, entries: Mapping[str, Owned], events: int, now_ns: int, decided: Iterable[tuple[str, int]] = ()
+        self,
+        entries: Mapping[str, Owned],
+        events: int,
+        now_ns: int,
+        decided: Iterable[tuple[str, int]] = (),
+        pending: Iterable[tuple[Record, bool]] = (),
     ) -> None:
-        """Restore what was selected before a restart.
+        """Restore what was selected before a restart, and wait for the results of acts.
 
         Args:
             entries: selected objects by id.
             events: number of the last event.
             now_ns: time, ns.
             decided: persons and stamps of the last claims, which may come again.
+            pending: events whose carriers have not told a result, and whether each is its object's last one.
         """
         self._ledger.restore(entries)
         self._publisher.resume_numbering(events)
@@ -155,6 +161,10 @@ class Arbiter:
         self._departures.expect(entries, now_ns)
         for user, stamp_ns in decided:
             self._is_decided(user, stamp_ns)
+        for record, is_newest in pending:
+            self._acts.resume(record, is_newest=is_newest)
+            if is_newest and record.event == "deselected":
+                self._ledger.note_release(record)
 
     def is_pending(self, object_id: str) -> bool:
         """Return True if the result of an act on the object is not known yet."""
@@ -447,22 +457,22 @@ class Arbiter:
         return [Output("", self.selection(now_ns))] if left else []
 
     def _publish(self, user: str, records: Sequence[Record], now_ns: int) -> list[Output]:
-        changes = [record for record in records if record.event != "refused"]
+        changes = Counter(record.object_id for record in records if record.event != "refused")
         earlier_outputs: list[Output] = []
-        carriers: dict[Record, tuple[str, ...]] = {}
-        counts = Counter(record.object_id for record in changes)
-        for record in changes:
-            if counts[record.object_id] > 1:  # a take-over, or its undo: only the owner changes
+        events: list[Record] = []
+        for record in records:
+            if record.event == "refused" or changes[record.object_id] > 1:
+                events.append(record)  # more: a take-over, or its undo, which only changes the owner
                 continue
             mode = self._positions.mode(record.object_id)
             for act in self._acts.replace(record.object_id, mode):
                 earlier_outputs += self._conclude(act, now_ns)
-            carriers[record] = self._acts.begin(record, mode)
+            events.append(self._acts.begin(record, mode))
         outputs = [Output("", self.selection(now_ns))] if changes else []
         outputs += earlier_outputs
-        for record in records:
-            outputs += self._publisher.event(record, carriers.get(record, ()))
+        for record in events:
+            outputs += self._publisher.event(record)
             if record.cause not in ACTIONS:
                 self._latch(record.object_id, "")
-        done = [record for record in records if not carriers.get(record)]
+        done = [record for record in events if not record.carriers]
         return outputs + self._publisher.cues(user, done, now_ns)

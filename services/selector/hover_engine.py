@@ -94,9 +94,10 @@ class HoverEngine:
         self._scene.update(tracker, objects)
 
     def forget_ended(self, now_ns: int) -> list[Output]:
-        """Forget the objects of trackers that have ended. End the names of people whose cursors have."""
+        """Forget the objects of trackers and carriers that have ended. End the names of people likewise."""
         for tracker in self._positions.forget(now_ns):
             self._scene.forget(tracker)
+        self._ownership.acts.forget_absent(now_ns)
         outputs: list[Output] = []
         for user, pointer in self._people.items():
             if (announcer := pointer.announcer) is not None and announcer.is_silent(now_ns):

@@ -14,8 +14,9 @@ from pydantic import ConfigDict, TypeAdapter
 from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import RefusedError
 from pointit.runtime.host.store import Store, StoreLayout, read_rows
-from pointit.schemas import NS_PER_S, ReadHistory, ReadHistoryReply, SelectionEvent, encode
+from pointit.schemas import NS_PER_S, ActOutcome, ReadHistory, ReadHistoryReply, SelectionEvent, encode
 from pointit.schemas.base import MAX_ID, Count, Ns
+from pointit.schemas.selection import NOT_DONE
 from pointit.services.selector.selection_publisher import Owned, Record, event_of
 
 FILE = "journal.sqlite"
@@ -34,23 +35,33 @@ LAYOUT = StoreLayout(
         DELETE FROM events WHERE length(object_id) > {MAX_ID} OR length(kind) > {MAX_ID};
         CREATE TABLE IF NOT EXISTS life (told INTEGER NOT NULL, alive_ns INTEGER NOT NULL);
         INSERT INTO life SELECT 0, 0 WHERE NOT EXISTS (SELECT 1 FROM life);
+        CREATE TABLE IF NOT EXISTS acts (id INTEGER PRIMARY KEY, carriers TEXT NOT NULL);
     """,  # noqa: S608 - a constant
     writer="selector",
     loss="selections are kept in memory only",
 )
 
-COLUMNS = ", ".join(Record._fields)
+FIELDS = Record._fields[:-1]
+COLUMNS = ", ".join(FIELDS)
 # All parts of these statements are constants of this file; what varies are their parameters.
-INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * len(Record._fields))})"  # noqa: S608
-UNPUBLISHED = f"SELECT {COLUMNS} FROM events WHERE seq > ? ORDER BY id"  # noqa: S608 - see above
+INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * len(FIELDS))})"  # noqa: S608
+INSERT_ACT = "INSERT OR REPLACE INTO acts VALUES (last_insert_rowid(), ?)"
+"""Note the carriers of the event before. The row is deleted when they have told the result."""
+IS_ACT = "id IN (SELECT id FROM acts JOIN events USING (id) WHERE object_id = ? AND stamp_ns = ?)"
+TELL_RESULT = f"UPDATE events SET reason = ? WHERE {IS_ACT}"  # noqa: S608 - see above
+END_ACT = f"DELETE FROM acts WHERE {IS_ACT}"  # noqa: S608 - see above
+NOT_FOLLOWED = f"UPDATE events SET reason = '{NOT_DONE}no selector ran' WHERE id IN (SELECT id FROM acts)"  # noqa: S608
+UNPUBLISHED = (
+    f"SELECT {COLUMNS}, COALESCE(carriers, '') FROM events LEFT JOIN acts USING (id) "  # noqa: S608 - see above
+    "WHERE seq > ? ORDER BY id"
+)
 DECIDED = """
 SELECT CAST(COALESCE(user, '') AS BLOB), CAST(stamp_ns AS INTEGER) FROM events
 WHERE cause IN ('dwell', 'button') ORDER BY id DESC LIMIT ?
 """  # it can be read of any row: a damaged one is that of no claim
-OPEN_IDS = (
-    "SELECT id FROM events WHERE event = 'selected' AND id IN "
-    "(SELECT MAX(id) FROM events WHERE event <> 'refused' GROUP BY object_id)"
-)
+NEWEST_IDS = "(SELECT MAX(id) FROM events WHERE event <> 'refused' GROUP BY object_id)"
+OPEN_IDS = f"SELECT id FROM events WHERE event = 'selected' AND id IN {NEWEST_IDS}"  # noqa: S608 - see above
+PENDING = f"SELECT {COLUMNS}, carriers, id IN {NEWEST_IDS} FROM events JOIN acts USING (id) ORDER BY id"  # noqa: S608 - see above
 OPEN = f"SELECT {COLUMNS} FROM events WHERE id IN ({OPEN_IDS}) ORDER BY id"  # noqa: S608 - see above
 PRUNE_TO = "SELECT MAX(id) FROM (SELECT id FROM events WHERE id > ? ORDER BY id LIMIT ?)"
 CLOSED = """(event <> 'selected' OR EXISTS (
@@ -69,7 +80,7 @@ SHRINK = [
 """Delete the oldest refusals, which anybody can cause, or the oldest events of what is not selected now."""
 RECENT = (
     f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND seq IS NOT NULL AND event <> 'left' "  # noqa: S608 - see above
-    "ORDER BY id DESC LIMIT ?"
+    "AND id NOT IN (SELECT id FROM acts) ORDER BY id DESC LIMIT ?"
 )
 
 record_of = TypeAdapter(Record, config=ConfigDict(strict=True)).validate_python
@@ -79,6 +90,8 @@ SQLite has no checksums."""
 
 def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
     """Return the last `last` records that were published, not before `since_ns`, the oldest first.
+
+    Acts are among them when their carriers have told the result.
 
     Raises:
         sqlite3.Error: If the file cannot be read.
@@ -109,6 +122,8 @@ class JournalContents:
     """Number of the last event that was published or was to be published."""
     unpublished: Sequence[Record] = ()
     """Events that may not have been published, the oldest first."""
+    pending: Sequence[tuple[Record, bool]] = ()
+    """Events whose carriers have not told a result, and whether each is the last one of its object."""
     decided: Sequence[tuple[str, int]] = ()
     """Persons and stamps of the last claims, the oldest first. They may come again."""
 
@@ -131,7 +146,7 @@ class Journal:
         self._keep_ns = int(keep_days * NS_PER_DAY)
         self._within_ns = int(restore_within_s * NS_PER_S)
         self._max_bytes = int(max_mb * 1e6)
-        self._pending: list[Record] = []
+        self._pending: list[Record | ActOutcome] = []
         self._published = self._published_on_disk = 0
         self._alive_ns: int | None = None
         self._pruned = 0
@@ -151,10 +166,10 @@ class Journal:
         """Open the file and return its contents. If that fails they are empty and `problem` is set."""
         return self._store.open(now_ns, lambda db: self._read(db, now_ns)) or JournalContents()
 
-    def add(self, record: Record) -> None:
-        """Add a record. It is stored by the next `commit`."""
+    def add(self, entry: Record | ActOutcome) -> None:
+        """Add a record, or the final outcome of one. It is stored by the next `commit`."""
         if self._store.is_open:
-            self._pending.append(record)
+            self._pending.append(entry)
 
     def commit(self, now_ns: int) -> None:
         """Write all added records or none. If the disk fails, try again later."""
@@ -188,6 +203,8 @@ class Journal:
         if abs(now_ns - alive_ns) > self._within_ns:
             self._published = events  # too old to be news
             self._pending = [_closed(record, now_ns) for record in opened]
+            db.execute(NOT_FOLLOWED)
+            db.execute("DELETE FROM acts")
             self._write(now_ns)
             return JournalContents(events=events)
         entries = {
@@ -197,11 +214,15 @@ class Journal:
         unpublished = [record_of(row) for row in db.execute(UNPUBLISHED, (told,))]
         last = db.execute(DECIDED, (MAX_DECIDED,)).fetchall()[::-1]
         decided = [(user.decode(errors="replace"), stamp_ns) for user, stamp_ns in last]
-        return JournalContents(entries=entries, events=events, unpublished=unpublished, decided=decided)
+        pending = [(record_of(row[:-1]), bool(row[-1])) for row in db.execute(PENDING)]
+        return JournalContents(
+            entries=entries, events=events, unpublished=unpublished, decided=decided, pending=pending
+        )
 
     def _write(self, now_ns: int) -> None:
         def write(db: sqlite3.Connection) -> None:
-            db.executemany(INSERT, self._pending)
+            for entry in self._pending:
+                _insert(db, entry)
             if self._pending and db.execute(BYTES).fetchone()[0] > self._max_bytes:
                 rows = PRUNED_AT_ONCE + 2 * len(self._pending)
                 for shrink in SHRINK:
@@ -224,6 +245,17 @@ class Journal:
             return
         db.execute(PRUNE, (self._pruned, end, now_ns - self._keep_ns))
         self._pruned = end
+
+
+def _insert(db: sqlite3.Connection, entry: Record | ActOutcome) -> None:
+    if isinstance(entry, ActOutcome):
+        act = entry.object_id, entry.event_ns
+        db.execute(TELL_RESULT, (f"{NOT_DONE}{entry.text}" if entry.result == "failed" else "", *act))
+        db.execute(END_ACT, act)
+        return
+    db.execute(INSERT, entry[:-1])
+    if entry.carriers:
+        db.execute(INSERT_ACT, (entry.carriers,))
 
 
 def _closed(record: Record, now_ns: int) -> Record:

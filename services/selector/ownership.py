@@ -92,6 +92,11 @@ class Ledger:
         """Replace what is selected by `entries`."""
         self._entries = dict(entries)
 
+    def note_release(self, record: Record) -> None:
+        """Note that `record` deselected an object before a restart, so that `correct` can undo it."""
+        owned = Owned(record.owner, record.kind, record.since_ns)
+        self._released[record.object_id] = owned, record.stamp_ns
+
     def toggle(
         self,
         object_id: str,

@@ -23,21 +23,11 @@ from pointit.schemas import (
     SetMethod,
     SetMethodReply,
     SetThing,
-    ThingStates,
     UndoSelection,
     topics,
 )
 from pointit.schemas.problems import UNWRITABLE
-from pointit.schemas.topics import (
-    ACT_RESULTS,
-    CARRIER_ALIVE,
-    CLAIM,
-    OUTCOMES,
-    SELECTION,
-    SELECTION_EVENTS,
-    SERVICE_ALIVE,
-    THING_STATES,
-)
+from pointit.schemas.topics import ACT_RESULTS, CLAIM, OUTCOMES, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import History, Journal, JournalContents
 from pointit.services.selector.methods.pointer import MakeMethod, is_by_angle, is_ours
@@ -86,7 +76,7 @@ class SiteRole:
         kept = self._journal.begin(now_ns) if self._journals else JournalContents()
         if self._journal.problem:
             log.error("%s", self._journal.problem)
-        self.engine.restore(kept.entries, kept.events, now_ns, kept.decided)
+        self.engine.restore(kept.entries, kept.events, now_ns, kept.decided, kept.pending)
         self._selections.put(self.engine.selection(now_ns))
         for record in kept.unpublished:
             event = event_of(record, record.seq or 0, again=True)
@@ -105,12 +95,13 @@ class SiteRole:
         self._bus.subscribe(topics.CONVEYOR_STATE, self._on_conveyor)
         self._bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
         self._bus.subscribe(topics.CLAIM, self._on_claim)
-        self._bus.subscribe(THING_STATES, self._on_states)
         self._bus.subscribe(ACT_RESULTS, self._on_result)
-        self._bus.watch(CARRIER_ALIVE, self._on_carrier)
 
-    def commit(self) -> None:
-        """Write events to the journal, before they are published."""
+    def commit(self, outputs: Sequence[Output]) -> None:
+        """Write events and outcomes to the journal, before they are published."""
+        for _user, message in outputs:
+            if isinstance(message, ActOutcome) and message.result != "started":
+                self._journal.add(message)
         self._journal.commit(self._clock.now_ns())
 
     def publish(self, _user: str, message: Selection | SelectionEvent | Claim | ActOutcome) -> None:
@@ -146,14 +137,8 @@ class SiteRole:
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         self._put(self.engine.on_event(event))
 
-    def _on_states(self, states: ThingStates, carrier: str) -> None:
-        self._put(self.engine.on_states(carrier, states, self._clock.now_ns()))
-
     def _on_result(self, result: ActResult, carrier: str) -> None:
         self._put(self.engine.on_result(carrier, result, self._clock.now_ns()))
-
-    def _on_carrier(self, carrier: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self._put(self.engine.on_carrier(carrier, present, self._clock.now_ns()))
 
     def _on_claim(self, claim: Claim, user: str) -> None:
         self._put(self.engine.on_claim(user, claim, self._clock.now_ns()))
@@ -249,10 +234,8 @@ class ShardRole:
         self._bus.subscribe(SELECTION, self._on_selection)
         self._bus.subscribe(SELECTION_EVENTS, self._on_event)
         self._bus.watch(SERVICE_ALIVE, self._on_service)
-        self._bus.subscribe(THING_STATES, self._on_states)
-        self._bus.watch(CARRIER_ALIVE, self._on_carrier)
 
-    def commit(self) -> None:
+    def commit(self, outputs: Sequence[Output]) -> None:
         """Do nothing: the site's selector keeps the journal."""
 
     def publish(self, user: str, message: Selection | SelectionEvent | Claim | ActOutcome) -> None:
@@ -271,12 +254,6 @@ class ShardRole:
         if instance == "selector":
             self.engine.has_arbiter = present
             self._warn()
-
-    def _on_states(self, states: ThingStates, carrier: str) -> None:
-        self.engine.acts.on_states(carrier, states)
-
-    def _on_carrier(self, carrier: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        self.engine.acts.on_presence(carrier, present=present)
 
     def _warn(self) -> None:
         problem = f"{NO_ARBITER}: start it, or mend the network" if not self.engine.has_arbiter else ""

@@ -13,9 +13,9 @@ from pointit.schemas import (
     Hover,
     Selection,
     SelectionEvent,
+    ThingStates,
     TrackedObjects,
 )
-from pointit.services.selector.acts import Acts
 from pointit.services.selector.arbiter import MAX_CLAIM_AGE_NS, Arbiter
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.hover_engine import HoverEngine, PointingEngine
@@ -71,10 +71,15 @@ class ShardEngine(PointingEngine):
         self._hovers.on_objects(tracker, objects)
         return []
 
-    @property
-    def acts(self) -> Acts:
-        """Return the carriers of things and their states. An unavailable one is shown as such."""
-        return self._ownership.acts
+    def on_states(self, carrier: str, states: ThingStates, _now_ns: int) -> list[Output]:
+        """Note the states that a carrier reports: what is unavailable is shown as such."""
+        self._ownership.acts.on_states(carrier, states)
+        return []
+
+    def on_carrier(self, carrier: str, present: bool, _now_ns: int) -> list[Output]:  # noqa: FBT001 - as announced
+        """Note that a carrier runs, or has ended."""
+        self._ownership.acts.on_presence(carrier, present=present)
+        return []
 
     def on_selection(self, selection: Selection) -> None:
         """Follow what the site's selector has decided."""

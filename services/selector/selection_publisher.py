@@ -71,6 +71,8 @@ class Record(NamedTuple):
     reason: str = ""
     seq: Count | None = None
     """Number of its `SelectionEvent`. None if it was not published by us."""
+    carriers: str = ""
+    """Names of those who carry it out, with spaces between, until they have told the result."""
 
 
 def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent | None:
@@ -90,6 +92,7 @@ def event_of(record: Record, seq: int, *, again: bool = False) -> SelectionEvent
         reason="; ".join(part for part in (record.reason, REPEATED_REASON if again else "") if part),
         cause=record.cause,
         confidence=record.confidence,
+        carriers=tuple(record.carriers.split()),
     )
 
 
@@ -130,13 +133,11 @@ class SelectionPublisher:
             return selection
         return selection.model_copy(update={"method": self.method, "dwell_s": dwell_s})
 
-    def event(self, record: Record, carriers: tuple[str, ...] = ()) -> list[Output]:
-        """Record an event. Return its message, if it has one. `carriers`: who carries it out."""
+    def event(self, record: Record) -> list[Output]:
+        """Record an event. Return its message, if it has one."""
         seq = self._count("event")
         self.write(record, seq)
         message = event_of(record, seq)
-        if message is not None and carriers:
-            message = message.model_copy(update={"carriers": carriers})
         return [] if message is None else [Output("", message)]
 
     def outcome(self, outcome: ActOutcome) -> Output:

@@ -10,8 +10,30 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.runtime.service.people_share import PeopleShare
 from pointit.runtime.service.plugin_guard import watch_for_stalls
 from pointit.runtime.service.service import Context, Scope, Service
-from pointit.schemas import Announced, ButtonEvent, Cursor, Environment, Feedback, Hover, Step, TrackedObjects
-from pointit.schemas.topics import ANNOUNCED, BUTTON, CURSOR, FEEDBACK, HOVER, MAP, OBJECTS, STEP, USER_ALIVE
+from pointit.schemas import (
+    Announced,
+    ButtonEvent,
+    Cursor,
+    Environment,
+    Feedback,
+    Hover,
+    Step,
+    ThingStates,
+    TrackedObjects,
+)
+from pointit.schemas.topics import (
+    ANNOUNCED,
+    BUTTON,
+    CARRIER_ALIVE,
+    CURSOR,
+    FEEDBACK,
+    HOVER,
+    MAP,
+    OBJECTS,
+    STEP,
+    THING_STATES,
+    USER_ALIVE,
+)
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import Journal
 from pointit.services.selector.methods.pointer import apply_method
@@ -66,6 +88,8 @@ class Selector(Service[SelectorConfig]):
         self._role.begin()
         self.bus.subscribe(MAP, self._on_map)
         self.bus.subscribe(OBJECTS, self._on_objects)
+        self.bus.subscribe(THING_STATES, self._on_states)
+        self.bus.watch(CARRIER_ALIVE, self._on_carrier)
         self._role.subscribe()
         self._share = PeopleShare(self.bus, self.NAME, config.people, name=self.name, lost=self._on_shard)
         # a cursor without a point only resets the hover, which is never too late
@@ -98,6 +122,12 @@ class Selector(Service[SelectorConfig]):
 
     def _on_objects(self, objects: TrackedObjects, tracker: str) -> None:
         self._put(self._engine.on_objects(tracker, objects))
+
+    def _on_states(self, states: ThingStates, carrier: str) -> None:
+        self._put(self._engine.on_states(carrier, states, self.clock.now_ns()))
+
+    def _on_carrier(self, carrier: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
+        self._put(self._engine.on_carrier(carrier, present, self.clock.now_ns()))
 
     def _on_cursor(self, cursor: Cursor, user: str) -> None:
         if outputs := self._engine.on_cursor(user, cursor):
@@ -150,7 +180,7 @@ class Selector(Service[SelectorConfig]):
             return []
         is_hover = len(outputs) == 1 and isinstance(outputs[0].message, Hover)
         if not is_hover:  # the journal keeps nothing of a hover
-            self._role.commit()
+            self._role.commit(outputs)
         for user, message in outputs:
             if isinstance(message, Hover):
                 self._hovers(user).put(message)

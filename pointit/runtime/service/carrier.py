@@ -13,7 +13,7 @@ from pointit.runtime.clock import Clock
 from pointit.runtime.config.nearest_name import nearest
 from pointit.runtime.errors import AccessDeniedError, ConfigError, PointItError
 from pointit.schemas import ActResult, Environment, SelectionEvent, ThingState, ThingStates
-from pointit.schemas.selection import FailureCode, ResultKind, TargetState
+from pointit.schemas.selection import REPEATED_REASON, FailureCode, ResultKind, TargetState
 from pointit.schemas.text import hide_secrets, one_line
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
 
@@ -110,8 +110,8 @@ class Carrier:
         self._presence.close()
 
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
-        if self._name not in event.carriers:
-            return
+        if self._name not in event.carriers or event.reason.endswith(REPEATED_REASON):
+            return  # whether it was carried out before the selector was started again is not known
         act = Act(event, lambda: self._put_result(event, "started"))
         acts = [(task, each) for task, each in self._running.items() if each.thing == act.thing]
         if len(acts) >= MAX_AT_ONCE:
@@ -159,10 +159,6 @@ class Carrier:
     ) -> None:
         targets = self._targets.get(event.object_id, ())
         state: TargetState = _merged(event.object_id, targets).state if targets else "unavailable"
-        self._last_states = self._last_states and tuple(  # who reads the result knows this state
-            each.model_copy(update={"state": state}) if each.id == event.object_id else each
-            for each in self._last_states
-        )
         with contextlib.suppress(PointItError):  # the bus is closed
             self._results.put(
                 ActResult(
@@ -175,6 +171,7 @@ class Carrier:
                     text=one_line(hide_secrets(str(problem)), MAX_TEXT) if problem else "",
                 )
             )
+            self.tell()  # after the result, which then ends an act that waits for it
 
 
 async def check_carrier(bus: MemoryBus, name: str) -> None:

@@ -6,6 +6,8 @@ import pytest
 
 from pointit.schemas import ActOutcome, ActResult, Feedback, SelectionEvent, SetThing, ThingState, ThingStates
 from pointit.schemas.selection import NOT_DONE, REPORTED
+from pointit.services.selector.config import SelectorConfig
+from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.selection_publisher import Output
 from tests.unit.selector.room import at
 from tests.unit.selector.test_things import Things, thing
@@ -238,6 +240,18 @@ def test_a_switch_follows_its_target_and_says_so_only_at_first() -> None:
     assert (home.events[-1].user, home.events[-1].carriers) == ("home", ())
 
 
+def test_a_result_from_before_a_report_does_not_switch_it_back() -> None:
+    home = Home()
+    home.set("lamp")
+    early_ns = at(home.time_s)
+    home.point(80.0, 0.1)
+    home.report(LAMP.model_copy(update={"state": "on"}))
+    home.tell("failed", code="no_effect", text="it stays off", state="off", stamp_ns=early_ns)
+    assert home.selected == [("lamp", False)], "it went on later"
+    home.report(LAMP)
+    assert home.selected == []
+
+
 def test_a_report_from_before_the_result_does_not_switch_it_back() -> None:
     home = Home()
     home.set("lamp")
@@ -246,6 +260,70 @@ def test_a_report_from_before_the_result_does_not_switch_it_back() -> None:
     home.tell("done", state="on")
     home.take(home.engine.on_states("home", before, at(home.time_s)))
     assert home.selected == [("lamp", False)]
+
+
+@pytest.mark.parametrize("was_present", [True, False])
+def test_a_carrier_that_stays_away_is_forgotten(*, was_present: bool) -> None:
+    home = Home()
+    if not was_present:
+        home.report(ThingState(id="screws"), carrier="gone")
+    home.take(home.engine.on_carrier("home", False, at(home.time_s)))
+    home.point(80.0, 50.0)
+    home.set("lamp")
+    assert home.cues[-1] == ("anna", "refused", "home has ended: start it again")
+    home.point(80.0, 11.0)
+    home.set("lamp")
+    assert home.cues[-1] == ("anna", "selected", "lamp selected")
+    assert home.engine._ownership.acts._carriers == {}
+
+
+def restarted(home: Home) -> None:
+    """Go on as a selector that was killed and finds the pending acts in its journal."""
+    records = [(act.record, act.is_newest) for act in home.engine._ownership.acts._pending.values()]
+    entries = dict(home.engine._ledger.entries)
+    home.engine = SelectionEngine(SelectorConfig(), lambda _record: None)
+    home.engine.on_map(home.room)
+    home.engine.restore(entries, 100, at(home.time_s), pending=records)
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_an_act_of_before_a_restart_ends_with_the_result_of_its_carrier(*, on: bool) -> None:
+    home = Home()
+    if not on:
+        home.set("lamp")
+        home.tell("done", state="on")
+    home.set("lamp")
+    restarted(home)
+    assert home.selected == [("lamp", True)] * on
+    home.tell("done", state="on" if on else "off")
+    assert [(each.result, each.user) for each in home.outcomes[-1:]] == [("done", "anna")]
+    assert home.selected == [("lamp", False)] * on
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_an_act_of_before_a_restart_ends_without_an_answer_and_goes_back(*, on: bool) -> None:
+    home = Home(ThingState(id="lamp"))
+    if not on:
+        home.set("lamp")
+        home.tell("done")
+    home.set("lamp")
+    restarted(home)
+    home.point(80.0, 5.5)
+    assert home.outcomes == home.outcomes[: 1 - on]
+    home.point(80.0, 1.5)
+    assert (home.outcomes[-1].code, home.cues[-1][1]) == ("no_answer", "refused")
+    assert home.selected == [("lamp", False)] * (not on)
+
+
+def test_an_act_of_before_a_restart_has_the_limit_that_its_carrier_tells() -> None:
+    home = Home(limit_s=30.0)
+    home.set("lamp")
+    restarted(home)
+    home.report(LAMP)
+    home.take(home.engine.on_carrier("home", True, at(home.time_s)))
+    home.point(80.0, 20.0)
+    home.tell("done", state="on")
+    assert [each.result for each in home.outcomes] == ["done"]
 
 
 def test_a_thing_without_carriers_is_done_at_once_also_if_a_carrier_was_never_there() -> None:

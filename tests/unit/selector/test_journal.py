@@ -11,10 +11,12 @@ from typing import Literal
 import pytest
 
 from pointit.runtime.host.store import RETRY_EVERY_NS
+from pointit.schemas import ActOutcome
 from pointit.schemas.base import MAX_ID
+from pointit.schemas.selection import NOT_DONE, REPEATED_REASON, ResultKind
 from pointit.services.selector.audit import audit
 from pointit.services.selector.config import SelectorConfig
-from pointit.services.selector.journal import MAX_PENDING, NS_PER_DAY, Journal, JournalContents
+from pointit.services.selector.journal import MAX_PENDING, NS_PER_DAY, Journal, JournalContents, recent
 from pointit.services.selector.selection_engine import SelectionEngine
 from pointit.services.selector.selection_publisher import Owned, Record, event_of
 from tests.support.pace import within
@@ -38,7 +40,7 @@ def refused(object_id: str, seq: int) -> Record:
     return Record(NOW, "refused", object_id, user="ben", owner="anna", reason="hers", seq=seq)
 
 
-def keep(folder: Path, *records: Record, told: int = 0, now_ns: int = NOW) -> None:
+def keep(folder: Path, *records: Record | ActOutcome, told: int = 0, now_ns: int = NOW) -> None:
     """Write records as one run does that ends well."""
     journal = Journal(folder)
     journal.begin(now_ns)
@@ -73,6 +75,37 @@ def test_what_is_open_is_taken_up_and_counting_goes_on(tmp_path: Path) -> None:
         assert kept.entries == {"a": Owned("anna", "red", NOW, 0.75)}
         assert (kept.events, kept.unpublished, journal.problem) == (5, [], "")
         assert list(audit(journal.path)) == records
+
+
+def outcome(record: Record, result: ResultKind, text: str = "") -> ActOutcome:
+    return ActOutcome(
+        stamp_ns=NOW + S, event="selected", object_id=record.object_id, event_ns=record.stamp_ns,
+        result=result, code="error" if text else "", text=text,
+    )  # fmt: skip
+
+
+def test_acts_are_pending_until_their_outcome_which_history_and_audit_tell(tmp_path: Path) -> None:
+    acts = [selected(name, seq)._replace(carriers="home react-1") for seq, name in enumerate("abcd", 1)]
+    over = ended("d", 5, stamp_ns=NOW + 1)
+    keep(tmp_path, *acts, over, outcome(acts[0], "done"), outcome(acts[1], "failed", "no power"), told=5)
+    with opened(tmp_path) as (journal, kept):
+        assert kept.pending == [(acts[2], True), (acts[3], False)]
+        told = [(each.object_id, each.reason) for each in recent(journal.path, 200)]
+        assert told == [("a", ""), ("b", f"{NOT_DONE}no power"), ("d", "")]
+        journal.add(outcome(acts[3], "done"))
+        journal.commit(NOW)
+    with opened(tmp_path, NOW + 700 * S) as (journal, kept):
+        assert (kept.pending, kept.entries) == ((), {})
+        told = [(each.object_id, each.reason) for each in recent(journal.path, 200)]
+        assert told[2:] == [("c", f"{NOT_DONE}no selector ran"), ("d", ""), ("d", "")]
+
+
+def test_an_act_that_may_not_have_been_told_is_told_again_with_its_carriers(tmp_path: Path) -> None:
+    keep(tmp_path, selected("a", 1)._replace(carriers="home react-1"))
+    with opened(tmp_path) as (_journal, kept):
+        [event] = [event_of(record, 1, again=True) for record in kept.unpublished]
+        assert event is not None
+        assert (event.carriers, event.reason) == (("home", "react-1"), REPEATED_REASON)
 
 
 def test_what_was_not_told_for_sure_is_to_be_told_again_once(tmp_path: Path) -> None:

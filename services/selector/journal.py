@@ -42,6 +42,7 @@ LAYOUT = StoreLayout(
 )
 
 FIELDS = Record._fields[:-1]
+"""Fields of a record that are columns. Carriers stand in another table until they have told the result."""
 COLUMNS = ", ".join(FIELDS)
 # All parts of these statements are constants of this file; what varies are their parameters.
 INSERT = f"INSERT INTO events ({COLUMNS}) VALUES ({', '.join('?' * len(FIELDS))})"  # noqa: S608

@@ -18,7 +18,7 @@ from pointit.runtime.host.state_file import site_folder
 from pointit.schemas import NS_PER_S
 from pointit.schemas.topics import check_name
 from pointit.services.selector.audit import audit
-from pointit.services.selector.journal import FILE
+from pointit.services.selector.journal import FIELDS, FILE
 from pointit.services.selector.selection_publisher import Record
 
 DEFAULT_SITE = "lab"
@@ -147,4 +147,4 @@ def _when(stamp_ns: int) -> str:
 
 
 def _plain(record: Record) -> dict[str, Any]:
-    return {**record._asdict(), "since_ns": record.since_ns or None}
+    return {**dict(zip(FIELDS, record, strict=False)), "since_ns": record.since_ns or None}

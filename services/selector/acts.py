@@ -81,7 +81,7 @@ class _Carrier:
     absent_ns: int = 0
     """Time of the first check in which it was absent, ns. 0 if there was none."""
 
-    def is_news(self, thing: str, stamp_ns: int) -> bool:
+    def is_newer(self, thing: str, stamp_ns: int) -> bool:
         """Return True if a report of this stamp is not older than the newest one, and note it."""
         newest_ns = self.newest_ns.get(thing, 0)
         self.newest_ns[thing] = max(stamp_ns, newest_ns)
@@ -152,7 +152,7 @@ class Acts:
         known = self._carriers.get(carrier)
         is_final = result.result != "started"
         state = None if known is None else known.states.get(result.object_id)
-        if is_final and known is not None and state is not None and known.is_news(state.id, result.stamp_ns):
+        if is_final and known is not None and state is not None and known.is_newer(state.id, result.stamp_ns):
             known.states[state.id] = state.model_copy(update={"state": result.state})
         act = self._pending.get((result.object_id, result.event_ns))
         if act is None or carrier not in act.waits_for:
@@ -168,7 +168,7 @@ class Acts:
         known = self._carriers.setdefault(carrier, _Carrier())
         before = known.states
         known.states = {
-            each.id: each if known.is_news(each.id, states.stamp_ns) else before.get(each.id, each)
+            each.id: each if known.is_newer(each.id, states.stamp_ns) else before.get(each.id, each)
             for each in states.things
         }
         known.newest_ns = {name: known.newest_ns[name] for name in known.states}

@@ -27,7 +27,6 @@ from pointit.schemas import (
     topics,
 )
 from pointit.schemas.problems import UNWRITABLE
-from pointit.schemas.topics import ACT_RESULTS, CLAIM, OUTCOMES, SELECTION, SELECTION_EVENTS, SERVICE_ALIVE
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import History, Journal, JournalContents
 from pointit.services.selector.methods.pointer import MakeMethod, is_by_angle, is_ours
@@ -66,7 +65,7 @@ class SiteRole:
         self.engine = SelectionEngine(config, self._journal.add, make)
         self._selections = bus.publisher(topics.SELECTION)
         self._events = bus.publisher(topics.SELECTION_EVENTS)
-        self._outcomes = bus.publisher(OUTCOMES)
+        self._outcomes = bus.publisher(topics.OUTCOMES)
         self._waiting: dict[tuple[str, int], asyncio.Future[ActOutcome]] = {}
         """Callers that wait for the outcome of an event, by its object and stamp."""
 
@@ -95,7 +94,7 @@ class SiteRole:
         self._bus.subscribe(topics.CONVEYOR_STATE, self._on_conveyor)
         self._bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
         self._bus.subscribe(topics.CLAIM, self._on_claim)
-        self._bus.subscribe(ACT_RESULTS, self._on_result)
+        self._bus.subscribe(topics.ACT_RESULTS, self._on_result)
 
     def commit(self, outputs: Sequence[Output]) -> None:
         """Write events and outcomes to the journal, before they are published."""
@@ -222,7 +221,7 @@ class ShardRole:
         self._bus, self._clock, self._put, self._use = bus, clock, put, use
         self.engine = ShardEngine(config, make)
         self._claims: dict[str, Publisher[Claim]] = {
-            user: bus.publisher(CLAIM, user) for user in config.people
+            user: bus.publisher(topics.CLAIM, user) for user in config.people
         }
         self._parameters: tuple[str | None, float | None] = (None, None)
 
@@ -231,9 +230,9 @@ class ShardRole:
 
     def subscribe(self) -> None:
         """Subscribe to the selection and its events, and watch the site's selector."""
-        self._bus.subscribe(SELECTION, self._on_selection)
-        self._bus.subscribe(SELECTION_EVENTS, self._on_event)
-        self._bus.watch(SERVICE_ALIVE, self._on_service)
+        self._bus.subscribe(topics.SELECTION, self._on_selection)
+        self._bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
+        self._bus.watch(topics.SERVICE_ALIVE, self._on_service)
 
     def commit(self, outputs: Sequence[Output]) -> None:
         """Do nothing: the site's selector keeps the journal."""

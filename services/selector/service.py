@@ -20,19 +20,7 @@ from pointit.schemas import (
     Step,
     ThingStates,
     TrackedObjects,
-)
-from pointit.schemas.topics import (
-    ANNOUNCED,
-    BUTTON,
-    CARRIER_ALIVE,
-    CURSOR,
-    FEEDBACK,
-    HOVER,
-    MAP,
-    OBJECTS,
-    STEP,
-    THING_STATES,
-    USER_ALIVE,
+    topics,
 )
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import Journal
@@ -79,24 +67,24 @@ class Selector(Service[SelectorConfig]):
         """True when the journal is closed: what is not kept is not published."""
         self._reported = ""
         """Last reported fault of the method."""
-        self._hovers = functools.cache(functools.partial(self.bus.publisher, HOVER))
-        self._cues = functools.cache(functools.partial(self.bus.publisher, FEEDBACK))
-        self._announced = functools.cache(functools.partial(self.bus.publisher, ANNOUNCED))
+        self._hovers = functools.cache(functools.partial(self.bus.publisher, topics.HOVER))
+        self._cues = functools.cache(functools.partial(self.bus.publisher, topics.FEEDBACK))
+        self._announced = functools.cache(functools.partial(self.bus.publisher, topics.ANNOUNCED))
         role = ShardRole if config.people else SiteRole
         self._role = role(config, self.bus, self.clock, make=self._make_method, put=self._put, use=self._use)
         self._engine = self._role.engine
         self._role.begin()
-        self.bus.subscribe(MAP, self._on_map)
-        self.bus.subscribe(OBJECTS, self._on_objects)
-        self.bus.subscribe(THING_STATES, self._on_states)
-        self.bus.watch(CARRIER_ALIVE, self._on_carrier)
+        self.bus.subscribe(topics.MAP, self._on_map)
+        self.bus.subscribe(topics.OBJECTS, self._on_objects)
+        self.bus.subscribe(topics.THING_STATES, self._on_states)
+        self.bus.watch(topics.CARRIER_ALIVE, self._on_carrier)
         self._role.subscribe()
         self._share = PeopleShare(self.bus, self.NAME, config.people, name=self.name, lost=self._on_shard)
         # a cursor without a point only resets the hover, which is never too late
-        self._share.subscribe(CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
-        self._share.subscribe(BUTTON, self._on_button)
-        self._share.subscribe(STEP, self._on_step)
-        self.bus.watch(USER_ALIVE, self._on_presence)
+        self._share.subscribe(topics.CURSOR, self._on_cursor, drops_late=attrgetter("point_m"))
+        self._share.subscribe(topics.BUTTON, self._on_button)
+        self._share.subscribe(topics.STEP, self._on_step)
+        self.bus.watch(topics.USER_ALIVE, self._on_presence)
 
     async def run(self) -> None:
         """Check periodically for what ends without a message, and maintain the journal.

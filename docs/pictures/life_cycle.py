@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TypeVar, get_args
 
-from pointit.services.supervisor.transitions import TABLE, Condition, Effect, Event, Stage, Transition
+from pointit.services.supervisor.transitions import TABLE, Condition, Event, Stage, Transition
 
 W = TypeVar("W", bound=str)
 FILE = Path(__file__).parents[1] / "explanation" / "life_cycle.md"
@@ -55,16 +55,6 @@ CONDITIONS: Mapping[Condition, str] = {
     "may resume": "pointing was interrupted within `resume_s`, and the pose is still known",
 }
 
-EFFECTS: Mapping[Effect, str] = {
-    "request pose": "request a localization",
-    "request anchor": "request an anchor",
-    "cancel": "cancel what the localizer does",
-    "allow autostart": "samples may start pointing, with `autostart`",
-    "forbid autostart": "only the button starts pointing",
-    "retry later": "samples start nothing for `retry_s`",
-    "resume soon": "samples may resume pointing for `resume_s`, if it was interrupted",
-}
-
 
 def page() -> str:
     """Return the document."""
@@ -78,7 +68,6 @@ def page() -> str:
             *legend("stage", get_args(Stage), STAGES),
             *legend("event", get_args(Event), EVENTS),
             *legend("condition", get_args(Condition), CONDITIONS),
-            *legend("effect", get_args(Effect), EFFECTS),
         ]
     )
 

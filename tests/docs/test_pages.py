@@ -32,7 +32,7 @@ UNRUN = {
     "docs/how-to/ros4hri.md": 2, "docs/how-to/scan-details.md": 4, "docs/how-to/scan.md": 2,
     "docs/how-to/study.md": 1, "docs/how-to/study-report.md": 3, "docs/index.md": 1,
     "docs/how-to/strips.md": 2, "docs/how-to/wrist.md": 3,
-    "docs/how-to/wrists.md": 4, "docs/how-to/wrists-network.md": 1,
+    "docs/how-to/wrists.md": 3, "docs/how-to/wrists-network.md": 1,
     "docs/how-to/write-a-plug-in.md": 1, "docs/reference/maps.md": 1, "docs/reference/ros2.md": 1,
     "docs/tutorial/wrist.md": 3,
 }  # fmt: skip

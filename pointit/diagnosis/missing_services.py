@@ -29,6 +29,7 @@ HOME_REMEDY = (
     f"add --with {HOME_ASSISTANT.name} to `pointit run`, and its address and token by --config "
     "(`home_assistant: {url, token_file}`)"
 )
+STUCK_REMEDY = "its log names what blocks its event loop; if it is stopped, `kill -CONT {pid}`"
 MAX_LISTED = 4
 """Number of names that a sentence lists."""
 GONE = ("absent", "left", "silent")
@@ -53,7 +54,7 @@ def find_missing(seen: Observation) -> Iterator[Finding]:
         )
         again = seen.expected.get(instance, restart_remedy(instance, seen.options_of(instance)))
         process = seen.process_of(instance).description if health else "its process"
-        remedy = f"look at {process} (stopped: `kill -CONT`); else {again}"
+        remedy = f"look at {process}: {STUCK_REMEDY.format(pid='PID')}; else {again}"
         yield Finding("error", "silent", instance, sentence, remedy)
 
 
@@ -239,19 +240,19 @@ def gone_processes(findings: Sequence[Finding], seen: Observation) -> Iterator[F
         silent = [each for each in lost if gone[each].code == "silent"]
         process = next((seen.process_of(each) for each in lost if seen.newest(each)), ReportedProcess("?", 0))
         pid = process.pid
-        stop = f"`kill -CONT {pid or 'PID'}`"
         code: Code = "silent" if silent == lost else "absent"
         if code == "silent":
             sentence = (
                 f"{process.description} does not report: {listed(lost)} are silent; is it stopped, "
                 "overloaded or cut off?"
             )
-            remedy = f"look at it where it runs (stopped: {stop}); else {_again(name, seen)}"
+            stuck = STUCK_REMEDY.format(pid=pid or "PID")
+            remedy = f"look at it where it runs: {stuck}; else {_again(name, seen)}"
         else:
             sentence = (
                 f"{listed(lost)} should run and do not: their process has ended, or is stopped or cut off"
             )
-            remedy = f"{_again(name, seen)}; if it is stopped there, continue it: {stop}"
+            remedy = f"{_again(name, seen)}; if it is stopped there, continue it: `kill -CONT {pid or 'PID'}`"
         is_person = name in seen.deployments and not name.startswith(RUN)
         subject = name if is_person else _subject(lost)
         yield Finding("error", code, subject, sentence, remedy, services=tuple(lost))

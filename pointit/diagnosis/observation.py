@@ -46,9 +46,9 @@ def start_command(service: str, which: str = "") -> str:
 def restart_remedy(instance: str, options: str) -> str:
     """Return the remedy that starts `instance`, if it should run at all. `options` join the site."""
     if instance.partition(".")[0].partition("-")[0] == "router":
-        return "if it should run: pointit router --site-folder FOLDER"
+        return "if it should run: `pointit router --site-folder FOLDER`"
     command = start_command(*split_instance(instance))
-    return f"if it should run: {command}{options}" if command else "if it should run, start it where it ran"
+    return f"if it should run: `{command}{options}`" if command else "if it should run, start it where it ran"
 
 
 def silence_reason(topic: AnyTopic, name: str, present: Collection[str]) -> str:
@@ -394,4 +394,4 @@ def _again(service: ExpectedService, started_by: str, options: str) -> str:
         return f"it runs inside the process that started {started_by}: start that again"
     command = start_command(service.service, service.user or service.name)
     settings = f"the log of what started {started_by} has the command with its settings"
-    return f"start it again: {command}{options} ({settings})" if command else f"start it again: {settings}"
+    return f"start it again: `{command}{options}` ({settings})" if command else f"start it again: {settings}"

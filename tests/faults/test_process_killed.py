@@ -41,7 +41,7 @@ async def test_a_killed_service_is_noticed_and_restarts(site: Site, account: Acc
         await site.run.says(f"{instance} was ended by SIGKILL")
         service, _, user = instance.partition(".")
         command = f"pointit service run {service}" + (f" --user {user}" if user else "")
-        assert finding.remedy.startswith(f"start it again: {command} (the log of what started ")
+        assert finding.remedy.startswith(f"start it again: `{command}` (the log of what started ")
         del seen.health[instance]
         began_s = time.monotonic()
         again = site.restart(instance)

@@ -99,7 +99,7 @@ async def test_an_expected_service_that_is_absent(site: Site) -> None:
     ended = await site.pointit("doctor", code=1)
     assert "error: pui: should run and does not" in ended.out
     assert re.search(
-        r"start it again: pointit service run pui --connect tcp/127\.0\.0\.1:\d+ \(the log of", ended.out
+        r"start it again: `pointit service run pui --connect tcp/127\.0\.0\.1:\d+` \(the log of", ended.out
     )
     assert "pui of mine" not in ended.out
 

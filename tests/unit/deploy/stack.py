@@ -33,12 +33,14 @@ def compose(name: str, **variables: str) -> dict[str, Any]:
     return read
 
 
-def parse(words: list[str]) -> None:
-    """Have `pointit` take a command line, without running it."""
+def parse(words: list[str]) -> tuple[str, dict[str, Any]]:
+    """Have `pointit` take a command line, without running it. Return the command and its parameters."""
     group: Any = front()
+    path: list[str] = []
     while isinstance(group, click.Group):
         found = group.get_command(click.Context(group), words[0])
         assert found is not None, words[0]
         group, words = found, words[1:]
-    with group.make_context(group.name, list(words)):
-        pass
+        path.append(group.name or "")
+    with group.make_context(group.name, list(words)) as context:
+        return " ".join(path), context.params

@@ -1,6 +1,7 @@
-"""Broken situations of a site: the fault, the finding of doctor, and the step that it asks for."""
+"""Broken situations of a site: its faults, and the finding of doctor."""
 
-from collections.abc import Callable
+import socket
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +25,7 @@ from pointit.schemas.problems import (
     Problem,
 )
 from pointit.schemas.topics import CURSOR, IMU, RAY
+from pointit.services.led_driver.output.udp_output import describe_network_error
 from tests.unit.diagnosis.fault_sites import Process, Site, one_process, processes, router_with_people
 
 AT = ("tcp/127.0.0.1:7447",)
@@ -31,30 +33,39 @@ SECURED = ("tls/hall:7447",)
 
 
 @dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong, until somebody does what ends it."""
+
+    kind: str
+    """As in `remedies`."""
+    of: str
+    """Process, service, machine, person, file or option."""
+    effect: Callable[[Site], object]
+    """Changes the site, or returns the finding of an observer that is outside."""
+
+
+@dataclass(frozen=True)
 class Situation:
-    """A fault, and what doctor is to say of it."""
+    """A site that is well but for its faults, and what doctor is to say of it."""
 
     name: str
     make: Callable[[], Site]
     """Returns the healthy site."""
-    break_it: Callable[[Site], object]
-    """Breaks the site, or returns the finding of an observer that is outside."""
+    faults: tuple[Fault, ...]
     code: str
-    subject: str
+    subject: str = ""
     """Service of the finding, or `""`."""
-    step: str
-    """Text of the finding that tells what to do, of which the fault is mended."""
     words: str = ""
-    """Further text of the sentence that names the cause."""
-    is_outside: bool = False
+    """Text of the sentence that names the cause."""
     claims: int = 0
     """Number of findings about one person's claims that may stand beside it."""
 
-    def findings(self) -> list[Finding]:
+    def findings(self, ended: Collection[Fault] = ()) -> list[Finding]:
+        """Return the findings of the site with those of its faults that are not `ended`."""
         site = self.make()
-        result = self.break_it(site)
-        if isinstance(result, Finding):
-            return [result]
+        for fault in self.faults:
+            if fault not in ended and isinstance(finding := fault.effect(site), Finding):
+                return [finding]
         return [each for each in diagnose(site.seen()) if not each.follows]
 
 
@@ -101,12 +112,12 @@ def silent_wrist(code: str, sentence: str, severity: str = "warning") -> Callabl
     return break_it
 
 
-def ends(name: str, **options: bool) -> Callable[[Site], None]:
-    return lambda site: site.end(name, **options)
+def ends(name: str, **options: bool) -> Fault:
+    return Fault("ended", name, lambda site: site.end(name, **options))
 
 
-def stops(name: str, *, is_local: bool = True) -> Callable[[Site], None]:
-    return lambda site: site.stop(name, is_local=is_local)
+def stops(name: str, *, is_local: bool = True) -> Fault:
+    return Fault("stopped", name, lambda site: site.stop(name, is_local=is_local))
 
 
 def changes(name: str, **fields: Any) -> Callable[[Site], None]:
@@ -124,19 +135,6 @@ def observes(*, empties: bool = True, **options: Any) -> Callable[[Site], None]:
         site.options.update(options)
 
     return break_it
-
-
-def both(*faults: Callable[[Site], object]) -> Callable[[Site], None]:
-    def break_it(site: Site) -> None:
-        for each in faults:
-            each(site)
-
-    return break_it
-
-
-def only_router(site: Site) -> None:
-    site.processes = {"router": site.processes["router"]}
-    site.deployments.clear()
 
 
 def full_disk(site: Site) -> None:
@@ -189,9 +187,9 @@ def lost_router(site: Site) -> None:
     site.processes = {"web": Process(7, "desk", ("web",), ("pointit", "dashboard"), warnings=(lost,))}
 
 
-def forged(code: str, subject: str) -> Callable[[Site], None]:
-    """Return a lie of ben's services beside a real outage of the site."""
-    return both(stops("site"), changes("ben", warnings=(lie(code, subject),)))
+def forged(code: str, subject: str) -> tuple[Fault, Fault]:
+    """Return a real outage of the site and a lie of ben's services."""
+    return stops("site"), Fault("lie", "ben", changes("ben", warnings=(lie(code, subject),)))
 
 
 def lie(code: str, subject: str) -> Problem:
@@ -209,10 +207,8 @@ def uncertain(**figures: float) -> Callable[[Site], None]:
     return break_it
 
 
-def blocks(who: str) -> Callable[[Site], None]:
-    sentence = (
-        f"{who} has blocked the event loop for 4.2 s at x.py:3 in read: end what floods it, or report this"
-    )
+def blocks(who: str, remedy: str) -> Callable[[Site], None]:
+    sentence = f"{who} has blocked the event loop for 4.2 s at x.py:3 in read: {remedy}"
 
     def break_it(site: Site) -> None:
         tells("selector", EVENT_LOOP, sentence, who)(site)
@@ -222,370 +218,142 @@ def blocks(who: str) -> Callable[[Site], None]:
     return break_it
 
 
+def own_clock(site: Site) -> None:
+    for name in site.processes:
+        changes(name, ahead_s=-2.0)(site)
+    site.options["host"] = "tablet"
+
+
 HA = "home-assistant"
-SITUATIONS: tuple[Situation, ...] = (
-    Situation(
-        "nothing runs",
-        one_process,
-        outside(refused=True),
-        "unreachable",
-        "",
-        "start `pointit run`",
-        is_outside=True,
-    ),
-    Situation(
-        "the run is stopped (Ctrl-Z)",
-        one_process,
-        outside(stopped=10),
-        "stopped",
-        "",
-        "kill -CONT 10",
-        is_outside=True,
-    ),
-    Situation(
-        "the router's machine is off",
-        one_process,
-        outside(),
-        "unreachable",
-        "",
-        "start it again where it ran",
-        is_outside=True,
-    ),
-    Situation(
-        "the router of a secured site does not run",
-        router_with_people,
-        outside(refused=True, secured=True),
-        "unreachable",
-        "",
-        "start its router with `pointit router`",
-        is_outside=True,
-    ),
-    Situation(
-        "secured site, no credentials",
-        router_with_people,
-        outside(
-            rejection="the router at tcp/hall:7447 is of a secured site: give your identity by "
-            "--credentials FOLDER"
-        ),
-        "denied",
-        "",
-        "--credentials",
-        is_outside=True,
-    ),
-    Situation(
-        "the certificate has expired",
-        router_with_people,
-        outside(
-            secured=True,
-            rejection="the router at tls/hall:7447 refuses anna's certificate: it has "
-            "expired or is not valid yet, by the router's clock; renew it with `pointit site "
-            "renew anna`",
-        ),
-        "denied",
-        "",
-        "`pointit site renew anna`",
-        is_outside=True,
-    ),
-    Situation(
-        "credentials of another site",
-        router_with_people,
-        outside(
-            secured=True,
-            rejection="the router at tls/hall:7447 is not the one of site lab: another "
-            "authority certified it; use that site's credentials, or the right address",
-        ),
-        "denied",
-        "",
-        "use that site's credentials",
-        is_outside=True,
-    ),
-    Situation("wrong `--site`", one_process, observes(other_sites=("hall",)), "empty", "", "--site hall"),
-    Situation("the router answers, nothing else runs", one_process, observes(), "empty", "", "`pointit run`"),
-    Situation(
-        "only the router of a secured site runs",
-        router_with_people,
-        only_router,
-        "empty",
-        "",
-        "`pointit run --site-only",
-    ),
-    Situation(
-        "the observer's identity is revoked",
-        router_with_people,
-        observes(
-            denied="this identity (anna) may do nothing here: it was revoked or its certificate "
-            "replaced; copy the folder here again, or make one with `pointit site renew anna`"
-        ),
-        "denied",
-        "",
-        "`pointit site renew anna`",
-    ),
-    Situation(
-        "a person's identity is revoked while they point",
-        router_with_people,
-        revoked,
-        "denied",
-        "router",
-        "`pointit site renew anna`",
-        "as it was revoked",
-    ),
-    Situation(
-        "a process uses another person's identity",
-        router_with_people,
-        tells("router", DENIED, "hall/cleo may not write users/ben/ray (200 times): refused", "cleo"),
-        "denied",
-        "router",
-        "its own credentials instead of those of cleo",
-    ),
-    Situation(
-        "a process comes without credentials",
-        router_with_people,
-        tells("router", DENIED, "somebody was not let in: came without credentials, by plain TCP"),
-        "denied",
-        "router",
-        "--credentials",
-    ),
-    *(
-        Situation(
-            f"`{name}` is killed (`--processes`)",
-            processes,
-            ends(name),
-            "absent",
-            name,
-            f"pointit service run {name.partition('.')[0]}",
-        )
-        for name in (
-            "pui",
-            "selector",
-            "keeper",
-            "led-driver",
-            "pointing.user1",
-            "localizer.user1",
-            "supervisor.user1",
-        )
-    ),
-    Situation(
-        "a person's process has ended",
-        router_with_people,
-        ends("anna"),
-        "absent",
-        "anna",
-        "`pointit person add anna",
-    ),
-    Situation(
-        "the shared services have ended",
-        router_with_people,
-        ends("site", with_its_deployment=True),
-        "no-cursor",
-        "",
-        "`pointit run --site-only",
-    ),
-    Situation("`pui` is stopped", processes, stops("pui"), "stopped", "pui", "kill -CONT 20"),
-    Situation(
-        "the shared services are stopped", router_with_people, stops("site"), "stopped", "", "kill -CONT 2"
-    ),
-    Situation(
-        "a person's process is stopped on their machine",
-        router_with_people,
-        stops("anna", is_local=False),
-        "absent",
-        "anna",
-        "kill -CONT",
-    ),
-    Situation(
-        "a person's process hangs",
-        router_with_people,
-        changes("anna", silence_s=4.0),
-        "silent",
-        "anna",
-        "kill -CONT 3",
-    ),
-    Situation(
-        "the device on the wrist is not plugged in",
-        one_process,
-        silent_wrist("port", "/dev/ttyUSB7 is not there: plug the device in"),
-        "warning",
-        "imu-bridge.user1",
-        "plug the device in",
-    ),
-    Situation(
-        "a wrist by UDP does not send",
-        one_process,
-        silent_wrist(
-            "silent",
-            "no reading arrives at UDP port 127.0.0.1:9999: start the app and let it send "
-            "to this machine; only this machine is heard there: --set "
-            "imu-bridge.udp.host=0.0.0.0 for others",
-        ),
-        "warning",
-        "imu-bridge.user1",
-        "--set imu-bridge.udp.host=0.0.0.0",
-    ),
-    Situation(
-        "`--imu page`: nobody has taken the arm",
-        one_process,
-        silent_wrist(
-            IDLE_ARM, "nobody moves the arm of user1 yet: take it in the page by mouse or phone", "note"
-        ),
-        "idle",
-        "imu-bridge.user1",
-        "take it in the page",
-    ),
-    Situation("a process gets too little processor time", processes, starved, "starved", "pui", "`top`"),
-    Situation(
-        "a plug-in blocks the event loop",
-        one_process,
-        blocks("method 'slow' of strangers"),
-        "warning",
-        "selector",
-        "end what floods it",
-        "process 10 of machine desk",
-    ),
-    Situation(
-        "Home Assistant floods the run",
-        one_process,
-        blocks(HA),
-        "warning",
-        "selector",
-        "end what floods it",
-        HA,
-    ),
-    Situation("the disk is full", router_with_people, full_disk, "disk", "selector", "make room there"),
-    Situation(
-        "a machine's clock is wrong",
-        router_with_people,
-        changes("anna", ahead_s=-3.0),
-        "clock",
-        "localizer.anna",
-        "synchronize",
-        "laptop-anna",
-    ),
-    Situation(
-        "the observer's own clock is wrong",
-        router_with_people,
-        lambda site: (
-            [changes(name, ahead_s=-2.0)(site) for name in site.processes]
-            and site.options.update(host="tablet")
-        ),
-        "clock",
-        "",
-        "synchronize",
-    ),
-    Situation("`pui` runs twice", processes, twice, "twice", "pui", "end all but one"),
-    Situation(
-        "a wrist's driver sends invalid messages",
-        one_process,
-        invalid,
-        "failing",
-        "pointing.user1",
-        "pointit --version",
-        "were invalid",
-    ),
-    Situation("a slow link to a person", router_with_people, late_rays, "warning", "pui", "check the link"),
-    Situation(
-        "Home Assistant is off",
-        one_process,
-        tells(
-            HA,
-            "connection",
-            "no Home Assistant answers at http://ha:8123 (refused): start it, or correct "
-            "`url`, its usual port is 8123",
-        ),
-        "warning",
-        HA,
-        "start it",
-    ),
-    Situation(
-        "Home Assistant accepts the token and says nothing",
-        one_process,
-        tells(
-            HA, "connection", "http://ha:8123 accepts the token and then says nothing: restart Home Assistant"
-        ),
-        "warning",
-        HA,
-        "restart Home Assistant",
-    ),
-    Situation(
-        "an entity was renamed",
-        one_process,
-        tells(
-            HA,
-            "entities",
-            "not in Home Assistant: light.desk (did you mean light.table?); correct "
-            "`home_assistant` in the map or site",
-        ),
-        "warning",
-        HA,
-        "correct `home_assistant`",
-    ),
-    Situation(
-        "the map's things are not connected",
-        one_process,
-        observes(empties=False, home_things=("desk",)),
-        "no-bridge",
-        "",
-        "--with home-assistant",
-    ),
-    Situation(
-        "the host of a light is unknown",
-        one_process,
-        tells(
-            "led-driver",
-            "network",
-            "wled.local: no machine of this name is in the network: correct it, or switch the controller on",
-        ),
-        "warning",
-        "led-driver",
-        "correct it",
-    ),
-    Situation(
-        "a person's yaw is uncertain",
-        one_process,
-        uncertain(yaw=60.0, age=60.0),
-        "unsure",
-        "localizer.user1",
-        "`pointit person anchor user1`",
-    ),
-    Situation(
-        "a person's yaw was corrected long ago",
-        one_process,
-        uncertain(age=400.0),
-        "old-anchor",
-        "localizer.user1",
-        "`pointit person anchor user1`",
-    ),
-    Situation(
-        "the battery of a wrist is low",
-        one_process,
-        tells("imu-bridge.user1", "battery", "the battery of the wrist is at 5 %; charge it"),
-        "warning",
-        "imu-bridge.user1",
-        "charge it",
-    ),
-    Situation(
-        "a dashboard has lost the router",
-        one_process,
-        lost_router,
-        "unreachable",
-        "",
-        "start it again where it ran",
-    ),
-    Situation(
-        "the shared services are stopped, and a person says that the router is lost",
-        router_with_people,
-        forged(ROUTER_LOST, "tls/evil.example:7447"),
-        "stopped",
-        "",
-        "kill -CONT 2",
-        claims=1,
-    ),
-    Situation(
-        "the shared services are stopped, and a person says that a clock is wrong",
-        router_with_people,
-        forged(CLOCK_LIMIT, "desk"),
-        "stopped",
-        "",
-        "kill -CONT 2",
-        claims=1,
-    ),
+WRIST = "imu-bridge.user1"
+NO_CREDENTIALS = (
+    "the router at tcp/hall:7447 is of a secured site: give your identity by --credentials FOLDER"
 )
+EXPIRED = (
+    "the router at tls/hall:7447 refuses anna's certificate: it has expired or is not valid yet, by the "
+    "router's clock; renew it with `pointit site renew anna`"
+)
+OTHER_SITE = (
+    "the router at tls/hall:7447 is not the one of site lab: another authority certified it; use that site's "
+    "credentials, or the right address"
+)
+UNKNOWN = (
+    "this identity (anna) may do nothing here: it was revoked or its certificate replaced; copy the folder "
+    "here again, or make one with `pointit site renew anna`"
+)
+FOREIGN = "hall/cleo may not write users/ben/ray (200 times): refused"
+BARE = "somebody was not let in: came without credentials, by plain TCP"
+NO_UDP = (
+    "no reading arrives at UDP port 127.0.0.1:9999: start the app and let it send to this machine; only this "
+    "machine is heard there: --set imu-bridge.udp.host=0.0.0.0 for others"
+)
+NO_ARM = "nobody moves the arm of user1 yet: take it in the page by mouse or phone"
+NO_HOME = (
+    "no Home Assistant answers at http://ha:8123 (refused): start it, or correct `url`, its usual port is "
+    "8123"
+)
+MUTE_HOME = "http://ha:8123 accepts the token and then says nothing: restart Home Assistant"
+RENAMED = (
+    "not in Home Assistant: light.desk (did you mean light.table?); correct `home_assistant` in the map or "
+    "site"
+)
+NO_HOST = f"wled.local: {describe_network_error(socket.gaierror())}"
+NO_PORT = "/dev/ttyUSB7 is not there: plug the device in"
+LOW = "the battery of the wrist is at 5 %; charge it"
+KILLED = (
+    "pui", "selector", "keeper", "led-driver", "pointing.user1", "localizer.user1", "supervisor.user1",
+)  # fmt: skip
+
+# fmt: off
+SITUATIONS: tuple[Situation, ...] = (
+    Situation("nothing runs", one_process, (Fault("ended", "run", outside(refused=True)),), "unreachable"),
+    Situation("the run is stopped (Ctrl-Z)", one_process,
+              (Fault("stopped", "run", outside(stopped=10)),), "stopped"),
+    Situation("the router's machine is off", one_process, (Fault("ended", "run", outside()),), "unreachable"),
+    Situation("the router of a secured site does not run", router_with_people,
+              (Fault("ended", "router", outside(refused=True, secured=True)),), "unreachable"),
+    Situation("secured site, no credentials", router_with_people,
+              (Fault("no identity", "hall", outside(rejection=NO_CREDENTIALS)),), "denied"),
+    Situation("the certificate has expired", router_with_people,
+              (Fault("identity", "anna", outside(secured=True, rejection=EXPIRED)),), "denied"),
+    Situation("credentials of another site", router_with_people,
+              (Fault("other site", "lab", outside(secured=True, rejection=OTHER_SITE)),), "denied"),
+    Situation("wrong `--site`", one_process,
+              (Fault("site", "hall", observes(other_sites=("hall",))),), "empty"),
+    Situation("the router answers, nothing else runs", one_process,
+              (Fault("ended", "run", observes()),), "empty"),
+    Situation("only the router of a secured site runs", router_with_people,
+              tuple(ends(each, with_its_deployment=True) for each in ("site", "anna", "ben", "cleo")),
+              "empty"),
+    Situation("the observer's identity is revoked", router_with_people,
+              (Fault("identity", "anna", observes(denied=UNKNOWN)),), "denied"),
+    Situation("a person's identity is revoked while they point", router_with_people,
+              (Fault("identity", "anna", revoked),), "denied", "router", "as it was revoked"),
+    Situation("a process uses another person's identity", router_with_people,
+              (Fault("foreign identity", "cleo", tells("router", DENIED, FOREIGN, "cleo")),),
+              "denied", "router"),
+    Situation("a process comes without credentials", router_with_people,
+              (Fault("bare process", "router", tells("router", DENIED, BARE)),), "denied", "router"),
+    *(Situation(f"`{each}` is killed (`--processes`)", processes, (ends(each),), "absent", each)
+      for each in KILLED),
+    Situation("a person's process has ended", router_with_people, (ends("anna"),), "absent", "anna"),
+    Situation("the shared services have ended", router_with_people,
+              (ends("site", with_its_deployment=True),), "no-cursor"),
+    Situation("`pui` is stopped", processes, (stops("pui"),), "stopped", "pui"),
+    Situation("the shared services are stopped", router_with_people, (stops("site"),), "stopped"),
+    Situation("a person's process is stopped on their machine", router_with_people,
+              (stops("anna", is_local=False),), "absent", "anna"),
+    Situation("a person's process hangs", router_with_people,
+              (Fault("stopped", "anna", changes("anna", silence_s=4.0)),), "silent", "anna"),
+    Situation("the device on the wrist is not plugged in", one_process,
+              (Fault("no device", "/dev/ttyUSB7", silent_wrist("port", NO_PORT)),), "warning", WRIST),
+    Situation("a wrist by UDP does not send", one_process,
+              (Fault("setting", "imu-bridge.udp.host=0.0.0.0", silent_wrist("silent", NO_UDP)),),
+              "warning", WRIST),
+    Situation("`--imu page`: nobody has taken the arm", one_process,
+              (Fault("idle arm", "user1", silent_wrist(IDLE_ARM, NO_ARM, "note")),), "idle", WRIST),
+    Situation("a process gets too little processor time", processes, (Fault("load", "desk", starved),),
+              "starved", "pui"),
+    Situation("a plug-in blocks the event loop", one_process,
+              (Fault("blocking call", "strangers",
+                     blocks("method 'slow' of strangers", "it must call what blocks in a thread")),),
+              "warning", "selector", "process 10 of machine desk"),
+    Situation("Home Assistant floods the run", one_process,
+              (Fault("flood", HA, blocks(HA, "end what floods it, or report this")),),
+              "warning", "selector", HA),
+    Situation("the disk is full", router_with_people, (Fault("full disk", "/state", full_disk),),
+              "disk", "selector"),
+    Situation("a machine's clock is wrong", router_with_people,
+              (Fault("clock", "laptop-anna", changes("anna", ahead_s=-3.0)),), "clock", "localizer.anna"),
+    Situation("the observer's own clock is wrong", router_with_people, (Fault("clock", "tablet", own_clock),),
+              "clock"),
+    Situation("`pui` runs twice", processes, (Fault("second process", "pui", twice),), "twice", "pui"),
+    Situation("a wrist's driver sends invalid messages", one_process, (Fault("version", "user1", invalid),),
+              "failing", "pointing.user1", "were invalid"),
+    Situation("a slow link to a person", router_with_people, (Fault("slow link", "users/*/ray", late_rays),),
+              "warning", "pui"),
+    Situation("Home Assistant is off", one_process, (Fault("ended", HA, tells(HA, "connection", NO_HOME)),),
+              "warning", HA),
+    Situation("Home Assistant accepts the token and says nothing", one_process,
+              (Fault("mute", HA, tells(HA, "connection", MUTE_HOME)),), "warning", HA),
+    Situation("an entity was renamed", one_process,
+              (Fault("entity", "light.desk", tells(HA, "entities", RENAMED)),), "warning", HA),
+    Situation("the map's things are not connected", one_process,
+              (Fault("no bridge", "desk", observes(empties=False, home_things=("desk",))),), "no-bridge"),
+    Situation("the host of a light is unknown", one_process,
+              (Fault("controller", "wled.local", tells("led-driver", "network", NO_HOST)),),
+              "warning", "led-driver"),
+    Situation("a person's yaw is uncertain", one_process,
+              (Fault("pose", "user1", uncertain(yaw=60.0, age=60.0)),), "unsure", "localizer.user1"),
+    Situation("a person's yaw was corrected long ago", one_process,
+              (Fault("pose", "user1", uncertain(age=400.0)),), "old-anchor", "localizer.user1"),
+    Situation("the battery of a wrist is low", one_process,
+              (Fault("battery", WRIST, tells(WRIST, "battery", LOW)),), "warning", WRIST),
+    Situation("a dashboard has lost the router", one_process, (Fault("ended", "run", lost_router),),
+              "unreachable"),
+    Situation("the shared services are stopped, and a person says that the router is lost",
+              router_with_people, forged(ROUTER_LOST, "tls/evil.example:7447"), "stopped", claims=1),
+    Situation("the shared services are stopped, and a person says that a clock is wrong",
+              router_with_people, forged(CLOCK_LIMIT, "desk"), "stopped", claims=1),
+)
+# fmt: on

@@ -116,8 +116,8 @@ def test_restart_command_reaches_the_site_that_was_looked_at() -> None:
     options = " --site hall --connect tcp/a:1"
     seen = observation(WELL[2], deployments=deployment(gone), left=frozenset({"led-driver"}), options=options)
     remedies = {finding.service: finding.remedy for finding in diagnose(seen)}
-    assert remedies["keeper"].startswith(f"start it again: pointit service run keeper{options} (")
-    assert remedies["led-driver"] == f"if it should run: pointit service run led-driver{options}"
+    assert remedies["keeper"].startswith(f"start it again: `pointit service run keeper{options}` (")
+    assert remedies["led-driver"] == f"if it should run: `pointit service run led-driver{options}`"
 
 
 def test_left_while_we_looked() -> None:

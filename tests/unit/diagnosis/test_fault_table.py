@@ -10,17 +10,7 @@ from pointit.diagnosis.causes import unreachable
 from pointit.diagnosis.diagnose import diagnose, filter_findings, is_healthy
 from pointit.diagnosis.observation import Finding, StoppedProcess
 from pointit.runtime.link.link import ROUTER_LOST
-from pointit.schemas.problems import (
-    CLOCK,
-    DENIED,
-    IDLE_ARM,
-    INVALID,
-    LATE,
-    REVOKED,
-    TWICE,
-    UNWRITABLE,
-    Problem,
-)
+from pointit.schemas.problems import CLOCK, DENIED, LATE, REVOKED, TWICE, UNWRITABLE, Problem
 from pointit.schemas.problems import ROUTER_LOST as LOST
 from pointit.schemas.topics import CURSOR, HOVER, IMU, RAY, Topic
 from tests.unit.diagnosis.fault_sites import (
@@ -254,30 +244,6 @@ def test_a_person_whose_process_has_ended_is_one_command() -> None:
     assert not problems(filter_findings(diagnose(site.seen()), site.seen(), "ben"))
 
 
-def test_a_stopped_process_of_another_machine_may_be_stopped() -> None:
-    site = router_with_people()
-    site.stop("anna", is_local=False)
-    (finding,) = problems(diagnose(site.seen()))
-    assert "stopped" in finding.sentence
-    assert "kill -CONT" in finding.remedy
-
-
-def test_services_that_do_not_report_are_one_process_that_is_silent() -> None:
-    site = change(router_with_people(), "anna", silence_s=3.5)
-    (finding,) = problems(diagnose(site.seen()))
-    assert (finding.code, finding.service) == ("silent", "anna")
-    assert "process 3 (anna says) does not report" in finding.sentence
-
-
-def test_what_the_router_alone_refuses_is_a_matter_of_rights_with_a_remedy() -> None:
-    site = router_with_people()
-    sentence = "hall/cleo may not write health/pointing.dora: refused"
-    site.warnings["router"] = (Problem(code=DENIED, sentence=sentence, subject="cleo"),)
-    (finding,) = problems(diagnose(site.seen()))
-    assert (finding.code, finding.service) == ("denied", "router")
-    assert "those of cleo" in finding.remedy
-
-
 def test_a_revoked_identity_and_a_wrong_clock_hide_no_denial() -> None:
     site = router_with_people()
     denials = {
@@ -313,27 +279,6 @@ def test_people_without_selector_are_an_error_unless_the_run_has_none() -> None:
     assert diagnose(site.seen()) == []
 
 
-def test_invalid_messages_are_one_finding_that_names_their_writer() -> None:
-    site = one_process()
-    for reader in ("pointing.user1", "localizer.user1", "supervisor.user1"):
-        site.invalid[reader, IMU] = 50
-        sentence = "300 messages were dropped, the last of user1 (orientation_xyzw: not of length 1)"
-        told = Problem(code=INVALID, sentence=sentence, topic=IMU.key, subject="user1")
-        site.warnings[reader] = (told,)
-    (finding,) = problems(diagnose(site.seen()))
-    assert (finding.code, finding.severity) == ("failing", "error")
-    assert "user1 (orientation_xyzw: not of length 1)" in finding.remedy
-
-
-def test_the_wrong_clock_of_the_observer_is_one_finding() -> None:
-    site = router_with_people()
-    for name in site.processes:
-        change(site, name, ahead_s=-2.0)
-    site.options["host"] = "tablet"
-    (finding,) = problems(diagnose(site.seen()))
-    assert finding.code == "clock"
-
-
 def test_messages_that_were_invalid_are_one_note() -> None:
     site = one_process()
     seen = site.seen()
@@ -347,38 +292,3 @@ def test_messages_that_were_invalid_are_one_note() -> None:
         seen = replace(seen, reports={**seen.reports, reader: told})
     (finding,) = problems(diagnose(seen))
     assert (finding.code, finding.severity) == ("failed", "note")
-
-
-def has_no_sample(problem: Problem) -> list[Finding]:
-    """The wrist of user1 has never sent anything."""
-    site = one_process()
-    site.processes["wrist"] = replace(site.processes["run"], pid=77, services=("imu-bridge.user1",))
-    run = site.processes["run"]
-    site.processes["run"] = replace(
-        run, services=tuple(each for each in run.services if "user-sim" not in each)
-    )
-    site.deployments.clear()
-    for reader in ("pointing", "localizer", "supervisor"):
-        site.ages_s[f"{reader}.user1", IMU, "in"] = None
-    site.ages_s["localizer.user1", RAY, "in"] = None
-    site.warnings["imu-bridge.user1"] = (problem,)
-    return diagnose(site.seen())
-
-
-def test_an_arm_that_nobody_moves_yet_is_no_fault() -> None:
-    told = Problem(code=IDLE_ARM, sentence="nobody moves the arm of user1 yet: take it", severity="note")
-    findings = has_no_sample(told)
-    assert is_healthy(findings)
-    (finding,) = problems(findings)
-    assert (finding.code, finding.severity, finding.service) == ("idle", "note", "imu-bridge.user1")
-    assert all("{" not in each.sentence for each in findings)
-
-
-def test_a_device_that_is_not_there_is_the_error_and_what_never_came_follows() -> None:
-    told = Problem(code="port", sentence="/dev/ttyUSB7 is not there: plug the device in", subject="serial")
-    findings = has_no_sample(told)
-    (finding,) = problems(findings)
-    assert (finding.severity, finding.service) == ("error", "imu-bridge.user1")
-    assert "/dev/ttyUSB7 is not there" in finding.sentence
-    assert {each.service for each in findings if each.follows} >= {"pointing.user1", "supervisor.user1"}
-    assert all("{" not in each.sentence for each in findings)

@@ -32,7 +32,7 @@ def test_command_of_a_deployment_is_built_here() -> None:
     told = deployment(ExpectedService(service="pointing", user="anna", command=("sh", "-c", EVIL)))
     (finding,) = found(health("pui"), deployments={"anna": told})
     assert finding.service == "pointing.anna"
-    assert finding.remedy.startswith("start it again: pointit service run pointing --user anna (")
+    assert finding.remedy.startswith("start it again: `pointit service run pointing --user anna` (")
     assert "evil" not in str(asdict(finding))
 
 

@@ -1,45 +1,19 @@
-"""Each broken situation of the table is one finding, whose step mends it; the page for users is current."""
+"""Each broken situation of the table is one finding, whose printed remedy mends it; the page is current."""
 
-import re
+import ast
 from dataclasses import replace
 
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.services.registry import person_of
+from tests.architecture.sources import shipped, tree
 from tests.support.remedies import check_sentence
-from tests.unit.deploy.stack import parse
-from tests.unit.diagnosis.fault_sites import Site
-from tests.unit.diagnosis.page import PAGE, cause, commands, page
+from tests.unit.diagnosis.page import PAGE, cause, page
+from tests.unit.diagnosis.remedies import ACTS, ended_faults, text_of
 from tests.unit.diagnosis.situations import SITUATIONS, Situation
 
 rows = pytest.mark.parametrize("row", SITUATIONS, ids=lambda row: row.name)
-
-
-def restart(site: Site, healthy: Site, instance: str) -> None:
-    """Start the process of a service again."""
-    name = healthy.process_of(instance)
-    site.processes[name] = healthy.processes[name]
-
-
-def apply(text: str, site: Site, healthy: Site) -> bool:
-    """Do what the commands in `text` do to the site. Return False if they are for other processes."""
-    before = dict(site.processes)
-    for pid in re.findall(r"kill -CONT (\d+)", text):
-        for name, process in healthy.processes.items():
-            if process.pid == int(pid):
-                site.processes[name] = process
-                site.options.pop("stopped", None)
-                site.deployments |= healthy.deployments
-    for service, user in re.findall(r"pointit service run ([a-z-]+)(?: --user (\w+))?", text):
-        restart(site, healthy, f"{service}.{user}" if user else service)
-    for person in re.findall(r"pointit person add (\w+)", text):
-        if person in healthy.processes:
-            site.processes[person] = healthy.processes[person]
-    if re.search(r"pointit run(?! --site-only --credentials FOLDER)", text):
-        site.processes |= {name: each for name, each in healthy.processes.items() if name in ("run", "site")}
-        site.deployments |= healthy.deployments
-    return site.processes != before
 
 
 def test_the_table_has_at_least_forty_rows_of_different_names() -> None:
@@ -47,50 +21,48 @@ def test_the_table_has_at_least_forty_rows_of_different_names() -> None:
 
 
 @rows
-def test_the_cause_is_the_only_finding_and_its_step_can_be_typed(row: Situation) -> None:
+def test_the_cause_is_the_only_finding(row: Situation) -> None:
     findings = row.findings()
     finding = cause(findings, row)
     others = [each for each in findings if each is not finding]
     assert len(others) == row.claims
     assert all(person_of(each.service) for each in others), "only a person's claims stand beside it"
     assert row.words in finding.sentence
-    assert row.step in f"{finding.sentence} {finding.remedy}"
     assert is_healthy(findings) == (finding.severity == "note")
-    check_sentence(f"{finding.sentence} {finding.remedy}")
-    for words in commands(f"{finding.sentence} {finding.remedy}"):
-        parse(words)
-
-
-COMMANDS = ("is killed", "is stopped", "has ended", "have ended", "are stopped")
-
-
-@pytest.mark.parametrize(
-    "row",
-    [each for each in SITUATIONS if any(map(each.name.__contains__, COMMANDS)) and not each.is_outside],
-    ids=lambda row: row.name,
-)
-def test_the_printed_command_mends_the_site(row: Situation) -> None:
-    site, healthy = row.make(), row.make()
-    row.break_it(site)
-    finding = cause(diagnose(site.seen()), row)
-    for name in [name for name, each in site.processes.items() if each.warnings]:
-        site.processes[name] = replace(site.processes[name], warnings=())  # the lie of another ends
-    process = healthy.processes.get(finding.service)  # where it runs, its number is known
-    text = f"{finding.sentence} {finding.remedy}".replace("PID", str(process.pid) if process else "PID")
-    assert apply(text, site, healthy), text
-    assert diagnose(site.seen()) == []
+    check_sentence(text_of(finding))
 
 
 @rows
-def test_the_site_was_healthy_before(row: Situation) -> None:
+def test_the_printed_remedy_mends_the_site_and_nothing_else_does(row: Situation) -> None:
     assert diagnose(row.make().seen()) == []
+    finding = cause(row.findings(), row)
+    ended = ended_faults(finding, row.faults, row.make())
+    assert ended, text_of(finding)
+    left = row.findings(ended)
+    assert len(left) == row.claims
+    assert {person_of(each.service) for each in left} <= {each.of for each in row.faults}, "a lie remains"
+    others = [each for other in SITUATIONS for each in other.faults if each.kind != row.faults[0].kind]
+    mended = ended_faults(finding, others, row.make())
+    assert {each.kind for each in mended} <= {"ended", "stopped"}, "whose process may do either"
+
+
+def test_words_that_ask_for_an_act_are_those_of_the_product() -> None:
+    said = "\n".join(
+        node.value
+        for path in shipped()
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+    assert [words for words in ACTS.values() if words not in said] == []
 
 
 def test_the_page_is_current() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "run python -m tests.unit.diagnosis.page"
 
 
-def test_a_wrong_cause_is_noticed() -> None:
+def test_a_wrong_cause_and_a_remedy_without_its_step_are_noticed() -> None:
     row = replace(SITUATIONS[-1], code="absent")
     with pytest.raises(StopIteration):
         cause(row.findings(), row)
+    row = SITUATIONS[-1]
+    assert not ended_faults(replace(cause(row.findings(), row), remedy="look there"), row.faults, row.make())

@@ -129,7 +129,7 @@ async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
     loop, limits = asyncio.get_running_loop(), ConnectionLimits(max_connections)
 
     def close_blocked() -> None:
-        """Close connections of identities that are cut off, as soon as they are made."""
+        """Close connections of identities that are cut off, as soon as those by passwords are known."""
         if limits.held:
             held = [each for each in _connections(router, denied) if each.identity in limits.held]
             router.cut(each.address for each in held if each.can_be_cut)
@@ -139,7 +139,7 @@ async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
             loop.call_soon_threadsafe(close_blocked)
 
     denied = DeniedOperations(on_identity)
-    router.on_connection = close_blocked
+    router.is_held = lambda identity: identity in limits.held
     with captured_log(FILTER, denied.take, MARKS):
         await router.open()
         try:

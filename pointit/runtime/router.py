@@ -15,6 +15,7 @@ returned during the closing were never accepted, and end after 30 s.
 
 import asyncio
 import contextlib
+import ctypes
 import ipaddress
 import json
 import logging
@@ -32,10 +33,10 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
+from zenoh.handlers import Callback
 
 from pointit.runtime.errors import ConfigError, ListenError
 from pointit.runtime.link.link import LEASE_MS, Link, ports_of
-from pointit.runtime.zenoh.connections import Connections
 from pointit.runtime.zenoh.declarations import encoding_of
 from pointit.runtime.zenoh.session import (
     CLOSE_TIMEOUT_S,
@@ -155,18 +156,31 @@ def unread() -> dict[Peer, int]:
     return found
 
 
+SO_ATTACH_FILTER = 26
+KEEP_HEADERS = struct.pack("HBBI", 6, 0, 0, 1)
+"""Linux's filter of one instruction, by which a connection takes acknowledgements and no data."""
+MAX_DISCARDED_BYTES = 16 * 1024 * 1024
+"""Above Linux's limit of what waits on a connection, which is discarded without being copied."""
+
+
 def cut(peers: Collection[Peer]) -> int:
     """End the connections of this process from `peers`, each address and port; return how many were.
 
-    Nothing more is read of them, so Zenoh closes them. If they could not be written either, Zenoh might wait
+    Nothing more is read of them, so Zenoh closes them. What has come or comes is discarded: Linux still
+    passes it on, so a flood would keep its connection. If they could not be written either, Zenoh might wait
     5 s for one of them, and with it all others: measured in one of three floods.
     """
     count = 0
+    program = ctypes.create_string_buffer(KEEP_HEADERS)
     for found in own_sockets():
-        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, or it listens
+        with contextlib.suppress(OSError, ValueError):  # closed meanwhile, nothing has come, or it listens
             if peer(*found.getpeername()[:2]) in peers:
                 found.shutdown(socket.SHUT_RD)
                 count += 1
+                found.setsockopt(
+                    socket.SOL_SOCKET, SO_ATTACH_FILTER, struct.pack("HP", 1, ctypes.addressof(program))
+                )
+                found.recv(MAX_DISCARDED_BYTES, socket.MSG_DONTWAIT | socket.MSG_TRUNC)
     return count
 
 
@@ -312,8 +326,6 @@ class Router:
     def __init__(self, make: Callable[[], str], folder: Path, files: Sequence[Path]) -> None:
         """Prepare. Nothing is opened yet.
 
-        `on_connection` may be set before it is opened.
-
         `make` returns the configuration as it should be now, JSON5, or raises `ConfigError`. It names
         files as seen from `folder`. A change of `files` reopens the router.
         """
@@ -325,9 +337,9 @@ class Router:
         self._sites: tuple[str, ...] = ()
         self._joins_another = False
         self._session: zenoh.Session | None = None
-        self._connections: Connections | None = None
-        self.on_connection: Callable[[], None] = lambda: None
-        """Called in the loop after each change of `links`."""
+        self._link_listener: zenoh.LinkEventsListener[None] | None = None
+        self.is_held: Callable[[str], bool] = lambda _: False
+        """Returns True for an identity whose new connections are closed. Called on Zenoh's threads."""
         self.roles: dict[str, str] = {}
         """By identity, `SITE/NAME`; as `pointit site` has written them."""
         self.former: frozenset[str] = frozenset()
@@ -397,8 +409,9 @@ class Router:
     async def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
         """Stop routing; wait for up to this time until nothing of the session is left."""
         session, self._session = self._session, None
-        if self._connections is not None:
-            self._connections.close()
+        if self._link_listener is not None:
+            self._link_listener.undeclare()
+            self._link_listener = None
         self._health_publishers.clear()
         if session is not None:
             await close_session(session, patience_s=timeout_s)
@@ -422,11 +435,20 @@ class Router:
 
     def _begin(self, session: zenoh.Session) -> None:
         self._session = session
-        self._connections = Connections(session, self._listens, self.on_connection)
+        self._link_listener = session.info.declare_link_events_listener(
+            Callback(self._on_link, indirect=False), history=True
+        )
         self._health_publishers = {
             site: RouterHealthPublisher(session, site, joins_another=self._joins_another)
             for site in self._sites
         }
+
+    def _on_link(self, event: zenoh.LinkEvent) -> None:
+        """Close the connection of a held identity. Zenoh reads none of its messages before this returns."""
+        if event.kind == zenoh.SampleKind.PUT:
+            set_user_timeout(ports_of(self._listens), LEASE_MS)
+            if self.is_held((event.link.auth_identifier or "").rpartition("/")[0]):
+                self.cut([event.link.dst])
 
     def _read(self) -> zenoh.Config:
         config = parse_config(self._make(), self._folder)

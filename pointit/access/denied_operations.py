@@ -19,7 +19,7 @@ import threading
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Mapping
 
-from pointit.access.rights import INTERNAL_COST, REQUEST_COST, REQUEST_HZ, max_rate_hz
+from pointit.access.rights import BURST, INTERNAL_COST, REQUEST_COST, max_rate_hz
 from pointit.runtime.link.link import ROOM
 from pointit.schemas.problems import DENIED, Problem
 
@@ -250,9 +250,16 @@ FILTER = (
 class DeniedOperations:
     """Counts operations that a router has denied, and excessive writes. Thread-safe."""
 
-    def __init__(self, on_identity: Callable[[], object] = bool) -> None:
-        """Count from now on. `on_identity` is called in the thread of `take` when one becomes known."""
-        self._on_identity = on_identity
+    def __init__(
+        self, on_identity: Callable[[], object] = bool, on_load: Callable[[], object] = bool
+    ) -> None:
+        """Count from now on. The callbacks run in the thread of `take`.
+
+        `on_identity`: an identity has become known. `on_load`: questions and declarations of a load of
+        `BURST` have come.
+        """
+        self._on_identity, self._on_load = on_identity, on_load
+        self._load = 0.0
         self._lock = threading.Lock()
         """Needed as the log is read in a separate thread."""
         self.total = 0
@@ -270,8 +277,7 @@ class DeniedOperations:
         self._written: Counter[str] = Counter()
         """Counts by the end of the line: connection and key."""
         self._requests: Counter[tuple[str, int]] = Counter()
-        """By the begin of the line and the cost of one."""
-        """Counts of questions and declarations by the end of the line."""
+        """Counts of questions and declarations by the begin of the line and the cost of one."""
         self._slowed: Counter[str] = Counter()
         """Counts of messages dropped as too frequent, by the end of the line."""
         self._names: dict[str, str] = {}
@@ -302,6 +308,11 @@ class DeniedOperations:
         """
         with self._lock:
             return self._take_sentences(elapsed_s, former)
+
+    def loads(self) -> Counter[str]:
+        """Return the load of questions and declarations by identity, since `take_sentences`."""
+        with self._lock:
+            return self._request_loads()
 
     def identity(self, connection: str) -> str:
         """Return the identity of a connection, or `""` if it has not done anything yet."""
@@ -358,10 +369,10 @@ class DeniedOperations:
             clauses[name].append(
                 f"writes {key} {count / elapsed_s:.0f} times a second, more than anybody needs: end what does"
             )
-        for name, load in self._take_loads(elapsed_s).items():
-            if load > REQUEST_HZ * REQUEST_COST * elapsed_s:
-                rate = f"{load / REQUEST_COST / elapsed_s:.0f} times a second"
-                clauses[name].append(f"asks and declares {rate}, more than anybody needs: end what does")
+        loads = self._request_loads()
+        for line, count in self._written.items():
+            loads[self._identity_of(_connection(line))] += count
+        self.rates_hz = {name: load / elapsed_s for name, load in loads.items()}
         sentences = {name: f"{name} {' and '.join(told)}" for name, told in sorted(clauses.items())}
         if sentence := self._rejected_connections.pop_summary():
             sentences[""] = sentence
@@ -369,17 +380,12 @@ class DeniedOperations:
             counted.clear()
         return sentences
 
-    def _take_loads(self, elapsed_s: float) -> Counter[str]:
-        """Update `rates_hz`, and return the load of questions and declarations by identity."""
-        loads, requests = Counter[str](), Counter[str]()
-        for line, count in self._written.items():
-            loads[self._identity_of(_connection(line))] += count
+    def _request_loads(self) -> Counter[str]:
+        loads = Counter[str]()
         for (line, cost), count in self._requests.items():
             if decision := DECIDED.match(line):
-                requests[self._identity_of(decision[1])] += count * cost
-        loads += requests
-        self.rates_hz = {name: load / elapsed_s for name, load in loads.items()}
-        return requests
+                loads[self._identity_of(decision[1])] += count * cost
+        return loads
 
     def _take_let_in(self, line: str, times: int) -> None:
         """Count writes, without regular expressions since this runs for every message, and requests."""
@@ -404,6 +410,10 @@ class DeniedOperations:
             if len(self._requests) >= MAX_WRITTEN:
                 return
         self._requests[request] += times
+        self._load += request[1] * times
+        if self._load >= BURST:
+            self._load = 0.0
+            self._on_load()
 
     def _decide_dropped(self, line: str, where: str) -> None:
         """Count the last dropped message of a thread as too long, unless `line` is on its further readers."""

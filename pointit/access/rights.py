@@ -4,6 +4,7 @@ Zenoh limits only the rate of each key of a connection (`max_rate_hz`), at once;
 of an identity, over all its keys and connections, within seconds.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -63,11 +64,12 @@ makes 1400. A question or a declaration counts as `REQUEST_COST` of them, below 
 REQUEST_COST, INTERNAL_COST = 25, 5
 """Messages whose load is that of a question or a declaration, which goes to all clients. Those below `@` are
 of late subscribers and of tests of rights: many at a start."""
-REQUEST_HZ = 200.0
-"""Rate of questions and declarations above which an identity is named."""
 BURST = 10_000.0
 """Number of messages beyond `MAX_HZ` at which an identity is cut off. A stalled link delivers at most a
 lease (3 s) of messages at once."""
+START_LOAD = 3500.0
+"""Messages that each new connection may have in addition. A viewer of all topics declares 1600, and takes
+that back when it ends."""
 TIMEOUT = 3
 """Number of consecutive checks, one per second, without reading before a connection is reported."""
 HOLD_S = 30.0
@@ -109,7 +111,12 @@ class ConnectionLimits:
         self._seen: dict[tuple[str, str], LimitedConnection] = {}
         """Connections by session and address, in order of arrival. Their identity may be known later."""
         self._excess: dict[str, float] = {}
-        """Number of messages beyond `MAX_HZ` by identity, which shrinks again at lower rates."""
+        """Number of messages beyond `MAX_HZ` by identity, which shrinks again at lower rates.
+
+        It is negative while connections have not declared all that they may at their start.
+        """
+        self._counts = Counter[str]()
+        """Number of connections by identity."""
         self.held: dict[str, float] = {}
         """Identities that are cut off, and the end of that time."""
         self._unread: dict[LimitedConnection, tuple[int, int]] = {}
@@ -129,7 +136,10 @@ class ConnectionLimits:
         for each in self._seen.values():
             if roles.get(each.identity) in LIMITED:
                 by_identity.setdefault(each.identity, []).append(each)
-        self._hold({name: rate for name, rate in rates_hz.items() if roles.get(name) in LIMITED}, now_s)
+        counts = Counter({name: len(own) for name, own in by_identity.items()})
+        self._hold(
+            {name: rate for name, rate in rates_hz.items() if roles.get(name) in LIMITED}, counts, now_s
+        )
         closed_connections: list[LimitedConnection] = []
         messages: dict[str, str] = {}
         for name in self.held:
@@ -157,6 +167,19 @@ class ConnectionLimits:
                 )
         return [each for each in closed_connections if each.can_be_cut], messages
 
+    def hold(
+        self,
+        connections: Iterable[LimitedConnection],
+        roles: Mapping[str, str],
+        loads: Mapping[str, float],
+        now_s: float,
+    ) -> None:
+        """Cut off who is beyond the limit by its load since the last check alone, messages by identity."""
+        counts = Counter(each.identity for each in connections)
+        for name, load in loads.items():
+            if roles.get(name) in LIMITED and self._messages(name, load, counts[name]) >= BURST:
+                self.held[name] = now_s + HOLD_S
+
     def stuck(self, unread: Mapping[LimitedConnection, int]) -> dict[str, str]:
         """Return a message by identity on readers that accept none of the waiting data.
 
@@ -175,13 +198,19 @@ class ConnectionLimits:
             if times >= TIMEOUT and each.identity
         }
 
-    def _hold(self, rates_hz: Mapping[str, float], now_s: float) -> None:
+    def _messages(self, name: str, load: float, count: int) -> float:
+        """Return the number of messages beyond `MAX_HZ` with `load` in a second and `count` connections."""
+        start_load = START_LOAD * max(0, count - self._counts[name])
+        return self._excess.get(name, 0.0) + load - MAX_HZ - start_load
+
+    def _hold(self, rates_hz: Mapping[str, float], counts: Counter[str], now_s: float) -> None:
         self.held = {name: held for name, held in self.held.items() if held > now_s}
-        for name in {*self._excess, *rates_hz}:
-            messages = self._excess.get(name, 0.0) + rates_hz.get(name, 0.0) - MAX_HZ
-            self._excess[name] = max(0.0, min(BURST, messages))
+        for name in {*self._excess, *counts, *rates_hz}:
+            messages = self._messages(name, rates_hz.get(name, 0.0), counts[name])
+            self._excess[name] = max(-START_LOAD * counts[name], min(BURST, messages))
             if messages >= BURST:
                 self.held[name] = now_s + HOLD_S
+        self._counts = counts
         self._excess = {name: messages for name, messages in self._excess.items() if messages}
 
 

@@ -5,7 +5,7 @@ import contextlib
 import json
 import logging
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -134,11 +134,19 @@ async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
             held = [each for each in _connections(router, denied) if each.identity in limits.held]
             router.cut(each.address for each in held if each.can_be_cut)
 
-    def on_identity() -> None:
-        with contextlib.suppress(RuntimeError):  # the loop is gone
-            loop.call_soon_threadsafe(close_blocked)
+    def hold() -> None:
+        """Cut off who floods, without waiting for the next check."""
+        limits.hold(_connections(router, denied), router.roles, denied.loads(), loop.time())
+        close_blocked()
 
-    denied = DeniedOperations(on_identity)
+    def in_loop(callback: Callable[[], None]) -> Callable[[], None]:
+        def schedule() -> None:
+            with contextlib.suppress(RuntimeError):  # the loop is gone
+                loop.call_soon_threadsafe(callback)
+
+        return schedule
+
+    denied = DeniedOperations(in_loop(close_blocked), in_loop(hold))
     router.is_held = lambda identity: identity in limits.held
     with captured_log(FILTER, denied.take, MARKS):
         await router.open()

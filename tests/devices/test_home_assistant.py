@@ -500,6 +500,25 @@ def test_token_that_others_can_read_is_refused(tmp_path: Path) -> None:
         config.read_token()
 
 
+@pytest.mark.skipif(os.name != "posix", reason="rights of files")
+def test_token_of_another_owner_may_be_for_a_group_and_those_of_a_read_only_mount_have_any_rights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As systemd (`LoadCredential`, 0440 of root), and a container's engine (secrets, 0444) give them."""
+    config = config_of(tmp_path, 1)
+    path, me = Path(config.token_file), os.geteuid()
+    path.chmod(0o440)
+    monkeypatch.setattr(os, "geteuid", lambda: me + 1)
+    assert config.read_token()
+    path.chmod(0o444)
+    with pytest.raises(ConfigError, match="others can read it"):
+        config.read_token()
+    mount = os.statvfs(path)
+    read_only = os.statvfs_result((*mount[:8], mount.f_flag | os.ST_RDONLY, *mount[9:]))
+    monkeypatch.setattr(os, "statvfs", lambda _: read_only)
+    assert config.read_token()
+
+
 @pytest.mark.parametrize(
     ("url", "address"),
     [

@@ -1,7 +1,7 @@
 """Attackers of a secured site, and the warnings to its operator.
 
 As a program, `python -m tests.faults.attackers SITE-FOLDER NAME RATE KEYS…` floods keys under an identity.
-When it is cut off, it connects again within milliseconds.
+Instead of a key, one of `DECLARATIONS` may stand. When it is cut off, it connects again within milliseconds.
 """
 
 import asyncio
@@ -17,14 +17,25 @@ from typing import Any
 
 import pytest
 import zenoh
-from zenoh.handlers import Callback
+from zenoh.handlers import Callback, FifoChannel
 
 from pointit.access.site_folder import SiteFolder
 from pointit.runtime.link.link import Link
 from pointit.runtime.router import SERVICE
 from pointit.runtime.zenoh.session import configuration
 from pointit.schemas import ButtonEvent, Claim, Cursor, Health, Message, encode
-from pointit.schemas.topics import BUTTON, CLAIM, CURSOR, HEALTH, REQUESTS, TOPICS, Topic, topic_of
+from pointit.schemas.topics import (
+    BUTTON,
+    CLAIM,
+    CURSOR,
+    HEALTH,
+    READ_HISTORY,
+    REQUESTS,
+    TOPICS,
+    USER_ALIVE,
+    Topic,
+    topic_of,
+)
 from tests.faults.account import Account, Memory
 from tests.faults.site import PEOPLE, Site
 from tests.faults.witness import Witness, witness
@@ -223,18 +234,34 @@ def flooding(site: Site, name: str, rate_hz: float, *keys: str) -> Generator[Com
 def flood(folder: SiteFolder, name: str, rate_hz: float, keys: Sequence[str]) -> None:
     """Write until killed; say once a second how often."""
     with Member(folder, name, retry_ms=1) as somebody:
-        payloads = {key: _payload(key) for key in keys}
+        acts = [_act(somebody.session, name, key) for key in keys]
         began_s = time.monotonic()
         sys.stdout.write("begins\n")
         sys.stdout.flush()
-        for count, key in enumerate(itertools.cycle(keys), 1):
-            somebody.session.put(key, payloads[key], congestion_control=zenoh.CongestionControl.BLOCK)
+        for count, act in enumerate(itertools.cycle(acts), 1):
+            with contextlib.suppress(zenoh.ZError):  # it is cut off
+                act()
             ahead_s = count / rate_hz - (time.monotonic() - began_s)
             if ahead_s > SECONDS_OF_A_BURST:
                 time.sleep(ahead_s)
             if count % max(1, round(rate_hz)) == 0:
                 sys.stdout.write(f"{count} in {time.monotonic() - began_s:.1f} s\n")
                 sys.stdout.flush()
+
+
+DECLARATIONS = ("presence", "subscriptions", "questions")
+
+
+def _act(session: zenoh.Session, name: str, key: str) -> Callable[[], object]:
+    """Return a function that declares and takes back, asks, or writes once."""
+    if key == "presence":
+        return lambda: session.liveliness().declare_token(USER_ALIVE.at(name)).undeclare()
+    if key == "subscriptions":
+        return lambda: session.declare_subscriber(CURSOR.at(name), lambda _: None).undeclare()
+    if key == "questions":
+        return lambda: session.get(READ_HISTORY.at(), FifoChannel(1), timeout=0.1)
+    payload = _payload(key)
+    return lambda: session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
 
 def _payload(key: str) -> bytes:

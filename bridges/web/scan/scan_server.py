@@ -2,7 +2,8 @@
 
 - `GET /scan` opens the page: for operators by their cookie, and for a phone that was paired for it, with
   `?token=...` from a QR code, or is a person's wrist while a scan is open: from an operator's first message
-  until the page is left, at most 30 minutes after their last one.
+  until the page is left, or nobody uses it for 30 minutes. Wrists begin a scan only within 30 minutes of an
+  operator's last message, so that none of them keeps it open.
 - `POST /scan`: see `wire`. `GET /scan/map.yaml`: the map of what is known.
 - `GET /scan/room` and `/scan/lights`: what a simulated camera sees, if the configuration has one.
 """
@@ -29,7 +30,7 @@ from pointit.schemas import summarize_validation_error
 
 COOKIE_S = 2 * 3600
 OPEN_S = 30 * 60.0
-"""Time after an operator's last message, or after the pairing of a phone, for which a scan is open."""
+"""Time for which a scan is open after its last message or the pairing of a phone, s."""
 CAMERA = "camera"
 """Name under which the one phone is paired that maps the room."""
 LIGHTS_S = 1.0
@@ -73,8 +74,8 @@ class ScanServer:
         """Colours of all lights in hexadecimal digits, by strip or lamp, and their number so far."""
         self._lit_seq = 0
         self._changed = asyncio.Event()
-        self._open_until_s = self._paired_until_s = math.inf if token else 0.0
-        """Times until which wrists, and the phone that was paired for it, may scan."""
+        self._begin_until_s = self._open_until_s = self._paired_until_s = math.inf if token else 0.0
+        """Times until which wrists may begin, wrists may scan, and the phone that was paired for it may."""
         if token:
             self._pairing.pair(CAMERA, time.monotonic(), token)
 
@@ -94,7 +95,7 @@ class ScanServer:
     def pair(self) -> str:
         """Open a scan, and return a token for a phone. It replaces the phone paired before."""
         now_s = time.monotonic()
-        self._open_until_s = self._paired_until_s = now_s + OPEN_S
+        self._begin_until_s = self._open_until_s = self._paired_until_s = now_s + OPEN_S
         return self._pairing.pair(CAMERA, now_s)[0]
 
     def lights(self, colors: Mapping[str, bytes]) -> None:
@@ -118,19 +119,27 @@ class ScanServer:
     async def _on_message(self, request: Request) -> Response:
         if not self._is_admitted(request):
             return PlainTextResponse(CLOSED, 403)
-        session = self._session
+        session, now_s = self._session, time.monotonic()
+        may_begin = True
         if self._is_operator(request):
-            self._open_until_s = max(self._open_until_s, time.monotonic() + OPEN_S)
+            self._begin_until_s = self._open_until_s = max(self._open_until_s, now_s + OPEN_S)
+        elif self._is_paired(request):
+            self._paired_until_s = max(self._paired_until_s, now_s + OPEN_S)
+        else:
+            may_begin = now_s < self._begin_until_s
+            self._open_until_s = now_s + OPEN_S
         try:
             message = wire.SCAN_MESSAGE.validate_json(await request.body())
             match message:
                 case wire.ScanLight():
                     if message.colors is None:  # the page is left
-                        self._open_until_s = 0.0
+                        self._begin_until_s = self._open_until_s = 0.0
                     await session.light(message)
                     return Response(status_code=204)
                 case wire.ScanSave():
                     await asyncio.to_thread(session.save, message)
+                case wire.ScanBegin() if not may_begin:
+                    return PlainTextResponse(CLOSED, 403)
                 case _:
                     session.take(message)
         except ValidationError as error:
@@ -170,9 +179,12 @@ class ScanServer:
         now_s = time.monotonic()
         if self._is_operator(request):
             return True
-        if self._pairing.phone(request.cookies.get(_cookie(request), "")) is not None:
+        if self._is_paired(request):
             return now_s < self._paired_until_s
         return now_s < self._open_until_s and self._is_wrist(request)
+
+    def _is_paired(self, request: Request) -> bool:
+        return self._pairing.phone(request.cookies.get(_cookie(request), "")) is not None
 
     def _is_operator(self, request: Request) -> bool:
         return self._access.admit(info_of(request), time.monotonic()) == "operator"

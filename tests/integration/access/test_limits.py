@@ -6,6 +6,7 @@ import functools
 import itertools
 import json
 import socket
+import subprocess
 import sys
 import threading
 import time
@@ -17,15 +18,19 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from pointit.access.rights import LATEST_HZ, MAX_CONNECTIONS, MAX_RATE_HZ
+from pointit.access.rights import LATEST_HZ, MAX_CONNECTIONS, MAX_RATE_HZ, viewer_topics
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
+from pointit.diagnosis.diagnose import diagnose
+from pointit.diagnosis.observation import DiagnosisReport, Observation
 from pointit.runtime.router import LINGER, Router
 from pointit.runtime.zenoh.session import own_sockets
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import ButtonEvent, UserPose
-from pointit.schemas.topics import BUTTON, CURSOR, POSE, RAY, READ_HISTORY, USER_ALIVE
-from tests.integration.access.secured import Member, RouterProgram, link_of, make_site, routed, wait
+from pointit.schemas import ButtonEvent, Health, UserPose, decode
+from pointit.schemas.problems import EXCESS
+from pointit.schemas.topics import BUTTON, CURSOR, HEALTH, POSE, PRESENCES, RAY, READ_HISTORY, USER_ALIVE
+from tests.faults.attackers import DECLARATIONS
+from tests.integration.access.secured import Member, RouterProgram, link_of, make_site, now, routed, wait
 from tests.support.bench import until
 
 STALL_S = 4.0
@@ -188,25 +193,81 @@ def test_connections_beyond_the_limit_of_an_identity_are_cut_and_named(folder: S
         assert "lab/services has" not in router.said
 
 
-@pytest.mark.parametrize("kind", ["presence", "subscriptions", "questions"])
+FLOOD_HZ = 2000.0
+SETTLE_S = 0.5
+"""Time in which what a router has already read goes out."""
+CHECKED_S = 2.5
+"""Time in which a router has checked what has been declared."""
+
+
+@contextmanager
+def flooding(folder: SiteFolder, name: str, kind: str) -> Generator[None]:
+    """Have a process of its own flood and come back within 1 ms: Zenoh's client may crash of that."""
+    program = [sys.executable, "-m", "tests.faults.attackers", str(folder.path), name, str(FLOOD_HZ), kind]
+    with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("kind", DECLARATIONS)
 def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolder, kind: str) -> None:
-    with RouterProgram("--site-folder", str(folder.path)) as router, Member(folder, "anna") as anna:
-        ends = Ends(anna)
+    reports: list[Health] = []
+    with (
+        RouterProgram("--site-folder", str(folder.path)) as router,
+        Member(folder, "operator") as operator,
+        Member(folder, "services") as services,
+        services.serving(READ_HISTORY.at()) as asked,
+    ):
+        came_s: list[float] = []
+        tokens = operator.session.liveliness().declare_subscriber(
+            USER_ALIVE.at("anna"), Callback(lambda _: came_s.append(time.monotonic()), indirect=False)
+        )
+        health = operator.session.declare_subscriber(
+            HEALTH.at("router"),
+            Callback(
+                lambda sample: reports.append(decode(Health, sample.payload.to_bytes())), indirect=False
+            ),
+        )
 
-        def act() -> None:
-            for _ in range(200):
-                if kind == "presence":
-                    anna.session.liveliness().declare_token(USER_ALIVE.at("anna")).undeclare()
-                elif kind == "subscriptions":
-                    anna.session.declare_subscriber(CURSOR.at("anna"), lambda _: None).undeclare()
-                else:
-                    anna.session.get(READ_HISTORY.at(), zenoh.handlers.FifoChannel(1), timeout=0.1)
+        def problems() -> list[str]:
+            return [each.code for each in reports[-1].problems] if reports else []
 
-        with contextlib.suppress(zenoh.ZError):  # its connection has ended
-            wait(lambda: "lab/anna has written or asked " in router.said, "the reason", act)
-        wait(lambda: "lab/anna has written or asked " in router.said, "the reason")
-        assert "lab/anna asks and declares " in router.said
-        wait(lambda: ends.count > 0, "the cut")
+        with flooding(folder, "anna", kind):
+            wait(lambda: "lab/anna has written or asked " in router.said, "the reason")
+            wait(lambda: EXCESS in problems(), "the reason in health")
+            time.sleep(SETTLE_S)
+            before = len(came_s), len(asked)
+            time.sleep(2.0)
+            assert (len(came_s), len(asked)) == before, "what it sends while it is cut off goes nowhere"
+        now_s = time.monotonic()
+        report = DiagnosisReport(received_s=now_s, health=reports[-1], arrived_ns=time.time_ns())
+        seen = Observation(
+            began_s=now_s - 5.0, now_s=now_s, present=frozenset({"router"}), reports={"router": [report]}
+        )
+        assert any("lab/anna has written or asked " in each.sentence for each in diagnose(seen))
+        tokens.undeclare()
+        health.undeclare()
+
+
+async def test_sixteen_viewers_who_return_at_once_are_not_cut_off(folder: SiteFolder) -> None:
+    with RouterProgram("--site-folder", str(folder.path)) as router:
+        link = link_of(folder, "dashboard1")
+        viewers = [await ZenohBus.open(link, patience_s=30) for _ in range(MAX_CONNECTIONS)]
+        for viewer in viewers:
+            for topic in viewer_topics():
+                viewer.subscribe(topic, lambda _message, _name: None)
+            for presence in PRESENCES:
+                viewer.watch(presence, lambda _name, _is_present: None)
+        await asyncio.sleep(CHECKED_S)
+        folder.add({"carla": "user"}, now())  # the router opens again, and all connections with it
+        await until(lambda: "that there are now" in router.said, what="the new rules")
+        await asyncio.sleep(CHECKED_S)
+        assert all(viewer.connected for viewer in viewers)
+        for viewer in viewers:
+            await viewer.close()
+        assert "dashboard1" not in router.said
 
 
 class Ends:

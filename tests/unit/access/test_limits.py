@@ -10,6 +10,7 @@ from pointit.access.rights import (
     MAX_CONNECTIONS,
     MAX_HZ,
     MIN_UNREAD,
+    START_LOAD,
     TIMEOUT,
     ConnectionLimits,
     LimitedConnection,
@@ -61,7 +62,7 @@ def test_connections_by_quic_are_named_with_what_ends_them_and_not_said_to_be_cu
         dataclasses.replace(each, address=each.address.replace("tls/", "quic/"))
         for each in connections("lab/dashboard1", 2)
     ]
-    for now_s, rates in enumerate(({}, {"lab/dashboard1": MAX_HZ + BURST})):
+    for now_s, rates in enumerate(({}, {"lab/dashboard1": MAX_HZ + BURST + 2 * START_LOAD})):
         cut, told = limits.excess(own, roles, rates, float(now_s))
         assert not cut
         remedy = "cannot be cut (QUIC): revoke it: `pointit site revoke dashboard1`"
@@ -73,7 +74,7 @@ def test_flood_is_cut_off_for_a_while_and_only_that_identity() -> None:
     limits, own = ConnectionLimits(), connections("lab/anna", 2)
     everybody = [*own, *connections("lab/ben", 2, 50)]
     looks = 4
-    rates = {"lab/anna": MAX_HZ + BURST / looks, "lab/ben": 1400.0}
+    rates = {"lab/anna": MAX_HZ + (BURST + 2 * START_LOAD) / looks, "lab/ben": 1400.0}
     for now_s in range(looks - 1):
         assert limits.excess(everybody, ROLES, rates, float(now_s)) == ([], {})
     flooded_s = float(looks - 1)
@@ -95,11 +96,24 @@ def test_burst_after_a_link_stood_still_is_not_cut_off() -> None:
         assert limits.excess(own, ROLES, {"lab/anna": rate_hz}, float(now_s)) == ([], {})
 
 
-@pytest.mark.parametrize(("rate_hz", "cut_after"), [(3000.0, 20), (4900.0, 5), (10_000.0, 2)])
+@pytest.mark.parametrize(("rate_hz", "cut_after"), [(3000.0, 27), (4900.0, 6), (10_000.0, 2)])
 def test_flood_counts_by_rate_and_time(rate_hz: float, cut_after: int) -> None:
     limits, own = ConnectionLimits(), connections("lab/anna", 1)
     looks = [bool(limits.excess(own, ROLES, {"lab/anna": rate_hz}, now_s)[0]) for now_s in range(cut_after)]
     assert looks == [False] * (cut_after - 1) + [True]
+
+
+def test_sixteen_viewers_may_declare_all_at_once_and_a_flood_is_cut_before_the_second_is_over() -> None:
+    limits, own = ConnectionLimits(), connections("lab/anna", MAX_CONNECTIONS)
+    start = {"lab/anna": MAX_CONNECTIONS * START_LOAD / 2}
+    limits.hold(own, ROLES, start, 0.5)
+    assert not limits.held
+    for now_s, each in enumerate([own, [], own, []]):  # the router opens again, and all leave
+        assert limits.excess(each, ROLES, start, float(now_s)) == ([], {}), now_s
+        limits.hold(each, ROLES, {"lab/anna": MAX_HZ}, now_s + 0.5)
+        assert not limits.held, now_s
+    limits.hold([], ROLES, {"lab/anna": 2 * BURST, "lab/services": 2 * BURST}, 5.5)
+    assert list(limits.held) == ["lab/anna"]
 
 
 def test_flood_that_pauses_for_a_second_is_cut_off() -> None:

@@ -163,6 +163,30 @@ async def test_a_wrist_may_map_the_room_from_an_operators_message_until_the_page
         await said(wrist, 403, kind="begin")
 
 
+@pytest.mark.parametrize("kind", ["wrist", "camera"])
+async def test_a_scan_in_use_goes_on_after_30_minutes_in_which_wrists_may_begin_none(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    door = ScanServer(bench.session, bench.doors, bench.bundle, is_wrist=lambda _: kind == "wrist")
+    bench.app = application(bench.doors, bench.bundle, bench.no_page, bench.no_file, door.routes)
+    began_s, now_s = time.monotonic(), 0.0
+    monkeypatch.setattr(time, "monotonic", lambda: began_s + now_s)
+    async with bench.client() as phone, bench.client() as operator:
+        if kind == "wrist":
+            await operator.post("/scan", json={"kind": "look"}, headers=OPERATOR)
+        else:
+            await phone.get(f"/scan?token={door.pair()}")
+        await said(phone, kind="begin")
+        for _ in range(4):
+            now_s += 1000.0
+            await said(phone, **VIEW)
+        assert (await said(phone, kind="look"))["views"] == 4
+        text = await said(phone, 403 if kind == "wrist" else 200, kind="begin")
+        assert kind == "camera" or "Map this room" in text
+        now_s += 1801.0
+        await said(phone, 403, **VIEW)
+
+
 async def test_a_phone_that_was_paired_for_a_scan_may_begin_none_after_30_minutes(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -50,8 +50,9 @@ from pointit.services.registry import HOME_ASSISTANT, PROCESSES, RECORDER, Proce
 
 LIMITED = frozenset({"user", "dashboard"})
 """Roles with limits. Identities of other roles serve all people, like a site's services."""
-MAX_CONNECTIONS = 16
-"""Maximum connections of one identity: a person's five services as processes, and some commands."""
+MAX_CONNECTIONS = 32
+"""Maximum connections of one identity: 16 processes, such as a person's services and commands, or viewers.
+Each has a second one while it tests its rights, all at once when a router opens again."""
 LATEST_HZ = 500.0
 """Maximum rate of a key of which only the newest message counts. Wrists send 200 Hz at most."""
 MAX_RATE_HZ = 100.0
@@ -67,9 +68,8 @@ of late subscribers and of tests of rights: many at a start."""
 BURST = 10_000.0
 """Number of messages beyond `MAX_HZ` at which an identity is cut off. A stalled link delivers at most a
 lease (3 s) of messages at once."""
-START_LOAD = 3500.0
-"""Messages that each new connection may have in addition. A viewer of all topics declares 1600, and takes
-that back when it ends."""
+START_LOAD = 1750.0
+"""Messages that each new connection may have in addition. A viewer of all topics declares 1600."""
 TIMEOUT = 3
 """Number of consecutive checks, one per second, without reading before a connection is reported."""
 HOLD_S = 30.0

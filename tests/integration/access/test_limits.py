@@ -254,7 +254,7 @@ def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolde
 async def test_sixteen_viewers_who_return_at_once_are_not_cut_off(folder: SiteFolder) -> None:
     with RouterProgram("--site-folder", str(folder.path)) as router:
         link = link_of(folder, "dashboard1")
-        viewers = [await ZenohBus.open(link, patience_s=30) for _ in range(MAX_CONNECTIONS)]
+        viewers = [await ZenohBus.open(link, patience_s=30) for _ in range(16)]
         for viewer in viewers:
             for topic in viewer_topics():
                 viewer.subscribe(topic, lambda _message, _name: None)

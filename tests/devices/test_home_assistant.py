@@ -515,7 +515,11 @@ def test_token_of_another_owner_may_be_for_a_group_and_those_of_a_read_only_moun
         config.read_token()
     mount = os.statvfs(path)
     read_only = os.statvfs_result((*mount[:8], mount.f_flag | os.ST_RDONLY, *mount[9:]))
-    monkeypatch.setattr(os, "statvfs", lambda _: read_only)
+
+    def look(_path: Path) -> os.statvfs_result:
+        return read_only
+
+    monkeypatch.setattr(os, "statvfs", look)
     assert config.read_token()
 
 

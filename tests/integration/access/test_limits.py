@@ -221,15 +221,17 @@ def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolde
         services.serving(READ_HISTORY.at()) as asked,
     ):
         came_s: list[float] = []
+
+        def on_token(_: zenoh.Sample) -> None:
+            came_s.append(time.monotonic())
+
+        def on_health(sample: zenoh.Sample) -> None:
+            reports.append(decode(Health, sample.payload.to_bytes()))
+
         tokens = operator.session.liveliness().declare_subscriber(
-            USER_ALIVE.at("anna"), Callback(lambda _: came_s.append(time.monotonic()), indirect=False)
+            USER_ALIVE.at("anna"), Callback(on_token, indirect=False)
         )
-        health = operator.session.declare_subscriber(
-            HEALTH.at("router"),
-            Callback(
-                lambda sample: reports.append(decode(Health, sample.payload.to_bytes())), indirect=False
-            ),
-        )
+        health = operator.session.declare_subscriber(HEALTH.at("router"), Callback(on_health, indirect=False))
 
         def problems() -> list[str]:
             return [each.code for each in reports[-1].problems] if reports else []

@@ -200,11 +200,20 @@ def unchecked(kind: Callable[P, M]) -> Callable[P, M]:
         set_names(message, names)
         set_extra(message, None)
         set_private(message, None)
-        if ConstructorChecks.are_on and repr(vars(kind(*args, **values))) != repr(vars(message)):
-            raise TypeError(f"{message!r}: validation converts a value; calculate it in its field's type")
+        if ConstructorChecks.are_on:
+            validated, calculated = (tuple(vars(each).items()) for each in (kind(*args, **values), message))
+            if not _is_same(validated, calculated):
+                raise TypeError(f"{message!r}: validation converts a value; calculate it in its field's type")
         return message
 
     return make
+
+
+def _is_same(validated: object, calculated: object) -> bool:
+    """Return True if both have the same `repr`. Values that validation returns as they are cost nothing."""
+    if isinstance(validated, tuple) and isinstance(calculated, tuple):
+        return len(validated) == len(calculated) and all(map(_is_same, validated, calculated))
+    return validated is calculated or repr(validated) == repr(calculated)
 
 
 class Query(SchemaModel):

@@ -1,11 +1,13 @@
-"""Scenarios 5 and 6 as shipped: simulated people fly and land a quadrotor, and send a rover along paths."""
+"""People and robots in virtual time: flights, paths, goals."""
 
 import statistics
 from collections.abc import Callable, Iterable
 
 import pytest
 
+from pointit.launch.plan.launches import Choices
 from pointit.launch.plan.plan import read_scenario
+from tests.integration.scenario.play import play
 from tests.integration.scenario.steered_robots import Flights, play_robots
 
 SOME = [
@@ -141,3 +143,24 @@ def test_two_people_steer_two_robots_at_once() -> None:
 def test_a_quadrotor_hovers_higher_on_a_higher_workspace() -> None:
     flights = play_robots("scenario_5", 9.0, seed=1, settings=("pui.workspace_height_m=0.8",))
     assert flights.heights_m["quad"] == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("skill", "least", "farthest_m"), [(0.0, 5, 0.8), (1.0, 8, 0.4)])
+def test_goals_are_where_they_were_meant_to_be(skill: float, least: int, farthest_m: float) -> None:
+    outcome = play("send_a_robot", Choices(seed=1, settings=(f"user-sim.aim.skill={skill}",)), 120.0)
+    assert len(outcome.goals) >= least
+    assert max(away_m for _, away_m in outcome.goals) < farthest_m
+    for goal, _ in outcome.goals:
+        assert goal.surface_id == "workspace/horizontal"
+        assert goal.position_m[2] == pytest.approx(0.0, abs=1e-9)
+        assert goal.clearance_m >= 0.5
+    texts = [cue.text for cue in outcome.cues]
+    assert texts.count("the robot is sent there") == len(outcome.goals)
+    assert outcome.states[-1] == "pointing"
+
+
+def test_nothing_is_sent_to_where_somebody_is_kept_away_from() -> None:
+    far = Choices(seed=1, settings=("goal.keep_out_m=5",))
+    outcome = play("send_a_robot", far, 30.0)
+    assert outcome.goals == []
+    assert any("from you: choose one 5 m away" in cue.text for cue in outcome.cues)

@@ -1,16 +1,188 @@
-"""Lines of text from boards: each documented form, what is refused, and what no bytes may do."""
+"""Lines of text of wrists, declared and undeclared."""
 
+import json
 import math
 import re
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pointit.services.imu_bridge.network.udp import UdpConfig
-from pointit.services.imu_bridge.serial.detection import SerialConfig
+from pointit.services.imu_bridge.network.datagram_source import DatagramError
+from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
+from pointit.services.imu_bridge.serial.detection import Detection, SerialConfig
 from pointit.services.imu_bridge.serial.line_parser import ButtonLine, LineError, LineParser, QuaternionLine
-from pointit.services.imu_bridge.serial.text_line import LineSplitter
+from pointit.services.imu_bridge.serial.source import SilenceWatch
+from pointit.services.imu_bridge.serial.text_line import LineSplitter, TextFramer
+from pointit.services.imu_bridge.sources import Press, Reading
+from pointit.services.imu_bridge.streams import FORGET_AFTER, MAX_SENSORS, SensorChoice, quoted
+
+XYZW = (0.64, 0.0, -0.48, 0.6)
+FORM = re.compile(r'imu-bridge\.(serial|udp)\.line=("(?:[^"\\]|\\.)*")')
+DESCRIBED = [  # a line, and the places of w, x, y and z among its numbers
+    ("X: 12.0000\tY: 3.1000\tZ: -7.4000\t\tqW: 0.6000 qX: 0.6400 qY: 0.0000 qZ: -0.4800\t\t", (3, 4, 5, 6)),
+    ("Game Rotation Vector - r: 0.60 i: 0.64 j: 0.00 k: -0.48", (0, 1, 2, 3)),  # Adafruit BNO08x
+    ("0.64,0.00,-0.48,0.60,3", (3, 0, 1, 2)),  # SparkFun BNO080: i, j, k, real, accuracy
+    ("8126,0.640,0.000,-0.480,0.600,0.05,0", (4, 1, 2, 3)),  # with the time in ms before
+    ("1693912.250000 0.600000 0.640000 0.000000 -0.480000", (1, 2, 3, 4)),  # x-io, Fusion: s and quaternion
+    ("q0=0.6, q1=0.64, q2=0.0, q3=-0.48", (0, 1, 2, 3)),  # Madgwick
+    ("rotVec: 0.6 0.64 0.0 -0.48 acc:3", (0, 1, 2, 3)),
+    ("12:30:15.123 -> quat\t0.60\t0.64\t0.00\t-0.48", (1, 2, 3, 4)),  # Arduino IDE's serial monitor
+    ("I (12345) BNO08x: w=0.600 x=0.640 y=0.000 z=-0.480", (1, 2, 3, 4)),  # ESP-IDF
+    ("[00:00:01.250,000] <inf> imu: 0.6 0.64 0.0 -0.48", (1, 2, 3, 4)),  # Zephyr
+    ("[ 12345][I][main.cpp:42] loop(): 0.6 0.64 0.0 -0.48", (2, 3, 4, 5)),  # ESP32's Arduino core
+    ("\x1b[0;32mI (27) q: 0.6,0.64,0.0,-0.48\x1b[0m", (3, 4, 5, 6)),
+    ("$VNQTN,+0.640000,+0.000000,-0.480000,+0.600000*6F", (3, 0, 1, 2)),  # VectorNav: the scalar last
+    ("0,60;0,64;0,00;-0,48", (0, 1, 2, 3)),  # decimal commas
+    ("2026-03-02T09:01:02.5Z,0.6,0.64,0.0,-0.48", (1, 2, 3, 4)),
+    ("24:6F:28:0A:0B:01,87%,0.6,0.64,0.0,-0.48,-61dBm", (2, 3, 4, 5)),
+    ("w0.6wa0.64ab0.0bc-0.48c", (0, 1, 2, 3)),  # Madgwick for Processing
+    ("wrist: 0.6 0.64 0.0 -0.48", (0, 1, 2, 3)),
+    ("3,0.6,0.64,0.0,-0.48", (1, 2, 3, 4)),
+    ("0.6 0.64 0.0 -0.48 0.8 0.0 0.6 0.0", (0, 1, 2, 3)),  # of two sensors
+    ("Calib: 3 3 0 3 | 0.6 0.64 0.0 -0.48", (4, 5, 6, 7)),
+    ("{w:0.6,x:0.64,y:0.0,z:-0.48}", (0, 1, 2, 3)),
+    ("quat xyzw: 0.64 0.0 -0.48 0.6 0", (3, 0, 1, 2)),
+    (
+        '{"t": 171456, "motionQuaternionW": "0.6", "X": "0.64", "Y": "0.0", "Z": "-0.48"}',
+        (1, 2, 3, 4),
+    ),  # SensorLog
+    (
+        '{"time":"2024_05_01_12:00:00.25","data":{"rotation":{"x":0.64,"y":0.0,"z":-0.48,"w":0.6}}}',
+        (4, 1, 2, 3),
+    ),
+    ('{"rot": [0.64, 0.0, -0.48, 0.6], "bat": 87}', (3, 0, 1, 2)),
+    ('[{"name":"orientation","time":17,"values":{"qw":0.6,"qx":0.64,"qy":0.0,"qz":-0.48}}]', (1, 2, 3, 4)),
+]
+ANGLES = [
+    "ypr\t-12.34\t5.60\t0.70",  # MPU6050_DMP6
+    "Orientation - roll: 3 pitch: 4 yaw: 5",
+    "Q1:0.640 Q2:0.000 Q3:-0.480",  # SparkFun ICM-20948, w left out
+    "359.94,-1.00,3.50",
+    "Initializing I2C devices...",
+]
+
+
+def filled_form(sentence: str, places: Sequence[int]) -> str:
+    """Return the form that a refusal names, with the components of the quaternion at `places`."""
+    (found,) = FORM.findall(sentence)
+    texts = json.loads(found[1]).split("{_}")
+    names = {place % (len(texts) - 1): axis for place, axis in zip(places, "wxyz", strict=True)}
+    parts = [f"{{{names.get(index, '_')}}}" for index in range(len(texts) - 1)]
+    return "".join(text + part for text, part in zip(texts, [*parts, ""], strict=True))
+
+
+@pytest.mark.parametrize(("line", "places"), DESCRIBED)
+def test_other_lines_are_refused_with_a_parameter_that_reads_them(line: str, places: Sequence[int]) -> None:
+    with pytest.raises(LineError) as refusal:
+        LineParser().parse(line.encode())
+    config = SerialConfig(line=filled_form(str(refusal.value), places))
+    later = line.replace("12:", "23:").replace("123", "987").replace("-03-", "-11-").replace("_05_", "_11_")
+    for each in (line, later):
+        parsed = LineParser(config.order, config.line).parse(each.encode())
+        assert isinstance(parsed, QuaternionLine)
+        assert parsed.orientation_xyzw == pytest.approx(XYZW)
+    with pytest.raises(DatagramError) as refused:
+        UdpDecoder(UdpConfig()).items(line.encode(), 0)
+    decoder = UdpDecoder(UdpConfig(line=filled_form(str(refused.value), places)))
+    (reading,) = decoder.items(line.encode(), 0)
+    assert isinstance(reading, Reading)
+    assert reading.world_from_sensor == pytest.approx(XYZW)
+
+
+@pytest.mark.parametrize("line", ANGLES)
+def test_lines_without_a_quaternion_are_refused_with_the_remedy_in_the_sketch(line: str) -> None:
+    with pytest.raises(LineError, match="let the device send four numbers, w, x, y and z"):
+        LineParser().parse(line.encode())
+
+
+def test_two_sensors_of_a_port_are_refused_until_one_is_named() -> None:
+    lines = b"\r\nwrist,0.6,0.64,0,-0.48\r\nelbow,0.8,0,0.6,0" * 20 + b"\r\n"
+    form = "{sensor},{w},{x},{y},{z}"
+    sensors = SensorChoice("serial.sensor")
+    assert len(TextFramer("wxyz", form, sensors).feed(lines, 0)) <= 2  # before the second is proven
+    assert sensors.warning == (
+        "several sensors send in one stream (elbow, wrist), and none is used: name the wrist's by "
+        "--set imu-bridge.serial.sensor=NAME"
+    )
+    config = SerialConfig(line=form, sensor="Wrist")
+    items = Detection(config).feed(lines + b"elbow: button\nwrist: button\n", 7, 0.0)
+    readings = [item.world_from_sensor for item in items if isinstance(item, Reading)]
+    assert readings == [pytest.approx(XYZW)] * 20
+    assert [item for item in items if isinstance(item, Press)] == [Press(7)]
+
+
+def test_sensors_in_json_are_told_apart_by_their_documented_fields() -> None:
+    for field in ("sensor", "id", "name", "device"):
+        decoder = UdpDecoder(UdpConfig(sensor="2"))
+        for number in (1, 2):
+            data = json.dumps({field: number, "q": [0.6, 0.64, 0.0, -0.48]}).encode()
+            assert len(decoder.items(data, 0)) == (number == 2)
+
+
+def test_sensor_whose_name_is_damaged_once_is_used_on() -> None:
+    sensors = SensorChoice("serial.sensor")
+    assert [sensors.accepts(name) for name in ("wrist", "wrist", "wrist", "wrht", "wrist")] == [
+        True, True, True, False, True,
+    ]  # fmt: skip
+    assert sensors.warning == ""
+
+
+def test_sensor_that_is_silent_for_long_is_forgotten() -> None:
+    sensors = SensorChoice("serial.sensor")
+    for name in ("wrist", "elbow") * 3:
+        sensors.accepts(name)
+    assert not sensors.accepts("elbow")
+    assert [sensors.accepts("elbow") for _ in range(FORGET_AFTER)][-1]
+    assert sensors.warning == ""
+
+
+def test_names_that_all_differ_are_reported_and_never_read() -> None:
+    sensors = SensorChoice("udp.sensor")
+    assert not any([sensors.accepts(f"{n}") for n in range(50)][1:])
+    assert sensors.warning.startswith("several sensors send in one stream (42, 43, 44")
+    assert len(sensors.others) == MAX_SENSORS
+
+
+def test_configured_sensor_that_is_not_heard_is_named_with_those_that_are() -> None:
+    sensors = SensorChoice("udp.sensor", "Wrist")
+    assert not any(sensors.accepts("elbow") for _ in range(3))
+    assert (
+        sensors.warning
+        == "no sensor 'wrist' is heard, but elbow: use one of them, as by --set imu-bridge.udp.sensor=elbow"
+    )
+    assert sensors.accepts("left", "wrist")
+    assert sensors.warning == ""
+
+
+def test_warning_of_a_port_shows_the_line_and_the_parameter_alone() -> None:
+    detection, watch, warning = Detection(SerialConfig()), SilenceWatch("the port", 3.0, 0.0), ""
+    for number in range(40):
+        data = b"1500,0.6,0.64,0,-0.48\r\n"
+        detection.feed(data, number, number / 10)
+        warning = watch.step(data, number / 10, detection) or warning
+    assert warning == (
+        "the lines from the port are not read, the last: '1500,0.6,0.64,0,-0.48' has none of the documented "
+        'forms; describe it by imu-bridge.serial.line="{_},{_},{_},{_},{_}", with {w}, {x}, {y} and {z} for '
+        "the quaternion's {_}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("data", "shown"),
+    [
+        (b"ypr\t1.0\x07", r"'ypr\t1.0\x07'"),
+        ("Zoë IMU №2".encode(), "'Zoë IMU №2'"),
+        ("äöü".encode()[:5], "'äö'"),
+        ("Gerät 20 °C".encode("latin-1"), r"'Ger\xe4t 20 \xb0C'"),
+        (b"\x55\x53\x01\x02\x90", "55 53 01 02 90"),
+        (b"a" * 50, "'" + "a" * 40 + "'"),
+        (b"", "''"),
+    ],
+)
+def test_readable_data_is_shown_as_text_and_other_data_in_hexadecimal(data: bytes, shown: str) -> None:
+    assert quoted(data) == shown
 
 
 def quaternion(line: bytes, parser: LineParser | None = None) -> QuaternionLine:

@@ -1,15 +1,28 @@
-"""Requests of pages, and the contract with the client: permission and validation."""
+"""Requests of pages, and the file of a page."""
 
+import base64
+import contextlib
+import io
+import json
+import multiprocessing
+import os
 import re
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
+import msgpack
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from pointit.bridges.web import wire
+from pointit.bridges.web.devices import devices
+from pointit.bridges.web.devices.devices import update_stored
 from pointit.bridges.web.pages.arm_actions import Press, Speak, SpokenWord, StepBeside, Tremor
 from pointit.bridges.web.pages.page_requests import (
     ACTIONS,
@@ -21,11 +34,22 @@ from pointit.bridges.web.pages.page_requests import (
     parse_request,
 )
 from pointit.bridges.web.pages.site_actions import MapEdits
+from pointit.bridges.web.playback import page_file as module
+from pointit.bridges.web.playback.file_past import FilePast
+from pointit.bridges.web.playback.page_file import RATE_HZ, frames, page_file
+from pointit.bridges.web.playback.playback import Playback
+from pointit.bridges.web.playback.recent import Past
 from pointit.bridges.web.wire import Ask, Role
+from pointit.cli.page import command
 from pointit.maps.edit import edited
-from pointit.runtime.errors import PointItError, RefusedError
-from pointit.schemas import CancelLocalization, SchemaError, SetSpeed, StopRobot, topics
+from pointit.recording.reader import Recording
+from pointit.runtime.clock import run_virtually
+from pointit.runtime.errors import ConfigError, PointItError, RefusedError
+from pointit.runtime.host.state_file import StateFile
+from pointit.runtime.host.store import acquire_lock
+from pointit.schemas import NS_PER_S, CancelLocalization, SchemaError, SetSpeed, StopRobot, topics
 from pointit.services.registry import SHOWN
+from tests.support.recorded import session, write_recording
 
 BY_NAME = {action.name: action for action in ACTIONS}
 SAID = {"text": "stop", "start_s": 1.0, "end_s": 0.5}
@@ -219,3 +243,126 @@ def test_lists_in_edits_of_a_map_reach_its_file(tmp_path: Path) -> None:
     assert isinstance(action.parameters, MapEdits)
     written = edited(path.read_bytes(), action.parameters.edits, path)
     assert written == b"lamps:\n  desk: {position: [1, 2, 0.75]}\n"
+
+
+LENGTH_S = 10.0
+"""The simulated person selects a package within this time."""
+
+
+@pytest.fixture(scope="module")
+def past(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Past]:
+    path = tmp_path_factory.mktemp("recorded") / "lab.mcap"
+    write_recording(path, session("scenario_4", LENGTH_S))
+    with Recording.open(path) as recording:
+        read = FilePast(recording, "lab")
+        run_virtually(read.read())
+        yield read
+
+
+def recording_in(html: str) -> list[Any]:
+    found = re.search(r'<script id="recording" type="text/plain"[^>]*>([^<]*)</script>', html)
+    assert found is not None
+    packed = zlib.decompress(base64.b64decode(found[1]), wbits=31)
+    return list(msgpack.Unpacker(io.BytesIO(packed)))
+
+
+def test_frames_until_an_instant_have_what_a_server_shows_there(past: Past) -> None:
+    held: dict[tuple[str, str], bytes] = {}
+    events: list[str] = []
+    for number, (at_s, states, happened, status) in enumerate(frames(past)):
+        for key, name, payload in states:
+            if payload is None:
+                del held[key, name]
+            else:
+                held[key, name] = payload
+        events += [key for key, _, _ in happened]
+        if number % 50 == 0:
+            server = Playback(past, 0.0)
+            server.seek(past.began_ns + round(at_s * NS_PER_S), 0.0)
+            assert held == {news[:2]: news[2] for news in server.model.cache.states_since(0)}, at_s
+        assert bool(status) == (number % RATE_HZ == 0), at_s
+    entries = [entry.row.key for entry in past.entries(0)]
+    assert len(held) > 10
+    for key in ("selection/events", "users/{user}/feedback"):
+        assert events.count(key) == entries.count(key) > 0
+
+
+def test_recording_in_which_a_clock_leapt_is_refused(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LONGEST_S", LENGTH_S / 2.0)
+    with pytest.raises(ConfigError, match="10 s from its first to its last message are too long"):
+        page_file(past)
+
+
+def test_file_has_the_greeting_the_timeline_and_all_frames(past: Past) -> None:
+    told: list[float] = []
+    hello, timeline, *played = recording_in(page_file(past, told.append))
+    greeting = json.loads(hello)
+    assert (greeting["site"], greeting["requests"], greeting["deeds"]) == ("lab", [], [])
+    length_s = json.loads(timeline)["length_s"]
+    assert [each[0] for each in played] == told
+    assert told[-1] == length_s == pytest.approx(LENGTH_S, abs=0.1)
+
+
+def test_file_loads_nothing(past: Past) -> None:
+    html = page_file(past)
+    imports = re.search(r'<script type="importmap">(.*?)</script>', html, re.DOTALL)
+    assert imports is not None
+    modules = {name: unquote(each) for name, each in json.loads(imports[1])["imports"].items()}
+    assert len(modules["app.js"]) > 100_000
+    named = {name for code in modules.values() for name in re.findall(r'"(\./)?(chunk-\w+\.js)"', code)}
+    assert named == {("", name) for name in modules if name != "app.js"}
+    rest = html.replace(imports[0], "")
+    assert re.findall(r'(?:src|href)="(?!#|data:)[^"]*|url\([^)]*|@import', rest) == []
+
+
+def test_a_recording_too_long_for_a_page_is_refused(past: Past, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MAX_BYTES", 0)
+    with pytest.raises(ConfigError, match=r"limit of 0 MB is reached after 0 s.*--duration"):
+        page_file(past)
+
+
+def test_neither_the_recording_nor_what_is_no_plain_file_is_replaced(tmp_path: Path) -> None:
+    recorded = tmp_path / "lab.mcap"
+    write_recording(recorded, session("scenario_4", 1.0))
+    before = recorded.read_bytes()
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    os.mkfifo(tmp_path / "fifo")
+    for name in ("lab.mcap", "link", "fifo"):
+        arguments = [str(recorded), "--to", str(tmp_path / name), "--overwrite"]
+        result = CliRunner().invoke(command, arguments)
+        assert "give another file" in str(result.exception), name
+    assert recorded.read_bytes() == before
+
+
+class Counted(BaseModel):
+    count: int = 0
+
+
+def count_up(path: Path) -> None:
+    def add_one(stored: Counted | None) -> Counted:
+        return Counted(count=(stored.count if stored else 0) + 1)
+
+    for _ in range(50):
+        update_stored(StateFile[Counted].at(path, Counted), add_one)
+
+
+def test_no_update_of_two_processes_is_lost(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    path = tmp_path / "count.json"
+    processes = [context.Process(target=count_up, args=(path,)) for _ in range(2)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+        assert process.exitcode == 0
+    assert StateFile[Counted].at(path, Counted).read() == Counted(count=100)
+
+
+def test_an_update_waits_for_no_lock_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(devices, "LOCK_TIMEOUT_S", 0.0)
+    path = tmp_path / "count.json"
+    lock = acquire_lock(path.with_suffix(".lock"))
+    assert lock is not None
+    with contextlib.closing(lock), pytest.raises(ConfigError, match="another process is changing it"):
+        update_stored(StateFile[Counted].at(path, Counted), lambda _stored: Counted())
+    assert not path.exists()

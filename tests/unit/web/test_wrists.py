@@ -1,20 +1,26 @@
-"""Wrists of pages: the mouse's arm, cues of phones, pairing."""
+"""Wrists of pages and headsets, cues of phones, pairing."""
 
 import math
 import xml.etree.ElementTree as ET
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
 
+import pointit.schemas as models
+from pointit.bridges.web.config import Place, WebConfig
+from pointit.bridges.web.wire import HeadsetMotion, Received, SpaceAlignment
 from pointit.bridges.web.wrists.pairing import UNUSED_S, Pairing, offer
 from pointit.bridges.web.wrists.phone import STEPS, PhoneCues
-from pointit.bridges.web.wrists.wrist_control import FASTEST_RADPS, MouseArm
+from pointit.bridges.web.wrists.wrist_control import FASTEST_RADPS, MouseArm, WristControl
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import NS_PER_S, Announced, Candidate, Feedback, Interaction, Localization
+from pointit.services.pointing.pointer import ArmRay
 
 STEP_NS = NS_PER_S // 60
 SAMPLING: dict[str, Any] = {"stamp_ns": 0, "phase": "sampling"}
@@ -220,3 +226,182 @@ def test_the_offer_has_a_qr_code_that_a_strict_page_may_show() -> None:
     assert drawn.tag == "{http://www.w3.org/2000/svg}svg"
     assert all("style" not in node.attrib for node in drawn.iter())
     assert len(reply["qr_svg"]) < 16_000
+
+
+START = 1_700_000_000 * models.NS_PER_S
+ROOM = SpaceAlignment(yaw_rad=2.1, origin_m=(1.5, -0.7, 0.04))
+EYES_M: Vec3 = (0.4, -0.9, 1.52)
+"""Eyes in {W}, 12 cm lower than by the measures of the profile."""
+RECEIVED: TypeAdapter[Any] = TypeAdapter(Received)
+
+
+def at(seconds: float) -> int:
+    return START + round(seconds * models.NS_PER_S)
+
+
+def in_session(at_m: Vec3) -> Vec3:
+    """Return a point of {W} in the space of the session, z up."""
+    return vector.rotate_z(vector.subtract(at_m, ROOM.origin_m), -ROOM.yaw_rad)
+
+
+def motion(eyes_m: Vec3 = EYES_M, tip_m: Vec3 | None = None, *, user: str = "anna") -> HeadsetMotion:
+    tip = None if tip_m is None else in_session(tip_m)
+    return HeadsetMotion(user=user, alignment=ROOM, eyes_m=in_session(eyes_m), tip_m=tip)
+
+
+def towards(target_m: Vec3, reach_m: float = 0.5, eyes_m: Vec3 = EYES_M) -> Vec3:
+    """Return the tip of a hand on the line from the eyes to `target_m`."""
+    line = vector.normalized(vector.subtract(target_m, eyes_m))
+    return vector.add(eyes_m, vector.scale(line, reach_m))
+
+
+@pytest.fixture
+def wrists() -> WristControl:
+    wrists = WristControl(WebConfig(places={"anna": Place(position_m=(1.0, 0.0, 0.0), yaw_deg=30.0)}))
+    wrists.acquire("anna", "page1", "headset")
+    return wrists
+
+
+def wear(
+    wrists: WristControl, part: HeadsetMotion, now_ns: int = START
+) -> tuple[models.UserPose, models.WristSample]:
+    measured = wrists.move_by_headset("page1", part, now_ns)
+    assert measured is not None
+    assert measured[0] is not None
+    return measured[0], measured[1]
+
+
+def error_rad(
+    pose: models.UserPose, sample: models.WristSample, profile: models.UserProfile, at_m: Vec3
+) -> float:
+    """Return the angle between the person's ray and the line from its origin to `at_m`."""
+    ray = ArmRay.from_profile(profile).ray(sample.orientation_xyzw)
+    assert ray is not None
+    origin_m, direction = (vector.rotate_z(each, pose.yaw_rad) for each in ray)
+    return vector.angle_between(direction, vector.subtract(at_m, vector.add(pose.position_m, origin_m)))
+
+
+@pytest.mark.parametrize("hand", ["left", "right"])
+@pytest.mark.parametrize("reach_m", [0.3, 0.6])
+def test_the_ray_goes_from_the_eyes_over_the_tip_whatever_the_body(
+    wrists: WristControl, hand: Literal["left", "right"], reach_m: float
+) -> None:
+    body = models.BodyMeasures(footprint_to_neck_m=1.1, neck_to_shoulder_m=0.2, shoulder_to_wrist_m=0.7)
+    profile = models.UserProfile(stamp_ns=0, body=body, hand=hand)
+    wrists.profile("anna", profile)
+    for number, target_m in enumerate([(4.0, 2.0, 1.0), (-3.0, 0.4, 2.5), (0.4, -4.0, 0.3)]):
+        pose, sample = wear(wrists, motion(tip_m=towards(target_m, reach_m)), at(10.0 * number))
+        assert error_rad(pose, sample, profile, target_m) < 1e-6
+        assert (pose.method, sample.device, sample.source) == ("external", "arm", "headset")
+        assert pose.yaw_rad == pytest.approx(math.radians(30.0))  # who takes over later has the same {H}
+
+
+@pytest.mark.parametrize("ray_model", ["shoulder_arm", "forearm"])
+def test_rays_of_the_arm_meet_the_line_of_sight_at_3_m(
+    wrists: WristControl, ray_model: Literal["shoulder_arm", "forearm"]
+) -> None:
+    profile = models.UserProfile(stamp_ns=0, ray_model=ray_model)
+    wrists.profile("anna", profile)
+    pose, sample = wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))))
+    assert error_rad(pose, sample, profile, towards((4.0, 2.0, 1.0), 3.0)) < 1e-6
+
+
+@pytest.mark.parametrize("tip_m", [None, towards((4.0, 2.0, 1.0), 0.02), towards((4.0, 2.0, 1.0), 2.0)])
+def test_an_arm_hangs_while_no_hand_is_tracked_near_the_eyes(
+    wrists: WristControl, tip_m: Vec3 | None
+) -> None:
+    wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))))
+    pose, sample = wear(wrists, motion(tip_m=tip_m), at(2.0))
+    ray = ArmRay().ray(sample.orientation_xyzw)
+    assert ray is not None
+    assert vector.elevation(ray[1]) < math.radians(-80.0)
+    assert math.dist(pose.position_m[:2], EYES_M[:2]) < 1e-6
+
+
+def test_poses_are_few_and_samples_are_many(wrists: WristControl) -> None:
+    measured = [
+        wrists.move_by_headset("page1", motion(tip_m=towards((4.0, 2.0, 1.0))), at(k / 60.0))
+        for k in range(120)
+    ]
+    assert [each is not None for each in measured] == [True] * 120
+    assert sum(each is not None and each[0] is not None for each in measured) == 4
+    steps = [motion((EYES_M[0] + 0.02 * k, *EYES_M[1:])) for k in range(1, 61)]
+    moved = [wrists.move_by_headset("page1", step, at(3.0 + k / 60.0)) for k, step in enumerate(steps)]
+    assert sum(each is not None and each[0] is not None for each in moved) == 10
+
+
+def test_poses_go_on_after_the_clock_was_set_back(wrists: WristControl) -> None:
+    wear(wrists, motion(), at(60.0))
+    pose, _ = wear(wrists, motion((EYES_M[0] + 1.0, *EYES_M[1:])), at(0.0))
+    assert pose.position_m[0] == pytest.approx(EYES_M[0] + 1.0)
+
+
+def test_a_phone_that_has_sent_nothing_is_released_also_when_time_begins_at_0() -> None:
+    wrists = WristControl(WebConfig())
+    wrists.acquire("anna", "phone1", "phone")
+    assert wrists.step(models.NS_PER_S // 2) == []
+    assert wrists.holder("anna") == ("", "own")
+
+
+def test_a_headset_that_is_not_aligned_or_far_away_moves_nothing(wrists: WristControl) -> None:
+    with pytest.raises(RefusedError, match="touch three lamps or things first"):
+        wrists.move_by_headset("page1", HeadsetMotion(user="anna", eyes_m=(0.0, 0.0, 1.6)), START)
+    far = HeadsetMotion(user="anna", alignment=ROOM, eyes_m=(9e5, 0.0, 1.6))
+    with pytest.raises(RefusedError, match="limit 1000 m: align it again"):
+        wrists.move_by_headset("page1", far, START)
+
+
+number = st.floats(allow_nan=True, allow_infinity=True) | st.integers() | st.none() | st.text(max_size=3)
+point = st.lists(number, min_size=2, max_size=4) | st.none()
+
+
+@given(eyes_m=point, tip_m=point, yaw_rad=number, origin_m=point, user=st.sampled_from(["anna", "*", ""]))
+def test_bad_values_end_nothing(
+    eyes_m: object, tip_m: object, yaw_rad: object, origin_m: object, user: object
+) -> None:
+    wrists = WristControl(WebConfig())
+    wrists.acquire("anna", "page1", "headset")
+    space = {"yaw_rad": yaw_rad, "origin_m": origin_m}
+    try:
+        part = RECEIVED.validate_python(
+            {"kind": "headset", "user": user, "eyes_m": eyes_m, "tip_m": tip_m, "alignment": space}
+        )
+        wrists.move_by_headset("page1", part, START)
+    except (ValidationError, RefusedError):
+        return
+
+
+def test_only_the_page_that_has_the_wrist_moves_it_and_two_people_are_apart(wrists: WristControl) -> None:
+    wrists.acquire("ben", "page2", "headset")
+    assert wrists.move_by_headset("page2", motion(), START) is None
+    assert wrists.move_by_headset("page1", motion(user="ben"), START) is None
+    assert wrists.move_by_headset("page1", motion(user="nobody"), START) is None
+    assert wrists.move_by_headset("page2", motion((3.0, 1.0, 1.7), user="ben"), START) is not None
+    assert wear(wrists, motion())[0].position_m[:2] == pytest.approx(EYES_M[:2])
+    assert wrists.acquire("anna", "page3", "mouse") == "page1"
+    assert wrists.move_by_headset("page1", motion(), START) is None
+
+
+def test_a_headset_that_rests_repeats_its_sample_and_of_a_silent_one_the_arm_hangs_and_is_released(
+    wrists: WristControl,
+) -> None:
+    assert wrists.step(START) == []  # it was taken just now, and has sent nothing yet
+    assert wrists.holder("anna") == ("page1", "headset")
+    _, sample = wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))), at(0.5))
+    ((user, again),) = wrists.step(at(0.8))
+    assert (user, again.source, again.orientation_xyzw) == ("anna", "headset", sample.orientation_xyzw)
+    ((_, _),), ((_, hanging),) = wrists.step(at(1.6)), wrists.step(at(4.0))
+    assert rotation.rotate(hanging.orientation_xyzw, (1.0, 0.0, 0.0))[2] < -0.99
+    assert wrists.holder("anna") == ("page1", "headset")
+    assert wrists.step(at(5.6)) == []
+    assert wrists.holder("anna") == ("", "own")
+    assert wrists.move_by_headset("page1", motion(), at(5.7)) is None
+
+
+def test_a_tremor_of_the_mouse_does_not_shake_the_headset() -> None:
+    wrists = WristControl(WebConfig())
+    wrists.acquire("anna", "page0", "mouse")
+    wrists.set_tremor("anna", "page0", 3.0)
+    wrists.acquire("anna", "page1", "headset")
+    measured = [wear(wrists, motion(tip_m=towards((4.0, 2.0, 1.0))), at(k)) for k in range(3)]
+    assert len({sample.orientation_xyzw for _, sample in measured}) == 1

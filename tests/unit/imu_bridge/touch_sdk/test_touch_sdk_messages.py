@@ -1,11 +1,9 @@
-"""Messages of watches with the Touch SDK: bytes of the maker's classes, damaged ones, and the wire format.
-
-`tests/interop/touch_sdk/maker_messages.py 56 25 0` has printed `maker_messages.jsonl`, with touch-sdk 0.8.0.
-"""
+"""Messages of watches, and the times of their frames."""
 
 import contextlib
 import json
 import struct
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -13,9 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pointit.services.imu_bridge.ble.touch_sdk import NS_PER_MS, FrameTimes
 from pointit.services.imu_bridge.ble.touch_sdk_messages import (
     MAX_HAPTIC_MS,
     MessageFields,
+    SensorFrame,
+    Update,
     decode_update,
     encode_bytes,
     encode_client_info,
@@ -147,3 +148,51 @@ def test_encoded_fields_are_read_back(fields: list[tuple[int, int | float | byte
 def test_signed_numbers_keep_their_lowest_bits(value: int) -> None:
     assert signed(value, 64) == value
     assert signed(value, 32) == (value + 2**31) % 2**32 - 2**31
+
+
+def update(*deltas_ms: int, unix_ms: int = 0, delta_ms: int = 0) -> Update:
+    frames = tuple(SensorFrame((0, 0, 0), (0, 0, 9.8), (0, 0, 0, 1), each) for each in deltas_ms)
+    return Update(frames, (), (), (), (), delta_ms, unix_ms, None)
+
+
+def read(*updates: Update) -> list[list[int | None]]:
+    """Return the times of the frames of successive messages, ms."""
+    times = FrameTimes()
+    return [
+        [None if each is None else each // NS_PER_MS for each in times.read(message)] for message in updates
+    ]
+
+
+@pytest.mark.parametrize(
+    ("updates", "times_ms"),
+    [
+        ([update(20, unix_ms=1000), update(20, 20, unix_ms=1040)], [[1000], [1020, 1040]]),
+        ([update(20), update(20, 10), update(10)], [[20], [40, 50], [60]]),
+        ([update(0, delta_ms=20), update(0, 0, delta_ms=30)], [[20], [50, 50]]),
+        ([update(20, unix_ms=1000), update(20), update(20, unix_ms=1041)], [[1000], [1020], [1041]]),
+        ([update(20, unix_ms=1000), update(20, 90, unix_ms=1040)], [[1000], [1000, 1040]]),
+        ([update(20, unix_ms=9000), update(20, unix_ms=1000)], [[9000], [1000]]),
+        ([update(20, unix_ms=1000), update(), update(20, unix_ms=1020)], [[1000], [], [1020]]),
+        ([update(0), update(0, 0)], [[None], [None, None]]),
+        ([update(-5), update(2**31 - 1)], [[None], [None]]),
+        ([update(20, unix_ms=-1), update(20, unix_ms=2**63 - 1)], [[20], [40]]),
+    ],
+)
+def test_frames_have_the_time_of_their_message_and_their_distance_before(
+    updates: Sequence[Update], times_ms: object
+) -> None:
+    assert read(*updates) == times_ms
+
+
+Integers = st.integers(-(2**31), 2**31 - 1)
+
+
+@given(
+    st.lists(
+        st.builds(update, Integers, Integers, unix_ms=st.integers(-(2**63), 2**63 - 1), delta_ms=Integers)
+    )
+)
+def test_any_times_give_one_time_a_frame_that_messages_can_hold(updates: list[Update]) -> None:
+    for times_ms in read(*updates):
+        assert len(times_ms) == 2
+        assert all(each is None or 0 <= each < 2**62 // NS_PER_MS for each in times_ms)

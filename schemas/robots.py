@@ -1,5 +1,6 @@
 """Robots that people steer: their state and plan, what a person wants of one, and the topics of these."""
 
+import re
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -16,6 +17,9 @@ RobotPhase = Literal["landed", "taking_off", "idle", "moving", "landing", "stopp
 idle: a ground robot stands, a quadrotor hovers, free to move. stopped: by a stop condition, see `reason`.
 lost: nothing is heard of it.
 """
+
+
+_FIGURE = re.compile(r"\d+(?:\.\d+)?")
 
 
 class RobotState(Message):
@@ -37,6 +41,11 @@ class RobotState(Message):
     ] = ""
     goal_ns: Annotated[Ns, Field(description="stamp of the goal that it carries out; 0: none")] = 0
     battery: Annotated[Fraction | None, Field(description="charge, if known")] = None
+
+    def has_new_reason(self, previous: "RobotState | None") -> bool:
+        """Return True if it has a reason that differs from that of `previous` in more than its figures."""
+        before = "" if previous is None else previous.reason
+        return bool(self.reason) and _FIGURE.sub("#", self.reason) != _FIGURE.sub("#", before)
 
 
 class RobotPlan(Message):

@@ -63,14 +63,6 @@ class DrawnPerson:
     cursor: Cursor | None = None
     goal: Goal | None = None
     """Last goal that the person sent a robot to."""
-    rim_m: list[list[float]] | None = None
-    """Ellipse of the position's uncertainty; changes with the pose only."""
-
-    def stand(self, pose: UserPose) -> None:
-        """Set the pose."""
-        self.pose = pose
-        rim = ellipse(pose)
-        self.rim_m = None if rim is None else rim.tolist()
 
     @property
     def color(self) -> Rgb:
@@ -131,14 +123,14 @@ def _body(user: str, person: DrawnPerson, pose: UserPose, now_ns: int) -> NamedE
         arm = vector.scale(vector.direction(azimuth, elevation), stance.arm_m)
         shoulder = stance.shoulder_m(azimuth)
         limbs.append(shapes.cylinder_between(shoulder, vector.add(shoulder, arm), ARM_M, rgb))
-    rim_m = person.rim_m
+    rim = ellipse(pose)
     return shapes.entity(
         f"person {user}",
         now_ns,
         facts={"user": user, "located by": pose.method, "samples": str(pose.samples)},
         cylinders=limbs,
         spheres=[shapes.sphere(stance.eyes_m, HEAD_M, rgb)],
-        lines=[] if rim_m is None else [shapes.line(rim_m, rgb, kind="loop")],
+        lines=[] if rim is None else [shapes.line(rim.tolist(), rgb, kind="loop")],
         texts=[shapes.label(user, vector.add(stance.eyes_m, (0.0, 0.0, 0.3)), rgb)],
     )
 

@@ -1,10 +1,9 @@
 """The scene, in parts that a viewer can show and hide, and log lines of what happens in it."""
 
-import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from foxglove.messages import (
@@ -24,6 +23,7 @@ from foxglove.messages import (
 from pointit.bridges.foxglove import entities as people
 from pointit.bridges.foxglove import shapes
 from pointit.bridges.foxglove.entities import (
+    NO_PROFILE,
     DrawnPerson,
     Lines,
     ObjectOwnership,
@@ -36,30 +36,28 @@ from pointit.bridges.foxglove.shapes import NamedEntity, Places
 from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
+from pointit.plugins import Change, SiteState
+from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import (
-    ConveyorState,
-    Cursor,
     Environment,
     Feedback,
     Goal,
     Health,
     Hover,
     Interaction,
-    LampColor,
     Localization,
     Message,
     RobotPlan,
     RobotState,
-    Selection,
     SelectionEvent,
     Steering,
     Strip,
     StripsFrame,
-    TrackedObjects,
-    UserPose,
-    UserProfile,
+    topics,
 )
 from pointit.schemas.base import Rgb
+from pointit.schemas.topics import Topic
+from pointit.site.site_state import M
 
 LIFETIME_S = 2.0
 """Lifetime of an entity, s, for viewers that missed its deletion."""
@@ -202,162 +200,138 @@ Picture = SceneUpdate | PointCloud | FrameTransforms
 
 PARTS: tuple[Part, ...] = ("room", "pixels", "lamps", "bays", "objects", "robots", "people", "frames")
 
-T = TypeVar("T")
-
-
-@dataclass(slots=True)
-class _LastMessage(Generic[T]):
-    at_s: float
-    message: T
+DRAWN: Mapping[AnyTopic, tuple[Part, ...]] = {
+    topics.MAP: ("room", "pixels", "lamps", "bays", "objects"),
+    topics.STRIPS_FRAME: ("pixels",),
+    topics.LAMP_COLOR: ("lamps",),
+    topics.CONVEYOR_STATE: ("bays",),
+    topics.OBJECTS: ("objects",),
+    topics.SELECTION: ("objects",),
+    topics.HOVER: ("objects",),
+    topics.ROBOT_STATE: ("robots",),
+    topics.ROBOT_PLAN: ("robots",),
+    topics.STEERING: ("robots",),
+    topics.PROFILE: ("people", "objects", "robots"),
+    topics.POSE: ("people", "frames"),
+    topics.CURSOR: ("people",),
+    topics.GOAL: ("people",),
+}
+"""Parts to be drawn again for a new message of each topic."""
+EXPIRING = (topics.CURSOR, topics.HOVER, topics.OBJECTS, topics.ROBOT_STATE)
+"""Topics whose messages are drawn for a limited time."""
 
 
 class FoxgloveScene:
-    """Keeps the newest of everything; `changed` are the parts to be drawn again."""
+    """Draws a site; `changed` are the parts to be drawn again."""
 
-    def __init__(self, kind_colors: Mapping[str, Rgb], forget_s: float) -> None:
-        """Begin with an empty room; rays and objects expire after `forget_s`."""
+    def __init__(self, site: SiteState, kind_colors: Mapping[str, Rgb], forget_s: float) -> None:
+        """Begin with an empty room; rays, hovers, objects and robots expire after `forget_s`."""
+        self._site = site
         self._kind_colors = kind_colors
         self._forget_s = forget_s
         self.changed: set[Part] = set()
-        self._people: dict[str, DrawnPerson] = {}
-        self._pointed_s: dict[str, float] = {}
-        self._hovers: dict[str, _LastMessage[Hover]] = {}
-        self._objects: dict[str, _LastMessage[TrackedObjects]] = {}
-        self._robots: dict[str, _LastMessage[RobotState]] = {}
-        self._plans: dict[str, RobotPlan] = {}
-        self._steering: dict[str, Steering] = {}
-        self._colors: dict[str, LampColor] = {}
-        self._selection: dict[str, Selection] = {}
-        self._conveyor: dict[str, ConveyorState] = {}
-        self._newest: dict[type[Message], dict[str, Any]] = {
-            Hover: self._hovers,
-            TrackedObjects: self._objects,
-            RobotState: self._robots,
-            RobotPlan: self._plans,
-            Steering: self._steering,
-            LampColor: self._colors,
-            Selection: self._selection,
-            ConveyorState: self._conveyor,
-        }
-        self._frame: StripsFrame | None = None
+        self._fresh: dict[AnyTopic, set[str]] = {topic: set() for topic in EXPIRING}
+        """Names of messages that have not expired."""
+        self._goals: dict[str, Goal] = {}
+        """Last goals to which people sent a robot."""
         self._is_lit = False
         self._names: dict[Part, set[str]] = {}
         self._set_room(Environment(stamp_ns=0, name=""))
-        self._takers: dict[type[Message], Callable[[Any, str, float], None]] = {
-            Environment: lambda message, _name, _now_s: self._set_room(message),
-            StripsFrame: self._on_frame,
-            LampColor: self._keep(self._colors, "lamps"),
-            ConveyorState: self._keep(self._conveyor, "bays"),
-            TrackedObjects: self._on_objects,
-            RobotState: self._on_robot,
-            RobotPlan: self._keep(self._plans, "robots"),
-            Steering: self._keep(self._steering, "robots"),
-            Selection: self._keep(self._selection, "objects"),
-            UserProfile: self._on_profile,
-            UserPose: self._on_pose,
-            Cursor: self._on_cursor,
-            Hover: self._on_hover,
-            Goal: self._on_goal,
-        }
 
     @property
     def problems(self) -> list[str]:
         """Return a message for each part of the map that cannot be drawn."""
         return self._lines.problems
 
-    def take(self, message: Message, name: str, now_s: float) -> None:
-        """Keep `message`, whose key has `name`, if it is drawn; `now_s` is monotonic."""
-        taker = self._takers.get(type(message))
-        if taker is not None:
-            taker(message, name, now_s)
+    def show(self, change: Change) -> None:
+        """Update what follows from a change of the site."""
+        topic, name, message = change.topic, change.name, change.message
+        if topic in EXPIRING:
+            (self._fresh[topic].add if message is not None else self._fresh[topic].discard)(name)
+        if isinstance(message, Environment):
+            self._set_room(message)
+        elif isinstance(message, Goal):
+            self._goals[name] = message
+        elif topic is topics.STRIPS_FRAME:
+            self._is_lit = False
+        elif topic is topics.ROBOT_STATE and None in (message, change.previous):
+            self.changed.add("objects")  # of which it is one no longer, or again
+        if topic is not topics.HOVER or _is_on_object(message) or _is_on_object(change.previous):
+            self.changed.update(DRAWN.get(topic, ()))
 
     def forget(self, now_s: float) -> None:
-        """Remove rays, hovers and objects that are too old."""
-        oldest_s = now_s - self._forget_s
-        for user in [user for user, at_s in self._pointed_s.items() if at_s < oldest_s]:
-            del self._pointed_s[user]
-            self._people[user].cursor = None
-            self.changed.add("people")
-        for heard in (self._hovers, self._objects):
-            for name in [name for name, each in heard.items() if each.at_s < oldest_s]:
-                del heard[name]
-                self.changed.add("objects")
-        for name in [name for name, each in self._robots.items() if each.at_s < oldest_s]:
-            del self._robots[name]
-            self.changed |= {"robots", "objects"}
+        """Remove rays, hovers, objects and robots that are too old at `now_s`, the site state's time."""
+        for topic, names in self._fresh.items():
+            times_s = {name: self._site.received_s(topic, name) or 0.0 for name in names}
+            if expired := {name for name, at_s in times_s.items() if now_s - at_s > self._forget_s}:
+                names.difference_update(expired)
+                self.changed.update(DRAWN[topic], ("objects",) if topic is topics.ROBOT_STATE else ())
 
     @property
     def is_moving(self) -> bool:
         """Return True if something that expires is shown."""
-        return bool(self._pointed_s or self._hovers or self._objects or self._robots)
-
-    def end(self, kind: type[Message], name: str) -> None:
-        """Forget the message of this kind and name, which is no longer valid."""
-        if kind is Cursor and self._pointed_s.pop(name, None) is not None:
-            self._people[name].cursor = None
-        elif kind is Goal and name in self._people:
-            self._people[name].goal = None
-        elif kind is StripsFrame:
-            self._frame = None
-        elif kind in self._newest:
-            self._newest[kind].pop(name, None)
-        self.changed |= {"people", "pixels", "lamps", "bays", "objects", "robots"}
+        return any(self._fresh.values())
 
     def leave(self, user: str) -> None:
-        """Forget a person who has left."""
-        self._people.pop(user, None)
-        self.changed |= {"people", "frames", "objects", "robots"}
+        """Forget the goal of a person who has left."""
+        self._goals.pop(user, None)
+        self.changed.add("people")
 
     def draw(self, part: Part, now_ns: int) -> Picture:
         """Return `part` as a whole, so that new viewers see all of it."""
         self.changed.discard(part)
         if part == "pixels":
-            if self._frame is not None and not self._is_lit:
-                self._pixels.light(self._frame)
+            frame = self._site.get(topics.STRIPS_FRAME)
+            if frame is not None and not self._is_lit:
+                self._pixels.light(frame)
                 self._is_lit = True
             return self._pixels.cloud(now_ns)
         if part == "frames":
-            poses = [(user, each.pose) for user, each in self._people.items()]
-            return FrameTransforms(
-                transforms=[people.transform(user, pose, now_ns) for user, pose in poses if pose is not None]
-            )
+            poses = self._site.all(topics.POSE).items()
+            return FrameTransforms(transforms=[people.transform(*each, now_ns) for each in poses])
         return self._update(part, self._drawn(part, now_ns), now_ns)
 
     def _drawn(self, part: Part, now_ns: int) -> list[NamedEntity]:
+        site = self._site
         if part == "room":
             return room(self._map, self._lines, now_ns)
         if part == "lamps":
-            return lamps(self._map.lamps, self._colors, now_ns)
+            return lamps(self._map.lamps, site.all(topics.LAMP_COLOR), now_ns)
         if part == "bays":
-            return bays(self._map, self._lines, self._conveyor.get(""), now_ns)
+            return bays(self._map, self._lines, site.get(topics.CONVEYOR_STATE), now_ns)
+        poses, cursors, profiles = site.all(topics.POSE), self._new(topics.CURSOR), site.all(topics.PROFILE)
+        drawn = {
+            user: DrawnPerson(
+                profiles.get(user, NO_PROFILE), poses.get(user), cursors.get(user), self._goals.get(user)
+            )
+            for user in {*profiles, *poses, *cursors, *self._goals}
+        }
         if part == "people":
-            return [each for item in self._people.items() for each in people.entities(*item, now_ns)]
-        colors = {user: person.color for user, person in self._people.items()}
+            return [each for item in sorted(drawn.items()) for each in people.entities(*item, now_ns)]
+        colors = {user: person.color for user, person in drawn.items()}
+        robots = self._new(topics.ROBOT_STATE)
         if part == "robots":
-            return self._drawn_robots(colors, now_ns)
-        hovers = {user: heard.message for user, heard in self._hovers.items()}
-        claims = ObjectOwnership.of(self._selection.get(""), hovers)
+            plans, routes = site.all(topics.ROBOT_PLAN), site.all(topics.STEERING)
+            return [
+                *(robot(name, each, plans.get(name), colors, now_ns) for name, each in robots.items()),
+                *(
+                    waypoints(user, each, colors.get(user, shapes.WHITE), now_ns)
+                    for user, each in routes.items()
+                    if each.waypoints_m
+                ),
+            ]
+        claims = ObjectOwnership.of(site.get(topics.SELECTION), self._new(topics.HOVER))
         return [
             each
-            for tracker, heard in self._objects.items()
+            for tracker, tracked in self._new(topics.OBJECTS).items()
             for each in self._renderer.entities(
-                tracker,
-                [item for item in heard.message.objects if item.id not in self._robots],
-                claims,
-                colors,
-                now_ns,
+                tracker, [item for item in tracked.objects if item.id not in robots], claims, colors, now_ns
             )
         ]
 
-    def _drawn_robots(self, colors: dict[str, Rgb], now_ns: int) -> list[NamedEntity]:
-        entities = [
-            robot(name, heard.message, self._plans.get(name), colors, now_ns)
-            for name, heard in self._robots.items()
-        ]
-        routes = [(user, each) for user, each in self._steering.items() if each.waypoints_m]
-        return entities + [
-            waypoints(user, each, colors.get(user, shapes.WHITE), now_ns) for user, each in routes
-        ]
+    def _new(self, topic: Topic[M]) -> dict[str, M]:
+        """Return the messages of `topic` that have not expired, by name."""
+        return {name: each for name, each in self._site.all(topic).items() if name in self._fresh[topic]}
 
     def _update(self, part: Part, entities: list[NamedEntity], now_ns: int) -> SceneUpdate:
         """Return `entities` and deletions of what was drawn before and is missing from it."""
@@ -379,63 +353,14 @@ class FoxgloveScene:
         self._renderer = ObjectRenderer(self._lines, self._kind_colors)
         self._pixels = Pixels(self._lines.strips)
         self._is_lit = False
-        self.changed |= {"room", "pixels", "lamps", "bays", "objects"}
 
-    def _keep(self, newest: dict[str, T], part: Part) -> Callable[[T, str, float], None]:
-        """Return a handler that keeps a message by its name, and has `part` drawn again."""
 
-        def keep(message: T, name: str, _now_s: float) -> None:
-            newest[name] = message
-            self.changed.add(part)
-
-        return keep
-
-    def _on_frame(self, frame: StripsFrame, _name: str, _now_s: float) -> None:
-        self._frame = frame
-        self._is_lit = False
-        self.changed.add("pixels")
-
-    def _on_objects(self, objects: TrackedObjects, tracker: str, now_s: float) -> None:
-        self._objects[tracker] = _LastMessage(now_s, objects)
-        self.changed.add("objects")
-
-    def _on_robot(self, state: RobotState, name: str, now_s: float) -> None:
-        if name not in self._robots:
-            self.changed.add("objects")
-        self._robots[name] = _LastMessage(now_s, state)
-        self.changed.add("robots")
-
-    def _on_hover(self, hover: Hover, user: str, now_s: float) -> None:
-        before = self._hovers.get(user)
-        self._hovers[user] = _LastMessage(now_s, hover)
-        if hover.object_id or (before is not None and before.message.object_id):
-            self.changed.add("objects")
-
-    def _on_profile(self, profile: UserProfile, user: str, _now_s: float) -> None:
-        self._person(user).profile = profile
-        self.changed |= {"people", "objects", "robots"}
-
-    def _on_pose(self, pose: UserPose, user: str, _now_s: float) -> None:
-        self._person(user).stand(pose)
-        self.changed |= {"people", "frames"}
-
-    def _on_cursor(self, cursor: Cursor, user: str, now_s: float) -> None:
-        self._person(user).cursor = cursor
-        self._pointed_s[user] = now_s
-        self.changed.add("people")
-
-    def _on_goal(self, goal: Goal, user: str, _now_s: float) -> None:
-        self._person(user).goal = goal
-        self.changed.add("people")
-
-    def _person(self, user: str) -> DrawnPerson:
-        return self._people.setdefault(user, DrawnPerson())
+def _is_on_object(hover: Message | None) -> bool:
+    return isinstance(hover, Hover) and bool(hover.object_id)
 
 
 HISTORY = 200
 """Lines kept for viewers that join late."""
-
-_NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -453,26 +378,13 @@ class LogLine:
         return Log(timestamp=at, level=self.level, message=self.text, name=self.source)
 
 
-@dataclass(slots=True)
-class _Account:
-    warnings: dict[tuple[str, ...], str]
-    """Sentences by the identity of the problem."""
-    errors: int
-    lost: int
-    invalid: int
-
-
 class EventLog:
-    """Turns messages into log lines. Each change is reported once."""
+    """Turns changes of a site into log lines."""
 
-    def __init__(self) -> None:
+    def __init__(self, site: SiteState) -> None:
         self.history: deque[LogLine] = deque(maxlen=HISTORY)
-        self._health_counts: dict[str, _Account] = {}
-        self._phases: dict[str, tuple[str, str]] = {}
-        self._states: dict[str, str] = {}
-        self._robots: dict[str, tuple[str, str]] = {}
-        """Owner of each robot, and its reason without numbers."""
-        self._writers: dict[type[Message], Callable[[Any, str], Iterator[tuple[LogLevel, str]]]] = {
+        self._site = site
+        self._writers: dict[type[Message], Callable[[Any, Any], Iterator[tuple[LogLevel, str]]]] = {
             Health: self._health,
             SelectionEvent: self._selection,
             Feedback: self._feedback,
@@ -481,29 +393,24 @@ class EventLog:
             RobotState: self._robot,
         }
 
-    def take(self, message: Message, name: str, now_ns: int) -> list[LogLine]:
-        """Return the new lines from `message`, whose key has `name`."""
-        writer = self._writers.get(type(message))
-        return [] if writer is None else self._lines_of(writer(message, name), name or "selection", now_ns)
+    def take(self, change: Change, now_ns: int) -> list[LogLine]:
+        """Return the new lines from a change."""
+        message, writer = change.message, self._writers.get(type(change.message))
+        if writer is None:
+            return []
+        return self._lines_of(writer(message, change.previous), change.name or "selection", now_ns)
 
     def presence(self, instance: str, now_ns: int, *, present: bool) -> list[LogLine]:
         """Return the line that says that a service has started or ended."""
-        if not present:
-            self._health_counts.pop(instance, None)
         sentences = (LogLevel.Info, "runs") if present else (LogLevel.Warning, "has ended")
         return self._lines_of(iter([sentences]), instance, now_ns)
-
-    def leave(self, user: str) -> None:
-        """Forget the states of a person who has left."""
-        self._phases.pop(user, None)
-        self._states.pop(user, None)
 
     def active_warnings(self, now_ns: int) -> list[LogLine]:
         """Return the warnings that are active now."""
         return [
             LogLine(now_ns, LogLevel.Warning, instance, sentence)
-            for instance, account in self._health_counts.items()
-            for sentence in account.warnings.values()
+            for instance, health in self._site.all(topics.HEALTH).items()
+            for sentence in _warnings(health).values()
         ]
 
     def _lines_of(self, sentences: Iterator[tuple[LogLevel, str]], source: str, now_ns: int) -> list[LogLine]:
@@ -511,43 +418,41 @@ class EventLog:
         self.history += lines
         return lines
 
-    def _health(self, health: Health, instance: str) -> Iterator[tuple[LogLevel, str]]:
-        now = _Account(
-            {each.identity: each.sentence for each in health.all_problems if each.severity == "warning"},
-            health.errors,
-            sum(key.lost for key in health.keys),
-            sum(key.invalid for key in health.keys),
-        )
-        before = self._health_counts.get(instance, _Account({}, 0, 0, 0))
-        self._health_counts[instance] = now
-        for identity, sentence in now.warnings.items():
-            if identity not in before.warnings:
+    def _health(self, health: Health, previous: Health | None) -> Iterator[tuple[LogLevel, str]]:
+        now, before = _warnings(health), _warnings(previous)
+        for identity, sentence in now.items():
+            if identity not in before:
                 yield LogLevel.Warning, sentence
-        for identity, sentence in before.warnings.items():
-            if identity not in now.warnings:
+        for identity, sentence in before.items():
+            if identity not in now:
                 yield LogLevel.Info, f"no longer: {sentence}"
-        if now.errors > before.errors:
-            yield LogLevel.Error, f"{now.errors - before.errors} handlers failed; see its log"
-        if now.lost > before.lost:
-            yield LogLevel.Warning, f"{now.lost - before.lost} events were lost on their way to it"
-        if now.invalid > before.invalid:
-            yield LogLevel.Warning, f"{now.invalid - before.invalid} messages to it could not be read"
+        for level, text, name in (
+            (LogLevel.Error, "handlers failed; see its log", "errors"),
+            (LogLevel.Warning, "events were lost on their way to it", "lost"),
+            (LogLevel.Warning, "messages to it could not be read", "invalid"),
+        ):
+            if (new := _count(health, name) - _count(previous, name)) > 0:
+                yield level, f"{new} {text}"
 
-    def _selection(self, event: SelectionEvent, _name: str) -> Iterator[tuple[LogLevel, str]]:
+    def _selection(self, event: SelectionEvent, _previous: None) -> Iterator[tuple[LogLevel, str]]:
         words = [event.user, event.event, event.kind, event.object_id]
         words += [f"to bay {event.bay}"] if event.bay else []
         text = " ".join(word for word in words if word)
         level = LogLevel.Warning if event.event == "refused" else LogLevel.Info
         yield level, f"{text}: {event.reason}" if event.reason else text
 
-    def _feedback(self, cue: Feedback, _user: str) -> Iterator[tuple[LogLevel, str]]:
+    def _feedback(self, cue: Feedback, _previous: None) -> Iterator[tuple[LogLevel, str]]:
         yield LogLevel.Info, f"cue {cue.cue}: {cue.text}" if cue.text else f"cue {cue.cue}"
 
-    def _localization(self, message: Localization, user: str) -> Iterator[tuple[LogLevel, str]]:
+    def _localization(
+        self, message: Localization, previous: Localization | None
+    ) -> Iterator[tuple[LogLevel, str]]:
         phase = (message.phase, message.target_id)
-        before = self._phases.get(user)
-        self._phases[user] = phase
-        if phase == before or (before is None and message.phase == "idle"):
+        if previous is None:
+            is_same = message.phase == "idle"
+        else:
+            is_same = phase == (previous.phase, previous.target_id)
+        if is_same:
             return
         level = LogLevel.Warning if message.phase == "refused" else LogLevel.Info
         target = f" {message.target_id}" if message.target_id else ""
@@ -556,17 +461,27 @@ class EventLog:
             f"localization {message.phase}{target}" + (f": {message.reason}" if message.reason else ""),
         )
 
-    def _interaction(self, message: Interaction, user: str) -> Iterator[tuple[LogLevel, str]]:
-        if self._states.get(user) == message.state:
-            return
-        self._states[user] = message.state
-        yield LogLevel.Info, f"is {message.state}" + (f": {message.reason}" if message.reason else "")
+    def _interaction(
+        self, message: Interaction, previous: Interaction | None
+    ) -> Iterator[tuple[LogLevel, str]]:
+        if previous is None or previous.state != message.state:
+            yield LogLevel.Info, f"is {message.state}" + (f": {message.reason}" if message.reason else "")
 
-    def _robot(self, message: RobotState, name: str) -> Iterator[tuple[LogLevel, str]]:
-        now = (message.user, _NUMBER.sub("#", message.reason))
-        user, reason = self._robots.get(name, ("", ""))
-        self._robots[name] = now
-        if message.user != user:
+    def _robot(self, message: RobotState, previous: RobotState | None) -> Iterator[tuple[LogLevel, str]]:
+        if message.user != (previous.user if previous else ""):
             yield LogLevel.Info, f"{message.user or 'nobody'} steers it"
-        if now[1] and now[1] != reason:
+        if message.has_new_reason(previous):
             yield LogLevel.Warning, f"{message.phase.replace('_', ' ')}: {message.reason}"
+
+
+def _warnings(health: Health | None) -> dict[tuple[str, ...], str]:
+    """Return the sentences of the warnings in a report by the identity of the problem."""
+    told = () if health is None else health.all_problems
+    return {each.identity: each.sentence for each in told if each.severity == "warning"}
+
+
+def _count(health: Health | None, name: str) -> int:
+    """Return the errors of a report, or what its keys have counted."""
+    if health is None:
+        return 0
+    return health.errors if name == "errors" else sum(getattr(key, name) for key in health.keys)

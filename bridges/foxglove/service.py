@@ -70,8 +70,9 @@ class Foxglove(Service[FoxgloveConfig]):
 
     def __init__(self, config: FoxgloveConfig, context: Context) -> None:
         super().__init__(config, context)
-        self._scene = FoxgloveScene(config.kind_colors, config.forget_s)
-        self._event_log = EventLog()
+        self._site = SiteState(self._on_change, on_person=self._on_person, on_service=self._on_service)
+        self._scene = FoxgloveScene(self._site, config.kind_colors, config.forget_s)
+        self._event_log = EventLog(self._site)
         self._loop = asyncio.get_running_loop()
         self._plains = {topic.key: JsonChannel(topic.message) for topic in SHOWN}
         self._mirrored: dict[str, _Mirrored] = {}
@@ -81,7 +82,6 @@ class Foxglove(Service[FoxgloveConfig]):
         self._sent_s = 0.0
         self._fast_subscriptions: list[Subscription] = []
         self._rest_timer = Timer(self.bus.call_later, self._rest)
-        self._site = SiteState(self._on_change, on_person=self._on_person, on_service=self._on_service)
         slow_topics = [topic for topic in SHOWN if topic not in FAST]
         follow_site(self._site, self.bus, self._loop.time, slow_topics)
         self._read_fast_topics()
@@ -126,17 +126,16 @@ class Foxglove(Service[FoxgloveConfig]):
 
     def _on_change(self, change: Change) -> None:
         topic, name, message = change.topic, change.name, change.message
+        self._scene.show(change)
         if message is None:
             if mirrored := self._mirrored.pop(topic.at(name), None):
                 mirrored.channel.close()
-            self._scene.end(topic.message, name)
             self._schedule_frame()
             return
-        self._scene.take(message, name, self._loop.time())
         if isinstance(message, Environment):
             self.bus.warn("map", "; ".join(self._scene.problems[:3]))
         now_ns = self.clock.now_ns()
-        self._send_log(self._event_log.take(message, name, now_ns))
+        self._send_log(self._event_log.take(change, now_ns))
         self._mirror(topic, message, name, now_ns)
         self._schedule_frame()
 
@@ -170,7 +169,6 @@ class Foxglove(Service[FoxgloveConfig]):
             self._read_fast_topics()
             return
         self._scene.leave(user)
-        self._event_log.leave(user)
         self._schedule_frame()
 
     def _on_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature

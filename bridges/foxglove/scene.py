@@ -37,7 +37,6 @@ from pointit.geometry import vector
 from pointit.geometry.polyline import Polyline
 from pointit.geometry.vector import Vec3
 from pointit.plugins import Change, SiteState
-from pointit.runtime.bus.contract import AnyTopic
 from pointit.schemas import (
     Environment,
     Feedback,
@@ -200,7 +199,7 @@ Picture = SceneUpdate | PointCloud | FrameTransforms
 
 PARTS: tuple[Part, ...] = ("room", "pixels", "lamps", "bays", "objects", "robots", "people", "frames")
 
-DRAWN: Mapping[AnyTopic, tuple[Part, ...]] = {
+DRAWN: Mapping[Topic[Any], tuple[Part, ...]] = {
     topics.MAP: ("room", "pixels", "lamps", "bays", "objects"),
     topics.STRIPS_FRAME: ("pixels",),
     topics.LAMP_COLOR: ("lamps",),
@@ -230,7 +229,7 @@ class FoxgloveScene:
         self._kind_colors = kind_colors
         self._forget_s = forget_s
         self.changed: set[Part] = set()
-        self._fresh: dict[AnyTopic, set[str]] = {topic: set() for topic in EXPIRING}
+        self._fresh: dict[Topic[Any], set[str]] = {topic: set() for topic in EXPIRING}
         """Names of messages that have not expired."""
         self._goals: dict[str, Goal] = {}
         """Last goals to which people sent a robot."""
@@ -395,7 +394,8 @@ class EventLog:
 
     def take(self, change: Change, now_ns: int) -> list[LogLine]:
         """Return the new lines from a change."""
-        message, writer = change.message, self._writers.get(type(change.message))
+        message = change.message
+        writer = None if message is None else self._writers.get(type(message))
         if writer is None:
             return []
         return self._lines_of(writer(message, change.previous), change.name or "selection", now_ns)

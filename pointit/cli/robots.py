@@ -65,7 +65,7 @@ def _robots(monitor: Monitor) -> list[tuple[str, RobotState]]:
         (name, state)
         for watcher in monitor.watchers
         if isinstance(watcher, RobotWatcher)
-        for name, state in sorted(watcher.monitor.states.items())
+        for name, state in sorted(watcher.states.items())
         if not monitor.person or state.user in ("", monitor.person)
     ]
 

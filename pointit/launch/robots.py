@@ -1,10 +1,10 @@
 """Observation of robots in a run: their states for the view, event lines about their users, their score."""
 
 import math
-import re
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from pointit.geometry.floor_area import FloorArea
 from pointit.geometry.vector import Vec3
@@ -13,11 +13,11 @@ from pointit.runtime.bus.contract import Bus, Closable
 from pointit.runtime.service.service import Launch
 from pointit.schemas import Environment, Goal, RobotState
 from pointit.schemas.environment import Fence
-from pointit.schemas.system import split_instance
 from pointit.schemas.topics import GOAL, ROBOT_STATE
 from pointit.services.user_sim.config import UserSimConfig
+from pointit.site.following import follow_topics
+from pointit.site.site_state import Change, SiteState
 
-_NUMBER = re.compile(r"\d+(?:\.\d+)?")
 MAX_ROBOTS = 64
 """Robots scored individually; further ones are ignored."""
 MAX_LANDINGS = 1000
@@ -220,7 +220,9 @@ class RobotWatcher:
     def __init__(self, score: RobotsScore | None = None) -> None:
         """Begin without robots."""
         self.score = score or RobotsScore()
-        self.monitor = RobotMonitor()
+        self.site = SiteState(self._on_change)
+        self.states = self.site.all(ROBOT_STATE)
+        self._on_event: OnEvent | None = None
 
     @classmethod
     def of(cls, launches: Sequence[Launch]) -> "RobotWatcher":
@@ -229,13 +231,9 @@ class RobotWatcher:
 
     def attach(self, bus: Bus, on_event: OnEvent) -> Sequence[Closable]:
         """Subscribe to robots and their goals."""
-
-        def on_state(state: RobotState, robot: str) -> None:
-            self.score.on_state(robot, state)
-            for line in self.monitor.take(state, robot):
-                on_event(line, state.user)
-
-        return (bus.subscribe(ROBOT_STATE, on_state), bus.subscribe(GOAL, self.score.on_goal))
+        self._on_event = on_event
+        states = follow_topics(self.site, bus, time.monotonic, (ROBOT_STATE,))
+        return (*states, bus.subscribe(GOAL, self.score.on_goal))
 
     def on_map(self, environment: Environment) -> None:
         """Store the fences."""
@@ -243,39 +241,21 @@ class RobotWatcher:
 
     def on_service(self, instance: str, *, is_present: bool) -> None:
         """Forget the robot of a service that has ended."""
-        if not is_present:
-            self.monitor.end(instance)
+        self.site.set_service(instance, is_present)
 
     def summary(self) -> Mapping[str, Any]:
         """Return the scores by robot."""
         return {"robots": self.score.as_dict(), "goals_without_robot": self.score.goals_without_robot}
 
-
-class RobotMonitor:
-    """Holds the states; those of a robot whose service has ended are forgotten."""
-
-    def __init__(self) -> None:
-        """Begin without robots."""
-        self.states: dict[str, RobotState] = {}
-        """By name of the robot."""
-
-    def take(self, state: RobotState, name: str) -> list[str]:
-        """Store a state, and return an event line for each change of the robot's user and of its reason.
-
-        Reasons that differ only in figures are the same.
-        """
-        before = self.states.get(name)
-        self.states[name] = state
-        lines: list[str] = []
-        if state.user != ("" if before is None else before.user):
-            lines.append(f"{name}: {state.user or 'nobody'} steers it")
-        last_reason = "" if before is None else before.reason
-        if state.reason and _NUMBER.sub("#", state.reason) != _NUMBER.sub("#", last_reason):
-            lines.append(f"{name}: {state.reason}")
-        return lines
-
-    def end(self, instance: str) -> None:
-        """Forget the robot of a service that has ended."""
-        service, name = split_instance(instance)
-        if service in ROBOT_STATE.writers:
-            self.states.pop(name, None)
+    def _on_change(self, change: Change) -> None:
+        """Report each change of a robot's user and of its reason."""
+        name, state, previous = change.name, change.message, cast("RobotState | None", change.previous)
+        if not isinstance(state, RobotState):
+            return
+        self.score.on_state(name, state)
+        if self._on_event is None:
+            return
+        if state.user != ("" if previous is None else previous.user):
+            self._on_event(f"{name}: {state.user or 'nobody'} steers it", state.user)
+        if state.has_new_reason(previous):
+            self._on_event(f"{name}: {state.reason}", state.user)

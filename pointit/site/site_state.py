@@ -177,7 +177,8 @@ class SiteState:
                 self._hide(topic, instance)
             elif service in topic.writers and ends_with_writers(topic):
                 for name in list(self._messages[topic]):
-                    if not present_writers(topic, name, self._services):
+                    is_its_own = present_writers(topic, name, (instance,))
+                    if is_its_own and not present_writers(topic, name, self._services):
                         _remember(self._orphans, (topic, name), None)
                         self._hide(topic, name)
         self._on_service(instance, False)

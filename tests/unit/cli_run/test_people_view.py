@@ -11,7 +11,7 @@ from pointit.cli.inspect.pose_errors import TRUTH_DISPLAY
 from pointit.cli.robots import ROBOTS_DISPLAY
 from pointit.cli.view import ConsoleView
 from pointit.diagnosis.symptoms import UNSURE_DEG, UNSURE_M
-from pointit.launch.robots import RobotMonitor, RobotWatcher
+from pointit.launch.robots import RobotWatcher
 from pointit.launch.run.monitor import Monitor
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.schemas import (
@@ -298,10 +298,14 @@ def robot(**fields: Any) -> RobotState:
     return RobotState.model_validate({"stamp_ns": 1, "kind": "quadrotor", "phase": "idle", **at, **fields})
 
 
-def watched() -> tuple[Monitor, RobotMonitor]:
+def watched() -> tuple[Monitor, RobotWatcher]:
     monitor, robots = monitor_of(), RobotWatcher()
     monitor.watchers = [robots]
-    return monitor, robots.monitor
+    return monitor, robots
+
+
+def take(robots: RobotWatcher, state: RobotState, name: str) -> None:
+    robots.site.take(topics.ROBOT_STATE, name, state, 0.0)
 
 
 def robots_view(monitor: Monitor, width: int = 100) -> list[str]:
@@ -316,8 +320,8 @@ def robot_rows(monitor: Monitor, width: int = 100) -> list[list[str]]:
 
 def test_robots_are_listed_with_who_steers_them_and_where_to() -> None:
     monitor, robots = watched()
-    robots.take(robot(phase="taking_off", user="anna", target_m=(3.04, -1.0, 0.2), battery=0.5), "quad")
-    robots.take(robot(kind="ground", phase="stopped", reason="ben is too near; step back"), "cart")
+    take(robots, robot(phase="taking_off", user="anna", target_m=(3.04, -1.0, 0.2), battery=0.5), "quad")
+    take(robots, robot(kind="ground", phase="stopped", reason="ben is too near; step back"), "cart")
     assert robot_rows(monitor) == [
         ["cart", "-", "stopped", "-", "1.0, 2.0, 0.8 m", "-"],
         ["quad", "anna", "taking off", "3.0, -1.0 m", "1.0, 2.0, 0.8 m", "50%"],
@@ -328,7 +332,7 @@ def test_robots_are_listed_with_who_steers_them_and_where_to() -> None:
 @pytest.mark.parametrize("width", [44, 60])
 def test_a_narrow_terminal_shows_the_first_columns(width: int) -> None:
     monitor, robots = watched()
-    robots.take(robot(phase="moving", user="anna", target_m=(3.0, -1.0, 0.2)), "quad")
+    take(robots, robot(phase="moving", user="anna", target_m=(3.0, -1.0, 0.2)), "quad")
     (line,) = (line for line in robots_view(monitor, width) if "quad" in line)
     assert "anna" in line
     assert "moving" in line
@@ -341,8 +345,8 @@ def test_no_robot_takes_no_line() -> None:
 def test_one_persons_view_has_their_robot_and_free_ones() -> None:
     monitor, robots = watched()
     monitor.person = "anna"
-    robots.take(robot(user="ben"), "cart")
-    robots.take(robot(), "quad")
+    take(robots, robot(user="ben"), "cart")
+    take(robots, robot(), "quad")
     assert [line[0] for line in robot_rows(monitor)] == ["quad"]
 
 
@@ -352,8 +356,10 @@ def test_a_cursor_on_a_solid_names_it() -> None:
     assert any("plane floor" in line for line in shown(monitor))
 
 
-def test_changes_are_told_once_whatever_their_figures() -> None:
-    robots = RobotMonitor()
+async def test_changes_are_told_once_whatever_their_figures() -> None:
+    robots, told = RobotWatcher(), list[str]()
+    bus = MemoryBus(LocalBroker())
+    robots.attach(bus, lambda line, _user: told.append(line))
     states: tuple[dict[str, str], ...] = (
         {},
         {"user": "anna"},
@@ -361,13 +367,10 @@ def test_changes_are_told_once_whatever_their_figures() -> None:
         {"reason": "ben is 0.87 m away"},
         {},
     )
-    assert [robots.take(robot(**fields), "quad") for fields in states] == [
-        [],
-        ["quad: anna steers it"],
-        ["quad: nobody steers it", "quad: ben is 0.91 m away"],
-        [],
-        [],
-    ]
+    for fields in states:
+        take(robots, robot(**fields), "quad")
+    await bus.close()
+    assert told == ["quad: anna steers it", "quad: nobody steers it", "quad: ben is 0.91 m away"]
 
 
 async def test_a_robot_is_shown_as_long_as_its_service_runs() -> None:

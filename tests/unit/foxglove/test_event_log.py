@@ -2,11 +2,12 @@
 
 from foxglove.messages import LogLevel
 
-from pointit.bridges.foxglove.scene import HISTORY, EventLog, LogLine
+from pointit.bridges.foxglove.scene import HISTORY, LogLine
 from pointit.schemas import Feedback, Health, Interaction, Localization, RobotState, SelectionEvent
 from pointit.schemas.problems import Problem
 from pointit.schemas.system import KeyHealth
 from tests.integration.foxglove.protobuf import read
+from tests.unit.foxglove.site_scene import SiteLog
 
 
 def health(*warnings: str, errors: int = 0, lost: int = 0, invalid: int = 0) -> Health:
@@ -22,60 +23,62 @@ def said(lines: list[LogLine]) -> list[tuple[LogLevel, str, str]]:
 
 
 def test_a_warning_is_told_when_it_comes_and_when_it_goes() -> None:
-    chronicle = EventLog()
-    first = chronicle.take(health("nothing came for 3 s; start it"), "pui", 5)
+    chronicle = SiteLog()
+    first = chronicle.hear(health("nothing came for 3 s; start it"), "pui", 5)
     assert said(first) == [(LogLevel.Warning, "pui", "nothing came for 3 s; start it")]
-    assert chronicle.take(health("nothing came for 4.5 s; start it"), "pui", 6) == []
+    assert chronicle.hear(health("nothing came for 4.5 s; start it"), "pui", 6) == []
     assert said(chronicle.active_warnings(7)) == [
         (LogLevel.Warning, "pui", "nothing came for 4.5 s; start it")
     ]
-    gone = chronicle.take(health(), "pui", 8)
+    gone = chronicle.hear(health(), "pui", 8)
     assert said(gone) == [(LogLevel.Info, "pui", "no longer: nothing came for 4.5 s; start it")]
     assert chronicle.active_warnings(9) == []
 
 
 def test_what_fails_and_what_is_lost_is_told_as_it_grows() -> None:
-    chronicle = EventLog()
-    assert said(chronicle.take(health(errors=1, lost=2, invalid=3), "pui", 5)) == [
+    chronicle = SiteLog()
+    assert said(chronicle.hear(health(errors=1, lost=2, invalid=3), "pui", 5)) == [
         (LogLevel.Error, "pui", "1 handlers failed; see its log"),
         (LogLevel.Warning, "pui", "2 events were lost on their way to it"),
         (LogLevel.Warning, "pui", "3 messages to it could not be read"),
     ]
-    assert chronicle.take(health(errors=1, lost=2, invalid=3), "pui", 6) == []
-    assert said(chronicle.take(health(errors=3, lost=2, invalid=3), "pui", 7))[0][2].startswith("2 handlers")
+    assert chronicle.hear(health(errors=1, lost=2, invalid=3), "pui", 6) == []
+    assert said(chronicle.hear(health(errors=3, lost=2, invalid=3), "pui", 7))[0][2].startswith("2 handlers")
 
 
 def test_a_service_that_ended_begins_anew() -> None:
-    chronicle = EventLog()
-    chronicle.take(health("odd", errors=5), "pui", 5)
+    chronicle = SiteLog()
+    chronicle.hear(health("odd", errors=5), "pui", 5)
+    chronicle.site.set_service("pui", False)
     assert said(chronicle.presence("pui", 6, present=False)) == [(LogLevel.Warning, "pui", "has ended")]
     assert chronicle.active_warnings(6) == []
     assert said(chronicle.presence("pui", 7, present=True)) == [(LogLevel.Info, "pui", "runs")]
-    assert len(chronicle.take(health("odd", errors=1), "pui", 8)) == 2
+    chronicle.site.set_service("pui", True)
+    assert len(chronicle.hear(health("odd", errors=1), "pui", 8)) == 2
 
 
 def test_selections_cues_and_states_are_sentences() -> None:
-    chronicle = EventLog()
+    chronicle = SiteLog()
     event = SelectionEvent(stamp_ns=1, event="selected", object_id="7", kind="red", user="anna")
-    assert said(chronicle.take(event, "", 5)) == [(LogLevel.Info, "selection", "anna selected red 7")]
+    assert said(chronicle.hear(event, "", 5)) == [(LogLevel.Info, "selection", "anna selected red 7")]
     refused = SelectionEvent(stamp_ns=1, event="refused", object_id="7", user="bert", reason="anna has it")
-    assert said(chronicle.take(refused, "", 5)) == [
+    assert said(chronicle.hear(refused, "", 5)) == [
         (LogLevel.Warning, "selection", "bert refused 7: anna has it")
     ]
     out = SelectionEvent(stamp_ns=1, event="dispatched", object_id="7", kind="red", bay="3")
-    assert said(chronicle.take(out, "", 5))[0][2] == "dispatched red 7 to bay 3"
+    assert said(chronicle.hear(out, "", 5))[0][2] == "dispatched red 7 to bay 3"
     cue = Feedback(stamp_ns=1, cue="target", text="point at led_1")
-    assert said(chronicle.take(cue, "anna", 5)) == [(LogLevel.Info, "anna", "cue target: point at led_1")]
+    assert said(chronicle.hear(cue, "anna", 5)) == [(LogLevel.Info, "anna", "cue target: point at led_1")]
     state = Interaction(stamp_ns=1, state="pointing", reason="localized")
-    assert said(chronicle.take(state, "anna", 5)) == [(LogLevel.Info, "anna", "is pointing: localized")]
-    assert chronicle.take(state, "anna", 6) == []
+    assert said(chronicle.hear(state, "anna", 5)) == [(LogLevel.Info, "anna", "is pointing: localized")]
+    assert chronicle.hear(state, "anna", 6) == []
 
 
 def test_a_localization_is_told_phase_by_phase_and_target_by_target() -> None:
-    chronicle = EventLog()
+    chronicle = SiteLog()
 
     def told(**fields: object) -> list[tuple[LogLevel, str, str]]:
-        return said(chronicle.take(Localization.model_validate({"stamp_ns": 1, **fields}), "anna", 5))
+        return said(chronicle.hear(Localization.model_validate({"stamp_ns": 1, **fields}), "anna", 5))
 
     assert told(phase="idle") == []
     assert told(phase="sampling", target_id="led_0")[0][2] == "localization sampling led_0"
@@ -87,9 +90,9 @@ def test_a_localization_is_told_phase_by_phase_and_target_by_target() -> None:
 
 
 def test_newcomers_read_the_last_lines_only() -> None:
-    chronicle = EventLog()
+    chronicle = SiteLog()
     for number in range(HISTORY + 5):
-        chronicle.take(Feedback(stamp_ns=1, cue="selected", text=str(number)), "anna", number)
+        chronicle.hear(Feedback(stamp_ns=1, cue="selected", text=str(number)), "anna", number)
     assert len(chronicle.history) == HISTORY
     assert chronicle.history[0].text == "cue selected: 5"
 
@@ -105,12 +108,12 @@ def test_a_line_is_a_log_message() -> None:
 
 
 def test_who_steers_a_robot_and_why_it_stands_is_told_once() -> None:
-    chronicle = EventLog()
+    chronicle = SiteLog()
 
     def told(**fields: object) -> list[tuple[LogLevel, str, str]]:
         at = {"position_m": (0, 0, 0), "velocity_mps": (0, 0, 0), "yaw_rad": 0.0, "radius_m": 0.2}
         state = RobotState.model_validate({"stamp_ns": 1, "kind": "ground", "phase": "idle", **at, **fields})
-        return said(chronicle.take(state, "cart", 5))
+        return said(chronicle.hear(state, "cart", 5))
 
     assert told() == []
     assert told(user="anna") == [(LogLevel.Info, "cart", "anna steers it")]

@@ -34,9 +34,7 @@ def shown(person: DrawnPerson) -> dict[str, dict[str, Any]]:
 
 
 def standing(covariance: tuple[float, ...] = (0.0,) * 9, cursor: Cursor | None = None) -> DrawnPerson:
-    person = DrawnPerson(profile=PROFILE, cursor=cursor)
-    person.stand(pose(covariance))
-    return person
+    return DrawnPerson(profile=PROFILE, pose=pose(covariance), cursor=cursor)
 
 
 def xyz(point: dict[str, float]) -> Vec3:

@@ -7,10 +7,11 @@ import pytest
 
 import pointit.schemas as models
 from pointit.bridges.foxglove.entities import Lines
-from pointit.bridges.foxglove.scene import FLOOR, FREE, FoxgloveScene, Part, Pixels
-from pointit.schemas import Environment, Strip, StripsFrame
+from pointit.bridges.foxglove.scene import FLOOR, FREE, Part, Pixels
+from pointit.schemas import Environment, Strip, StripsFrame, topics
 from pointit.schemas.environment import StripFrame
 from tests.integration.foxglove.protobuf import read
+from tests.unit.foxglove.site_scene import SiteScene
 
 MAP = Environment(
     stamp_ns=1,
@@ -85,14 +86,14 @@ QUAD = models.RobotState(
 PLAN = models.RobotPlan(stamp_ns=1, line_m=((2.0, 2.0, 0.5), (3.0, 2.0, 0.2)), user="anna")
 
 
-def scene(*heard: tuple[models.Message, str]) -> FoxgloveScene:
-    made = FoxgloveScene({}, 1.0)
+def scene(*heard: tuple[models.Message, str]) -> SiteScene:
+    made = SiteScene({})
     for message, name in ((models.UserProfile(stamp_ns=1, cursor_color=ANNA), "anna"), *heard):
         made.take(message, name, 0.0)
     return made
 
 
-def shown(made: FoxgloveScene, part: Part = "robots") -> dict[str, dict[str, Any]]:
+def shown(made: SiteScene, part: Part = "robots") -> dict[str, dict[str, Any]]:
     return {entity["id"]: entity for entity in read(made.draw(part, 5)).get("entities", [])}
 
 
@@ -145,5 +146,5 @@ def test_way_points_are_numbered_until_they_are_sent_or_the_person_leaves() -> N
     made.take(models.Steering(stamp_ns=2), "anna", 0.0)
     assert shown(made) == {}
     made.take(models.Steering(stamp_ns=3, waypoints_m=((0, 0, 0),)), "anna", 0.0)
-    made.end(models.Steering, "anna")
+    made.site.forget(topics.STEERING, "anna")
     assert shown(made) == {}

@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.foxglove.entities import SHARPEST, Lines, ribbon, room
-from pointit.bridges.foxglove.scene import PARTS, FoxgloveScene
+from pointit.bridges.foxglove.scene import PARTS
 from pointit.geometry.polyline import Polyline
 from pointit.schemas import Belt, Environment, Lamp, Strip, Thing
 from pointit.schemas.environment import Bay, Box, Cloud, Cylinder, Fence, Plane, Sphere
 from tests.integration.foxglove.protobuf import read
+from tests.unit.foxglove.site_scene import SiteScene
 
 NOW_NS = 1_700_000_000_123_456_789
 
@@ -168,7 +169,7 @@ def test_fences_are_outlines_and_those_that_keep_out_have_sides() -> None:
 
 @given(odd_maps)
 def test_any_map_can_be_shown(environment: Environment) -> None:
-    scene = FoxgloveScene({}, 1.0)
+    scene = SiteScene({})
     scene.take(environment, "", 0.0)
     for part in PARTS:
         assert_finite(read(scene.draw(part, NOW_NS)))

@@ -6,11 +6,12 @@ from typing import Any
 import pytest
 
 import pointit.schemas as models
-from pointit.bridges.foxglove.scene import PARTS, FoxgloveScene, Part
+from pointit.bridges.foxglove.scene import PARTS, Part
 from pointit.geometry import vector
 from pointit.schemas.environment import Bay, BayCount, StripFrame
 from pointit.schemas.selection import ReservedObject, SelectedObject
 from tests.integration.foxglove.protobuf import read
+from tests.unit.foxglove.site_scene import SiteScene
 
 RED = (255, 0, 0)
 ANNA = (0, 255, 0)
@@ -38,15 +39,15 @@ def objects(*items: models.TrackedObject) -> models.TrackedObjects:
     return models.TrackedObjects(stamp_ns=1, objects=items)
 
 
-def scene(*heard: tuple[models.Message, str]) -> FoxgloveScene:
-    made = FoxgloveScene({"red": RED}, 1.0)
+def scene(*heard: tuple[models.Message, str]) -> SiteScene:
+    made = SiteScene({"red": RED})
     made.take(MAP, "", 0.0)
     for message, name in heard:
         made.take(message, name, 0.0)
     return made
 
 
-def shown(made: FoxgloveScene, part: Part) -> dict[str, dict[str, Any]]:
+def shown(made: SiteScene, part: Part) -> dict[str, dict[str, Any]]:
     return {entity["id"]: entity for entity in read(made.draw(part, 5)).get("entities", [])}
 
 
@@ -151,7 +152,7 @@ def test_a_person_who_leaves_is_taken_away_and_others_stay() -> None:
         *[(models.UserPose(stamp_ns=1, position_m=(1, 2, 0), yaw_rad=0), name) for name in ("anna", "bert")]
     )
     made.draw("people", 5)
-    made.leave("anna")
+    made.site.set_person("anna", False)
     update = read(made.draw("people", 6))
     assert [deletion["id"] for deletion in update["deletions"]] == ["person anna"]
     assert [entity["id"] for entity in update["entities"]] == ["person bert"]

@@ -476,8 +476,8 @@ class EventLog:
 
 def _warnings(health: Health | None) -> dict[tuple[str, ...], str]:
     """Return the sentences of the warnings in a report by the identity of the problem."""
-    told = () if health is None else health.all_problems
-    return {each.identity: each.sentence for each in told if each.severity == "warning"}
+    problems = () if health is None else health.all_problems
+    return {each.identity: each.sentence for each in problems if each.severity == "warning"}
 
 
 def _count(health: Health | None, name: str) -> int:

@@ -35,7 +35,7 @@ from pointit.bridges.web.server.lan import Lan
 from pointit.bridges.web.server.link_file import announced_link
 from pointit.bridges.web.server.listener import Listener, bind, url
 from pointit.bridges.web.server.metrics_server import metrics_route
-from pointit.bridges.web.site_metrics import READS, SiteMetrics
+from pointit.bridges.web.site_metrics import SiteMetrics
 from pointit.bridges.web.wire import MAX_TOLD, Ack, AimAt, Answer, Ask, HeadsetMotion, Play, Role, Status
 from pointit.bridges.web.wrists.pairing import Pairing
 from pointit.bridges.web.wrists.phone import PhoneHost, Phones
@@ -63,6 +63,7 @@ from pointit.schemas import (
 from pointit.schemas.topics import ANNOUNCED, SERVICE_ALIVE, STRIPS_FRAME, USER_ALIVE, Topic
 from pointit.services.registry import SHOWN, person_of
 from pointit.site.following import follow_site
+from pointit.site.site_state import Change
 
 log = logging.getLogger(__name__)
 
@@ -104,7 +105,7 @@ class Web(Service[WebConfig]):
         self._history = EventHistory(self.bus, self.clock, self._model.cache)
         self._downloads = Downloads(recent, config.record_s, self.clock)
         version = pointit_version()
-        self._metrics = SiteMetrics(self.bus.site, version)
+        self._metrics = SiteMetrics(self.bus.site, version, self._model.state)
         self._wrists = WristControl(config)
         self._pairing = Pairing()
         self._people = People(self.bus, self.clock)
@@ -182,8 +183,7 @@ class Web(Service[WebConfig]):
         self._malformed = 0
         self._malformed_s = 0.0
         for topic in SHOWN:
-            handler = self._on_measured if topic in READS else self._on
-            self.bus.subscribe(topic, functools.partial(handler, topic))
+            self.bus.subscribe(topic, functools.partial(self._on, topic))
         follow_site(self._model.state, self.bus, self._now_s, ())
         self._listener = Listener(app, bind(config.host, config.port, "--port"))
 
@@ -315,12 +315,10 @@ class Web(Service[WebConfig]):
             self._changed(now=not message.services)  # this process may end with the run
         self._pages.notify_pages(now=topic is STRIPS_FRAME)
 
-    def _on_measured(self, topic: Topic[Any], message: Message, name: str) -> None:
-        self._metrics.take(name, message)
-        self._on(topic, message, name)
-
-    def _on_valid(self, message: Message, name: str) -> None:
-        match message:
+    def _on_valid(self, change: Change) -> None:
+        self._metrics.take(change)
+        name = change.name
+        match message := change.message:
             case SelectionEvent():
                 self._history.add(message)
             case Health():
@@ -362,7 +360,6 @@ class Web(Service[WebConfig]):
         self._model.set_service(instance, present, self._now_s())
         if not present:
             self._phones.end_names_except(self._model.cache.names(ANNOUNCED))
-        self._metrics.set_service(instance, present)
         self._visits.remember(SERVICE_ALIVE, instance, present)
         self._history.set_service(instance, present)
         self._pages.notify_pages()
@@ -370,7 +367,6 @@ class Web(Service[WebConfig]):
 
     def _on_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
         self._visits.remember(USER_ALIVE, user, present)
-        self._metrics.set_person(user, present)
         if present:
             self._people.on_join(user)
         else:

@@ -1,26 +1,17 @@
 """Metrics of a site, from the messages that its services publish anyway, with totals that only grow. Pure."""
 
 from collections import Counter, OrderedDict, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import accumulate, islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pointit.diagnosis.observation import expected_services
 from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
-from pointit.schemas import (
-    NS_PER_S,
-    Deployment,
-    Health,
-    KeyHealth,
-    Localization,
-    Message,
-    Quantiles,
-    SelectionEvent,
-    UserPose,
-)
+from pointit.schemas import NS_PER_S, Health, KeyHealth, Localization, Quantiles, SelectionEvent
 from pointit.schemas.system import DURATION_BOUNDS_S, split_instance
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LOCALIZATION, POSE, SELECTION_EVENTS, TOPICS, Topic
 from pointit.services.registry import names
+from pointit.site.site_state import Change, SiteState
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import (
@@ -171,52 +162,48 @@ class SiteMetrics:
     Not thread-safe: messages and scrapes are in the same event loop.
     """
 
-    def __init__(self, site: str, version: str) -> None:
+    def __init__(self, site: str, version: str, state: SiteState | None = None) -> None:
+        """Begin without totals. `state`: its changes are given to `take`. None: one of its own, `state`."""
         self._about = {"site": site, "version": version}
-        self._present: set[str] = set()
-        self._users: set[str] = set()
-        self._health: dict[str, Health] = {}
-        self._deployments: dict[str, Deployment] = {}
-        self._poses: dict[str, UserPose] = {}
-        self._localizations: dict[str, Localization] = {}
+        self.state = state or SiteState(self.take)
         self._totals = Totals()
         self._latency = Durations()
         self._step = Durations()
         self._selections: dict[str, int] = {}
         self._results: dict[tuple[str, str], int] = {}
-        self._take: Mapping[type[Message], Callable[[str, Any], None]] = {
-            Health: self._on_health,
-            UserPose: self._on_pose,
-            Localization: self._on_localization,
-            SelectionEvent: self._on_selection,
-            Deployment: self._on_deployment,
-        }
 
     @property
     def is_empty(self) -> bool:
         """Return True if no service is present."""
-        return not self._present
+        return not self.state.services
 
-    def take(self, name: str, message: Message) -> None:
-        """Take a message of one of `READS`. `name` is that in its key."""
-        self._take[type(message)](name, message)
+    def take(self, change: Change) -> None:
+        """Count a message that has come."""
+        match change.message:
+            case Health() as health if change.name in self.state.services:
+                service = _kind(change.name)
+                self._totals.add(change.name, service, health)
+                self._latency.add(service, health.latency)
+                self._step.add(service, health.step)
+            case Localization(phase=phase, purpose=purpose) if phase in RESULTS:
+                previous = change.previous
+                if isinstance(previous, Localization) and previous.phase not in RESULTS:
+                    self._results[purpose, phase] = self._results.get((purpose, phase), 0) + 1
+            case SelectionEvent(event=event):
+                self._selections[event] = self._selections.get(event, 0) + 1
+            case _:
+                pass
 
-    def set_service(self, instance: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        """Update the presence of a service. At most `MAX_INSTANCES` are counted."""
-        if not present:
-            self._present.discard(instance)
-            self._health.pop(instance, None)
-        elif len(self._present) < MAX_INSTANCES:
-            self._present.add(instance)
+    @property
+    def _instances(self) -> list[str]:
+        """Return the services that are present: those that are installed here, and as many others as fit."""
+        return sorted(self.state.services, key=lambda each: (_kind(each) == OTHER, each))[:MAX_INSTANCES]
 
-    def set_person(self, user: str, present: bool) -> None:  # noqa: FBT001 - the bus's signature
-        """Update the presence of a person. At most `MAX_USERS` are counted."""
-        if not present:
-            self._users.discard(user)
-            self._poses.pop(user, None)
-            self._localizations.pop(user, None)
-        elif len(self._users) < MAX_USERS:
-            self._users.add(user)
+    @property
+    def _health(self) -> dict[str, Health]:
+        """Return the newest reports of services that are present, by instance."""
+        reports = self.state.all(HEALTH)
+        return {each: reports[each] for each in sorted(self._instances) if each in reports}
 
     def collect(self) -> Iterator["Metric"]:
         """Yield all families of metrics as they are now."""
@@ -228,9 +215,10 @@ class SiteMetrics:
         yield from self._of_people()
 
     def _of_services(self) -> Iterator["Metric"]:
-        expected = expected_services(self._deployments)
-        there = {name: float(name in self._present) for name in sorted(self._present | expected.keys())}
-        health = {split_instance(name): each for name, each in sorted(self._health.items())}
+        expected = expected_services(dict(islice(self.state.all(DEPLOYMENT).items(), MAX_DEPLOYMENTS)))
+        present = set(self._instances)
+        there = {name: float(name in present) for name in sorted(present | expected.keys())}
+        health = {split_instance(name): each for name, each in self._health.items()}
         of = ("service", "name")
         yield _gauge(
             "pointit_service_present",
@@ -287,9 +275,9 @@ class SiteMetrics:
         yield self._step.family("pointit_step_seconds", "Time of each call of the service's handlers")
 
     def _of_people(self) -> Iterator["Metric"]:
-        users = sorted(self._users)
+        users, newest = sorted(self.state.people)[:MAX_USERS], self.state.all(POSE)
         yield _gauge("pointit_people", "People on the site", (), [((), len(users))])
-        poses = [(user, self._poses[user].covariance) for user in users if user in self._poses]
+        poses = [(user, newest[user].covariance) for user in users if user in newest]
         yield _gauge(
             "pointit_pose_position_sigma_meters",
             "1 sigma of the person's position on the floor, in its worse direction",
@@ -303,7 +291,7 @@ class SiteMetrics:
             (((user,), yaw_sigma_rad(covariance)) for user, covariance in poses),
         )
         yield _gauge(
-            "pointit_battery_ratio", "Charge of the person's wrist, 0 to 1", ("user",), self._batteries()
+            "pointit_battery_ratio", "Charge of the person's wrist, 0 to 1", ("user",), self._batteries(users)
         )
         yield _counter(
             "pointit_localizations",
@@ -318,48 +306,12 @@ class SiteMetrics:
             (((result,), count) for result, count in self._selections.items()),
         )
 
-    def _batteries(self) -> Rows:
-        for instance, health in sorted(self._health.items()):
+    def _batteries(self, users: Sequence[str]) -> Rows:
+        for instance, health in self._health.items():
             service, user = split_instance(instance)
             charges = [value for name in BATTERIES for value in _figures(health, name)]
-            if service == "imu-bridge" and user in self._users and charges:
+            if service == "imu-bridge" and user in users and charges:
                 yield (user,), min(charges) / 100.0
-
-    def _on_health(self, instance: str, health: Health) -> None:
-        if instance not in self._present:
-            return
-        service = _kind(instance)
-        self._health[instance] = health
-        self._totals.add(instance, service, health)
-        self._latency.add(service, health.latency)
-        self._step.add(service, health.step)
-
-    def _on_pose(self, user: str, pose: UserPose) -> None:
-        self._poses[user] = pose
-        self._drop_absent(self._poses)
-
-    def _on_localization(self, user: str, localization: Localization) -> None:
-        before = self._localizations.get(user)
-        if before is not None and before.phase not in RESULTS and localization.phase in RESULTS:
-            result = (localization.purpose, localization.phase)
-            self._results[result] = self._results.get(result, 0) + 1
-        self._localizations[user] = localization
-        self._drop_absent(self._localizations)
-
-    def _drop_absent(self, messages: dict[str, Any]) -> None:
-        """Drop the message of the absent person who is known for longest, if there are too many messages."""
-        if len(messages) > MAX_USERS:
-            messages.pop(next(user for user in messages if user not in self._users))
-
-    def _on_selection(self, _name: str, event: SelectionEvent) -> None:
-        self._selections[event.event] = self._selections.get(event.event, 0) + 1
-
-    def _on_deployment(self, name: str, deployment: Deployment) -> None:
-        believed = deployment.believed(name)
-        if not believed.services:  # ended on purpose
-            self._deployments.pop(name, None)
-        elif name in self._deployments or len(self._deployments) < MAX_DEPLOYMENTS:
-            self._deployments[name] = believed
 
 
 def _gauge(name: str, about: str, labels: Sequence[str], rows: Rows) -> "GaugeMetricFamily":

@@ -248,7 +248,7 @@ class SiteModel:
         own: str,
         now_s: float,
         recent: Recent | None = None,
-        show: Callable[[Message, str], object] = lambda *_: None,
+        show: Callable[[Change], object] = lambda _: None,
         *,
         on_person: Callable[[str, bool], object] | None = None,
         on_service: Callable[[str, bool], object] | None = None,
@@ -259,7 +259,7 @@ class SiteModel:
             own: the owning service, which may outlive its deployment.
             now_s: time, s.
             recent: the store of all messages, if they are to be kept.
-            show: called with each valid message and its name.
+            show: called with each change that has a message.
             on_person: called with each change of presence, as by `SiteState`.
             on_service: the same, of service instances.
         """
@@ -307,7 +307,7 @@ class SiteModel:
             self._observation.report(name, message, self._now_s)
         elif isinstance(message, Deployment):
             self._take_deployment(name, message)
-        self._show(message, name)
+        self._show(change)
 
     def _take_deployment(self, name: str, deployment: Deployment) -> None:
         if self._deployments.is_another(deployment):

@@ -13,7 +13,6 @@ from pointit.runtime.bus.contract import Bus
 from pointit.runtime.host.extras import pointit_version
 from pointit.runtime.service.process import EXIT_FAILED, run_until_shutdown
 from pointit.site.following import follow_site
-from pointit.site.site_state import Change, SiteState
 
 if TYPE_CHECKING:
     from pointit.bridges.web.site_metrics import SiteMetrics
@@ -55,12 +54,7 @@ def command(*, listen: tuple[str, int], once: bool, site: str, connect: tuple[st
 def _attach(bus: Bus, metrics: "SiteMetrics") -> None:
     from pointit.bridges.web.site_metrics import READS  # noqa: PLC0415
 
-    def take(change: Change) -> None:
-        if change.message is not None:
-            metrics.take(change.name, change.message)
-
-    site = SiteState(take, on_person=metrics.set_person, on_service=metrics.set_service)
-    follow_site(site, bus, asyncio.get_running_loop().time, READS)
+    follow_site(metrics.state, bus, asyncio.get_running_loop().time, READS)
 
 
 async def _print(metrics: "SiteMetrics", site: str, connect: tuple[str, ...]) -> int:

@@ -21,15 +21,17 @@ from pointit.schemas import (
     Health,
     KeyHealth,
     Localization,
+    Message,
     Quantiles,
     SelectionEvent,
     UserPose,
 )
 from pointit.schemas.system import DURATION_BOUNDS_S
-from pointit.schemas.topics import CURSOR, RAY
+from pointit.schemas.topics import CURSOR, RAY, TOPICS
 
 OPEN_METRICS = "application/openmetrics-text;version=1.0.0"
 NS_PER_S = 1_000_000_000
+TOPIC_OF = {topic.message: topic for topic in TOPICS}
 
 
 def health(instance: str, seq: int = 1, **fields: object) -> Health:
@@ -52,44 +54,51 @@ class Scrape:
         return self._registry.get_sample_value(sample, labels)
 
 
+class TakenMetrics(SiteMetrics):
+    """Metrics of a site that a test writes."""
+
+    def hear(self, name: str, message: Message) -> None:
+        self.state.take(TOPIC_OF[type(message)], name, message, 0.0)
+
+
 @pytest.fixture
-def metrics() -> SiteMetrics:
-    return SiteMetrics("lab", "1.2.3")
+def metrics() -> TakenMetrics:
+    return TakenMetrics("lab", "1.2.3")
 
 
-def test_services_are_shown_with_their_health_or_as_missing(metrics: SiteMetrics) -> None:
+def test_services_are_shown_with_their_health_or_as_missing(metrics: TakenMetrics) -> None:
     services = (ExpectedService(service="pui"), ExpectedService(service="pointing", user="anna"))
-    metrics.take("run.x", Deployment(stamp_ns=1, name="scenario_4", services=services))
+    metrics.hear("run.x", Deployment(stamp_ns=1, name="scenario_4", services=services))
     scrape = Scrape(metrics)
     assert scrape.value("pointit_service_present", service="pointing", name="anna") == 0
     report = health("pui", 7, status="degraded", warnings=("a", "b"))
-    metrics.take("pui", report)  # it is not present yet
+    metrics.hear("pui", report)  # it is not present yet
     assert scrape.value("pointit_service_healthy", service="pui", name="") is None
-    metrics.set_service("pui", True)
-    metrics.take("pui", report)
+    metrics.state.set_service("pui", True)
+    metrics.hear("pui", report)
     assert scrape.value("pointit_service_present", service="pui", name="") == 1
     assert scrape.value("pointit_service_healthy", service="pui", name="") == 0
     assert scrape.value("pointit_service_warnings", service="pui", name="") == 2
     assert scrape.value("pointit_service_reported_timestamp_seconds", service="pui", name="") == 7
-    metrics.take("run.x", Deployment(stamp_ns=2, name="scenario_4"))
-    metrics.set_service("pui", False)
+    metrics.hear("run.x", Deployment(stamp_ns=2, name="scenario_4"))
+    metrics.state.set_service("pui", False)
     for name in ("present", "healthy"):
         assert scrape.value(f"pointit_service_{name}", service="pui", name="") is None
 
 
-def test_messages_are_the_rates_times_the_time_between_reports(metrics: SiteMetrics) -> None:
+def test_messages_are_the_rates_times_the_time_between_reports(metrics: TakenMetrics) -> None:
     labels = {"service": "pui", "topic": RAY.key, "direction": "in"}
-    metrics.set_service("pui", True)
+    metrics.state.set_service("pui", True)
     scrape = Scrape(metrics)
     for seq, expected in ((1, 50.0), (2, 100.0), (4, 200.0)):  # the third report is lost
-        metrics.take("pui", health("pui", seq, keys=(key(RAY.key, rate_hz=50.0),)))
+        metrics.hear("pui", health("pui", seq, keys=(key(RAY.key, rate_hz=50.0),)))
         assert scrape.value("pointit_messages_total", **labels) == expected
 
 
-def test_discarded_messages_of_all_people_are_summed_by_reason(metrics: SiteMetrics) -> None:
+def test_discarded_messages_of_all_people_are_summed_by_reason(metrics: TakenMetrics) -> None:
     for user in ("anna", "ben"):
-        metrics.set_service(f"pointing.{user}", True)
-        metrics.take(f"pointing.{user}", health(f"pointing.{user}", keys=(key(RAY.key, lost=2, dropped=3),)))
+        metrics.state.set_service(f"pointing.{user}", True)
+        metrics.hear(f"pointing.{user}", health(f"pointing.{user}", keys=(key(RAY.key, lost=2, dropped=3),)))
     scrape = Scrape(metrics)
     of = {"service": "pointing", "topic": RAY.key}
     assert scrape.value("pointit_discarded_messages_total", **of, reason="lost") == 4
@@ -106,13 +115,13 @@ def durations(*values_s: float) -> Quantiles:
     return reported
 
 
-def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metrics: SiteMetrics) -> None:
+def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metrics: TakenMetrics) -> None:
     for user, values_s in (("anna", (0.004, 0.05, 9.0)), ("ben", (0.03,)), ("anna", (0.0501,))):
-        metrics.set_service(f"pointing.{user}", True)
-        metrics.take(f"pointing.{user}", health(f"pointing.{user}", latency=durations(*values_s)))
+        metrics.state.set_service(f"pointing.{user}", True)
+        metrics.hear(f"pointing.{user}", health(f"pointing.{user}", latency=durations(*values_s)))
     uncounted = (Quantiles(p50_s=0.001, p99_s=0.002, counts=counts) for counts in ((), (1, 2)))
     for seq, latency in enumerate((None, *uncounted), 2):  # nothing was measured, or in other buckets
-        metrics.take("pointing.ben", health("pointing.ben", seq, latency=latency))
+        metrics.hear("pointing.ben", health("pointing.ben", seq, latency=latency))
     scrape = Scrape(metrics)
     buckets = {
         bound: scrape.value("pointit_latency_seconds_bucket", service="pointing", le=str(bound))
@@ -125,51 +134,51 @@ def test_durations_of_all_reports_and_services_of_a_kind_are_one_histogram(metri
     assert scrape.value("pointit_step_seconds_count", service="pointing") is None
 
 
-def test_a_clock_that_was_set_back_does_not_lower_the_sum(metrics: SiteMetrics) -> None:
-    metrics.set_service("pui", True)
+def test_a_clock_that_was_set_back_does_not_lower_the_sum(metrics: TakenMetrics) -> None:
+    metrics.state.set_service("pui", True)
     scrape = Scrape(metrics)
     for values_s, count, sum_s in (((0.5,), 1, 0.5), ((-3.0,), 2, 0.5), ((0.25,), 3, 0.75)):
-        metrics.take("pui", health("pui", latency=durations(*values_s)))
+        metrics.hear("pui", health("pui", latency=durations(*values_s)))
         assert scrape.value("pointit_latency_seconds_count", service="pui") == count
         assert scrape.value("pointit_latency_seconds_sum", service="pui") == pytest.approx(sum_s)
 
 
-def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: SiteMetrics) -> None:
+def test_sigmas_of_a_pose_are_those_of_its_covariance(metrics: TakenMetrics) -> None:
     # 0.3 m along the diagonal of the floor, 0.1 m across, 0.05 rad
     along, across = 0.3**2, 0.1**2
     xx, xy = (along + across) / 2.0, (along - across) / 2.0
     covariance = (xx, xy, 0.0, xy, xx, 0.0, 0.0, 0.0, 0.05**2)
-    metrics.take("anna", UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, covariance=covariance))
+    metrics.hear("anna", UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0, covariance=covariance))
     scrape = Scrape(metrics)
     assert scrape.value("pointit_pose_yaw_sigma_radians", user="anna") is None  # she is not there yet
-    metrics.set_person("anna", True)
+    metrics.state.set_person("anna", True)
     assert scrape.value("pointit_people") == 1
     assert scrape.value("pointit_pose_position_sigma_meters", user="anna") == pytest.approx(0.3)
     assert scrape.value("pointit_pose_yaw_sigma_radians", user="anna") == pytest.approx(0.05)
-    metrics.set_person("anna", False)
+    metrics.state.set_person("anna", False)
     assert scrape.value("pointit_pose_position_sigma_meters", user="anna") is None
 
 
-def test_localizations_count_when_they_end_and_not_when_heard_again(metrics: SiteMetrics) -> None:
+def test_localizations_count_when_they_end_and_not_when_heard_again(metrics: TakenMetrics) -> None:
     scrape = Scrape(metrics)
     for phase in ("solved", "sampling", "refused", "refused", "sampling", "solved"):
-        metrics.take("anna", Localization.model_validate({"stamp_ns": 1, "phase": phase}))
+        metrics.hear("anna", Localization.model_validate({"stamp_ns": 1, "phase": phase}))
     assert scrape.value("pointit_localizations_total", purpose="pose", result="refused") == 1
     assert scrape.value("pointit_localizations_total", purpose="pose", result="solved") == 1
 
 
-def test_selections_batteries_viewers_and_refusals_are_shown(metrics: SiteMetrics) -> None:
+def test_selections_batteries_viewers_and_refusals_are_shown(metrics: TakenMetrics) -> None:
     for _ in range(2):
-        metrics.take("", SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
-    metrics.set_person("anna", True)
+        metrics.hear("", SelectionEvent(stamp_ns=1, event="selected", object_id="a", user="anna"))
+    metrics.state.set_person("anna", True)
     for instance, name, value in (
         ("imu-bridge.anna", "battery", 25.0),
         ("web", "viewers", 3.0),
         ("router", "refused", 7.0),
         ("router-hall", "refused", 2.0),  # of another machine
     ):
-        metrics.set_service(instance, True)
-        metrics.take(instance, health(instance, figures=(Figure(name=name, value=value),)))
+        metrics.state.set_service(instance, True)
+        metrics.hear(instance, health(instance, figures=(Figure(name=name, value=value),)))
     scrape = Scrape(metrics)
     assert scrape.value("pointit_selection_events_total", result="selected") == 2
     assert scrape.value("pointit_battery_ratio", user="anna") == 0.25
@@ -178,17 +187,17 @@ def test_selections_batteries_viewers_and_refusals_are_shown(metrics: SiteMetric
 
 
 def test_invented_names_do_not_make_series_without_end(
-    metrics: SiteMetrics, monkeypatch: pytest.MonkeyPatch
+    metrics: TakenMetrics, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "MAX_INSTANCES", 10)
     monkeypatch.setattr(module, "MAX_USERS", 10)
     latency = durations(0.001, 0.002)
     for number in range(100):
         instance, user = f"made-up-{number}", f"u{number}"
-        metrics.set_service(instance, True)
-        metrics.set_person(user, True)
-        metrics.take(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),), latency=latency))
-        metrics.take(user, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
+        metrics.state.set_service(instance, True)
+        metrics.state.set_person(user, True)
+        metrics.hear(instance, health(instance, keys=(key(f"made/up/{number}", lost=1),), latency=latency))
+        metrics.hear(user, UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
     families = {family.name: family for family in metrics.collect()}
     assert len(families["pointit_service_present"].samples) == 10
     assert len(families["pointit_pose_yaw_sigma_radians"].samples) == 10
@@ -198,7 +207,7 @@ def test_invented_names_do_not_make_series_without_end(
 
 
 def test_people_who_left_take_no_place_of_those_who_are_there(
-    metrics: SiteMetrics, monkeypatch: pytest.MonkeyPatch
+    metrics: TakenMetrics, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "MAX_USERS", 3)
     pose = UserPose(stamp_ns=1, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)
@@ -208,14 +217,14 @@ def test_people_who_left_take_no_place_of_those_who_are_there(
 
     def arrive(user: str) -> None:
         for message in (pose, solving, solved):
-            metrics.take(user, message)
+            metrics.hear(user, message)
 
-    metrics.set_person("anna", True)
+    metrics.state.set_person("anna", True)
     arrive("anna")
     for number in range(10):  # messages of people whose presence has ended
         arrive(f"u{number}")
     arrive("ben")  # a pose may come before the presence
-    metrics.set_person("ben", True)
+    metrics.state.set_person("ben", True)
     scrape = Scrape(metrics)
     for user in ("anna", "ben"):
         assert scrape.value("pointit_pose_yaw_sigma_radians", user=user) == 0.0
@@ -223,10 +232,10 @@ def test_people_who_left_take_no_place_of_those_who_are_there(
     assert scrape.value("pointit_localizations_total", purpose="pose", result="solved") == 13
 
 
-def test_the_text_is_what_parsers_of_both_formats_take(metrics: SiteMetrics) -> None:
-    metrics.set_service("pui", True)
+def test_the_text_is_what_parsers_of_both_formats_take(metrics: TakenMetrics) -> None:
+    metrics.state.set_service("pui", True)
     quantiles = durations(0.001, 0.002)
-    metrics.take("pui", health("pui", keys=(key(CURSOR.key, "out", rate_hz=50.0),), latency=quantiles))
+    metrics.hear("pui", health("pui", keys=(key(CURSOR.key, "out", rate_hz=50.0),), latency=quantiles))
     content, media_type = exposition(metrics, OPEN_METRICS)
     assert media_type.startswith("application/openmetrics-text")
     parser: Any = importlib.import_module("prometheus_client.openmetrics.parser")  # untyped

@@ -278,7 +278,7 @@ PROCESSES: list[Process] = [
         reads=(
             topics.IMU, topics.BUTTON, topics.PROFILE, topics.RAY, topics.POSE, topics.CURSOR, topics.HOVER,
             topics.INTERACTION, topics.GOAL, topics.STEERING, topics.MAP, topics.OBJECTS, topics.ROBOT_STATE,
-            topics.ROBOT_PLAN, topics.SELECTION, topics.SELECTION_EVENTS, topics.LAMP_COLOR,
+            topics.ROBOT_PLAN, topics.SELECTION, topics.SELECTION_EVENTS, topics.OUTCOMES, topics.LAMP_COLOR,
             topics.STRIPS_FRAME, topics.CONVEYOR_STATE, topics.CLOCK, topics.HEALTH,
         ),
         writes=(

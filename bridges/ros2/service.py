@@ -21,6 +21,7 @@ from pointit.bridges.ros2.routing.site import Site
 from pointit.bridges.ros2.trackers import tracker_routes
 from pointit.bridges.ros2.types.types import Types
 from pointit.runtime.service.service import Context, Scope, Service
+from pointit.schemas.topics import OUTCOMES
 from pointit.site.following import follow_site
 from pointit.site.site_state import Change, SiteState
 
@@ -106,7 +107,7 @@ class Ros2(Service[Ros2Config]):
                 on_service=functools.partial(self._on_service, outbox, ros_users),
             )
             now_s = asyncio.get_running_loop().time
-            topics = dict.fromkeys((*outbox.topics, *INPUT_TOPICS))
+            topics = dict.fromkeys((*outbox.topics, *INPUT_TOPICS, OUTCOMES))
             for watch in follow_site(site_state, self.bus, now_s, topics):
                 stack.callback(watch.close)  # before leaving the graph, which takes a while
             self.bus.call_later(NOTED_S, functools.partial(_note, backend))

@@ -7,6 +7,7 @@ The bus does not report that a message has lost its writer. All that show a site
 - The things of a carrier of acts end with it.
 - States return with their person or writer, who do not repeat them. A new process replaces them at its start.
 - Late messages of people and services that have left are not shown.
+- Selection events with carriers are shown when these have told the result: a failed one as refused.
 - Trackers, which anybody may be, end when they are silent. A deployment without services is over. Rooms stay.
 
 Whose presence was never seen counts as present. Times in seconds are of any monotonic clock.
@@ -17,9 +18,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
-from pointit.schemas import Deployment, Message
+from pointit.schemas import ActOutcome, Deployment, Message, SelectionEvent
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import ACCOUNTS, DEPLOYMENT, MAP, OBJECTS, THING_STATES, Delivery, Topic
+from pointit.schemas.topics import (
+    ACCOUNTS,
+    DEPLOYMENT,
+    MAP,
+    OBJECTS,
+    SELECTION_EVENTS,
+    THING_STATES,
+    Delivery,
+    Topic,
+)
 from pointit.services.registry import PROCESSES, present_writers
 
 M = TypeVar("M", bound=Message)
@@ -57,6 +67,35 @@ def is_personal(topic: Topic[Any]) -> bool:
     return topic.placeholder == "user" and topic.delivery is not Delivery.EVENT
 
 
+class ActResults:
+    """Selection events whose carriers have told the result: what people did, not what they tried."""
+
+    def __init__(self) -> None:
+        self._pending: OrderedDict[tuple[str, int], tuple[SelectionEvent, bool]] = OrderedDict()
+        """By object and stamp: events without a final outcome, and whether each is told as started."""
+
+    @property
+    def pending(self) -> int:
+        """Return the number of events without a final outcome, at most `MAX_FORMER`."""
+        return len(self._pending)
+
+    def take(self, message: SelectionEvent | ActOutcome) -> SelectionEvent | None:
+        """Return the event to show now, which has no carriers any more, or None if there is none."""
+        if isinstance(message, ActOutcome):
+            key = message.object_id, message.event_ns
+            event, has_started = self._pending.pop(key, (None, True))
+            if event is None:
+                return None
+            if message.result == "started":
+                self._pending[key] = event, True
+            if message.result == "failed":
+                return event.model_copy(update={"event": "refused", "reason": message.text, "carriers": ()})
+            return None if has_started else event.model_copy(update={"carriers": ()})
+        if message.carriers:
+            _remember(self._pending, (message.object_id, message.stamp_ns), (message, False))
+        return None if message.carriers or message.takes_back else message
+
+
 class SiteState:
     """Newest messages of a site, without those that are no longer valid."""
 
@@ -81,6 +120,7 @@ class SiteState:
         self._on_person, self._on_service = on_person or _ignore, on_service or _ignore
         self._max_keys = max_keys
         self._size = 0
+        self.act_results = ActResults()
         self._messages: dict[Topic[Any], dict[str, Message]] = {}
         self._received_s: dict[Key, float] = {}
         self._services: set[str] = set()
@@ -127,7 +167,7 @@ class SiteState:
     def take(self, topic: Topic[Any], name: str, message: Message, now_s: float) -> bool:
         """Store a message. Return False if there is no room for its key."""
         if topic.delivery is Delivery.EVENT:
-            self._on_change(Change(topic, name, message))
+            self._show_event(topic, name, message)
             return True
         if isinstance(message, Deployment):
             message = message.believed(name)
@@ -214,6 +254,12 @@ class SiteState:
         for name in list(self.all(OBJECTS)):
             if now_s - self._received_s[OBJECTS, name] > MAX_TRACKER_AGE_S:
                 self.forget(OBJECTS, name)
+
+    def _show_event(self, topic: Topic[Any], name: str, message: Message) -> None:
+        if not isinstance(message, SelectionEvent):
+            self._on_change(Change(topic, name, message))
+        if isinstance(message, SelectionEvent | ActOutcome) and (event := self.act_results.take(message)):
+            self._on_change(Change(SELECTION_EVENTS, name, event))
 
     def _is_invalid(self, topic: Topic[Any], name: str) -> bool:
         if topic in ACCOUNTS:

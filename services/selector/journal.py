@@ -81,7 +81,7 @@ SHRINK = [
 """Delete the oldest refusals, which anybody can cause, or the oldest events of what is not selected now."""
 RECENT = (
     f"SELECT {COLUMNS} FROM events WHERE stamp_ns >= ? AND seq IS NOT NULL AND event <> 'left' "  # noqa: S608 - see above
-    "AND id NOT IN (SELECT id FROM acts) ORDER BY id DESC LIMIT ?"
+    f"AND reason NOT LIKE '{NOT_DONE}%' AND id NOT IN (SELECT id FROM acts) ORDER BY id DESC LIMIT ?"
 )
 
 record_of = TypeAdapter(Record, config=ConfigDict(strict=True)).validate_python
@@ -92,7 +92,7 @@ SQLite has no checksums."""
 def recent(path: Path, last: int, *, since_ns: int = 0) -> list[Record]:
     """Return the last `last` records that were published, not before `since_ns`, the oldest first.
 
-    Acts are among them when their carriers have told the result.
+    Acts are among them when their carriers have told that they are done.
 
     Raises:
         sqlite3.Error: If the file cannot be read.

@@ -13,6 +13,7 @@ from pointit.bridges.web.wire import Lane, LaneKind, Timeline
 from pointit.recording.entries import AnyRow, Body, Entry
 from pointit.schemas import (
     NS_PER_S,
+    ActOutcome,
     Deployment,
     Health,
     Hover,
@@ -27,6 +28,7 @@ from pointit.schemas import (
 from pointit.schemas.system import instance_of
 from pointit.schemas.topics import ROBOT_STATE, SERVICE_ALIVE, USER_ALIVE, Delivery, Presence, Topic
 from pointit.services.registry import SHOWN, person_of
+from pointit.site.site_state import ActResults
 
 SHOWN_ROWS: tuple[Topic[Any] | Presence, ...] = (*SHOWN, SERVICE_ALIVE, USER_ALIVE)
 """Rows of the topic table that pages need."""
@@ -129,6 +131,7 @@ class Lanes:
         """When each person left, or infinity while they are present."""
         self._gone: deque[tuple[int, str]] = deque(maxlen=MAX_ITEMS)
         """Time and name of services that have left lately."""
+        self._act_results = ActResults()
         self._objects: dict[str, TrackedObjects] = {}
         self._wanted: dict[str, tuple[str, ...]] = {}
         """Kinds of objects to select, by deployment."""
@@ -144,8 +147,8 @@ class Lanes:
         elif isinstance(body, Hover):
             if body.object_id or ("hover", name, "") in self._open:
                 self._set("hover", name, "", self._called(body.object_id), at_ns)
-        elif isinstance(body, SelectionEvent):
-            self._on_event(body, at_ns)
+        elif isinstance(body, SelectionEvent | ActOutcome):
+            self._on_event(self._act_results.take(body), at_ns)
         elif isinstance(body, Health):
             problems = [each for each in body.all_problems if each.severity == "warning"]
             text = f"{name}: {'; '.join(each.sentence for each in problems)}" if problems else ""
@@ -206,7 +209,9 @@ class Lanes:
             self._close("", name, at_ns)
             self._gone.append((at_ns, name))
 
-    def _on_event(self, event: SelectionEvent, at_ns: int) -> None:
+    def _on_event(self, event: SelectionEvent | None, at_ns: int) -> None:
+        if event is None:
+            return
         what = self._called(event.object_id, event.kind)
         wanted = {kind for kinds in self._wanted.values() for kind in kinds}
         is_wanted = not event.kind or not wanted or event.kind in wanted

@@ -6,7 +6,7 @@ An object that left at a bay counts for the person it was sent there for, whatev
 import math
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -43,8 +43,6 @@ MAX_OBJECTS = 10_000
 """Objects stored individually. Beyond that, the oldest are only counted."""
 MAX_TRACKERS = 64
 """Trackers stored. Beyond that, the one that has been silent longest is dropped."""
-MAX_ACTS = 256
-"""Acts without an outcome that are stored. Beyond that, the oldest is dropped."""
 MAX_FAILURES = 20
 """Last failures of acts in the summary. Earlier ones are only counted."""
 RECENT = 64
@@ -249,8 +247,8 @@ class Monitor:
     cues: dict[str, str] = field(default_factory=dict[str, str])
     """Text of the last refusal cue by person, until they try again; the selector also refuses."""
     events: deque[str] = field(default_factory=lambda: deque(maxlen=LINES))
-    acts: Counter[str] = field(default_factory=Counter[str])
-    """Number of acts by their last result: started, done, failed."""
+    _results: Counter[str] = field(default_factory=Counter[str])
+    """Number of final outcomes of acts: done, failed."""
     failures: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_FAILURES))
     """Sentences on the last acts that failed."""
     latency: Latency = field(default_factory=Latency)
@@ -267,12 +265,6 @@ class Monitor:
     """Wall time of the first light on the strips: everything runs."""
     _light_hz: dict[str, tuple[float, int]] = field(default_factory=dict[str, tuple[float, int]])
     """Sum and number of the frame rates that each controller's port reported."""
-    _pending: dict[tuple[str, int], SelectionEvent] = field(
-        default_factory=dict[tuple[str, int], SelectionEvent]
-    )
-    """Events without a final outcome, by object and stamp."""
-    _started: set[tuple[str, int]] = field(default_factory=set[tuple[str, int]])
-    """Those of which it was shown that they have started."""
     _listening: list[Closable] = field(default_factory=list[Closable])
 
     def __post_init__(self) -> None:
@@ -315,6 +307,12 @@ class Monitor:
         """Unsubscribe; received data stays."""
         while self._listening:
             self._listening.pop().close()
+
+    @property
+    def acts(self) -> Mapping[str, int]:
+        """Number of acts by their last result: started, done, failed. Empty without acts."""
+        started = self.site.act_results.pending
+        return {"started": started, **self._results} if started or self._results else {}
 
     def people(self) -> list[str]:
         """Return the people whose activity is shown."""
@@ -378,33 +376,13 @@ class Monitor:
         for watcher in self.watchers:
             watcher.on_map(environment)
 
-    def _on_event(self, event: SelectionEvent, *_: object) -> None:
-        if event.carriers:
-            self.acts["started"] += 1
-            self._pending[event.object_id, event.stamp_ns] = event
-            if len(self._pending) > MAX_ACTS:
-                del self._pending[next(iter(self._pending))]
-        elif not event.takes_back:
-            self._show_event(event)
-
     def _on_outcome(self, outcome: ActOutcome, *_: object) -> None:
-        """Show an event when its carriers have told the result."""
-        key = outcome.object_id, outcome.event_ns
-        event = self._pending.get(key)
-        if event is None:
-            return
+        if outcome.result != "started":
+            self._results[outcome.result] += 1
         if outcome.result == "failed":
             self.failures.append(f"{outcome.kind or outcome.object_id}: {outcome.text}")
-            event = event.model_copy(update={"event": "refused", "reason": outcome.text})
-        if outcome.result != "started":
-            del self._pending[key]
-            self.acts[outcome.result] += 1
-            self.acts["started"] -= 1
-        if event.event == "refused" or key not in self._started:
-            self._show_event(event)
-        (self._started.add if outcome.result == "started" else self._started.discard)(key)
 
-    def _show_event(self, event: SelectionEvent) -> None:
+    def _on_event(self, event: SelectionEvent, *_: object) -> None:
         self.score.on_event(event)
         if event.event == "deselected" and not (event.cause or event.reason):
             return  # a button is over

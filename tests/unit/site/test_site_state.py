@@ -4,7 +4,17 @@ from typing import Any
 
 import pytest
 
-from pointit.schemas import Configuration, Cursor, Health, Message, Selection, UserPose
+from pointit.schemas import (
+    ActOutcome,
+    Configuration,
+    Cursor,
+    Health,
+    Message,
+    Selection,
+    SelectionEvent,
+    ThingStates,
+    UserPose,
+)
 from pointit.schemas.topics import (
     ANNOUNCED,
     CONFIGURATION,
@@ -19,11 +29,14 @@ from pointit.schemas.topics import (
     LOCALIZATION,
     MAP,
     OBJECTS,
+    OUTCOMES,
     POSE,
     PROFILE,
     SELECTION,
+    SELECTION_EVENTS,
     STEERING,
     STRIPS_FRAME,
+    THING_STATES,
     Topic,
 )
 from pointit.services.registry import SHOWN
@@ -172,3 +185,48 @@ def test_of_names_without_end_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -
     assert put(site, POSE, "user0", POSED), "forgotten that they have left"
     site.set_person("user9", True)
     assert site.get(POSE, "user9") == POSED
+
+
+def acted(result: str = "", **fields: object) -> SelectionEvent | ActOutcome:
+    """Return an act of anna on the lamp, or its outcome."""
+    usual = {"stamp_ns": 5, "event": "selected", "object_id": "lamp", "user": "anna"}
+    if result:
+        return ActOutcome.model_validate(usual | {"stamp_ns": 9, "event_ns": 5, "result": result} | fields)
+    return SelectionEvent.model_validate(usual | {"carriers": ("home",)} | fields)
+
+
+@pytest.mark.parametrize(
+    ("results", "told", "pending"),
+    [
+        ([], [], 1),
+        (["done"], [("selected", "")], 0),
+        (["started", "done"], [("selected", "")], 0),
+        (["failed"], [("refused", "no power")], 0),
+        (["started", "failed"], [("selected", ""), ("refused", "no power")], 0),
+        (["done", "done"], [("selected", "")], 0),
+    ],
+)
+def test_an_act_is_told_when_its_carriers_have_told_the_result(
+    site: SiteState, changes: list[Change], results: list[str], told: list[tuple[str, str]], pending: int
+) -> None:
+    put(site, SELECTION_EVENTS, "", acted())
+    for result in results:
+        put(site, OUTCOMES, "", acted(result, text="no power" if result == "failed" else ""))
+    if "failed" in results:
+        put(site, SELECTION_EVENTS, "", acted(event="deselected", reason="not done: no power", carriers=()))
+    events = [each.message for each in changes if isinstance(each.message, SelectionEvent)]
+    assert [(each.event, each.reason) for each in events] == told
+    assert all((each.stamp_ns, each.carriers) == (5, ()) for each in events)
+    assert [each.topic for each in changes if each.topic is OUTCOMES] == [OUTCOMES] * len(results)
+    assert site.act_results.pending == pending
+
+
+def test_the_things_of_a_carrier_end_and_return_with_it(site: SiteState, changes: list[Change]) -> None:
+    put(site, THING_STATES, "home", ThingStates(stamp_ns=1))
+    site.set_carrier("home", True)
+    site.set_carrier("home", False)
+    assert gone(changes) == {(THING_STATES.key, "home")}
+    put(site, THING_STATES, "home", ThingStates(stamp_ns=2))
+    assert site.get(THING_STATES, "home") is None, "it is late, or its new process is not known yet"
+    site.set_carrier("home", True)
+    assert site.get(THING_STATES, "home") == ThingStates(stamp_ns=2)

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pointit.schemas import NS_PER_S, Cursor, Hover, SelectionEvent, TrackedObjects
+from pointit.schemas import NS_PER_S, ActOutcome, Cursor, Hover, SelectionEvent, TrackedObjects
 from pointit.schemas.base import SchemaModel
 
 GAP_S = 0.3
@@ -105,6 +105,8 @@ class ActDetector:
         self._cursors: dict[str, Cursor] = {}
         self._objects: dict[str, TrackedObjects] = {}
         self._selected: dict[str, SelectionCsvRow] = {}
+        self._pending: dict[tuple[str, int], SelectionCsvRow | None] = {}
+        """Events without the final result of their carriers: selection that is over, by object and stamp."""
         self.acts: list[PointingAct] = []
         """Acts that are over."""
         self.selections: list[SelectionCsvRow] = []
@@ -143,6 +145,8 @@ class ActDetector:
     def on_event(self, event: SelectionEvent) -> None:
         """Note what came of an act, and begin or end a selection."""
         act = None
+        if event.carriers and len(self._pending) < MAX_SELECTED:
+            self._pending[event.object_id, event.stamp_ns] = None
         if event.event in ("selected", "deselected", "refused") and event.cause in ("", "dwell", "button"):
             act = self._open_act(event)
         if event.event == "selected":
@@ -153,12 +157,26 @@ class ActDetector:
         elif event.event != "refused":
             self._close_selection(event)
 
+    def on_outcome(self, outcome: ActOutcome) -> None:
+        """Note the result of an event with carriers: what failed was refused, and selected nothing."""
+        if outcome.result == "started":
+            return
+        key = outcome.object_id, outcome.event_ns
+        row = self._pending.pop(key, None)
+        if outcome.result == "failed":
+            for act in (*self._acts.values(), *self._ended_acts.values()):
+                if act.event is not None and (act.event.object_id, act.event.stamp_ns) == key:
+                    act.event = act.event.model_copy(update={"event": "refused"})
+        if row is not None:
+            failed = {"ended_by": "failed"} if outcome.result == "failed" else {}
+            self.selections.append(row.model_copy(update=failed))
+
     def end(self) -> None:
         """End everything: the recording is over."""
         for user in {**self._acts, **self._ended_acts}:
             self._end(user)
             self._write(user)
-        self.selections += self._selected.values()
+        self.selections += (*filter(None, self._pending.values()), *self._selected.values())
         self._selected.clear()
 
     def _begin(self, user: str, object_id: str, now_ns: int) -> _OpenAct:
@@ -221,7 +239,11 @@ class ActDetector:
             "kept_s": (event.stamp_ns - row.selected_ns) / NS_PER_S,
             "bay": event.bay,
         }
-        self.selections.append(row.model_copy(update=changes))
+        row = row.model_copy(update=changes)
+        if (key := (row.object_id, row.selected_ns)) in self._pending:
+            self._pending[key] = row
+        else:
+            self.selections.append(row)
 
     def _write(self, user: str) -> None:
         """Collect the row of the person's last act: it cannot change any more."""

@@ -24,7 +24,17 @@ from pointit.recording.entries import Entry
 from pointit.runtime.config.validation_message import format_value
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
-from pointit.schemas import NS_PER_S, Cursor, ImuSample, Message, SelectionEvent, TrackedObjects, UserPose
+from pointit.schemas import (
+    NS_PER_S,
+    ActOutcome,
+    Cursor,
+    ImuSample,
+    Message,
+    SelectionEvent,
+    TrackedObjects,
+    UserPose,
+)
+from pointit.site.site_state import ActResults
 
 MISSING = "n/a"
 """Missing value of BIDS."""
@@ -273,6 +283,7 @@ class _RecordedMotion:
     def __init__(self) -> None:
         self._tables: dict[tuple[str, str], BidsTable] = {}
         """By person, or `""` for trackers of objects, and label of the tracking system."""
+        self._act_results = ActResults()
         self._events: list[SelectionEvent] = []
         self.people: set[str] = set()
         self.left_out: Counter[str] = Counter()
@@ -291,8 +302,9 @@ class _RecordedMotion:
                 self._add(name, "cursor", message.stamp_ns, _cells("cursor", "POS", message.point_m, "m"))
             case TrackedObjects():
                 self._add_objects(name, message)
-            case SelectionEvent():
-                self._events.append(message)
+            case SelectionEvent() | ActOutcome():
+                event = self._act_results.take(message)
+                self._events += [] if event is None else [event]
             case Message():
                 self.left_out[entry.row.key] += 1
             case _:

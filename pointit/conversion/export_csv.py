@@ -22,6 +22,7 @@ from pointit.recording.entries import Entry, Exchange
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import (
     NS_PER_S,
+    ActOutcome,
     Cursor,
     Hover,
     Message,
@@ -271,6 +272,7 @@ FILES = {
     topics.GOAL.key: "goals.csv",
     topics.OBJECTS.key: "objects.csv",
     topics.SELECTION_EVENTS.key: "events.csv",
+    topics.OUTCOMES.key: "outcomes.csv",
     topics.LAMP_COLOR.key: "lamps.csv",
     topics.CONVEYOR_STATE.key: "conveyor.csv",
 }
@@ -376,6 +378,8 @@ class _Export:
                 self._detector.on_objects(name, message)
             case SelectionEvent():
                 self._detector.on_event(message)
+            case ActOutcome():
+                self._detector.on_outcome(message)
             case _:
                 return
         self._write_acts()

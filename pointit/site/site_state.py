@@ -72,7 +72,7 @@ class ActResults:
 
     def __init__(self) -> None:
         self._pending: OrderedDict[tuple[str, int], tuple[SelectionEvent, bool]] = OrderedDict()
-        """By object and stamp: events without a final outcome, and whether each is told as started."""
+        """By object and stamp: events without a final outcome, and whether each was shown as started."""
 
     @property
     def pending(self) -> int:

@@ -17,7 +17,7 @@ from pointit.recording import container
 from pointit.recording.entries import Entry, Exchange
 from pointit.recording.reader import Recording
 from pointit.runtime.errors import ConfigError
-from pointit.schemas import Cursor, Hover, SelectionEvent, TrackedObject, TrackedObjects, topics
+from pointit.schemas import ActOutcome, Cursor, Hover, SelectionEvent, TrackedObject, TrackedObjects, topics
 from tests.unit.conversion.session import BEGAN_NS, at, said, write
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
@@ -320,6 +320,20 @@ def test_a_selection_has_the_pointing_before_it_and_its_end() -> None:
     assert (row.user, row.object_id, row.object_kind, row.cause) == ("anna", "a", "red", "dwell")
     assert (row.selected_s, row.pointed_s, row.kept_s) == (1.5, 0.5, 2.5)
     assert (row.ended_by, row.ended_s, row.ended_user) == ("deselected", 4.0, "ben")
+
+
+@pytest.mark.parametrize("result", ["done", "failed"])
+def test_an_act_and_its_selection_have_the_result_of_the_carriers(result: str) -> None:
+    found = ActDetector(BEGAN_NS)
+    hover(found, 1.0, 1.5, "a")
+    found.on_event(happened(1.5, "selected", "a", carriers=("home",)))
+    found.on_event(happened(2.1, "deselected", "a"))
+    assert found.selections == [], "its result is not known"
+    told = {"stamp_ns": at(3.0), "event_ns": at(1.5), "event": "selected", "object_id": "a", "result": result}
+    found.on_outcome(ActOutcome.model_validate(told))
+    found.end()
+    assert found.acts[0].outcome == {"done": "selected", "failed": "refused"}[result]
+    assert only_selection(found).ended_by == {"done": "deselected", "failed": "failed"}[result]
 
 
 def test_a_dispatched_object_has_its_bay() -> None:

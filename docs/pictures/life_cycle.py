@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import TypeVar
 
 from pointit.services.supervisor.transitions import TABLE, Condition, Event, Stage, Transition
 
@@ -27,20 +27,12 @@ STAGES: Mapping[Stage, str] = {
 }
 
 EVENTS: Mapping[Event, str] = {
-    "press": "a short press of the button",
-    "double": "a double press",
-    "hold": "the button is held",
     "sample": "a timely sample of the wrist",
-    "target": "the localizer names a target or a queue",
     "found": "the localizer has found or corrected the pose",
     "refused": "the localizer found no pose",
-    "cancelled": "the attempt was cancelled elsewhere",
-    "restarted": "the localizer does not know the attempt",
     "lost": "the localizer does something else",
     "rejected": "the localizer rejected the request",
     "recovered": "a localization that an earlier supervisor requested continues",
-    "anchor requested": "another client requested an anchor",
-    "pose requested": "another client requested a localization",
     "silent": "nothing was heard from the wrist for `imu_timeout_s`",
     "timeout": "no further target within `localization_timeout_s`",
 }
@@ -48,8 +40,6 @@ EVENTS: Mapping[Event, str] = {
 CONDITIONS: Mapping[Condition, str] = {
     "must localize": "`localize`, and no pose is known or `relocalize_each_time`",
     "localizes": "`localize`",
-    "no pose": "no pose is known",
-    "has pose": "a pose is known",
     "press ends": "`press_while_pointing` is `ends`",
     "may start": "`autostart`, not forbidden, and no delay runs",
     "may resume": "pointing was interrupted within `resume_s`, and the pose is still known",
@@ -65,9 +55,9 @@ def page() -> str:
             *diagram(),
             "```",
             "",
-            *legend("stage", get_args(Stage), STAGES),
-            *legend("event", get_args(Event), EVENTS),
-            *legend("condition", get_args(Condition), CONDITIONS),
+            *legend("stage", STAGES),
+            *legend("event", EVENTS),
+            *legend("condition", CONDITIONS),
         ]
     )
 
@@ -96,9 +86,9 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
         yield f"| {' | '.join(cells)} |"
 
 
-def legend(name: str, words: Iterable[W], meanings: Mapping[W, str]) -> Iterator[str]:
-    """Yield the lines of a table that explains `words`."""
-    yield from (*table((name, "meaning"), ((word, meanings[word]) for word in words)), "")
+def legend(name: str, meanings: Mapping[W, str]) -> Iterator[str]:
+    """Yield the lines of a table that explains words."""
+    yield from (*table((name, "meaning"), meanings.items()), "")
 
 
 def _listed(words: Iterable[str]) -> str:

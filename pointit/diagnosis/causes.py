@@ -7,6 +7,7 @@ explains is not a problem of its own.
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from pointit.diagnosis.missing_services import (
     CHAIN,
@@ -55,14 +56,14 @@ def unreachable(
     where = ", ".join(connect)
     if not is_refused and (pid := next((each.pid for each in stopped if each.may_route), 0)):
         sentence = f"the router at {where} does not answer: process {pid} is stopped (Ctrl-Z or SIGSTOP)"
-        return replace(_finding(sentence, CONTINUE.format(pid=pid)), code="stopped")
+        return _unreachable(sentence, CONTINUE.format(pid=pid), "stopped")
     if rejection:
-        return replace(_finding(rejection, ""), code="denied")
+        return _unreachable(rejection, "", "denied")
     if not is_refused:
-        return _finding(
+        return _unreachable(
             f"the router at {where} does not answer", f"{AGAIN}; or give another address by --connect"
         )
-    return _finding(
+    return _unreachable(
         f"nothing runs at {where}",
         "start its router with `pointit router`, or give its address by --connect"
         if is_secured
@@ -71,31 +72,14 @@ def unreachable(
     )
 
 
-def find_lost_router(findings: Sequence[Finding], seen: Observation) -> Finding | None:
-    """Return the finding of a lost router, if services say that they have lost it."""
-    outage = _outage(findings, seen)
-    if outage is None or outage.remedy != AGAIN:
-        return None
-    finding = _finding(outage.sentence, outage.remedy)
-    is_error = any(each.code in GONE and each.severity == "error" for each in findings)
-    # else what it cannot reach is not expected here
-    return finding if is_error else replace(finding, severity="warning")
-
-
-def find_mass_outage(findings: Sequence[Finding], seen: Observation) -> Finding | None:
-    """Return the finding of most services of the site that are gone together."""
-    outage = _outage(findings, seen)
-    return None if outage is None else _finding(outage.sentence, outage.remedy)
-
-
 def _outage(findings: Sequence[Finding], seen: Observation) -> Outage | None:
     gone = {each.service for each in findings if each.code in GONE}
     lost_router = next((each.subject for each in findings if each.problem == ROUTER_LOST), "")
     return find_outage(seen.present | seen.expected.keys() | gone, gone, lost_router)
 
 
-def _finding(sentence: str, remedy: str) -> Finding:
-    return Finding("error", "unreachable", "", sentence, remedy)
+def _unreachable(sentence: str, remedy: str, code: Code = "unreachable") -> Finding:
+    return Finding("error", code, "", sentence, remedy)
 
 
 def find_consequences(services: Collection[str], seen: Observation) -> Callable[[Finding], bool]:
@@ -215,10 +199,16 @@ def may_pass(finding: Finding) -> bool:
 
 
 def _lost_router(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    if finding := find_lost_router(symptoms, seen):
-        yield Cause(
-            finding, lambda each: each.code in (*GONE, "stale", "no-cursor") or each.problem == ROUTER_LOST
-        )
+    """Explain services that are out of reach by the router that services say they have lost."""
+    outage = _outage(symptoms, seen)
+    if outage is None or outage.remedy != AGAIN:
+        return
+    is_error = any(each.code in GONE and each.severity == "error" for each in symptoms)
+    severity: Severity = "error" if is_error else "warning"  # what it cannot reach is not expected here
+    finding = replace(_unreachable(outage.sentence, outage.remedy), severity=severity)
+    yield Cause(
+        finding, lambda each: each.code in (*GONE, "stale", "no-cursor") or each.problem == ROUTER_LOST
+    )
 
 
 def _clock(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
@@ -287,18 +277,15 @@ def _rights(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
         yield _also(_also(cause, follow), is_of_service)
 
 
-def _stopped(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    for finding in stopped_services(symptoms, seen):
-        yield _process_cause(finding, seen)
-
-
-def _ended(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    for finding in gone_processes(symptoms, seen):
-        yield _process_cause(finding, seen)
+def _processes(
+    find: Callable[[Symptoms, Observation], Iterator[Finding]], symptoms: Symptoms, seen: Observation
+) -> Iterator[Cause]:
+    yield from (_process_cause(finding, seen) for finding in find(symptoms, seen))
 
 
 def _mass(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
-    if finding := find_mass_outage(symptoms, seen):
+    if outage := _outage(symptoms, seen):
+        finding = _unreachable(outage.sentence, outage.remedy)
         yield Cause(finding, lambda each: each.code in (*GONE, "stale", "slow", "no-cursor"))
 
 
@@ -424,8 +411,9 @@ def _same_words(symptoms: Symptoms, seen: Observation) -> Iterator[Cause]:
 
 
 EXPLANATIONS: tuple[Explanation, ...] = (
-    _lost_router, _clock, _disk, _rights, _stopped, _blocked, _starved, _ended, _mass, _gone, _unwritten,
-    _no_cursor, _duplicates, _invalid, _late, _same_words,
+    _lost_router, _clock, _disk, _rights, partial(_processes, stopped_services), _blocked, _starved,
+    partial(_processes, gone_processes), _mass, _gone, _unwritten, _no_cursor, _duplicates, _invalid, _late,
+    _same_words,
 )  # fmt: skip
 """From the deepest causes to the nearest."""
 OF_ONE_PERSON: tuple[Explanation, ...] = (

@@ -260,12 +260,12 @@ SELECTION_EVENTS = Topic(
 )
 THING_STATES = Topic(
     key="things/{carrier}", message=selection.ThingStates, delivery=_STATE, rate_hz=None,
-    writers=("reactions", "home-assistant", "cli", "external"),
+    writers=("reactions", "home-assistant", "conveyor-sim", "cli", "external"),
     about="things that a carrier acts on, and their states",
 )
 ACT_RESULTS = Topic(
     key="acts/{carrier}", message=selection.ActResult, delivery=_EVENT, rate_hz=None,
-    writers=("reactions", "home-assistant", "cli", "external"),
+    writers=("reactions", "home-assistant", "conveyor-sim", "cli", "external"),
     about="result of each act that a carrier carried out",
 )
 OUTCOMES = Topic(

@@ -212,8 +212,11 @@ PROCESSES: list[Process] = [
     Process(
         name="conveyor-sim", scope="site",
         about="objects that move on belts, or on strips taken as belts",
-        reads=(topics.MAP, topics.SELECTION),
-        writes=(topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS),
+        reads=(topics.MAP, topics.SELECTION, topics.SELECTION_EVENTS),
+        writes=(
+            topics.OBJECTS, topics.CONVEYOR_STATE, topics.SELECTION_EVENTS, topics.THING_STATES,
+            topics.ACT_RESULTS,
+        ),
         serves=(topics.ADD_PACKAGE, topics.SET_SPEED, topics.SET_FEEDING, topics.RESET_CONVEYOR),
     ),
     Process(

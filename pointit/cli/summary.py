@@ -169,7 +169,8 @@ def summary_lines(summary: Mapping[str, Any], parts: Sequence[DisplayPart] = ())
     if summary.get("refused"):
         times = "once" if summary["refused"] == 1 else f"{summary['refused']} times, at last"
         lines.append(f"Refused {times}: {summary['last_refusal'] or 'no reason given'}.")
-    if acts := summary.get("acts"):
+    acts = summary.get("acts")
+    if acts and (acts.get("failed") or acts.get("started") or not summary["target_kinds"]):
         words = {"failed": "failed", "started": "not ended"}
         others = "".join(f", {acts[name]} {word}" for name, word in words.items() if acts.get(name))
         lines.append(f"Acts: {acts.get('done', 0)} done{others}.")

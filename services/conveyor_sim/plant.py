@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 from pointit.geometry.polyline import Polyline
 from pointit.runtime.config.parameters import set_option
@@ -22,8 +22,6 @@ from pointit.services.conveyor_sim.feeding import END, Feeders, Infeed
 from pointit.services.conveyor_sim.network import BeltRoutes, Network
 from pointit.services.conveyor_sim.tracking import ground_truth_objects
 from pointit.services.conveyor_sim.traffic import LastWay, Package, Traffic
-
-Event = Literal["refused", "left", "dispatched"]
 
 DEPARTURES = 50
 """Largest number of stored departures, which suffices for subscribers that were away."""
@@ -57,15 +55,9 @@ class Dispatch:
         wanted = self._bay_selected if package.user else self._bay_rest
         package.bay = self._routes.best(package.piece, wanted)
 
-    def select(
-        self, owners: Mapping[str, str], packages: Iterable[Package], now_ns: int
-    ) -> list[SelectionEvent]:
-        """Apply the selection. Return an event for each package that is now too late for its bay, once each.
-
-        A late selection changes nothing: the package goes on to its bay for the user of that bay.
-        """
+    def select(self, owners: Mapping[str, str], packages: Iterable[Package]) -> None:
+        """Apply the selection. Where it is too late for a package, that goes on to its bay for its user."""
         self.selected = dict(owners)
-        events: list[SelectionEvent] = []
         for package in packages:
             user = owners.get(package.id, "")
             if not package.bay:
@@ -77,10 +69,6 @@ class Dispatch:
             elif package.refused != wanted:
                 package.refused = wanted
                 self.refused += 1
-                past = f"{package.kind} {package.id} is past its last way to bay {wanted}"
-                reason = f"{past} and goes on to bay {package.bay}"
-                events.append(_event("refused", package, now_ns, user=user or package.user, reason=reason))
-        return events
 
     def until_ns(self, package: Package, now_ns: int) -> int | None:
         """Return the last time at which (de)selecting `package` changes its bay; 0: past, None: no limit."""
@@ -105,7 +93,14 @@ class Dispatch:
             self.departures.append(Departure(object_id=package.id, stamp_ns=now_ns, bay=bay, user=user))
         count, selected = self.counts.get((bay, package.kind), (0, 0))
         self.counts[bay, package.kind] = (count + 1, selected + bool(user))
-        return _event("dispatched" if bay else "left", package, now_ns, user=user, bay=bay)
+        return SelectionEvent(
+            stamp_ns=now_ns,
+            event="dispatched" if bay else "left",
+            object_id=package.id,
+            kind=package.kind,
+            user=user,
+            bay=bay,
+        )
 
     def bays(self) -> tuple[BayCount, ...]:
         """Return the counts as message parts."""
@@ -113,20 +108,6 @@ class Dispatch:
             BayCount(bay=bay, kind=kind, count=count, selected=selected)
             for (bay, kind), (count, selected) in sorted(self.counts.items())
         )
-
-
-def _event(
-    event: Event, package: Package, now_ns: int, *, user: str, reason: str = "", bay: str = ""
-) -> SelectionEvent:
-    return SelectionEvent(
-        stamp_ns=now_ns,
-        event=event,
-        object_id=package.id,
-        kind=package.kind,
-        user=user,
-        reason=reason,
-        bay=bay,
-    )
 
 
 class UnusableMapError(Exception):
@@ -224,7 +205,6 @@ class Plant:
         """Time of the last step."""
         self.speeds: Mapping[str, float] = self._traffic.speeds
         """Speed of each belt, m/s."""
-        self._pending: list[SelectionEvent] = []
         schedule = self._feeders.schedule
         self._run_at(schedule.step.speed_mps if schedule else config.speed_mps)
         self._fill()
@@ -248,7 +228,7 @@ class Plant:
         """Advance to `now_ns` and return the events. An earlier time than before changes nothing."""
         rest_s = max(0, now_ns - self.now_ns) / NS_PER_S
         self.now_ns = now_ns
-        events, self._pending = self._pending, []
+        events: list[SelectionEvent] = []
         was_foreseen = False
         while True:
             is_fed = self._infeed.feed(self._feeders.active)
@@ -298,11 +278,26 @@ class Plant:
             departures=tuple(dispatch.departures),
         )
 
-    def select(self, owners: Mapping[str, str], now_ns: int) -> None:
-        """Apply the selection; events of late selections are returned by the next step."""
+    def select(self, owners: Mapping[str, str]) -> None:
+        """Apply the selection."""
         if dict(owners) != self._dispatch.selected:
-            self._pending += self._dispatch.select(owners, self._traffic.packages, now_ns)
+            self._dispatch.select(owners, self._traffic.packages)
             self.changes += 1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the packages on the conveyor."""
+        return tuple(package.id for package in self._traffic.packages)
+
+    @property
+    def refusals(self) -> Mapping[str, str]:
+        """Return each package, with the reason if its selection came too late for its bay, else `""`."""
+        return {
+            each.id: f"it is past its last way to bay {each.refused} and goes on to bay {each.bay}"
+            if each.refused
+            else ""
+            for each in self._traffic.packages
+        }
 
     def set_speed(self, speed_mps: float, belts: Sequence[str] = ()) -> None:
         """Change the speed from the last step on, of `belts` or (if empty) of all belts.
@@ -344,7 +339,6 @@ class Plant:
         self._traffic.clear()
         self._dispatch.reset()
         self._infeed.fed = 0
-        self._pending.clear()
         self._restart_feeders()
         self._fill()
         self.changes += 1

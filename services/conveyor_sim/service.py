@@ -1,12 +1,14 @@
 """Reads the map and the selection, writes the objects on the conveyor, and answers requests about it."""
 
 import asyncio
+from collections.abc import Sequence
 from typing import ClassVar
 
 from pointit.runtime.clock import ticks
 from pointit.runtime.config.parameters import set_option
 from pointit.runtime.errors import ConfigError, RefusedError
 from pointit.runtime.host.state_file import site_folder
+from pointit.runtime.service.carrier import Act, ActFailedError, Carrier
 from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import (
     NS_PER_S,
@@ -19,6 +21,7 @@ from pointit.schemas import (
     Selection,
     SetFeeding,
     SetSpeed,
+    ThingState,
     topics,
 )
 from pointit.schemas.problems import UNWRITABLE
@@ -60,12 +63,15 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         self._is_resumed = False
         self._has_plant = asyncio.Event()
         self._owners: dict[str, str] | None = None
+        self._names: Sequence[str] = ()
+        """Packages whose acts are carried out."""
         self._stepped_ns = 0
         self._seq = 0
         self._state = ConveyorState(stamp_ns=self.clock.now_ns(), speed_mps=config.speed_mps)
         self._objects = self.bus.publisher(topics.OBJECTS, TRACKER)
         self._states = self.bus.publisher(topics.CONVEYOR_STATE)
         self._events = self.bus.publisher(topics.SELECTION_EVENTS)
+        self._carrier = Carrier(self.bus, self.clock, self.NAME)
         self._states.put(self._state)
         self.bus.set_metric("default speed", config.speed_mps, "m/s")
         self.bus.serve(topics.ADD_PACKAGE, self._on_add)
@@ -113,14 +119,30 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             async for now_ns in ticks(self.clock, self.config.rate_hz):
                 self._report(self._ready(), now_ns)
         finally:
+            await self._carrier.close()
             if self._plant is not None:
                 self._persistence.save(self._plant, self._mark, self.clock.now_ns())
             self._persistence.close()
 
     def _on_selection(self, selection: Selection, _name: str) -> None:
-        self._owners = {selected.id: selected.user for selected in selection.objects}
+        self._select({selected.id: selected.user for selected in selection.objects})
+
+    def _select(self, owners: dict[str, str]) -> None:
+        self._owners = owners
         if self._plant is not None and self._is_resumed:
-            self._plant.select(self._owners, self.clock.now_ns())
+            self._plant.select(owners)
+
+    @property
+    def state(self) -> ThingState:
+        """Return the state of each package, as the target of acts on it."""
+        return ThingState(id="", state="unknown")
+
+    async def carry_out(self, act: Act, /) -> None:
+        """Give a package the bay of its selection. Raises ActFailedError if it is past its last way there."""
+        owners = {name: user for name, user in (self._owners or {}).items() if name != act.thing}
+        self._select({**owners, act.thing: act.event.user} if act.on else owners)
+        if reason := self._ready().refusals.get(act.thing, "it has left"):
+            raise ActFailedError("refused", reason)
 
     def _on_map(self, environment: Environment, _name: str) -> None:
         mark = fingerprint(environment, self.config)
@@ -145,7 +167,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
         if before is not None:
             plant.set_speed(before.state(now_ns).speed_mps)
         if self._owners is not None:
-            plant.select(self._owners, now_ns)
+            plant.select(self._owners)
         self._check_initial(plant)
         self._has_plant.set()
 
@@ -165,7 +187,7 @@ class ConveyorSim(Service[ConveyorSimConfig]):
             for event in self._persistence.resume(plant, self._mark, now_ns, speed=self.clock.speed):
                 self._events.put(event)
             if self._owners is not None:
-                plant.select(self._owners, now_ns)
+                plant.select(self._owners)
         self._is_resumed = True
 
     async def _on_add(self, query: AddPackage, _name: str) -> AddPackageReply:
@@ -228,6 +250,9 @@ class ConveyorSim(Service[ConveyorSimConfig]):
 
     def _report(self, plant: Plant, now_ns: int) -> None:
         self._advance(plant, now_ns)
+        if (names := plant.names) != self._names:
+            self._names = names
+            self._carrier.use({name: [self] for name in names})
         report = None if self._tracker is None else self._tracker.report(plant.tracked(now_ns))
         if report is not None:
             self._seq += 1

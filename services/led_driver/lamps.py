@@ -139,7 +139,7 @@ class ThingLamps:
     def _find_owners(self) -> bool:
         before, self._owners = self._owners, {}
         if self.lamps and self._selection is not None:
-            selected = self._selection.objects
+            selected = [item for item in self._selection.objects if not item.is_pending]
             self._owners = {self.lamps[item.id]: item.user for item in selected if item.id in self.lamps}
         return self._owners != before
 

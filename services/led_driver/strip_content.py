@@ -162,7 +162,9 @@ def _states(hovers: Mapping[str, Hover], selection: Selection | None) -> dict[st
         for reserved in selection.reserved:
             states.setdefault(reserved.id, _State()).reserver = reserved.user
         for item in selection.objects:
-            states.setdefault(item.id, _State()).owner = item.user
+            state = states.setdefault(item.id, _State())
+            state.reserver = item.user  # until it is done
+            state.owner = None if item.is_pending else item.user
     for user, hover in hovers.items():
         if hover.object_id:
             state = states.setdefault(hover.object_id, _State())

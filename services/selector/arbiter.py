@@ -4,16 +4,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from pointit.runtime.bus.timeliness import MAX_AHEAD_NS
-from pointit.schemas import (
-    NS_PER_S,
-    ActResult,
-    Claim,
-    ConveyorState,
-    Selection,
-    SelectionEvent,
-    SetThing,
-    ThingStates,
-)
+from pointit.schemas import NS_PER_S, ActResult, Claim, ConveyorState, Selection, SetThing, ThingStates
 from pointit.schemas.selection import NOT_DONE, REPORTED, RESTORED
 from pointit.services.selector.acts import PendingAct
 from pointit.services.selector.config import SelectorConfig
@@ -310,18 +301,6 @@ class Arbiter:
                 where = f"left at bay {gone.bay}" if gone.bay else ""
                 left += self._ledger.drop((gone.object_id,), gone.stamp_ns, where)
         return self._close(left, state.stamp_ns)
-
-    def on_event(self, event: SelectionEvent) -> list[Output]:
-        """Revert what the conveyor refuses: it was accepted here but reached the conveyor too late."""
-        if event.event != "refused" or event.cause:  # its own refusals have a cause
-            return []
-        now_ns = event.stamp_ns
-        record = self._ledger.correct(event.object_id, now_ns, event.reason)
-        if record is None:
-            return []
-        self._latch(event.object_id, "")
-        outputs = [Output("", self.selection(now_ns)), *self._publisher.event(record)]
-        return [*outputs, self._publisher.cue(record.owner, "refused", event.reason, now_ns)]
 
     def on_result(self, carrier: str, result: ActResult, now_ns: int) -> list[Output]:
         """Note the result of an act by a carrier."""

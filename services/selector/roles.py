@@ -90,9 +90,8 @@ class SiteRole:
         self._bus.serve(topics.READ_HISTORY, History(self._journal.path if self._journals else None).answer)
 
     def subscribe(self) -> None:
-        """Subscribe to departures, refusals of the conveyor and claims of shards."""
+        """Subscribe to departures, claims of shards and results of acts."""
         self._bus.subscribe(topics.CONVEYOR_STATE, self._on_conveyor)
-        self._bus.subscribe(topics.SELECTION_EVENTS, self._on_event)
         self._bus.subscribe(topics.CLAIM, self._on_claim)
         self._bus.subscribe(topics.ACT_RESULTS, self._on_result)
 
@@ -132,9 +131,6 @@ class SiteRole:
 
     def _on_conveyor(self, state: ConveyorState, _name: str) -> None:
         self._put(self.engine.on_conveyor(state))
-
-    def _on_event(self, event: SelectionEvent, _name: str) -> None:
-        self._put(self.engine.on_event(event))
 
     def _on_result(self, result: ActResult, carrier: str) -> None:
         self._put(self.engine.on_result(carrier, result, self._clock.now_ns()))

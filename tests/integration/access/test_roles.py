@@ -47,7 +47,7 @@ def topic_keys() -> dict[str, tuple[object, str]]:
                 "anna",
             ),
             "name": ("anna", "ben", "hall"),
-            "carrier": ("reactions", "home-assistant", "anna", "foxglove"),
+            "carrier": ("reactions", "home-assistant", "conveyor-sim", "anna", "foxglove"),
         }.get(topic.placeholder, ("thing",))
         keys |= {topic.at(name): (topic, name) for name in names}
     return keys
@@ -65,7 +65,7 @@ def may_write(me: str, topic: object, name: str) -> bool:
         own = {"user": personal, "services": shared, "web": ["web"], "service": ["foxglove"]}
         return name in own.get(role, [])
     if topic in (topics.THING_STATES, topics.ACT_RESULTS):
-        return role == "operator" or (role == "services" and name == "reactions")
+        return role == "operator" or (role == "services" and name in ("reactions", "conveyor-sim"))
     if role == "user":
         if topic is topics.DEPLOYMENT:
             return name == me
@@ -216,14 +216,14 @@ def test_presence_is_told_of_oneself_only_and_seen_by_all(members: dict[str, Mem
         for row in (topics.SERVICE_ALIVE, topics.SHARD_ALIVE)
         for name in ("pui.anna", "selector.anna")
     }
-    carriers = set(map(topics.CARRIER_ALIVE.at, ("reactions", "home-assistant", "foxglove")))
+    carriers = set(map(topics.CARRIER_ALIVE.at, ("reactions", "home-assistant", "conveyor-sim", "foxglove")))
     everybody += sorted(shards | carriers)
     expected = {
         "anna": {topics.USER_ALIVE.at("anna"), topics.SERVICE_ALIVE.at("pointing.anna"), *shards},
         "ben": {topics.USER_ALIVE.at("ben"), topics.SERVICE_ALIVE.at("pointing.ben")},
         "services": {
             *map(topics.SERVICE_ALIVE.at, ("pui", "foxglove", "agv-tracker")),
-            topics.CARRIER_ALIVE.at("reactions"),
+            *map(topics.CARRIER_ALIVE.at, ("reactions", "conveyor-sim")),
             *shards,
         },
         "operator": carriers,

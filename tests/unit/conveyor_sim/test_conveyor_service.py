@@ -16,6 +16,7 @@ from pointit.schemas import (
     ResetConveyor,
     SelectedObject,
     Selection,
+    SelectionEvent,
     SetFeeding,
     SetSpeed,
     Strip,
@@ -123,28 +124,44 @@ async def test_requests_are_done_or_refused_in_a_sentence() -> None:
         assert (states[-1].fed, states[-1].left, states[-1].speed_mps) == (0, 0, -1.0)
 
 
-async def test_selected_packages_go_to_their_bay_and_what_is_too_late_is_refused() -> None:
+async def test_selected_packages_go_to_their_bay_and_an_act_on_what_is_too_late_fails() -> None:
     async with shift(feeder={"sequence": []}) as one:
         lists, events, states = one.lists, one.events, one.states
+        results, things = one.bench.collect(topics.ACT_RESULTS), one.bench.collect(topics.THING_STATES)
         names = [(await one.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id]
         await one.go(2)
         names.append((await one.bus.call(topics.ADD_PACKAGE, AddPackage(kind="red"))).object_id)
         await one.go(5)
         chosen = tuple(SelectedObject(id=name, user="anna", since_ns=1) for name in names)
         one.bench.put(topics.SELECTION, Selection(stamp_ns=1, objects=chosen))
-        await until(lambda: len(events) == 1)
-        assert (events[0].event, events[0].object_id, events[0].user) == ("refused", names[0], "anna")
+        assert {each.id for each in things[-1].things} == {*names}
+        for number, name in enumerate([*names, "gone"], start=1):
+            act = SelectionEvent(
+                stamp_ns=number, event="selected", object_id=name, user="anna", carriers=("conveyor-sim",)
+            )
+            one.bench.put(topics.SELECTION_EVENTS, act)
+        await until(lambda: len(results) == 3)
+        assert [(each.object_id, each.result, each.code) for each in results] == [
+            ("gone", "failed", "unavailable"),
+            (names[0], "failed", "refused"),
+            (names[1], "done", ""),
+        ]
+        assert results[1].text == "it is past its last way to bay 1 and goes on to bay 3"
+        one.bench.put(topics.SELECTION, Selection(stamp_ns=2, objects=chosen[1:]))
+        await one.go(0.5)
         assert {tracked.id: tracked.bay for tracked in lists[-1].objects} == {names[0]: "3", names[1]: "1"}
         await one.go(9)
-        assert [(e.event, e.object_id, e.bay) for e in events[1:]] == [
+        done = [each for each in events if not each.carriers]
+        assert [(e.event, e.object_id, e.bay) for e in done] == [
             ("dispatched", names[0], "3"),
             ("dispatched", names[1], "1"),
         ]
-        assert [event.seq for event in events] == [1, 2, 3]
+        assert [event.seq for event in done] == [1, 2]
         assert [(bay.bay, bay.selected) for bay in states[-1].bays] == [("1", 1), ("3", 0)]
         told = [(gone.object_id, gone.bay, gone.user, gone.stamp_ns) for gone in states[-1].departures]
-        assert told == [(names[0], "3", "", events[1].stamp_ns), (names[1], "1", "anna", events[2].stamp_ns)]
+        assert told == [(names[1], "1", "anna", done[1].stamp_ns)], "the other one was taken back in time"
         assert states[-1].refused == 1
+        assert things[-1].things == ()
 
 
 async def test_reports_have_the_configured_faults() -> None:

@@ -16,7 +16,7 @@ def go(belts: Plant, until_s: float, owners: dict[str, str] | None = None) -> li
     events: list[SelectionEvent] = []
     while belts.now_ns < round(until_s * S):
         if owners is not None:
-            belts.select(owners, belts.now_ns)
+            belts.select(owners)
         events += belts.step(belts.now_ns + S // 25)
     return events
 
@@ -39,11 +39,11 @@ def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("red", "main", 0.3)
     go(belts, 7.0)  # 3.5 m: bay 1 is 3 m along
-    events = go(belts, 7.2, {name: "anna"})
-    events += go(belts, 20.0, {name: "anna", "another": "bert"})
-    assert [(event.event, event.user) for event in events] == [("refused", "anna"), ("dispatched", "")]
-    assert events[0].reason == f"red {name} is past its last way to bay 1 and goes on to bay 3"
-    assert events[1].bay == "3"
+    assert belts.refusals == {name: ""}
+    assert go(belts, 7.2, {name: "anna"}) == []
+    assert belts.refusals == {name: "it is past its last way to bay 1 and goes on to bay 3"}
+    (event,) = go(belts, 20.0, {name: "anna", "another": "bert"})
+    assert (event.event, event.user, event.bay) == ("dispatched", "", "3")
     assert belts.state(0).refused == 1
     assert [(bay.bay, bay.count, bay.selected) for bay in belts.state(0).bays] == [("3", 1, 0)]
 
@@ -51,15 +51,15 @@ def test_past_the_point_of_no_return_it_is_refused_once_and_goes_on() -> None:
 def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     name = belts.add("red", "main", 0.3)
-    belts.select({name: "anna"}, 0)
+    belts.select({name: "anna"})
     go(belts, 7.0)  # on the side belt
-    belts.select({}, belts.now_ns)
-    (refused,) = go(belts, 7.1)
-    assert (refused.event, refused.user) == ("refused", "anna")
-    belts.select({name: "anna"}, belts.now_ns)
-    assert go(belts, 7.2) == []
-    assert [event.event for event in go(belts, 7.3, {})] == ["refused"]  # told again: it was tried again
-    belts.select({name: "anna"}, belts.now_ns)
+    belts.select({})
+    assert belts.refusals[name]
+    belts.select({name: "anna"})
+    assert not belts.refusals[name]
+    belts.select({})
+    assert belts.refusals[name]
+    belts.select({name: "anna"})
     (event,) = go(belts, 20.0)
     assert (event.event, event.bay, event.user) == ("dispatched", "1", "anna")
 
@@ -67,7 +67,7 @@ def test_a_deselection_that_comes_too_late_is_refused_too_and_may_be_taken_back(
 def test_departures_of_selected_packages_are_stored_for_late_subscribers() -> None:
     belts = plant(FORK, feeder={"sequence": []})
     chosen, late, other = belts.add("red", "main", 0.3), "", ""
-    belts.select({chosen: "anna"}, 0)
+    belts.select({chosen: "anna"})
     go(belts, 2.0)
     late = belts.add("red", "main", 0.3)
     go(belts, 4.0)
@@ -172,18 +172,19 @@ def test_a_change_is_in_time_until_the_very_moment_that_was_told_and_too_late_fr
     other = plant(environment, feeder={"sequence": []})
     name = belts.add("red", entries[0], 0.3)
     before, after = ({name: "anna"}, {}) if is_selected else ({}, {name: "anna"})
-    belts.select(before, 0)
+    belts.select(before)
     seen: set[bool] = set()
 
-    def outcome(at_ns: int) -> list[tuple[str, bool]]:
-        """Return the events of a change at `at_ns`, and True for each package that leaves at bay 1."""
+    def outcome(at_ns: int) -> list[tuple[bool, bool]]:
+        """Return for each package that leaves: a change at `at_ns` was refused; it leaves at bay 1."""
         other.skip_time(belts.now_ns)
         other.restore(belts.snapshot())
         other.step(at_ns)
-        other.select(after, at_ns)
-        return [(e.event, e.bay == "1") for e in other.step(at_ns + 60 * S)]
+        other.select(after)
+        is_refused = any(other.refusals.values())
+        return [(is_refused, e.bay == "1") for e in other.step(at_ns + 60 * S)]
 
-    in_time, too_late = [("dispatched", not is_selected)], [("refused", False), ("dispatched", is_selected)]
+    in_time, too_late = [(False, not is_selected)], [(True, is_selected)]
     comes_round = (where, is_selected) == ("ring", False)  # until it leaves
     while (tracked := listed(belts, name)) is not None and belts.now_ns < 60 * S:
         until_ns = tracked.bay_until_ns
@@ -236,12 +237,11 @@ def test_what_changes_in_time_leaves_by_its_bay_and_what_changes_too_late_does_n
                 sent[name] = not sent[name]
             elif until == 0:
                 was = owners.get(name)
-                belts.select({n: u for n, u in owners.items() if n != name} | ({} if was else {name: "anna"}),
-                             belts.now_ns)  # fmt: skip
-                refused = belts.step(belts.now_ns)
-                assert ("refused", name) in {(e.event, e.object_id) for e in refused}
+                rest = {n: u for n, u in owners.items() if n != name}
+                belts.select(rest if was else {**rest, name: "anna"})
+                assert belts.refusals[name]
             owners = {n: "anna" for n, is_sent in sent.items() if is_sent}
-            belts.select(owners, belts.now_ns)
+            belts.select(owners)
             events += belts.step(belts.now_ns)
         events += belts.step(belts.now_ns + STEP_NS * (1 + number % 50))
     belts.set_speed(0.5)

@@ -305,7 +305,7 @@ def test_packages_that_leave_where_no_bay_is_are_counted_by_kind() -> None:
     belts = plant(lanes(2.0), feeder={"sequence": ["red", "blue"], "interval_s": 1.0, "count": 4})
     belts.step(S // 2)
     first = belts.tracked(0).objects[0].id
-    belts.select({first: "anna"}, belts.now_ns)
+    belts.select({first: "anna"})
     belts.step(60 * S)
     counts = {(each.bay, each.kind): (each.count, each.selected) for each in belts.state(0).bays}
     assert counts == {("", "red"): (2, 1), ("", "blue"): (2, 0)}

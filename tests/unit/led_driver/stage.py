@@ -89,11 +89,13 @@ class Stage:
         )
         return self
 
-    def select(self, owner: str = "", reserver: str = "") -> "Stage":
+    def select(self, owner: str = "", reserver: str = "", *, pending: bool = False) -> "Stage":
         self.lights.content.set_selection(
             Selection(
                 stamp_ns=0,
-                objects=(SelectedObject(id="p", user=owner, since_ns=0),) if owner else (),
+                objects=(SelectedObject(id="p", user=owner, since_ns=0, is_pending=pending),)
+                if owner
+                else (),
                 reserved=(ReservedObject(id="p", user=reserver, until_ns=1),) if reserver else (),
             )
         )

@@ -94,6 +94,7 @@ def test_margins_tell_hovered_selected_and_both_apart() -> None:
 
 def test_a_reservation_is_a_thin_outer_mark_in_the_others_colour() -> None:
     assert margins(wide().select(reserver="ben")) == [BLUE, DIM, DIM, BLUE]
+    assert margins(wide().select("ben", pending=True)) == [BLUE, DIM, DIM, BLUE], "until it is done"
     assert margins(wide().select(reserver="ben").hover("anna")) == [BLUE, GREEN, GREEN, BLUE]
     assert margins(wide().hover("anna", taken_by="ben")) == [BLUE, GREEN, GREEN, BLUE]
     assert margins(wide().select(reserver="anna").hover("anna")) == [GREEN] * 4

@@ -78,7 +78,10 @@ def test_lamp_shows_its_set_colour_then_a_growing_level_of_the_hovering_person_t
     assert shining.lamps.colors(NOW_NS)["lamp"] == (0, 0, 65)  # ben is nearer to selecting it
     assert shining.things.on_hover("ben", hover(1.0, action="refuse"), NOW_NS) == "level"
     assert shining.lamps.colors(NOW_NS)["lamp"] == (60, 30, 0)
-    assert shining.things.set_selection(selection(("radio", "ben")))
+    chosen = selection(("radio", "ben"))
+    pending = tuple(each.model_copy(update={"is_pending": True}) for each in chosen.objects)
+    assert not shining.things.set_selection(chosen.model_copy(update={"objects": pending}))
+    assert shining.things.set_selection(chosen)
     assert not shining.things.set_selection(selection(("radio", "ben"), ("a package", "anna")))
     assert shining.lamps.colors(NOW_NS)["lamp"] == BEN
     assert shining.lamps.colors(NOW_NS + 60 * NS_PER_S)["lamp"] == BEN  # a switch stays on

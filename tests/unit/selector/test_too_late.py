@@ -2,7 +2,17 @@
 
 import pytest
 
-from pointit.schemas import NS_PER_S, ConveyorState, Departure, SelectionEvent, TrackedObject
+from pointit.schemas import (
+    NS_PER_S,
+    ActOutcome,
+    ActResult,
+    ConveyorState,
+    Departure,
+    ThingState,
+    ThingStates,
+    TrackedObject,
+)
+from pointit.services.selector.selection_publisher import Output
 from tests.unit.selector.room import Room, at, package
 
 LEAD_S = 0.25
@@ -18,11 +28,32 @@ def departure(object_id: str, time_s: float, bay: str, user: str = "") -> Convey
     return ConveyorState(stamp_ns=at(time_s), speed_mps=0.5, departures=(gone,))
 
 
-def refused_by_conveyor(object_id: str, time_s: float, user: str) -> SelectionEvent:
-    why = "too late for bay 1"
-    return SelectionEvent(
-        stamp_ns=at(time_s), event="refused", object_id=object_id, kind="red", user=user, reason=why
-    )
+class Belt(Room):
+    """A room whose packages have the carrier `conveyor-sim`."""
+
+    def __init__(self, *objects: TrackedObject, **config: object) -> None:
+        super().__init__(*objects, **config)
+        states = tuple(ThingState(id=each.id, state="unknown") for each in objects)
+        message = ThingStates(stamp_ns=self.now_ns, things=states)
+        self.selecting.on_states("conveyor-sim", message, self.now_ns)
+        self.selecting.on_carrier("conveyor-sim", True, self.now_ns)
+
+    def take(self, outputs: list[Output]) -> list[Output]:
+        return super().take([each for each in outputs if not isinstance(each.message, ActOutcome)])
+
+    def tell(self, text: str = "") -> None:
+        """Tell that the last act is done, or failed with a reason."""
+        act = next(each for each in reversed(self.events) if each.carriers)
+        result = ActResult(
+            stamp_ns=self.now_ns,
+            object_id=act.object_id,
+            event_ns=act.stamp_ns,
+            result="failed" if text else "done",
+            state="unknown",
+            code="refused" if text else "",
+            text=text,
+        )
+        self.take(self.selecting.on_result("conveyor-sim", result, self.now_ns))
 
 
 @pytest.mark.parametrize("method", ["gauge", "hold", "fraction"])
@@ -131,11 +162,11 @@ def test_what_left_is_closed_with_the_conveyors_time_and_bay() -> None:
 
 @pytest.mark.parametrize("method", ["gauge", "hold", "fraction"])
 def test_who_rests_on_what_the_conveyor_refuses_tries_no_more(method: str) -> None:
-    room = Room(bound("a", 5.0, 100.0), method=method)
+    room = Belt(bound("a", 5.0, 100.0), method=method)
     room.stay(1.2, anna=5.0)
     room.stay(1.2, anna=9.0)
     room.stay(0.3, anna=5.0)  # back, to take it back
-    room.take(room.selecting.on_event(refused_by_conveyor("a", room.time_s, "anna")))
+    room.tell("too late for bay 1")
     room.stay(3.0, anna=5.0)
     assert room.told == [("selected", "a", "anna"), ("deselected", "a", "anna")]
     room.stay(1.2, anna=9.0)
@@ -144,33 +175,23 @@ def test_who_rests_on_what_the_conveyor_refuses_tries_no_more(method: str) -> No
 
 
 def test_a_selection_that_the_conveyor_refuses_is_taken_back_and_the_person_told() -> None:
-    room = Room(bound("a", 5.0, 100.0))
+    room = Belt(bound("a", 5.0, 100.0))
     room.stay(1.2, anna=5.0)
-    refused = refused_by_conveyor("a", room.time_s, "anna")
-    room.take(room.selecting.on_event(refused))
-    assert room.selecting.on_event(refused) == []  # told again by a conveyor that was restarted
+    assert "anna" not in room.cues
+    room.tell("too late for bay 1")
     assert not room.owners
     assert room.told == [("selected", "a", "anna"), ("deselected", "a", "anna")]
-    assert (room.cues["anna"][-1].cue, room.cues["anna"][-1].text) == ("refused", "too late for bay 1")
+    assert [(cue.cue, cue.text) for cue in room.cues["anna"]] == [("refused", "red: too late for bay 1")]
     assert not room.selections[-1].objects
 
 
 def test_a_deselection_that_the_conveyor_refuses_gives_it_back_to_who_had_it() -> None:
-    room = Room(bound("a", 5.0, 100.0))
+    room = Belt(bound("a", 5.0, 100.0))
     room.stay(1.2, anna=5.0)
+    room.tell()
     room.take(room.selecting.clear("anna", room.now_ns))
     assert not room.owners
-    refused = refused_by_conveyor("a", room.time_s, "anna")
-    room.take(room.selecting.on_event(refused))
-    assert room.selecting.on_event(refused) == []
+    room.tell("too late for bay 1")
     assert room.owners == {"a": "anna"}
     assert room.events[-1].event == "selected"
-    assert room.cues["anna"][-1].cue == "refused"
-
-
-def test_its_own_refusals_and_other_events_change_nothing() -> None:
-    room = chosen("a")
-    own = refused_by_conveyor("a", room.time_s, "anna").model_copy(update={"cause": "dwell"})
-    left = own.model_copy(update={"event": "dispatched", "cause": ""})
-    assert room.selecting.on_event(own) == room.selecting.on_event(left) == []
-    assert room.owners == {"a": "anna"}
+    assert [cue.cue for cue in room.cues["anna"]] == ["selected", "refused"]

@@ -50,9 +50,9 @@ class Carousel:
         del now_ns
         return []
 
-    def select(self, owners: dict[str, str], now_ns: int) -> None:
+    def select(self, owners: dict[str, str]) -> None:
         """Do nothing: a ring has no bays."""
-        del owners, now_ns
+        del owners
 
     def tracked(self, now_ns: int) -> TrackedObjects:
         """Return the packages at `now_ns`."""

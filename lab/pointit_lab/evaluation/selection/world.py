@@ -54,7 +54,7 @@ class ObjectMotion(Protocol):
         """Return all objects."""
         ...
 
-    def select(self, owners: dict[str, str], now_ns: int) -> list[SelectionEvent] | None:
+    def select(self, owners: dict[str, str]) -> None:
         """Update the selected objects and their owners."""
         ...
 
@@ -192,7 +192,7 @@ class World:
                 case Selection():
                     self._lights.content.set_selection(message)
                     owners = {chosen.id: chosen.user for chosen in message.objects}
-                    events += self._movers.select(owners, now_ns) or []
+                    self._movers.select(owners)
                 case SelectionEvent():
                     events.append(message)
                 case Claim() | Announced():

@@ -18,7 +18,19 @@ from typing import Any
 from pointit.access.rights import ALL, Rights, Role, max_rate_hz, rights_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import LEASE_MS, ROOM, VERBS
-from pointit.schemas.topics import ANY, HEALTH, IMU, RAY, REQUESTS, TOPICS, Delivery, Request, Topic, topic_of
+from pointit.schemas.topics import (
+    ANY,
+    HEALTH,
+    IMU,
+    RAY,
+    READ_HISTORY,
+    REQUESTS,
+    TOPICS,
+    Delivery,
+    Request,
+    Topic,
+    topic_of,
+)
 
 Rule = dict[str, Any]
 """An entry of Zenoh's `access_control.rules`."""
@@ -137,6 +149,8 @@ its key, and the router drops it silently."""
 UNSLOWED = (IMU, RAY)
 """Topics without a maximum rate. Zenoh would pass the oldest of a late batch, of which the newest counts
 (200 Hz in batches of 50 ms: 46 instead of 1 ms old). Readers keep the newest, so a flood harms little."""
+MAX_HISTORY_HZ = 5.0
+"""Maximum rate of questions for past events, of each connection: an answer has up to 256 KiB."""
 MAX_SESSIONS = 1000
 ACCEPT_MS = 3000
 MAX_UNKNOWN_CONNECTIONS = 500
@@ -243,11 +257,20 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
         "low_pass_filter": [limit for router_site in sites for limit in _limits(router_site.site)],
         "qos": {"network": [_never_waits(router_site.site) for router_site in sites]},
     }
+    histories = [f"{namespace(router_site.site)}/{READ_HISTORY.at()}" for router_site in sites]
+    asked = [{"key_expr": key, "freq": MAX_HISTORY_HZ} for key in histories]
     slower: list[dict[str, Any]] = [
-        {"id": "people", "flows": ["ingress"], "rules": slowed},
-        {"id": "dashboards", "flows": ["egress"], "rules": thinned, "link_protocols": ["quic"]},
+        {"id": "people", "messages": ["put"], "flows": ["ingress"], "rules": slowed},
+        {"id": "history", "messages": ["query"], "flows": ["ingress"], "rules": asked},
+        {
+            "id": "dashboards",
+            "messages": ["put"],
+            "flows": ["egress"],
+            "rules": thinned,
+            "link_protocols": ["quic"],
+        },
     ]
-    made["downsampling"] = [{**each, "messages": ["put"]} for each in slower if each["rules"]]
+    made["downsampling"] = [each for each in slower if each["rules"]]
     if any(router_site.password for router_site in sites):
         (router_site,) = sites
         made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{router_site.folder}users.txt"}}

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -19,14 +20,15 @@ import zenoh
 from zenoh.handlers import Callback
 
 from pointit.access.rights import LATEST_HZ, MAX_CONNECTIONS, MAX_RATE_HZ, viewer_topics
-from pointit.access.router_configuration import configuration
+from pointit.access.router_configuration import MAX_HISTORY_HZ, configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.diagnosis.diagnose import diagnose
 from pointit.diagnosis.observation import DiagnosisReport, Observation
+from pointit.runtime.errors import PointItError
 from pointit.runtime.router import LINGER, Router
 from pointit.runtime.zenoh.session import own_sockets
 from pointit.runtime.zenoh.zenoh_bus import ZenohBus
-from pointit.schemas import ButtonEvent, Health, UserPose, decode
+from pointit.schemas import ButtonEvent, Health, ReadHistory, ReadHistoryReply, UserPose, decode
 from pointit.schemas.problems import EXCESS
 from pointit.schemas.topics import BUTTON, CURSOR, HEALTH, POSE, PRESENCES, RAY, READ_HISTORY, USER_ALIVE
 from tests.faults.attackers import DECLARATIONS
@@ -178,6 +180,35 @@ async def test_no_event_of_a_burst_is_lost_nor_is_the_newest_state(folder: SiteF
         assert heard.traffic.lost == 0
         await anna.close()
         await services.close()
+
+
+async def test_who_asks_for_past_events_all_the_time_gets_few_answers_and_all_others_theirs(
+    folder: SiteFolder,
+) -> None:
+    answered: Counter[int] = Counter()
+
+    async def answer(query: ReadHistory, _name: str) -> ReadHistoryReply:
+        answered[query.last] += 1
+        return ReadHistoryReply(message="none")
+
+    async def ask(bus: ZenohBus) -> None:
+        with contextlib.suppress(PointItError):
+            await bus.call(READ_HISTORY, ReadHistory(last=1), timeout_s=0.5)
+
+    with RouterProgram("--site-folder", str(folder.path)):
+        services, anna, ben = [
+            await ZenohBus.open(link_of(folder, name), patience_s=30) for name in ("services", "anna", "ben")
+        ]
+        services.serve(READ_HISTORY, answer)
+        began_s = time.monotonic()
+        for _ in range(10):
+            await asyncio.gather(*(ask(anna) for _ in range(10)))
+            await ben.call(READ_HISTORY, ReadHistory(last=2))
+        took_s = time.monotonic() - began_s
+        assert answered[2] == 10
+        assert 0 < answered[1] <= MAX_HISTORY_HZ * took_s + 2
+        for bus in (anna, ben, services):
+            await bus.close()
 
 
 def test_connections_beyond_the_limit_of_an_identity_are_cut_and_named(folder: SiteFolder) -> None:

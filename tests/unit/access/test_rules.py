@@ -225,7 +225,7 @@ def test_every_row_of_the_tables_has_a_limit() -> None:
 
 def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     made = configuration([routed(dashboard_rate_hz=20.0)])
-    people, thinned = made["downsampling"]
+    people, history, thinned = made["downsampling"]
     keys = [rule["key_expr"] for rule in thinned["rules"]]
     assert "pointit/lab/users/anna/cursor" in keys
     assert not any("*" in key for key in keys)
@@ -233,11 +233,12 @@ def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     assert {endpoint.partition("/")[0] for endpoint in made["listen"]["endpoints"]} == {"tls", "quic"}
     (quic,) = (endpoint for endpoint in made["listen"]["endpoints"] if endpoint.startswith("quic"))
     assert "?multistream=0#" in quic  # else questions overtake the keys they are about
-    assert configuration([routed()])["downsampling"] == [people]
+    assert configuration([routed()])["downsampling"] == [people, history]
+    assert history["rules"] == [{"key_expr": "pointit/lab/selector/history", "freq": 5.0}]
 
 
 def test_each_key_that_a_person_may_write_but_samples_and_rays_has_a_rate_of_its_own() -> None:
-    (people,) = configuration([routed()])["downsampling"]
+    people, _history = configuration([routed()])["downsampling"]
     assert (people["messages"], people["flows"]) == (["put"], ["ingress"])
     assert "link_protocols" not in people
     rates_hz = {rule["key_expr"]: rule["freq"] for rule in people["rules"]}

@@ -6,15 +6,10 @@ import { Episodes, note, problemsOf } from "./log";
 import type { Robot } from "./robots";
 import { noteChange } from "./things";
 import { emptyPerson, siteNow, type SiteEvent, type LogLine, type Person, type Site } from "./site";
-import type { ActOutcome, SelectionEvent } from "../messages";
+import type { SelectionEvent } from "../messages";
 import type { Topics } from "../topics";
 import type { Status } from "../wire";
 import { eventLine } from "../words";
-
-/** Beginning of the reason of an event that takes back an act that failed: its outcome has told it. */
-const NOT_DONE = "not done: ";
-/** Limit of acts without a result that are kept; the oldest are dropped. */
-const MAX_ACTS = 200;
 
 /** Topics that pages are not shown; the others are `registry.SHOWN`. */
 type Unseen =
@@ -77,11 +72,8 @@ const TAKERS: { [K in keyof Shown]: Taker<Shown[K]> } = {
   },
   "objects/{tracker}": ({ site }, message, name) => void site.objects.set(name, message),
   selection: ({ site }, message) => void (site.selection = message),
-  "selection/events": (keeper, message) => {
-    if (message.carriers?.length) keeper.onAct(message);
-    else if (!message.reason.startsWith(NOT_DONE)) keeper.onEvent(message);
-  },
-  "selection/outcomes": (keeper, message) => keeper.onOutcome(message),
+  "selection/events": (keeper, message) => keeper.onEvent(message), // of acts, the server sends them with their results
+  "selection/outcomes": () => undefined,
   "things/{carrier}": ({ site }, message, name) => void site.carriers.set(name, message),
   "leds/{led}/color": ({ site }, message, name) => void site.lamps.set(name, message),
   "strips/frame": ({ site }, message) => void (site.strips = message),
@@ -168,25 +160,6 @@ export class Keeper {
     if (message === null || typeof message !== "object") throw new Error(`${topic}: no message`);
     (TAKERS[topic] as Taker<unknown>)(this, message, item.name, at);
     return message;
-  }
-
-  /** Acts whose carriers have not told the final result, and whether they have started. Nothing is said of them before. */
-  private readonly acts = new Map<string, { event: SelectionEvent; isStarted: boolean }>();
-
-  /** Keep an event until the outcome of its carriers. */
-  onAct(event: SelectionEvent): void {
-    this.acts.set(`${event.object_id} ${event.stamp_ns}`, { event, isStarted: false });
-    if (this.acts.size > MAX_ACTS) this.acts.delete(this.acts.keys().next().value!);
-  }
-
-  /** Tell an act when its carriers have told the result: one that failed is told as refused. */
-  onOutcome({ object_id: id, event_ns: stamp, result, text }: ActOutcome): void {
-    const key = `${id} ${stamp}`, act = this.acts.get(key);
-    if (!act) return;
-    if (result !== "started") this.acts.delete(key);
-    if (result === "failed") this.onEvent({ ...act.event, event: "refused", reason: text });
-    else if (!act.isStarted) this.onEvent(act.event);
-    act.isStarted = true;
   }
 
   /** Tell what happened to an object: on its tile, in the log, to who did it. */

@@ -52,25 +52,6 @@ test("a tile shows who points at its thing", () => {
 
 const encoded = (topic: string, message: object, name = ""): Item => ({ topic, name, payload: encode(message) }) as Item;
 
-test("an act is told when its carriers have told the result, as refused if it failed, and what takes it back is not told", () => {
-  const all = site(), keeper = new Keeper(all), act = { ...event("selected", "radio", "anna", 90), carriers: ["reactions"] };
-  const tell = (topic: string, message: object): string[] => {
-    all.fresh.length = 0;
-    keeper.take(encoded(topic, message), 0);
-    return all.fresh.map((each) => ("event" in each ? `${each.event.event} ${each.event.reason}` : ""));
-  };
-  const outcome = (result: string, text = "", stamp = act.stamp_ns): object => ({ event: "selected", object_id: "radio", event_ns: stamp, result, text, stamp_ns: 91 * S });
-  assert.deepEqual(tell("selection/events", act), []);
-  assert.equal(thingTiles(all)[1]!.last, "Not used yet.");
-  assert.deepEqual(tell("selection/outcomes", outcome("started")), ["selected "]);
-  assert.deepEqual(tell("selection/outcomes", outcome("done")), []);
-  const next = { ...act, stamp_ns: 92 * S };
-  assert.deepEqual(tell("selection/events", next), []);
-  assert.deepEqual(tell("selection/outcomes", outcome("failed", "no power", next.stamp_ns)), ["refused no power"]);
-  assert.deepEqual(tell("selection/events", { ...event("deselected", "radio", "anna", 93), reason: "not done: no power" }), []);
-  assert.equal(all.log.filter(({ text }) => text.includes("no power")).length, 1);
-});
-
 test("a tile says that its thing is unavailable and why, and that an act is under way", () => {
   const all = site(), things = [{ id: "radio", state: "unavailable", reason: "no power: switch it on", limit_s: 5 }];
   new Keeper(all).take(encoded("things/{carrier}", { things }, "home-assistant"), 0);

@@ -3,22 +3,13 @@
 from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import accumulate, islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from pointit.diagnosis.observation import expected_services
 from pointit.geometry.floor_sigma import position_sigma_m, yaw_sigma_rad
 from pointit.schemas import NS_PER_S, Health, KeyHealth, Localization, Quantiles, SelectionEvent
 from pointit.schemas.system import DURATION_BOUNDS_S, split_instance
-from pointit.schemas.topics import (
-    DEPLOYMENT,
-    HEALTH,
-    LOCALIZATION,
-    OUTCOMES,
-    POSE,
-    SELECTION_EVENTS,
-    TOPICS,
-    Topic,
-)
+from pointit.schemas.topics import DEPLOYMENT, HEALTH, LOCALIZATION, OUTCOMES, POSE, SELECTION_EVENTS, TOPICS
 from pointit.services.registry import names
 from pointit.site.site_state import Change, SiteState
 
@@ -141,7 +132,7 @@ class Durations:
         return family
 
 
-READS: tuple[Topic[Any], ...] = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, OUTCOMES, DEPLOYMENT)
+READS = (HEALTH, POSE, LOCALIZATION, SELECTION_EVENTS, OUTCOMES, DEPLOYMENT)
 """Topics that metrics are made from."""
 
 MAX_USERS = 1024

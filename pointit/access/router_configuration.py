@@ -18,19 +18,8 @@ from typing import Any
 from pointit.access.rights import ALL, Rights, Role, max_rate_hz, rights_of
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.link.link import LEASE_MS, ROOM, VERBS
-from pointit.schemas.topics import (
-    ANY,
-    HEALTH,
-    IMU,
-    RAY,
-    READ_HISTORY,
-    REQUESTS,
-    TOPICS,
-    Delivery,
-    Request,
-    Topic,
-    topic_of,
-)
+from pointit.schemas.table_types import Delivery, Request, Topic
+from pointit.schemas.topics import ANY, HEALTH, IMU, RAY, READ_HISTORY, REQUESTS, TOPICS, topic_of
 
 Rule = dict[str, Any]
 """An entry of Zenoh's `access_control.rules`."""
@@ -260,17 +249,11 @@ def configuration(sites: Sequence[RouterSite], addresses: Sequence[str] = ("0.0.
     histories = [f"{namespace(router_site.site)}/{READ_HISTORY.at()}" for router_site in sites]
     asked = [{"key_expr": key, "freq": MAX_HISTORY_HZ} for key in histories]
     slower: list[dict[str, Any]] = [
-        {"id": "people", "messages": ["put"], "flows": ["ingress"], "rules": slowed},
-        {"id": "history", "messages": ["query"], "flows": ["ingress"], "rules": asked},
-        {
-            "id": "dashboards",
-            "messages": ["put"],
-            "flows": ["egress"],
-            "rules": thinned,
-            "link_protocols": ["quic"],
-        },
+        {"id": "people", "flows": ["ingress"], "rules": slowed},
+        {"id": "history", "flows": ["ingress"], "rules": asked, "messages": ["query"]},
+        {"id": "dashboards", "flows": ["egress"], "rules": thinned, "link_protocols": ["quic"]},
     ]
-    made["downsampling"] = [each for each in slower if each["rules"]]
+    made["downsampling"] = [{"messages": ["put"], **each} for each in slower if each["rules"]]
     if any(router_site.password for router_site in sites):
         (router_site,) = sites
         made["transport"]["auth"] = {"usrpwd": {"dictionary_file": f"{router_site.folder}users.txt"}}

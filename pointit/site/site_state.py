@@ -20,16 +20,8 @@ from typing import Any, TypeVar, cast
 
 from pointit.schemas import ActOutcome, Deployment, Message, SelectionEvent
 from pointit.schemas.system import split_instance
-from pointit.schemas.topics import (
-    ACCOUNTS,
-    DEPLOYMENT,
-    MAP,
-    OBJECTS,
-    SELECTION_EVENTS,
-    THING_STATES,
-    Delivery,
-    Topic,
-)
+from pointit.schemas.table_types import Delivery, Topic
+from pointit.schemas.topics import ACCOUNTS, DEPLOYMENT, MAP, OBJECTS, SELECTION_EVENTS, THING_STATES
 from pointit.services.registry import PROCESSES, present_writers
 
 M = TypeVar("M", bound=Message)

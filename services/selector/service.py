@@ -18,10 +18,10 @@ from pointit.schemas import (
     Feedback,
     Hover,
     Step,
-    ThingStates,
     TrackedObjects,
     topics,
 )
+from pointit.schemas.selection import ThingStates
 from pointit.services.selector.config import SelectorConfig
 from pointit.services.selector.journal import Journal
 from pointit.services.selector.methods.pointer import apply_method

@@ -1,20 +1,17 @@
-r"""Checks of plug-ins: the promises of each kind, such as an IMU source or a robot driver.
+r"""Contracts of plug-ins: classes of pytest with the promises of each kind, such as an IMU source.
 
-The author of a plug-in describes a fake device once, and gets one test for each promise:
+The author of a plug-in describes a fake device once, and inherits one test for each promise:
 
-    DEVICE = ImuHarness(
-        plugin=SOURCE,
-        device=TcpDevice,
-        parameters=lambda device: {"host": device.host, "port": device.port},
-        encode=lambda xyzw: b"%f,%f,%f,%f\n" % xyzw,
-    )
+    class TestMyWrist(ImuSourceContract):
+        plugin = SOURCE
+        wrong_parameters = ({"port": 0},)
+        device = TcpDevice
 
-    @pytest.mark.parametrize("check", checks(DEVICE), ids=str)
-    def test_promise(check: Check) -> None:
-        check.run()
+        def encode(self, orientation_xyzw: Quaternion) -> bytes:
+            return b"%f,%f,%f,%f\n" % orientation_xyzw
 
-Declared as an entry point of the group `pointit.fake_devices`, under the name of the plug-in, the harness is
-found by `pointit plugin check NAME`, too.
+Declared as an entry point of the group `pointit.fake_devices`, under the name of the plug-in, the class is
+run by `pointit plugin check NAME`, too. A promise that the device cannot show is skipped.
 
 `memory_bench` starts a service on a bus in memory for tests of its own. `in_virtual_time` runs such a test
 without waiting, `until` waits for a condition, and `no_task_left` fails if tasks are left running.
@@ -22,51 +19,55 @@ without waiting, `until` waits for a condition, and `no_task_left` fails if task
 
 from typing import Any
 
+from pointit.testing import old_names
 from pointit.testing.bench import Bench, ManualClock, in_virtual_time, memory_bench, no_task_left, until
+from pointit.testing.contract import CheckFailedError, Contract
 from pointit.testing.devices import FakeDevice, PtyDevice, TcpDevice, UdpDevice
-from pointit.testing.imu import IMU_SUITE, ImuHarness
-from pointit.testing.led import LED_SUITE, LedHarness
-from pointit.testing.methods import METHOD_SUITE, MethodHarness
-from pointit.testing.recogniser import RECOGNISER_SUITE, RecogniserHarness
-from pointit.testing.robot import ROBOT_SUITE, RobotHarness
-from pointit.testing.service import SERVICE_SUITE, ServiceHarness, ServiceTrial
-from pointit.testing.trial import Check, CheckFailedError, DeviceHarness, Harness, Suite, run_checks
+from pointit.testing.imu import ImuSourceContract
+from pointit.testing.led import LedOutputContract
+from pointit.testing.methods import SelectionMethodContract
+from pointit.testing.recogniser import RecogniserContract
+from pointit.testing.robot import RobotContract
+from pointit.testing.service import ServiceContract, ServiceTrial
+from pointit.testing.trial import DeviceContract
 
 __all__ = [
     "Bench",
-    "Check",
     "CheckFailedError",
-    "DeviceHarness",
+    "Contract",
+    "DeviceContract",
     "FakeDevice",
-    "Harness",
-    "ImuHarness",
-    "LedHarness",
+    "ImuSourceContract",
+    "LedOutputContract",
     "ManualClock",
-    "MethodHarness",
     "PtyDevice",
-    "RecogniserHarness",
-    "RobotHarness",
-    "ServiceHarness",
+    "RecogniserContract",
+    "RobotContract",
+    "SelectionMethodContract",
+    "ServiceContract",
     "ServiceTrial",
     "TcpDevice",
     "UdpDevice",
-    "checks",
     "in_virtual_time",
     "memory_bench",
     "no_task_left",
-    "run_checks",
     "until",
 ]
-SUITES: dict[type[Harness[Any]], Suite[Any]] = {
-    ImuHarness: IMU_SUITE,
-    LedHarness: LED_SUITE,
-    MethodHarness: METHOD_SUITE,
-    RecogniserHarness: RECOGNISER_SUITE,
-    RobotHarness: ROBOT_SUITE,
-    ServiceHarness: SERVICE_SUITE,
+
+_HARNESSES = {
+    "ImuHarness": ImuSourceContract,
+    "LedHarness": LedOutputContract,
+    "MethodHarness": SelectionMethodContract,
+    "RecogniserHarness": RecogniserContract,
+    "RobotHarness": RobotContract,
+    "ServiceHarness": ServiceContract,
 }
 
 
-def checks(harness: Harness[Any]) -> list[Check]:
-    """Return the checks that can be made with `harness`, for `pytest.mark.parametrize`."""
-    return SUITES[type(harness)].checks(harness)
+def __getattr__(name: str) -> Any:
+    """Return an old name, which works until the next minor version."""
+    if name in _HARNESSES:
+        return old_names.harness(name, _HARNESSES[name])
+    if name in {"Check", "checks", "run_checks"}:
+        return getattr(old_names, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

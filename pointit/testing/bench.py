@@ -2,7 +2,7 @@
 
 import asyncio
 import functools
-from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, ParamSpec, TypeVar
 
@@ -82,34 +82,6 @@ async def until(
             raise AssertionError(f"waited {timeout_s:g} s in vain{': ' + sentence if sentence else ''}")
         await asyncio.sleep(wait_s)
         wait_s = min(1.1 * wait_s, LONGEST_WAIT_S)
-
-
-@asynccontextmanager
-async def repeated(period_s: float, step: Callable[[], object]) -> AsyncGenerator[None]:
-    """Call `step` each period, and await what it returns if that can be awaited."""
-
-    async def repeat() -> None:
-        while True:
-            result = step()
-            if isinstance(result, Awaitable):
-                await result
-            await asyncio.sleep(period_s)
-
-    async with background(repeat()):
-        yield
-
-
-@asynccontextmanager
-async def background(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
-    """Run a coroutine beside the block, and cancel it at its end; what failed in it is raised."""
-    task = asyncio.create_task(work)
-    try:
-        yield
-    finally:
-        task.cancel()
-        await asyncio.wait({task})
-        if not task.cancelled():
-            task.result()
 
 
 class Bench:

@@ -6,6 +6,7 @@ import os
 import random
 import socket
 import tty
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import ClassVar, cast
@@ -23,6 +24,8 @@ class FakeDevice:
     """True if `stall` stops a program that sends more than the device reads."""
 
     def __init__(self) -> None:
+        self.address: Mapping[str, object] = {}
+        """Parameters that lead a program to it, such as `host` and `port`."""
         self.received = bytearray()
         """Bytes from the program since it last connected."""
 
@@ -37,9 +40,6 @@ class FakeDevice:
 
     def stall(self) -> None:
         """Stop reading, and go on being connected."""
-
-    def resume(self) -> None:
-        """Read again."""
 
     def close(self) -> None:
         """Free what was reserved for it, at the end."""
@@ -57,6 +57,7 @@ class NetworkDevice(FakeDevice):
         self._reserved.bind((self.host, 0))
         self.port: int = self._reserved.getsockname()[1]
         """Port of the device."""
+        self.address = {"host": self.host, "port": self.port}
 
     def close(self) -> None:
         """Free the port."""
@@ -80,6 +81,7 @@ class PtyDevice(FakeDevice):
         self._folder = TemporaryDirectory()
         self.path = Path(self._folder.name) / "port"
         """Path of the port that the program opens."""
+        self.address = {"port": str(self.path)}
         self._device = -1
         self._program = -1
 
@@ -90,7 +92,7 @@ class PtyDevice(FakeDevice):
         for end in (self._device, self._program):
             tty.setraw(end)
         os.set_blocking(self._device, False)
-        self.resume()
+        asyncio.get_running_loop().add_reader(self._device, self._read)
         fresh = self.path.with_suffix(".new")
         fresh.symlink_to(os.ttyname(self._program))
         fresh.replace(self.path)
@@ -121,10 +123,6 @@ class PtyDevice(FakeDevice):
     def stall(self) -> None:
         """Stop reading."""
         asyncio.get_running_loop().remove_reader(self._device)
-
-    def resume(self) -> None:
-        """Read again."""
-        asyncio.get_running_loop().add_reader(self._device, self._read)
 
     def close(self) -> None:
         """Remove the folder of the link."""
@@ -172,11 +170,6 @@ class TcpDevice(NetworkDevice):
         """Stop reading."""
         for writer in self._writers:
             cast("asyncio.Transport", writer.transport).pause_reading()
-
-    def resume(self) -> None:
-        """Read again."""
-        for writer in self._writers:
-            cast("asyncio.Transport", writer.transport).resume_reading()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.received.clear()

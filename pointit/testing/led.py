@@ -1,49 +1,16 @@
-"""Checks of an LED output, and the harness that its author gives."""
+"""The contract of LED outputs."""
 
 import asyncio
-import math
 import statistics
 import time
-from collections.abc import AsyncGenerator, Callable, Sequence
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
+from unittest import SkipTest
 
-from pointit.plugins import LampOutput, LedOutput, Output, OutputConfig
+from pointit.plugins import LampOutput, Output, OutputConfig
 from pointit.schemas import Lamp, Strip, StripFrame, StripsFrame
-from pointit.testing import requirements
-from pointit.testing.trial import CheckFailedError, DeviceHarness, Suite, Trial, absent, called, connected
-
-__all__ = [
-    "DARK",
-    "FRAMES",
-    "LATE_S",
-    "LED_SUITE",
-    "MANY",
-    "PIXELS",
-    "SHOWS",
-    "SHOW_S",
-    "STRIPS",
-    "STUCK_FRAMES",
-    "LampsAsStrips",
-    "LedHarness",
-    "LedTrial",
-    "bounded_memory",
-    "cancels",
-    "config_errors",
-    "dark_at_end",
-    "lamp_id",
-    "light_s",
-    "newest_wins",
-    "notices_loss",
-    "odd_frames",
-    "parameters",
-    "pattern",
-    "reconnects",
-    "show_returns_at_once",
-    "shows",
-]
-
+from pointit.testing.contract import CheckFailedError, called, promise, require, require_bounded_memory
+from pointit.testing.trial import WARN, DeviceContract, Trial
 
 STRIPS = (
     Strip(id="a", line_m=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), pixels=10),
@@ -51,25 +18,24 @@ STRIPS = (
 )
 PIXELS = sum(strip.pixels for strip in STRIPS)
 DARK = bytes(3 * PIXELS)
-
-
-@dataclass(frozen=True, kw_only=True)
-class LedHarness(DeviceHarness[LedOutput]):
-    """An LED output with a fake device that stands for the real one."""
-
-    decode: Callable[[bytes], Sequence[bytes]]
-    """Returns the complete frames in the bytes that the device has received since it was connected, in order.
-    Each is the pixels of all strips: 3 bytes a pixel, red, green, blue. The checks use only 0 and 255. For an
-    output to lamps, each pixel is a lamp: `a_0` to `a_9`, `b_0` to `b_6`."""
-
-    def trial(self) -> "LedTrial":
-        """Return a trial of the output, which is made at once. Raises CheckFailedError if it cannot be."""
-        return LedTrial(self)
-
-
-def notices_loss(harness: LedHarness) -> bool:
-    """Return True if the output can notice that its device has vanished."""
-    return harness.example().is_connected
+SHOWS = 21
+SHOW_S = 0.02
+"""Median time of `show` above which it does not return at once, s."""
+FRAMES = 300
+STUCK_FRAMES = 20
+MANY = 8000
+NEWEST = "Keep one frame, not a queue: `show` replaces it, and `run` sends it when the device takes more"
+AGAIN = (
+    "Send the kept frame whenever a connection is open, since nobody shows it again, and again every second: "
+    "only sending tells that a connection is lost"
+)
+ODD_FRAMES: tuple[tuple[StripFrame, ...], ...] = (
+    (),
+    (StripFrame(id="unknown", rgb=b"\xff" * 30),),
+    (StripFrame(id="a", rgb=b"\xff" * 3),),
+    (StripFrame(id="a", rgb=b"\xff" * 3000), StripFrame(id="b", rgb=b"")),
+    (StripFrame(id="b", rgb=b"\xff" * 21),),
+)
 
 
 def pattern(number: int) -> bytes:
@@ -80,16 +46,16 @@ def pattern(number: int) -> bytes:
 class LedTrial(Trial):
     """One run of an LED output, which is made at once."""
 
-    def __init__(self, harness: LedHarness) -> None:
-        super().__init__(harness)
-        self.harness = harness
+    def __init__(self, contract: "LedOutputContract") -> None:
+        super().__init__(contract)
+        self.contract = contract
         self._newest = b""
         with called("make"):
             self.output = self.make(self.config)
 
     def make(self, config: Any) -> Output:
         """Create an output. Raises CheckFailedError if it has neither strips nor lamps."""
-        output = self.harness.plugin.make(config, self.surroundings)
+        output = self.contract.plugin.make(config, self.surroundings)
         if isinstance(output, Output):
             return output
         if isinstance(output, LampOutput):
@@ -105,16 +71,31 @@ class LedTrial(Trial):
 
     async def exchange(self, situation: str = "the device was connected") -> None:
         """Wait until the newest frame of the device is the pattern that was shown last."""
-        await self.until(
-            lambda: self.shown()[-1:] == [self._newest], f"{situation}, and did not get the newest frame"
-        )
+        failure = f"{situation}, and did not get the newest frame"
+        await self.until(lambda: self.shown()[-1:] == [self._newest], failure, AGAIN)
 
     async def live(self) -> None:
-        """Show another pattern, and let the device vanish and come back, if that can be noticed."""
+        """Show another pattern, let the device vanish and come back, and let it read no more."""
         self.show(2)
         await self.exchange()
         if self.device.is_connected:
             await self.replug()
+        if self.device.can_stall:
+            self.device.stall()
+            for number in range(3, STUCK_FRAMES):
+                self.show(number)
+                await asyncio.sleep(0.01)
+
+    def show_often(self, state: str) -> None:
+        """Show many frames. Raises CheckFailedError if `show` is slow in the `state`, a clause."""
+        took_s: list[float] = []
+        for number in range(1, SHOWS + 1):
+            began_s = time.perf_counter()
+            self.show(number)
+            took_s.append(time.perf_counter() - began_s)
+        median_s = statistics.median(took_s)
+        remedy = "Keep the frame in `show` and send it from `run`"
+        require(median_s <= SHOW_S, f"while {state}, `show` took {median_s * 1e3:.0f} ms", remedy)
 
     def show(self, number: int) -> None:
         """Show the pattern of a number."""
@@ -137,7 +118,7 @@ class LedTrial(Trial):
 
     def shown(self) -> list[bytes]:
         """Return the frames that the device has received since it was connected."""
-        return list(self.harness.decode(bytes(self.device.received)))
+        return list(self.contract.decode(bytes(self.device.received)))
 
 
 def lamp_id(strip_id: str, pixel: int) -> str:
@@ -177,194 +158,104 @@ class LampsAsStrips:
         await self._lamps.run()
 
 
-LED_SUITE = Suite[LedHarness]()
-LATE_S = 0.5
-SHOWS = 21
-SHOW_S = 0.02
-"""Median time of `show` above which it does not return at once, s."""
-FRAMES = 300
+class LedOutputContract(DeviceContract):
+    """Promises of an LED output, with a fake device that stands for the real one."""
 
+    def decode(self, received: bytes) -> Sequence[bytes]:
+        """Return the complete frames in the bytes that the device received since it was connected, in order.
 
-@LED_SUITE.check(
-    "Derive the parameters from pointit.plugins.OutputConfig; operators see them in `pointit plugin list`"
-)
-async def parameters(harness: LedHarness) -> None:
-    """Has a summary of one line, a description for each parameter, and those of every output."""
-    if not issubclass(harness.plugin.config, OutputConfig):
-        raise CheckFailedError(f"{harness.plugin.config.__name__} is no OutputConfig")
-    requirements.require_parameters(harness.plugin)
+        Each is the pixels of all strips: 3 bytes a pixel, red, green, blue. The tests use only 0 and 255. For
+        an output to lamps, each pixel is a lamp: `a_0` to `a_9`, `b_0` to `b_6`.
+        """
+        raise NotImplementedError
 
+    def trial(self) -> LedTrial:
+        """Return a trial of the output, which is made at once. Raises CheckFailedError if it cannot be."""
+        return LedTrial(self)
 
-@LED_SUITE.check("Raise pointit.plugins.ConfigError from `make`, with one sentence; connect in `run`")
-async def config_errors(harness: LedHarness) -> None:
-    """Refuses parameters that cannot work, with ConfigError and nothing else, and opens nothing yet."""
-    await requirements.config_errors(harness)  # made while the device is away
-
-
-@LED_SUITE.check("`decode` of the harness and the output must agree on the order of strips and colours")
-async def shows(harness: LedHarness) -> None:
-    """Shows frames: each strip's pixels arrive, red, green, blue."""
-    async with connected(harness.trial()) as trial:
-        for number in (5, 2**20 + 2**31 + 3, 2**50 + 1):
-            trial.show(number)
-            await trial.exchange()
-
-
-@LED_SUITE.check("Keep the frame in `show` and send it from `run`", alone=True)
-async def show_returns_at_once(harness: LedHarness) -> None:
-    """Returns at once from `show`, also while the device is away or stuck."""
-
-    def show_often(state: str) -> None:
-        took_s: list[float] = []
-        for number in range(1, SHOWS + 1):
-            began_s = time.perf_counter()
-            trial.show(number)
-            took_s.append(time.perf_counter() - began_s)
-        if statistics.median(took_s) > SHOW_S:
-            raise CheckFailedError(f"{state}, `show` took {statistics.median(took_s) * 1e3:.0f} ms")
-
-    async with absent(harness.trial()) as trial:
-        show_often("while the device was away")
-        await trial.plug()
-        show_often("while the device was connected")
-        if trial.device.can_stall:
-            trial.device.stall()
-            show_often("while the device read nothing")
-
-
-@LED_SUITE.check(
-    "Keep one frame, not a queue: `show` replaces it, and `run` sends it when the device takes more",
-    lambda harness: harness.example().can_stall,
-)
-async def newest_wins(harness: LedHarness) -> None:
-    """Sends the newest frame and drops those that it replaced."""
-    async with connected(harness.trial()) as trial:
-        before = len(trial.shown())
-        for number in range(2, FRAMES + 2):
-            trial.show(number)
-        await trial.exchange("many frames were shown")
-        sent = len(trial.shown()) - before
-        if sent > FRAMES / 2:
-            raise CheckFailedError(f"of {FRAMES} frames shown at once, {sent} were sent, not just the newest")
-
-
-@LED_SUITE.check("Look strips up by their id in what `set_strips` gave last; cut or fill their pixels")
-async def odd_frames(harness: LedHarness) -> None:
-    """Survives frames that do not fit: without strips, of unknown strips, too short, too long, too early."""
-    odd: tuple[list[StripFrame], ...] = (
-        [],
-        [StripFrame(id="unknown", rgb=b"\xff" * 30)],
-        [StripFrame(id="a", rgb=b"\xff" * 3)],
-        [StripFrame(id="a", rgb=b"\xff" * 3000), StripFrame(id="b", rgb=b"")],
-        [StripFrame(id="b", rgb=b"\xff" * 21)],
-    )
-    async with harness.trial() as trial:
-        for frames in odd:  # before there are strips
-            trial.show_frames(frames)
-        await trial.device.plug()
-        await trial.start()
-        for strips in (STRIPS[:1], (), STRIPS[::-1], STRIPS):
-            with called("set_strips"):
-                trial.output.set_strips(strips)
-            for frames in odd:
-                trial.show_frames(frames)
-                await asyncio.sleep(0.005)
-                trial.require_running()
-        trial.show(7)
-        await trial.exchange("frames did not fit")
-
-
-@LED_SUITE.check(
-    "Take the time in `show` and after the last byte was sent, in seconds; leave 0.0 if it is not measured"
-)
-async def light_s(harness: LedHarness) -> None:
-    """Has an honest `light_s`: 0.0 before the first frame, then the time from `show` to the wire."""
-    loop = asyncio.get_running_loop()
-    async with harness.trial() as trial:
-        if trial.output.light_s != 0.0:
-            raise CheckFailedError(f"before the first frame it was {trial.output.light_s!r}, not 0.0")
-        shown_s = loop.time()
-        await trial.start()
-        await asyncio.sleep(LATE_S)
-        late_s = loop.time() - shown_s
-        await trial.plug()
-        await asyncio.sleep(0.05)  # it may be measured after the last byte has arrived here
-        measured_s, passed_s = trial.output.light_s, loop.time() - shown_s
-        if not (math.isfinite(measured_s) and 0.0 <= measured_s <= passed_s):
-            raise CheckFailedError(f"{passed_s:.2f} s after the first `show` it was {measured_s!r}")
-        if notices_loss(harness) and 0.0 < measured_s < late_s - 0.1:
-            raise CheckFailedError(
-                f"a frame left {late_s:.2f} s after its `show`, and it was {measured_s:.3f}"
-            )
-
-
-STUCK_FRAMES = 20
-MANY = 8000
-
-
-@LED_SUITE.check(
-    "Connect in a loop, send the kept frame whenever a connection is open, since nobody shows it again, and "
-    "send it again every second: only sending tells that a connection is lost",
-    notices_loss,
-)
-async def reconnects(harness: LedHarness) -> None:
-    """Shows the newest frame on a device that comes late, or came back."""
-    async with absent(harness.trial()) as trial:
-        await trial.plug()
-        for _ in range(2):
-            await trial.replug()
-
-
-LED_SUITE.add(requirements.warns, requirements.WARN, notices_loss)
-
-
-@LED_SUITE.check(
-    "Await only what can be cancelled, do not catch CancelledError, and limit the time of the last frame"
-)
-async def cancels(harness: LedHarness) -> None:
-    """Ends within 1 s of being cancelled."""
-
-    @asynccontextmanager
-    async def stuck() -> AsyncGenerator[LedTrial]:
-        async with connected(harness.trial()) as trial:
-            trial.device.stall()
-            for number in range(2, STUCK_FRAMES):
+    @promise()
+    async def test_shows(self) -> None:
+        """Shows each strip's pixels, red, green, blue; measures the time to the wire; is dark at its end."""
+        loop = asyncio.get_running_loop()
+        kind = self.plugin.config
+        require(issubclass(kind, OutputConfig), f"{kind.__name__} is no OutputConfig of pointit.plugins")
+        async with self.trial() as trial:
+            light_s, began_s = trial.output.light_s, loop.time()
+            require(light_s == 0.0, f"before the first frame `light_s` was {light_s!r}, not 0.0")
+            await trial.begin()
+            for number in (5, 2**20 + 2**31 + 3, 2**50 + 1):
                 trial.show(number)
-                await asyncio.sleep(0.01)
-            yield trial
+                await trial.exchange()
+            await asyncio.sleep(0.05)  # it may be measured after the last byte has arrived here
+            light_s, passed_s = trial.output.light_s, loop.time() - began_s
+            require(
+                0.0 <= light_s <= passed_s,
+                f"{passed_s:.2f} s after the first `show` `light_s` was {light_s!r}",
+                "It is the time from `show` to the last byte sent, s; leave 0.0 if it is not measured",
+            )
+            await trial.end()
+            remedy = "Send a dark frame in `finally` of `run`, and wait until it has left"
+            await trial.until(lambda: trial.shown()[-1:] == [DARK], "the strips were left lit", remedy)
 
-    await requirements.cancels(harness)
-    if harness.example().can_stall:
-        await requirements.require_quick_end(stuck, "while the device read nothing")
+    @promise()
+    async def test_newest_wins(self) -> None:
+        """Returns at once from `show`, and keeps the newest frame alone while the device is away or slow."""
+        async with self.trial() as trial:
+            await trial.begin(is_plugged=False)
+            trial.show_often("the device was away")
 
+            async def show_many() -> None:
+                for number in range(MANY):
+                    trial.show(number + 1)
+                    if number % 100 == 0:
+                        await asyncio.sleep(0)
 
-@LED_SUITE.check("Send a dark frame in `finally` of `run`, and wait until it has left")
-async def dark_at_end(harness: LedHarness) -> None:
-    """Switches the strips off when it ends."""
-    async with connected(harness.trial()) as trial:
-        await trial.end()
-        await trial.until(lambda: trial.shown()[-1:] == [DARK], "the strips were left lit")
+            await require_bounded_memory(show_many, f"{MANY} frames without a device", NEWEST)
+            await trial.plug()
+            trial.show_often("the device was connected")
+            if trial.device.can_stall:
+                await trial.exchange()
+                before = len(trial.shown())
+                for number in range(2, FRAMES + 2):
+                    trial.show(number)
+                await trial.exchange("many frames were shown")
+                sent = len(trial.shown()) - before
+                require(
+                    sent <= FRAMES / 2,
+                    f"of {FRAMES} frames shown at once, {sent} were sent, not just the newest",
+                    NEWEST,
+                )
+                trial.device.stall()
+                trial.show_often("the device read nothing")
 
+    @promise()
+    async def test_odd_frames(self) -> None:
+        """Survives frames that do not fit: no strips, unknown strips, too short, too long, too early."""
+        async with self.trial() as trial:
+            for frames in ODD_FRAMES:  # before there are strips
+                trial.show_frames(frames)
+            await trial.device.plug()
+            await trial.start()
+            for strips in (STRIPS[:1], (), STRIPS[::-1], STRIPS):
+                with called("set_strips"):
+                    trial.output.set_strips(strips)
+                for frames in ODD_FRAMES:
+                    trial.show_frames(frames)
+                    await asyncio.sleep(0.005)
+                    trial.require_running()
+            trial.show(7)
+            await trial.exchange("frames did not fit")
 
-@LED_SUITE.check(
-    "Keep the newest frame alone; a queue without limit grows while the device is away or slow", alone=True
-)
-async def bounded_memory(harness: LedHarness) -> None:
-    """Needs no more memory the longer it runs."""
-    async with absent(harness.trial()) as trial:
-
-        async def many() -> None:
-            for number in range(MANY):
-                trial.show(number + 1)
-                if number % 100 == 0:
-                    await asyncio.sleep(0)
-
-        await requirements.require_bounded_memory(many, f"{MANY} frames without a device")
-
-
-LED_SUITE.add(
-    requirements.does_not_block,
-    "Call nothing that waits, such as `time.sleep` or a blocking write: use asyncio's streams, or a thread",
-    alone=True,
-)
-LED_SUITE.add(requirements.leaves_nothing, requirements.CLOSE, alone=True)
+    @promise()
+    async def test_reconnects(self) -> None:
+        """Warns while its device is away, and shows the newest frame when it comes, or comes back."""
+        async with self.trial() as trial:
+            if not trial.device.is_connected:
+                raise SkipTest("the output cannot notice that its device has vanished")
+            await trial.start()
+            await trial.warned()
+            await trial.plug()
+            for _ in range(2):
+                await trial.replug()
+            cleared = "the device was back and a warning stayed"
+            await trial.until(lambda: not trial.health.warnings, cleared, WARN, trial.exchange)

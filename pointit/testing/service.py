@@ -1,60 +1,26 @@
-"""Checks of services, and the harness that their author gives."""
+"""The contract of services."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
 from pydantic import ValidationError
 
-from pointit.plugins import ConfigError, Message, Query, RefusedError, Request, ServicePlugin, Topic
+from pointit.plugins import ConfigError, Message, Query, RefusedError, Request, Topic
 from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
 from pointit.runtime.service.service import Launch, run_service
 from pointit.schemas import Health
 from pointit.schemas.topics import ACCOUNTS, CLOCK, HEALTH, SERVICE_ALIVE
-from pointit.testing import requirements
-from pointit.testing.trial import CheckFailedError, DeviceHarness, Suite, Trial, absent, connected
-
-__all__ = [
-    "HEALTH_S",
-    "LIVES_S",
-    "MESSAGES",
-    "SERVICE_SUITE",
-    "SYSTEM",
-    "NotedBus",
-    "ServiceHarness",
-    "ServiceTrial",
-    "answers",
-    "hears",
-    "parameters",
-    "starts",
-    "uses_declared_rows",
-    "works",
-]
-
+from pointit.testing.contract import CheckFailedError, promise, require
+from pointit.testing.trial import DeviceContract, Trial
 
 LIVES_S = 0.3
 """Time for a service to process what it gets, s."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ServiceHarness(DeviceHarness[ServicePlugin]):
-    """A service, checked on a bus within the process."""
-
-    messages: tuple[tuple[Topic[Any], Message], ...] = ()
-    """Messages that it reads, where those with default values do not exist or say too little."""
-    queries: tuple[tuple[Request[Any, Any], Query], ...] = ()
-    """Requests that it answers, where those with default values do not exist or say too little."""
-    works: "Callable[[ServiceTrial], Awaitable[None]] | None" = None
-    """Its author's own test of the running service: puts messages on `trial.bus`, and waits `until`."""
-
-    def trial(self) -> "ServiceTrial":
-        """Return a trial of the service, which has not begun."""
-        return ServiceTrial(self)
-
-
-SERVICE_SUITE: Suite[ServiceHarness] = Suite()
+MESSAGES = 50
+HEALTH_S = 1.1
+"""Time in which a service reports its health once, s."""
+SYSTEM = {CLOCK.key, *(topic.key for topic in ACCOUNTS)}
+"""Topics that every service uses."""
 
 
 class NotedBus(MemoryBus):
@@ -89,14 +55,14 @@ class NotedBus(MemoryBus):
 class ServiceTrial(Trial):
     """One run of a service."""
 
-    def __init__(self, harness: ServiceHarness) -> None:
-        super().__init__(harness)
-        self.harness = harness
+    def __init__(self, contract: "ServiceContract") -> None:
+        super().__init__(contract)
+        self.contract = contract
         broker = LocalBroker()
         self.own_bus = NotedBus(broker)
         self.bus = MemoryBus(broker)
         """Bus of the check, to which the service's messages come."""
-        plugin = harness.plugin
+        plugin = contract.plugin
         self.user = "anna" if plugin.make.SCOPE == "user" else ""
         """Person of the service, or `""` for one of the site."""
         self._launch = Launch(service=plugin.make, config=self.config, user=self.user)
@@ -117,7 +83,7 @@ class ServiceTrial(Trial):
 
     def make(self, config: Any) -> None:
         """Validate the parameters, which is all that may refuse them."""
-        self.harness.plugin.make.validate_config(config)
+        self.contract.plugin.make.validate_config(config)
 
     async def start(self) -> None:
         """Run the service in the background, and wait until it is ready."""
@@ -132,20 +98,20 @@ class ServiceTrial(Trial):
     async def live(self) -> None:
         """Put messages, send requests, and give the service some time."""
         self.put_messages()
-        for request in self.harness.plugin.serves:
+        for request in self.contract.plugin.serves:
             await self.ask(request)
         await asyncio.sleep(LIVES_S)
 
     def put_messages(self) -> None:
-        """Put a message of each topic that it reads, those of the harness instead where there are some."""
-        given = {topic.key for topic, _ in self.harness.messages}
+        """Put a message of each topic that it reads, those of the contract instead where there are some."""
+        given = {topic.key for topic, _ in self.contract.messages}
         now_ns = self.clock.now_ns()
         others = [
             (topic, _default(topic.message, stamp_ns=now_ns, seq=1))
-            for topic in self.harness.plugin.reads
+            for topic in self.contract.plugin.reads
             if topic.key not in given
         ]
-        for topic, message in (*self.harness.messages, *others):
+        for topic, message in (*self.contract.messages, *others):
             if message is not None:
                 self.bus.publisher(topic, self._name(topic)).put(message)
 
@@ -155,7 +121,7 @@ class ServiceTrial(Trial):
         Raises:
             CheckFailedError: If there is none, or the service fails on it.
         """
-        given = [query for each, query in self.harness.queries if each.key == request.key]
+        given = [query for each, query in self.contract.queries if each.key == request.key]
         query = given[0] if given else _default(request.query)
         if query is None:
             return
@@ -187,98 +153,51 @@ def _default(kind: Any, **fields: object) -> Any:
         return None
 
 
-MESSAGES = 50
-HEALTH_S = 1.1
-"""Time in which a service reports its health once, s."""
-SYSTEM = {CLOCK.key, *(topic.key for topic in ACCOUNTS)}
-"""Topics that every service uses."""
+class ServiceContract(DeviceContract):
+    """Promises of a service, on a bus within the process."""
 
+    messages: tuple[tuple[Topic[Any], Message], ...] = ()
+    """Messages that it reads, where those with default values do not exist or say too little."""
+    queries: tuple[tuple[Request[Any, Any], Query], ...] = ()
+    """Requests that it answers, where those with default values do not exist or say too little."""
 
-@SERVICE_SUITE.check(
-    "NAME, and `writers` or `server` of its own rows, are the entry point's name; no key is another row's"
-)
-async def parameters(harness: ServiceHarness) -> None:
-    """Has a summary of one line, a description for each parameter, and rows that it may use."""
-    requirements.require_parameters(harness.plugin)
-    try:
-        harness.plugin.check(harness.plugin.make.NAME)
-    except ConfigError as error:
-        raise CheckFailedError(str(error)) from error
+    async def works(self, trial: ServiceTrial) -> None:
+        """Test the running service: put messages on `trial.bus`, and wait `until`. Its author's own test."""
 
+    def trial(self) -> ServiceTrial:
+        """Return a trial of the service, which has not begun."""
+        return ServiceTrial(self)
 
-SERVICE_SUITE.add(
-    requirements.config_errors,
-    "Raise pointit.plugins.ConfigError from `validate_config`, with one sentence: what, where, what to do",
-)
+    @promise()
+    async def test_works(self) -> None:
+        """Answers the requests that it serves, takes many messages, and passes its author's own test."""
+        async with self.trial() as trial:
+            await trial.begin()
+            for request in self.plugin.serves:
+                await trial.ask(request)
+            for _ in range(MESSAGES):
+                trial.put_messages()
+                await asyncio.sleep(0)
+            await asyncio.sleep(HEALTH_S)
+            remedy = "Handle every message that its type allows; what a handler raises is logged"
+            require(not trial.errors, f"{trial.errors} of its handlers or timers raised", remedy)
+        async with self.trial() as trial:
+            await trial.begin()
+            await self.works(trial)
 
-
-@SERVICE_SUITE.check(
-    "Declare everything in the constructor, and wait in `run`: do not return, and catch what a device raises"
-)
-async def starts(harness: ServiceHarness) -> None:
-    """Starts, also while its device is away, and runs until it is cancelled."""
-    async with absent(harness.trial()):
-        pass
-
-
-@SERVICE_SUITE.check(
-    "Call `self.bus.serve` for each in the constructor; raise RefusedError with a sentence if it must refuse",
-    lambda harness: bool(harness.plugin.serves),
-)
-async def answers(harness: ServiceHarness) -> None:
-    """Answers the requests that it serves."""
-    async with connected(harness.trial()) as trial:
-        for request in harness.plugin.serves:
-            await trial.ask(request)
-
-
-@SERVICE_SUITE.check(
-    "Handle every message that its type allows; what a handler raises is counted in health, and logged",
-    lambda harness: bool(harness.plugin.reads),
-)
-async def hears(harness: ServiceHarness) -> None:
-    """Takes the messages that it reads, also many of them."""
-    async with connected(harness.trial()) as trial:
-        for _ in range(MESSAGES):
-            trial.put_messages()
-            await asyncio.sleep(0)
-        await asyncio.sleep(HEALTH_S)
-        trial.require_running()
-        if trial.errors:
-            raise CheckFailedError(f"{trial.errors} of its handlers or timers raised")
-
-
-@SERVICE_SUITE.check(
-    "Name each in `reads`, `writes`, `serves` or `asks` of the plug-in: a secured site allows only these"
-)
-async def uses_declared_rows(harness: ServiceHarness) -> None:
-    """Uses only topics and requests that it declares."""
-    async with connected(harness.trial()) as trial:
-        await trial.live()
-        if harness.works is not None:
-            await harness.works(trial)
-        for what, keys in trial.own_bus.used.items():
-            declared = {row.key for row in getattr(harness.plugin, what)}
-            extra = sorted(keys - declared - SYSTEM)
-            if extra:
-                raise CheckFailedError(f"`{what}` does not name {', '.join(extra)}, which it uses")
-
-
-@SERVICE_SUITE.check("See the test `works` in the harness", lambda harness: harness.works is not None)
-async def works(harness: ServiceHarness) -> None:
-    """Passes its author's own test."""
-    async with connected(harness.trial()) as trial:
-        if harness.works is not None:
-            await harness.works(trial)
-
-
-SERVICE_SUITE.add(
-    requirements.cancels,
-    "Await only what can be cancelled, do not catch CancelledError, and join no thread for longer",
-)
-SERVICE_SUITE.add(
-    requirements.does_not_block,
-    "Call nothing that waits, such as `time.sleep` or a blocking read: use asyncio, or `asyncio.to_thread`",
-    alone=True,
-)
-SERVICE_SUITE.add(requirements.leaves_nothing, requirements.CLOSE, alone=True)
+    @promise()
+    async def test_uses_declared_rows(self) -> None:
+        """Uses only topics and requests that it declares, and that it may declare."""
+        try:
+            self.plugin.check(self.plugin.make.NAME)
+        except ConfigError as error:
+            raise CheckFailedError(str(error)) from error
+        async with self.trial() as trial:
+            await trial.begin()
+            await trial.live()
+            await self.works(trial)
+            for field, keys in trial.own_bus.used.items():
+                declared = {row.key for row in getattr(self.plugin, field)}
+                extra = ", ".join(sorted(keys - declared - SYSTEM))
+                problem = f"`{field}` does not name {extra}, which it uses"
+                require(not extra, problem, "A secured site allows only what the plug-in names")

@@ -28,10 +28,10 @@ TOP = (
 )
 MADE_BY_READERS = {
     "deploy/.env",
-    "fake.py",
     "my_order.py",
+    "promises.py",
     "src/my_wrist/__init__.py",
-    "src/my_wrist/fake.py",
+    "src/my_wrist/promises.py",
 }
 MODULES = (
     *all_modules(),

@@ -29,8 +29,7 @@ from pointit.schemas.topics import CURSOR, HEALTH, OBJECTS, POSE, SELECTION, SER
 from pointit.site.following import follow_site
 from pointit.site.site_state import SiteState
 from pointit.speech.interpreter import Interpreter
-from pointit.testing.bench import background
-from tests.support.bench import until
+from tests.support.bench import background, until
 from tests.support.buses import router_process, settled, site_of
 from tests.unit.ros2.graph_of_one import FakeBackend
 

@@ -16,7 +16,7 @@ from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.serial.framers import Ximu3Framer
 from pointit.testing.devices import FakeDevice, PtyDevice
-from pointit.testing.templates.imu_source.fake import encode as text_line
+from pointit.testing.templates.imu_source.promises import SourcePromises
 from pointit_lab.devices.serial_formats import (
     bno085_orientation,
     witmotion_quaternion,
@@ -31,7 +31,7 @@ RATE_HZ = 100.0
 PATIENCE_S = 60.0
 ONLY_RED = {"sequence": ["red"], "interval_s": 0.6, "length_m": 0.3, "count": 100, "initial": 8}
 FORMATS: dict[str, Callable[[Quaternion], bytes]] = {
-    "lines of text": text_line,
+    "lines of text": SourcePromises().encode,
     "WitMotion": witmotion_quaternion,
     "BNO085 (UART-RVC)": bno085_orientation,
     "x-IMU3": lambda orientation: ximu3_quaternion(orientation, time.monotonic_ns() // 1000),

@@ -1,19 +1,13 @@
 """The bench of `pointit.testing`, with a patience that a busy machine makes longer."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
 
 from pointit.runtime.clock import is_virtual
 from pointit.testing import bench
-from pointit.testing.bench import (
-    START_NS,
-    Bench,
-    ManualClock,
-    background,
-    in_virtual_time,
-    memory_bench,
-    repeated,
-)
+from pointit.testing.bench import START_NS, Bench, ManualClock, in_virtual_time, memory_bench
 from tests.support.pace import Patience, VirtualPatience
 
 __all__ = [
@@ -30,6 +24,34 @@ __all__ = [
 
 PATIENCE_S = 30.0
 """A condition that comes true ends its wait at once: long patience costs time in a test that fails only."""
+
+
+@asynccontextmanager
+async def repeated(period_s: float, step: Callable[[], object]) -> AsyncGenerator[None]:
+    """Call `step` each period, and await what it returns if that can be awaited."""
+
+    async def repeat() -> None:
+        while True:
+            result = step()
+            if isinstance(result, Awaitable):
+                await result
+            await asyncio.sleep(period_s)
+
+    async with background(repeat()):
+        yield
+
+
+@asynccontextmanager
+async def background(work: Coroutine[Any, Any, None]) -> AsyncGenerator[None]:
+    """Run a coroutine beside the block, and cancel it at its end; what failed in it is raised."""
+    task = asyncio.create_task(work)
+    try:
+        yield
+    finally:
+        task.cancel()
+        await asyncio.wait({task})
+        if not task.cancelled():
+            task.result()
 
 
 async def until(

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 
 from pointit.geometry.rotation import IDENTITY
 from pointit.services.imu_bridge.network.slimevr_protocol import PORT
-from pointit_lab.devices.harnesses.network import SlimevrTracker, slimevr_rotation
+from pointit_lab.devices.contracts.network import SlimevrTracker, slimevr_rotation
 
 MAC = "02:00:0A:0B:0C:0D"
 """Address of each `Tracker`."""

@@ -1,7 +1,6 @@
 """A fake device by Bluetooth Low Energy: a radio in memory, in place of the operating system's."""
 
 import itertools
-from typing import Any
 
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio
 from pointit.testing.devices import FakeDevice
@@ -20,6 +19,7 @@ class BleDevice(FakeDevice):
         """Adapter by which the program reaches it."""
         address = f"F0:00:00:00:{number // 256 % 256:02X}:{number % 256:02X}"
         self.peripheral = Peripheral(wrist, address)
+        self.address = {"address": address, "adapter": self.adapter}
         self.received = self.peripheral.received
         VIRTUAL_RADIOS[self.adapter] = self._radio()
 
@@ -51,8 +51,3 @@ class BleDevice(FakeDevice):
 
         scanner, client = backends(self.peripheral)
         return Radio(scanner=scanner, client=client)
-
-
-def parameters(device: Any) -> dict[str, object]:
-    """Return parameters of a plug-in that lead to `device`."""
-    return {"address": device.peripheral.address, "adapter": device.adapter}

@@ -2,7 +2,7 @@
 
 import importlib.resources
 import keyword
-import logging
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -11,6 +11,7 @@ from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from string import Template
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
@@ -21,14 +22,15 @@ from pointit.plugins import GROUPS, ConfigError, Plugin, SelectionMethod, Servic
 from pointit.runtime.config.installed import OURS
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.selector.config import SelectorConfig
-from pointit.testing import SUITES, Harness, checks, run_checks
-from pointit.testing.methods import MethodHarness
-from pointit.testing.requirements import require_parameters
-from pointit.testing.service import ServiceHarness
-from pointit.testing.trial import CheckFailedError
+from pointit.testing import CheckFailedError, Contract, SelectionMethodContract, ServiceContract
 
 FAKE_DEVICES = "pointit.fake_devices"
 COMMAND = "command"
+OPTIONS = (
+    *("-c", os.devnull, "-o", "faulthandler_timeout=120"),
+    *("-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:asyncio", "-p", "no:xdist"),
+)
+"""Options of pytest: no configuration, a traceback after 120 s, and results that this command shows."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +57,11 @@ def command(*, name: str | None, as_json: bool) -> None:
     Example: pointit plugin check hold
     """
     results: list[CheckResult] = []
-    logging.disable()  # devices come and go on purpose
-    try:
-        for kind, found in chosen(name):
-            for result in examined(kind, found):
-                results.append(result)
-                if not as_json:
-                    _print(result)
-    finally:
-        logging.disable(logging.NOTSET)
+    for kind, found in chosen(name):
+        for result in examined(kind, found):
+            results.append(result)
+            if not as_json:
+                _print(result)
     broken = sum(bool(result.problem) for result in results)
     if as_json:
         print_json([vars(result) for result in results])
@@ -109,23 +107,18 @@ def examined(kind: str, name: str) -> Iterator[CheckResult]:
         return
     try:
         plugin: Plugin = GROUPS[kind].get(name)
-        harness = installed_harness(name, plugin)
+        contract = installed_contract(name, plugin)
     except ConfigError as error:
         yield CheckResult(title, "import", "can be imported", str(error))
         return
-    if harness is not None:
-        for check, problem in run_checks(checks(harness)):
-            yield CheckResult(title, check.name, check.promise, problem)
+    if contract is not None:
+        yield from tested(title, contract)
         return
     if GROUPS[kind].package(name) in OURS and find_spec(lazy.LAB.replace("-", "_")) is None:
         raise ConfigError(
             f"{title}: ours are checked with devices of {lazy.LAB}, which is not installed; "
             f"run {remedy('lab')}"
         )
-    try:
-        require_parameters(plugin)
-    except CheckFailedError as error:
-        yield CheckResult(title, "parameters", "describes itself and its parameters", str(error))
     yield CheckResult(
         title,
         "fake_device",
@@ -160,25 +153,84 @@ def examined_command(title: str, name: str) -> Iterator[CheckResult]:
     yield CheckResult(title, "help", "describes itself and its options", problem)
 
 
-def installed_harness(name: str, plugin: Plugin) -> Harness[Any] | None:
-    """Return the harness that a package declares for its `plugin`, or None if it needs one and has none.
+def installed_contract(name: str, plugin: Plugin) -> type[Contract] | None:
+    """Return the contract that a package declares for its `plugin`, or None if it needs one and has none.
 
     Raises:
         ConfigError: If it is declared and cannot be imported.
     """
     for entry in entry_points(group=FAKE_DEVICES, name=name):
         try:
-            harness: Harness[Any] = entry.load()
+            contract: Any = entry.load()
         except Exception as error:  # code of others, which may raise anything when it is imported
             reason = f"{type(error).__name__}: {error}"
             raise ConfigError(
                 f"fake device {name!r}: {entry.value} cannot be imported ({reason}); correct the entry point"
             ) from error
-        if type(harness) in SUITES and harness.plugin is plugin:
-            return harness
-    if isinstance(plugin, SelectionMethod):
-        return MethodHarness(plugin=plugin)
-    return ServiceHarness(plugin=plugin) if isinstance(plugin, ServicePlugin) else None
+        if not (isinstance(contract, type) and issubclass(contract, Contract)):
+            raise ConfigError(
+                f"fake device {name!r}: {entry.value} inherits no contract of pointit.testing; "
+                "see docs/how-to/write-a-plug-in.md"
+            )
+        if contract.plugin is plugin:
+            return contract
+    without_device: dict[type[Plugin], type[Contract]] = {
+        SelectionMethod: SelectionMethodContract,
+        ServicePlugin: ServiceContract,
+    }
+    contract = without_device.get(type(plugin))
+    return type("TestPlugin", (contract,), {"plugin": plugin}) if contract else None
+
+
+class _Reporter:
+    """A plug-in of pytest that collects the results of the tests of one contract."""
+
+    def __init__(self, contract: type[Contract], title: str) -> None:
+        self._contract, self._title = contract, title
+        self.results: list[CheckResult] = []
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        """Keep the result of a test, unless it was skipped."""
+        if report.skipped or (report.when != "call" and report.passed):
+            return
+        test = report.nodeid.rpartition("::")[2]
+        sentence = (getattr(self._contract, test).__doc__ or test).removesuffix(".")
+        crash = getattr(report.longrepr, "reprcrash", None)
+        problem = "" if report.passed else str(crash.message if crash else report.longrepr)
+        problem = problem.removeprefix(f"{CheckFailedError.__module__}.{CheckFailedError.__name__}: ")
+        promise = f"{sentence[:1].lower()}{sentence[1:]}"
+        self.results.append(CheckResult(self._title, test.removeprefix("test_"), promise, problem))
+
+
+CONTRACTS: dict[str, type[Contract]] = {}
+"""Contracts that are tested now, by the name of the file that pytest collects."""
+TEST_FILE = f"from {__name__} import CONTRACTS\n\nTestContract = CONTRACTS[__name__]\n"
+
+
+def tested(title: str, contract: type[Contract]) -> list[CheckResult]:
+    """Run pytest on a contract, without configuration. Return the results of its tests.
+
+    Raises:
+        ConfigError: If pytest is not installed, or could not run.
+    """
+    try:
+        import pytest  # noqa: PLC0415 - no command but this one needs it
+    except ImportError as error:
+        raise ConfigError("pytest is not installed; run `pip install pytest`") from error
+    reporter = _Reporter(contract, title)
+    with TemporaryDirectory(prefix="pointit_") as folder:
+        module = f"test_{Path(folder).name}"
+        file = Path(folder) / f"{module}.py"
+        file.write_text(TEST_FILE, encoding="utf-8")
+        CONTRACTS[module] = contract
+        try:
+            ended = pytest.main([str(file), f"--rootdir={folder}", *OPTIONS], plugins=[reporter])
+        finally:
+            del CONTRACTS[module]
+            sys.modules.pop(module, None)
+    if ended not in {pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED}:
+        raise ConfigError(f"{title}: pytest could not run its contract {contract.__qualname__} ({ended!r})")
+    return reporter.results
 
 
 def _print(result: CheckResult) -> None:
@@ -207,7 +259,7 @@ TEMPLATES = "pointit.testing.templates"
 COMMON = ("pyproject.toml", "README.md", ".github/workflows/test.yml")
 """Files of every package."""
 FAKE_DEVICE = """[project.entry-points."pointit.fake_devices"]
-$name = "$module.fake:DEVICE"
+$name = "$module.promises:$contract"
 
 """
 NAME = re.compile(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*\Z")
@@ -288,10 +340,11 @@ def package(kind: str, name: str, module: str) -> dict[str, str]:
         "group": group,
         "thing": thing,
         "use": Template(use).substitute(name=name),
+        "contract": f"{thing.capitalize()}Promises",
         "tests": f"each promise of {article} {kind} is a test" if has_device else "its help and its output",
-        "fake": f", `src/{module}/fake.py` what stands for its device in tests" if has_device else "",
-        "fake_device": Template(FAKE_DEVICE).substitute(name=name, module=module) if has_device else "",
+        "fake": f", `src/{module}/promises.py` its contract, with its device in tests" if has_device else "",
     }
+    words["fake_device"] = Template(FAKE_DEVICE).substitute(words) if has_device else ""
     sources = importlib.resources.files(TEMPLATES)
     texts = {
         path: Template(
@@ -299,7 +352,7 @@ def package(kind: str, name: str, module: str) -> dict[str, str]:
         ).substitute(words)
         for path in (*COMMON, f"tests/test_{'promises' if has_device else 'command'}.py")
     }
-    files = {file: sources / template / file for file in ("__init__.py", "fake.py")}
+    files = {file: sources / template / file for file in ("__init__.py", "promises.py")}
     if not has_device:
         files = {"__init__.py": importlib.resources.files("pointit.cli.plugins") / f"{template}.py"}
     for file, source in files.items():

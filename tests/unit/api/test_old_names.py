@@ -6,11 +6,12 @@ from typing import Any
 import pytest
 
 import pointit
+from pointit import testing
 from pointit.runtime.bus.service_bus import ServiceBus
 from pointit.runtime.config.nearest_name import accept_old_names
 from pointit.runtime.errors import ConfigError
 from pointit.schemas import Cursor, topics
-from pointit.testing import MethodHarness, memory_bench, until
+from pointit.testing import memory_bench, until
 from pointit.testing.templates.selection_method import METHOD
 
 
@@ -74,9 +75,20 @@ def test_old_timeout_of_waiting_for_a_message_is_accepted() -> None:
             assert wait("user1", patience_s=30.0).stamp_ns > 0
 
 
-def test_old_timeout_of_a_harness_is_accepted() -> None:
-    old: Callable[..., MethodHarness] = MethodHarness
-    with pytest.warns(DeprecationWarning, match=r"Harness\(patience_s=\) is now timeout_s=") as caught:
-        assert old(plugin=METHOD, patience_s=3.0).timeout_s == 3.0
-    assert len(caught) == 1
-    assert MethodHarness(plugin=METHOD).timeout_s == 10.0
+def test_harness_of_old_names_makes_a_contract() -> None:
+    harness: Callable[..., Any] = testing.MethodHarness
+    with pytest.warns(DeprecationWarning, match="MethodHarness is now SelectionMethodContract"):
+        contract = harness(plugin=METHOD, wrong_parameters=({"dwell_s": 0.0},), patience_s=3.0)
+    assert contract.timeout_s == 3.0
+    assert issubclass(contract, testing.SelectionMethodContract)
+    checks = [check for check in testing.checks(contract) if str(check) == "parameters"]
+    assert [problem for _, problem in testing.run_checks(checks)] == [""]
+
+
+def test_functions_of_an_old_harness_are_methods_of_the_contract() -> None:
+    harness: Callable[..., Any] = testing.ImuHarness
+    with pytest.warns(DeprecationWarning, match="ImuHarness is now ImuSourceContract"):
+        contract = harness(plugin=None, parameters=dict, encode=bytes)()
+    assert contract.sends
+    assert contract.parameters([("port", 7)]) == {"port": 7}
+    assert contract.encode((1, 2, 3, 4)) == b"\x01\x02\x03\x04"

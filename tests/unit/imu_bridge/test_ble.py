@@ -28,7 +28,7 @@ from pointit.services.imu_bridge.ble.witmotion_ble import WitMotionBle, WitMotio
 from pointit.services.imu_bridge.ble.wrist import DOUBLE_S, HOLD_S, ButtonGestures, Wrist
 from pointit.services.imu_bridge.ble.xsens_dot import XsensDot
 from pointit.services.imu_bridge.sources import RawReading, Reading
-from pointit_lab.devices.ble import BleDevice, parameters
+from pointit_lab.devices.ble import BleDevice
 from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
 
 WRISTS: list[Wrist] = [
@@ -243,7 +243,7 @@ def test_searches_share_one_scan() -> None:
     async def main() -> None:
         heard: list[str] = []
         await device.plug()
-        adapter = str(parameters(device)["adapter"])
+        adapter = str(device.address["adapter"])
         async with scanning(adapter, lambda found: heard.append(found.name)):
             await asyncio.sleep(0.1)
             async with scanning(adapter, lambda found: heard.append(found.address)):

@@ -23,7 +23,7 @@ from pointit.services.led_driver.output.spotlight import (
     SpotlightConfig,
 )
 from pointit.testing import UdpDevice
-from pointit_lab.devices.harnesses.led import e131_frames
+from pointit_lab.devices.contracts.led import e131_frames
 from tests.support.bench import until
 
 LAMPS = {"a": (0.0, 0.0, 0.5), "b": (4.0, 0.3, 1.0), "c": (3.5, 3.0, 0.0), "d": (0.4, 3.2, 2.0)}

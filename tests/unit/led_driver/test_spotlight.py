@@ -34,7 +34,7 @@ from pointit.services.led_driver.output.spotlight import (
     moved,
 )
 from pointit.testing import UdpDevice
-from pointit_lab.devices.harnesses.led import e131_frames
+from pointit_lab.devices.contracts.led import e131_frames
 from tests.support.bench import until
 from tests.support.running_source import Health
 

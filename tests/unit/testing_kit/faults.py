@@ -1,24 +1,23 @@
-"""Seeded faults: plug-ins made from a template with one fault each, and the check that must catch it."""
+"""Seeded faults: plug-ins made from a template with one fault each, and the test that must catch it."""
 
-import asyncio
-import contextlib
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from pointit.testing import Harness
+from pointit.testing import Contract
 
 C = TypeVar("C", bound=Callable[..., Any])
+TIMEOUT_S = 3.0
+"""Time that a faulty plug-in may take, s. A template connects again after one second."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A faulty plug-in, the check that catches it, and words of the report."""
+    """The contract of a faulty plug-in, the test that catches it, and words of its error."""
 
-    check: str
+    test: str
     words: str
-    harness: Harness[Any]
+    contract: type[Contract]
 
 
 FAULTS: dict[str, Fault] = {}
@@ -27,43 +26,18 @@ FAULTS: dict[str, Fault] = {}
 class CaughtBy:
     """Decorators of the faulty plug-ins of one kind."""
 
-    def __init__(self, template: Harness[Any]) -> None:
+    def __init__(self, template: type[Contract]) -> None:
         self._template = template
 
-    def __call__(
-        self, check: str, words: str, /, *, timeout_s: float = 5.0, **changes: Any
-    ) -> Callable[[C], C]:
+    def __call__(self, check: str, words: str, /, **changes: Any) -> Callable[[C], C]:
         """Return a decorator for what makes the plug-in, which says that `check` reports `words` of it."""
 
         def seeded(make: C) -> C:
             plugin = replace(self._template.plugin, make=make, **changes)
             name = f"{type(plugin).__name__}-{make.__name__}-{check}-{words}"
             assert name not in FAULTS
-            FAULTS[name] = Fault(check, words, replace(self._template, plugin=plugin, timeout_s=timeout_s))
+            contract = type(make.__name__, (self._template,), {"plugin": plugin, "timeout_s": TIMEOUT_S})
+            FAULTS[name] = Fault(f"test_{check}", words, contract)
             return make
 
         return seeded
-
-
-def seed_in_run(caught_by: CaughtBy, plugin: type[Any]) -> None:
-    """Seed the faults that `run` of any kind can have in the class `plugin`."""
-
-    async def sleeps_in_the_loop(self: Any, *arguments: Any) -> None:
-        time.sleep(0.6)  # noqa: ASYNC251 - the fault
-        await plugin.run(self, *arguments)
-
-    async def leaves_a_task(self: Any, *arguments: Any) -> None:
-        self.task = asyncio.create_task(asyncio.sleep(3600))
-        await plugin.run(self, *arguments)
-
-    async def cannot_be_cancelled(self: Any, *arguments: Any) -> None:
-        while True:
-            with contextlib.suppress(asyncio.CancelledError):
-                await plugin.run(self, *arguments)
-
-    for run, check, words in (
-        (sleeps_in_the_loop, "does_not_block", r"stood still .*time\.sleep"),
-        (leaves_a_task, "leaves_nothing", "task"),
-        (cannot_be_cancelled, "cancels", "still ran"),
-    ):
-        caught_by(check, words)(type(run.__name__, (plugin,), {"run": run}))

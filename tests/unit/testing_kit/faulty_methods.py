@@ -1,13 +1,13 @@
-"""Selection methods with one fault each, made from the template, and the check that must catch it."""
+"""Selection methods with one fault each, made from the template, and the test that must catch it."""
 
 import time
 
 from pointit.plugins import Config, MethodConfig, PointingSample, SelectionProgress, Surroundings
 from pointit.testing.templates.selection_method import Method
-from pointit.testing.templates.selection_method.fake import DEVICE
+from pointit.testing.templates.selection_method.promises import MethodPromises
 from tests.unit.testing_kit.faults import CaughtBy
 
-caught_by = CaughtBy(DEVICE)
+caught_by = CaughtBy(MethodPromises)
 
 
 @caught_by("selects", "there fired nothing")
@@ -25,13 +25,13 @@ class NeverLatches(Method):
         return result
 
 
-@caught_by("latches", "was latched, and fired all the same")
+@caught_by("selects", "was latched, and fired all the same")
 class IgnoresLatch(Method):
     def latch(self, object_id: str) -> None:
         """Do nothing."""
 
 
-@caught_by("latches", "stayed latched")
+@caught_by("selects", "stayed latched")
 class LatchesForEver(Method):
     def step(self, pointing: PointingSample) -> SelectionProgress:
         latched = self._latched
@@ -40,7 +40,7 @@ class LatchesForEver(Method):
         return result
 
 
-@caught_by("selects_only_hovered", "pointed at 'nothing', and")
+@caught_by("selects_nothing_else", "pointed at 'nothing', and")
 class FiresTheLast(Method):
     """Selects what was left."""
 
@@ -59,7 +59,7 @@ class FiresTheLast(Method):
         return self.since == 20
 
 
-@caught_by("passes", "on each of many objects")
+@caught_by("selects_nothing_else", "on each of many: ")
 class AddsUpPassing(Method):
     def step(self, pointing: PointingSample) -> SelectionProgress:
         spent_ns, self._object = self._spent_ns, pointing.under
@@ -68,7 +68,7 @@ class AddsUpPassing(Method):
         return result
 
 
-@caught_by("progress", "a progress was")
+@caught_by("selects", "a progress was")
 class ReportsSeconds(Method):
     def step(self, pointing: PointingSample) -> SelectionProgress:
         return super().step(pointing)._replace(progress=self._spent_ns / 1e8)
@@ -84,7 +84,7 @@ class SharesState(Method):
         return result if self.everybody < 400 else result._replace(progress=1.0)
 
 
-@caught_by("gaps", "and it fired")
+@caught_by("selects_nothing_else", "and it fired")
 class CountsGaps(Method):
     def step(self, pointing: PointingSample) -> SelectionProgress:
         stamp_ns = pointing.cursor.stamp_ns

@@ -1,30 +1,47 @@
-"""LED outputs with one fault each, and the check that must catch it."""
+"""LED outputs with one fault each, and the test that must catch it."""
 
-import asyncio
-import socket
 import time
 from collections import deque
 from dataclasses import replace
+from pathlib import Path
 
-from pointit.plugins import Config, StripsFrame, Surroundings
+import serial
+
+from pointit.plugins import Config, LedOutput, SerialOutput, SerialOutputConfig, StripsFrame, Surroundings
 from pointit.runtime.service.plugin_guard import NullHealth
-from pointit.testing import TcpDevice
-from pointit.testing.templates.led_output import fake
-from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
-from tests.unit.testing_kit.line_output import OUTPUT, Output, OutputParameters
-
-DEVICE = replace(fake.DEVICE, plugin=OUTPUT, device=TcpDevice)
-caught_by = CaughtBy(DEVICE)
+from pointit.services.led_driver.output.serial_output import SerialFrame
+from pointit.testing import PtyDevice
+from pointit.testing.templates.led_output.promises import OutputPromises
+from tests.unit.testing_kit.faults import CaughtBy
 
 
-@caught_by("config_errors", "`make` raised Connection")
+class Output(SerialOutput):
+    """Lines of hexadecimal digits."""
+
+    def encode(self, pixels: bytes) -> bytes:
+        return pixels.hex().encode() + b"\n"
+
+
+class SerialContract(OutputPromises):
+    plugin = LedOutput(summary="lines", config=SerialOutputConfig, make=Output)
+    wrong_parameters = ()
+    device = PtyDevice
+
+    def parameters(self, device: PtyDevice) -> dict[str, object]:
+        return {"port": str(device.path), "baud": 4_000_000}
+
+
+caught_by = CaughtBy(SerialContract)
+
+
+@caught_by("parameters", "`make` raised FileNotFoundError")
 class OpensTooEarly(Output):
-    def __init__(self, config: OutputParameters, surroundings: Surroundings) -> None:
+    def __init__(self, config: SerialOutputConfig, surroundings: Surroundings) -> None:
         super().__init__(config, surroundings)
-        socket.create_connection((config.host, config.port)).close()
+        Path(config.port).read_bytes()
 
 
-@caught_by("show_returns_at_once", "`show` took")
+@caught_by("newest_wins", "`show` took")
 class WritesInShow(Output):
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
         time.sleep(0.05)
@@ -37,68 +54,71 @@ class Queues(Output):
 
     limit: int | None = 1000
 
-    def __init__(self, config: OutputParameters, surroundings: Surroundings) -> None:
+    def __init__(self, config: SerialOutputConfig, surroundings: Surroundings) -> None:
         super().__init__(config, surroundings)
         self.waiting = deque[bytes](maxlen=self.limit)
 
-    def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
-        super().show(frame, age_s)
-        self.waiting.append(self._pixels or b"")
+    def send_pixels(self, pixels: bytes, age_s: float) -> None:
+        self.waiting.append(self.encode(pixels))
+        super().send_pixels(pixels, age_s)
 
-    async def _send(self, writer: asyncio.StreamWriter, pixels: bytes, *, is_new: bool = False) -> None:
+    def _transmit(self, port: serial.Serial, picture: SerialFrame, *, is_new: bool = False) -> None:
         while self.waiting:
-            await super()._send(writer, self.waiting.popleft())
-        await super()._send(writer, pixels, is_new=is_new)
+            super()._transmit(port, replace(picture, data=self.waiting.popleft()))
+        super()._transmit(port, picture, is_new=is_new)
 
 
-@caught_by("bounded_memory", "it held")
+@caught_by("newest_wins", "it held")
 class QueuesWithoutLimit(Queues):
     limit = None
 
 
-@caught_by("reconnects", "came back, and did not get")
-class HasNoHeartbeat(Output):
-    """Sends what has changed alone, and never notices that the link is lost."""
+@caught_by("reconnects", "came back, and did not get the newest .* again every second")
+class SendsOnce(Output):
+    """Sends no frame a second time, so that a port that comes back shows nothing."""
 
-    async def _send(self, writer: asyncio.StreamWriter, pixels: bytes, *, is_new: bool = False) -> None:
-        if is_new or not any(pixels):
-            await super()._send(writer, pixels, is_new=is_new)
+    sent: SerialFrame | None = None
+
+    def _transmit(self, port: serial.Serial, picture: SerialFrame, *, is_new: bool = False) -> None:
+        if picture != self.sent:
+            super()._transmit(port, picture, is_new=is_new)
+        if is_new:
+            self.sent = picture
 
 
-@caught_by("dark_at_end", "left lit")
+@caught_by("shows", "left lit")
 class LeavesLit(Output):
-    async def _send(self, writer: asyncio.StreamWriter, pixels: bytes, *, is_new: bool = False) -> None:
-        if any(pixels):
-            await super()._send(writer, pixels, is_new=is_new)
+    def _transmit(self, port: serial.Serial, picture: SerialFrame, *, is_new: bool = False) -> None:
+        if picture.data != picture.dark:
+            super()._transmit(port, picture, is_new=is_new)
 
 
-@caught_by("light_s", "after the first `show` it was")
+@caught_by("shows", "after the first `show` `light_s` was")
 class Milliseconds(Output):
-    async def _send(self, writer: asyncio.StreamWriter, pixels: bytes, *, is_new: bool = False) -> None:
-        await super()._send(writer, pixels, is_new=is_new)
-        self.light_s *= 1000 if is_new else 1
+    def _on_sent(self, picture: SerialFrame, wire_s: float, took_s: float, new_s: float | None) -> None:
+        super()._on_sent(picture, wire_s, took_s, new_s)
+        self.health.light_s = 1e3
 
 
 @caught_by("shows", "did not get the newest frame")
 class BlueFirst(Output):
-    async def _send(self, writer: asyncio.StreamWriter, pixels: bytes, *, is_new: bool = False) -> None:
-        swapped = b"".join(pixels[at : at + 3][::-1] for at in range(0, len(pixels), 3))
-        await super()._send(writer, swapped, is_new=is_new)
+    def encode(self, pixels: bytes) -> bytes:
+        return super().encode(b"".join(pixels[at : at + 3][::-1] for at in range(0, len(pixels), 3)))
 
 
-@caught_by("odd_frames", "`show` raised")
+@caught_by("odd_frames", "`show` raised KeyError")
 class TrustsTheFrame(Output):
     def show(self, frame: StripsFrame, age_s: float = 0.0) -> None:
+        sizes = {strip.id: 3 * strip.pixels for strip in self._strips or ()}
         for strip in frame.strips:
-            assert len(strip.rgb) == self._sizes[strip.id]
+            assert len(strip.rgb) == sizes[strip.id]
         super().show(frame, age_s)
 
 
-@caught_by("warns", "no warning said so")
+@caught_by("reconnects", "no warning said so")
 class NeverWarns(Output):
-    def __init__(self, config: OutputParameters, surroundings: Surroundings) -> None:
+    def __init__(self, config: SerialOutputConfig, surroundings: Surroundings) -> None:
         super().__init__(config, replace(surroundings, health=NullHealth()))
 
 
-caught_by("parameters", "is no OutputConfig", config=Config)(Output)
-seed_in_run(caught_by, Output)
+caught_by("shows", "is no OutputConfig", config=Config)(Output)

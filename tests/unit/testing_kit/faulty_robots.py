@@ -16,11 +16,11 @@ from pointit.plugins import (
     Surroundings,
     TakeOff,
 )
-from pointit.services.robot.drivers.sim_driver import SIM, SimDriver
-from pointit.testing import RobotHarness
+from pointit.services.robot.drivers.sim_driver import SimDriver
+from pointit_lab.devices.contracts.robots import TestSimulatedRobot
 from tests.unit.testing_kit.faults import CaughtBy
 
-caught_by = CaughtBy(RobotHarness(plugin=SIM, kind="quadrotor", virtual_time=True))
+caught_by = CaughtBy(TestSimulatedRobot)
 
 
 class _Changed(SimDriver):
@@ -65,7 +65,7 @@ class NeverSaysDone(_Changed):
         return None if is_done else item
 
 
-@caught_by("newest_wins", "was never done")
+@caught_by("goes_where_sent", "no report said that it moves")
 class KeepsTheFirst(SimDriver):
     busy = False
 
@@ -75,7 +75,7 @@ class KeepsTheFirst(SimDriver):
         self.busy = isinstance(command, FollowPath)
 
 
-@caught_by("stops", "did not stand still")
+@caught_by("goes_where_sent", "did not stand still")
 class DoesNotStop(SimDriver):
     def command(self, command: Command) -> None:
         if not isinstance(command, Stop):
@@ -104,7 +104,7 @@ class RaisesForOddCommands(SimDriver):
         super().command(command)
 
 
-@caught_by("command_returns_at_once", "nothing was reported")
+@caught_by("waits_for_robot", "nothing was reported")
 class DrownsInCommands(SimDriver):
     waiting = 0
 
@@ -120,7 +120,7 @@ class DrownsInCommands(SimDriver):
         await super().run(told)
 
 
-@caught_by("config_errors", "raised KeyError instead of ConfigError")
+@caught_by("parameters", "`make` raised KeyError")
 class RaisesKeyError(SimDriver):
     def __init__(self, config: Any, spec: Any, surroundings: Surroundings) -> None:
         if config.seed == 0 and surroundings.clock.now_ns() > 0:

@@ -1,34 +1,34 @@
-"""Services with one fault each, made from the template, and the check that must catch it."""
+"""Services with one fault each, made from the template, and the test that must catch it."""
 
 import asyncio
 
 from pointit.plugins import Context, SelectionEvent, topics
 from pointit.testing.templates.service import COUNT, RESET, Reset, ResetReply, SelectionCounter, ServiceConfig
-from pointit.testing.templates.service.fake import DEVICE
-from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
+from pointit.testing.templates.service.promises import ServicePromises
+from tests.unit.testing_kit.faults import CaughtBy
 
-caught_by = CaughtBy(DEVICE)
+caught_by = CaughtBy(ServicePromises)
 
 
-@caught_by("starts", "`run` returned by itself")
+@caught_by("works", "`run` returned by itself")
 class ReturnsAtOnce(SelectionCounter):
     async def run(self) -> None:
         await asyncio.sleep(0.05)
 
 
-@caught_by("answers", RESET.key)
+@caught_by("works", RESET.key)
 class AnswersNothing(SelectionCounter):
     def __init__(self, config: ServiceConfig, context: Context) -> None:
         super(SelectionCounter, self).__init__(config, context)
 
 
-@caught_by("answers", "raised KeyError")
+@caught_by("works", "raised KeyError")
 class FailsOnRequest(SelectionCounter):
     async def _reset(self, _query: Reset, _name: str) -> ResetReply:
         raise KeyError("anna")
 
 
-@caught_by("hears", "50 of its handlers")
+@caught_by("works", "50 of its handlers")
 class FailsOnMessages(SelectionCounter):
     def _on_event(self, event: SelectionEvent, _name: str) -> None:
         raise ValueError(event.kind)
@@ -53,6 +53,5 @@ class UndescribedConfig(ServiceConfig):
 
 
 caught_by("parameters", "without a description: gain", config=UndescribedConfig)(SelectionCounter)
-caught_by("parameters", "cannot write health", writes=(COUNT, topics.HEALTH))(SelectionCounter)
+caught_by("uses_declared_rows", "cannot write health", writes=(COUNT, topics.HEALTH))(SelectionCounter)
 caught_by("parameters", "'host' is no parameter", argument="host")(SelectionCounter)
-seed_in_run(caught_by, SelectionCounter)

@@ -1,9 +1,10 @@
-"""IMU sources with one fault each, made from the template, and the check that must catch it."""
+"""IMU sources with one fault each, made from the template, and the test that must catch it."""
 
 import asyncio
 import contextlib
 import math
 import threading
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -11,13 +12,13 @@ from pointit.plugins import Config, Deliver, Quaternion, Reading, Reconnected, S
 from pointit.runtime.service.plugin_guard import NullHealth
 from pointit.testing import UdpDevice
 from pointit.testing.templates.imu_source import LineSource, SourceConfig, parse
-from pointit.testing.templates.imu_source.fake import DEVICE
-from tests.unit.testing_kit.faults import CaughtBy, seed_in_run
+from pointit.testing.templates.imu_source.promises import SourcePromises
+from tests.unit.testing_kit.faults import CaughtBy
 
-caught_by = CaughtBy(DEVICE)
+caught_by = CaughtBy(SourcePromises)
 
 
-@caught_by("waits_for_device", "`run` raised Connection")
+@caught_by("warns", "`run` raised Connection")
 @caught_by("reconnects", "raised|returned")
 class DiesWithoutDevice(LineSource):
     async def run(self, deliver: Deliver) -> None:
@@ -56,16 +57,19 @@ class TrustingProtocol(asyncio.DatagramProtocol):
             self._deliver(Reading(self._around.clock.now_ns(), (x, y, z, w)))
 
 
-def address(device: UdpDevice) -> dict[str, object]:
-    return {"host": device.host, "port": device.program_port}
+class DatagramContract(SourcePromises):
+    device = UdpDevice
+
+    def parameters(self, device: UdpDevice) -> dict[str, object]:
+        return {"host": device.host, "port": device.program_port}
 
 
-datagrams_caught_by = CaughtBy(replace(DEVICE, device=UdpDevice, parameters=address))
+datagrams_caught_by = CaughtBy(DatagramContract)
 datagrams_caught_by("bad_bytes", "a callback raised ValueError: .*, in datagram_received")(DatagramSource)
-datagrams_caught_by("waits_for_port", "`run` raised OSError: .*ddress already in use")(DatagramSource)
+datagrams_caught_by("warns", "`run` raised OSError: .*ddress already in use")(DatagramSource)
 
 
-@caught_by("tells_reconnection", "no `Reconnected`")
+@caught_by("reconnects", "no `Reconnected`")
 class ConcealsRestarts(LineSource):
     async def run(self, deliver: Deliver) -> None:
         await super().run(lambda item: None if isinstance(item, Reconnected) else deliver(item))
@@ -77,7 +81,7 @@ class NeverWarns(LineSource):
         super().__init__(config, replace(surroundings, health=NullHealth()))
 
 
-@caught_by("cancels", "raised RuntimeError when it was cancelled")
+@caught_by("ends", "raised RuntimeError when it was cancelled")
 class RaisesAtItsEnd(LineSource):
     async def run(self, deliver: Deliver) -> None:
         try:
@@ -99,7 +103,7 @@ class ChangesReadings(LineSource):
         await super().run(changed)
 
 
-@caught_by("stamps", "has the stamp 12345")
+@caught_by("delivers", "has the stamp 12345")
 class StampsWithDeviceTime(ChangesReadings):
     def change(self, reading: Reading) -> Reading:
         return replace(reading, stamp_ns=12345)
@@ -112,7 +116,7 @@ class ScalarFirst(ChangesReadings):
         return replace(reading, world_from_sensor=(w, x, y, z))
 
 
-@caught_by("calls_in_the_loop", "another thread")
+@caught_by("delivers", "another thread")
 class DeliversFromAThread(LineSource):
     async def run(self, deliver: Deliver) -> None:
         def elsewhere(item: Any) -> None:
@@ -153,7 +157,7 @@ def numbers(line: bytes) -> Quaternion:
     return (x, y, z, w)
 
 
-@caught_by("not_unit", "whose norm is 0")
+@caught_by("bad_bytes", "whose norm is 0")
 class TrustsTheNorm(OwnLoop):
     def orientation(self, line: bytes) -> Quaternion | None:
         with contextlib.suppress(ValueError):
@@ -162,7 +166,7 @@ class TrustsTheNorm(OwnLoop):
         return None
 
 
-@caught_by("not_finite", "whose norm is nan")
+@caught_by("bad_bytes", "whose norm is nan")
 class LetsNanThrough(OwnLoop):
     def orientation(self, line: bytes) -> Quaternion | None:
         with contextlib.suppress(ValueError):
@@ -174,10 +178,11 @@ class LetsNanThrough(OwnLoop):
 @caught_by("bad_bytes", "`run` raised ValueError")
 class DiesOfBadBytes(OwnLoop):
     def orientation(self, line: bytes) -> Quaternion | None:
-        return numbers(line)
+        orientation = numbers(line)
+        return orientation if abs(math.hypot(*orientation) - 1.0) < 0.1 else None
 
 
-@caught_by("burst", "the newest was not delivered")
+@caught_by("keeps_up", "the newest was not delivered")
 class LagsBehind(OwnLoop):
     async def read(self, reader: asyncio.StreamReader, deliver: Deliver) -> None:
         while line := await reader.readline():
@@ -185,7 +190,7 @@ class LagsBehind(OwnLoop):
             await asyncio.sleep(0.02)
 
 
-@caught_by("bounded_memory", "readings it held")
+@caught_by("keeps_up", "readings it held")
 class KeepsAllReadings(ChangesReadings):
     def __init__(self, config: SourceConfig, surroundings: Surroundings) -> None:
         super().__init__(config, surroundings)
@@ -212,14 +217,7 @@ class Polls(OwnLoop):
             line.cancel()
 
 
-@caught_by("waits_for_device", r"come to an end .*Event", timeout_s=0.5)
-class Hangs(LineSource):
-    async def run(self, deliver: Deliver) -> None:
-        threading.Event().wait(8.0)
-        await super().run(deliver)
-
-
-@caught_by("leaves_nothing", "open file")
+@caught_by("ends", "open files")
 class LeavesASocket(LineSource):
     opened: list[asyncio.StreamWriter] = []  # noqa: RUF012 - the fault
 
@@ -238,5 +236,26 @@ def _accept(_config: Config) -> None:
 
 
 caught_by("parameters", "without a description: gain", config=UndescribedConfig, check=_accept)(LineSource)
-caught_by("config_errors", "were accepted", check=_accept)(LineSource)
-seed_in_run(caught_by, LineSource)
+caught_by("parameters", "were accepted", check=_accept)(LineSource)
+
+
+@caught_by("does_not_block", "stood still: Executing")
+class SleepsInTheLoop(LineSource):
+    async def run(self, deliver: Deliver) -> None:
+        time.sleep(0.6)  # noqa: ASYNC251 - the fault
+        await super().run(deliver)
+
+
+@caught_by("ends", "task <coroutine")
+class LeavesATask(LineSource):
+    async def run(self, deliver: Deliver) -> None:
+        self.task = asyncio.create_task(asyncio.sleep(3600))
+        await super().run(deliver)
+
+
+@caught_by("ends", "still ran")
+class CannotBeCancelled(LineSource):
+    async def run(self, deliver: Deliver) -> None:
+        while True:
+            with contextlib.suppress(asyncio.CancelledError):
+                await super().run(deliver)

@@ -14,7 +14,7 @@ from pointit.services.imu_bridge.network.datagram_source import MAX_OTHERS, Send
 from pointit.services.imu_bridge.network.osc import OSC
 from pointit.services.imu_bridge.network.udp import UDP
 from pointit.services.imu_bridge.network.ximu3 import XIMU3
-from pointit_lab.devices.harnesses.network import osc_quaternion
+from pointit_lab.devices.contracts.network import osc_quaternion
 from pointit_lab.devices.serial_formats import ximu3_quaternion
 from tests.support.bench import until
 from tests.support.running_source import Phone, Running, phone_at, running

@@ -3,7 +3,7 @@
 from pointit.schemas.topics import BUTTON, IMU, STEP
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.service import ImuBridge
-from pointit_lab.devices.ble import BleDevice, parameters
+from pointit_lab.devices.ble import BleDevice
 from pointit_lab.devices.wrists.touch_sdk_watch import SimulatedTouchSdkWatch
 from tests.support.bench import in_virtual_time, memory_bench, until
 
@@ -17,7 +17,7 @@ async def test_pinch_and_crown_are_numbered_events_of_the_person() -> None:
         async with memory_bench() as bench:
             samples, presses = bench.collect(IMU, "anna"), bench.collect(BUTTON, "anna")
             steps = bench.collect(STEP, "anna")
-            config = ImuBridgeConfig.model_validate({"source": "touch_sdk", "touch_sdk": parameters(device)})
+            config = ImuBridgeConfig.model_validate({"source": "touch_sdk", "touch_sdk": device.address})
             bench.start(ImuBridge, config, user="anna")
             await device.plug()
             await until(lambda: device.peripheral.wrist.is_streaming)

@@ -14,7 +14,7 @@ from pointit.bridges.ros2.robot.plugin import ROS2
 from pointit.bridges.ros2.types.types import Types
 from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-from pointit.testing import Check, FakeDevice, RobotHarness, checks
+from pointit.testing import FakeDevice, RobotContract
 from tests.unit.ros2.robot.fake_nav2 import FakeNav2
 from tests.unit.ros2.scenes import jazzy, triple
 
@@ -97,27 +97,6 @@ class FakeRover(FakeRobot):
         return vector.add(self.at_m, vector.scale(left, SPEED_MPS * TICK_S / left_m))
 
 
-def parameters(device: FakeRobot, **others: Any) -> dict[str, Any]:
-    return {"backend": {"domain_id": device.domain}, "pose": {"topic": "/pose"}, **others}
-
-
-def is_moving(device: FakeRobot) -> bool:
-    return device.speed_mps > 0.05
-
-
-DRONE = RobotHarness(
-    plugin=ROS2,
-    device=FakeDrone,
-    parameters=lambda device: parameters(device, control="setpoints", setpoint_topic=SETPOINTS),
-    kind="quadrotor",
-    virtual_time=True,
-    is_moving=is_moving,
-)
-ROVER = RobotHarness(
-    plugin=ROS2, device=FakeRover, parameters=parameters, virtual_time=True, is_moving=is_moving
-)
-
-
 def types_of(_distro: str) -> Types:
     return jazzy()
 
@@ -132,6 +111,22 @@ def _joins_the_graph_of_its_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(f"{driver}.Types", types_of)
 
 
-@pytest.mark.parametrize("check", [*checks(DRONE), *checks(ROVER)], ids=str)
-def test_promise(check: Check) -> None:
-    check.run()
+class TestRover(RobotContract):
+    plugin = ROS2
+    virtual_time = True
+    shows_motion = True
+    device = FakeRover
+
+    def parameters(self, device: FakeRobot) -> dict[str, Any]:
+        return {"backend": {"domain_id": device.domain}, "pose": {"topic": "/pose"}}
+
+    def is_moving(self, device: FakeRobot) -> bool:
+        return device.speed_mps > 0.05
+
+
+class TestDrone(TestRover):
+    kind = "quadrotor"
+    device = FakeDrone
+
+    def parameters(self, device: FakeRobot) -> dict[str, Any]:
+        return {**super().parameters(device), "control": "setpoints", "setpoint_topic": SETPOINTS}

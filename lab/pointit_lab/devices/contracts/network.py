@@ -1,4 +1,4 @@
-"""Harnesses of the wrists in the network."""
+"""Contracts of the wrists in the network."""
 
 import asyncio
 import json
@@ -9,8 +9,7 @@ from pointit.services.imu_bridge.network.osc import OSC
 from pointit.services.imu_bridge.network.slimevr import SLIMEVR
 from pointit.services.imu_bridge.network.udp import UDP
 from pointit.services.imu_bridge.network.ximu3 import XIMU3
-from pointit.testing.devices import UdpDevice
-from pointit.testing.imu import ImuHarness
+from pointit.testing import ImuSourceContract, UdpDevice
 from pointit_lab.devices.serial_formats import ximu3_quaternion
 
 CALL_S = 0.1
@@ -57,36 +56,45 @@ def osc_quaternion(orientation_xyzw: Quaternion) -> bytes:
     return b"/quaternion\0,ffff\0\0\0" + struct.pack(">4f", w, x, y, z)
 
 
-def json_quaternion(orientation_xyzw: Quaternion) -> bytes:
-    """Return SensaGram's message with an orientation."""
-    return json.dumps({"type": "android.sensor.rotation_vector", "values": orientation_xyzw}).encode()
+class NetworkContract(ImuSourceContract):
+    """Promises of a source that listens on a port."""
+
+    device = UdpDevice
+
+    def parameters(self, device: UdpDevice) -> dict[str, object]:
+        return {"port": device.program_port}
 
 
-SLIMEVR_HARNESS = ImuHarness(
-    plugin=SLIMEVR,
-    device=SlimevrTracker,
-    parameters=lambda device: {"port": device.program_port},
-    encode=slimevr_rotation,
-    wrong_parameters=({"tracker": "left wrist"}, {"sensor": -1}, {"port": 0}),
-)
-OSC_HARNESS = ImuHarness(
-    plugin=OSC,
-    device=UdpDevice,
-    parameters=lambda device: {"port": device.program_port},
-    encode=osc_quaternion,
-    wrong_parameters=({"address": "quaternion"}, {"order": "zyxw"}),
-)
-UDP_HARNESS = ImuHarness(
-    plugin=UDP,
-    device=UdpDevice,
-    parameters=lambda device: {"port": device.program_port},
-    encode=json_quaternion,
-    wrong_parameters=({"port": 70_000}, {"sender": "my phone"}),
-)
-XIMU3_HARNESS = ImuHarness(
-    plugin=XIMU3,
-    device=UdpDevice,
-    parameters=lambda device: {"port": device.program_port, "commands": device.port},
-    encode=ximu3_quaternion,
-    wrong_parameters=({"port": 0}, {"commands": 0}),
-)
+class TestSlimeVr(NetworkContract):
+    plugin = SLIMEVR
+    wrong_parameters = ({"tracker": "left wrist"}, {"sensor": -1}, {"port": 0})
+    device = SlimevrTracker
+
+    encode = staticmethod(slimevr_rotation)
+
+
+class TestOsc(NetworkContract):
+    plugin = OSC
+    wrong_parameters = ({"address": "quaternion"}, {"order": "zyxw"})
+
+    encode = staticmethod(osc_quaternion)
+
+
+class TestUdp(NetworkContract):
+    plugin = UDP
+    wrong_parameters = ({"port": 70_000}, {"sender": "my phone"})
+
+    def encode(self, orientation_xyzw: Quaternion) -> bytes:
+        """Return SensaGram's message with an orientation."""
+        return json.dumps({"type": "android.sensor.rotation_vector", "values": orientation_xyzw}).encode()
+
+
+class TestXimu3(NetworkContract):
+    plugin = XIMU3
+    wrong_parameters = ({"port": 0}, {"commands": 0})
+
+    def parameters(self, device: UdpDevice) -> dict[str, object]:
+        return {"port": device.program_port, "commands": device.port}
+
+    def encode(self, orientation_xyzw: Quaternion) -> bytes:
+        return ximu3_quaternion(orientation_xyzw)

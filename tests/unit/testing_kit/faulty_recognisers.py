@@ -1,21 +1,20 @@
-"""Each promise of recognisers is broken by a recogniser that has this one fault."""
+"""Recognisers with one fault each, made from the template, and the test that must catch it."""
 
 import asyncio
 import time
 from collections.abc import AsyncIterator
-from dataclasses import replace
 from typing import Any
 
-import pytest
-
 from pointit.plugins import Audio, Speech, Vocabulary
-from pointit.testing import RecogniserHarness, checks, run_checks
-from pointit.testing.templates.recogniser import RECOGNISER, LoudSounds, RecogniserConfig
-from pointit.testing.templates.recogniser.fake import DEVICE
+from pointit.testing.templates.recogniser import LoudSounds, RecogniserConfig
+from pointit.testing.templates.recogniser.promises import RecogniserPromises
+from tests.unit.testing_kit.faults import CaughtBy
 
+caught_by = CaughtBy(RecogniserPromises)
 left: list[Any] = []
 
 
+@caught_by("recognises", "it recognised ''")
 class Deaf(LoudSounds):
     async def hear(self, audio: Audio, vocabulary: Vocabulary) -> AsyncIterator[Speech]:
         async for speech in super().hear(audio, vocabulary):
@@ -23,6 +22,7 @@ class Deaf(LoudSounds):
                 yield speech
 
 
+@caught_by("recognises", "in blocks of .* it recognised")
 class ShortSighted(LoudSounds):
     """Drops what does not fill its step."""
 
@@ -36,6 +36,7 @@ class ShortSighted(LoudSounds):
             yield speech
 
 
+@caught_by("recognises", "not in order within the audio")
 class ByClock(LoudSounds):
     async def hear(self, audio: Audio, vocabulary: Vocabulary) -> AsyncIterator[Speech]:
         async for speech in super().hear(audio, vocabulary):
@@ -48,6 +49,7 @@ def replace_times(word: Any, now_ns: int) -> Any:
     return word.model_copy(update={"start_ns": now_ns, "end_ns": now_ns})
 
 
+@caught_by("ignores_silence", "words in silence")
 class Imagining(LoudSounds):
     async def hear(self, audio: Audio, vocabulary: Vocabulary) -> AsyncIterator[Speech]:
         count = 0
@@ -63,6 +65,7 @@ class _Loud:
         yield 1, b"\x00\x70" * 1600
 
 
+@caught_by("ends", "did not end within")
 class Stubborn(LoudSounds):
     async def hear(self, audio: Audio, vocabulary: Vocabulary) -> AsyncIterator[Speech]:
         try:
@@ -72,6 +75,7 @@ class Stubborn(LoudSounds):
             await asyncio.sleep(3.0)
 
 
+@caught_by("does_not_block", "stood still")
 class Slow(LoudSounds):
     async def hear(self, audio: Audio, vocabulary: Vocabulary) -> AsyncIterator[Speech]:
         time.sleep(0.6)  # noqa: ASYNC251 - the fault
@@ -79,6 +83,7 @@ class Slow(LoudSounds):
             yield speech
 
 
+@caught_by("ends", "task <coroutine")
 class Littering(LoudSounds):
     async def hear(self, audio: Audio, vocabulary: Vocabulary) -> AsyncIterator[Speech]:
         left.append(asyncio.create_task(asyncio.sleep(5.0)))
@@ -86,29 +91,9 @@ class Littering(LoudSounds):
             yield speech
 
 
-@pytest.mark.parametrize(
-    ("fault", "check"),
-    [
-        (Deaf, "recognises"),
-        (ShortSighted, "takes_any_blocks"),
-        (ByClock, "states_times"),
-        (Imagining, "ignores_silence"),
-        (Stubborn, "cancels"),
-        (Slow, "does_not_block"),
-        (Littering, "leaves_nothing"),
-    ],
-)
-def test_fault_breaks_the_promise_about_it(fault: type[LoudSounds], check: str) -> None:
-    harness: RecogniserHarness = replace(DEVICE, plugin=replace(RECOGNISER, make=fault))
-    (chosen,) = (each for each in checks(harness) if each.name == check)
-    ((_, problem),) = run_checks([chosen])
-    assert problem.startswith(f"{check}: ")
-    assert "the harness raised" not in problem
+class UnlimitedConfig(RecogniserConfig):
+    gap_s: float = 1.0
 
 
-def test_summary_and_parameters_are_checked() -> None:
-    harness = replace(
-        DEVICE, plugin=replace(RECOGNISER, summary="two\nlines"), wrong_parameters=({"gap_s": 1},)
-    )
-    found = {each.name: problem for each, problem in run_checks(checks(harness)) if problem}
-    assert set(found) == {"parameters", "config_errors"}
+caught_by("parameters", "without a description: gap_s", config=UnlimitedConfig)(LoudSounds)
+caught_by("parameters", "is no line", summary="two\nlines")(LoudSounds)

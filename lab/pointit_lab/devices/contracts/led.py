@@ -1,0 +1,121 @@
+"""Contracts of the LED outputs that come with PointIt, declared like those of any package."""
+
+import json
+import zlib
+
+from pointit.services.led_driver.output import adalight
+from pointit.services.led_driver.output.adalight import ADALIGHT
+from pointit.services.led_driver.output.artnet import ARTNET
+from pointit.services.led_driver.output.ddp import DDP
+from pointit.services.led_driver.output.e131 import E131
+from pointit.services.led_driver.output.expander import DRAW_ALL, EXPANDER, MAGIC, SET_CHANNEL_WS2812
+from pointit.services.led_driver.output.mqtt_output import MQTT
+from pointit.testing import LedOutputContract, PtyDevice, UdpDevice
+from pointit.testing.led import DARK, PIXELS, STRIPS, lamp_id
+from pointit_lab.devices.mqtt_broker import MqttBrokerDevice, published
+
+CRC_BYTES = 4
+DDP_HEADER_BYTES = 10
+PIXELS_AT = 6
+"""Offset of the pixels behind `MAGIC`, bytes."""
+
+E131_HEAD = bytes.fromhex("00100000") + b"ASC-E1.17"
+E131_OPTIONS_AT, E131_ENDED = 112, 0x40
+E131_SLOTS_AT = 126
+
+ARTNET_HEAD = b"Art-Net\0\x00\x50"
+ARTNET_SLOTS_AT = 18
+
+
+def e131_frames(received: bytes) -> list[bytes]:
+    """Return the slots of each packet of E1.31 that does not just say that the stream has ended."""
+    packets = [E131_HEAD + part for part in received.split(E131_HEAD)[1:]]
+    return [packet[E131_SLOTS_AT:] for packet in packets if not packet[E131_OPTIONS_AT] & E131_ENDED]
+
+
+class TestExpander(LedOutputContract):
+    plugin = EXPANDER
+    device = PtyDevice
+
+    def decode(self, received: bytes) -> list[bytes]:
+        drawn: list[bytes] = []
+        channels: dict[int, bytes] = {}
+        for part in received.split(MAGIC)[1:]:
+            whole, check = part[:-CRC_BYTES], part[-CRC_BYTES:]
+            if zlib.crc32(MAGIC + whole) != int.from_bytes(check, "little"):
+                continue
+            if whole[1] == SET_CHANNEL_WS2812:
+                channels[whole[0]] = whole[PIXELS_AT:]  # red, green, blue: the board sorts them
+            elif whole[1] == DRAW_ALL:
+                drawn.append(b"".join(channels[number] for number in sorted(channels)))
+        return drawn
+
+
+class TestAdalight(LedOutputContract):
+    plugin = ADALIGHT
+    device = PtyDevice
+
+    def decode(self, received: bytes) -> list[bytes]:
+        drawn: list[bytes] = []
+        while (start := received.find(adalight.MAGIC)) >= 0:
+            received = received[start + adalight.HEADER_BYTES :]
+            # the contract's pixels are 0 and 255, so that they contain no magic
+            frame, _, _ = received.partition(adalight.MAGIC)
+            drawn.append(frame)
+        return [frame for frame in drawn if len(frame) == len(DARK)]
+
+
+class TestDdp(LedOutputContract):
+    plugin = DDP
+    wrong_parameters = ({"host": ""}, {"host": "wled.local", "port": 0})
+    device = UdpDevice
+
+    def decode(self, received: bytes) -> list[bytes]:
+        frames: list[bytes] = []
+        while received:
+            end = DDP_HEADER_BYTES + int.from_bytes(received[DDP_HEADER_BYTES - 2 : DDP_HEADER_BYTES], "big")
+            frames.append(received[DDP_HEADER_BYTES:end])
+            received = received[end:]
+        return frames
+
+
+class TestE131(LedOutputContract):
+    plugin = E131
+    wrong_parameters = ({"universe": 0}, {"host": "multicast"}, {"host": "multicast", "interface": "eth0"})
+    device = UdpDevice
+
+    decode = staticmethod(e131_frames)
+
+
+class TestArtNet(LedOutputContract):
+    plugin = ARTNET
+    wrong_parameters = ({"universe": 32768},)
+    device = UdpDevice
+
+    def decode(self, received: bytes) -> list[bytes]:
+        """Return the slots of each ArtDmx packet, without the one that makes their number even."""
+        packets = [ARTNET_HEAD + part for part in received.split(ARTNET_HEAD)[1:]]
+        return [packet[ARTNET_SLOTS_AT:][: 3 * PIXELS] for packet in packets]
+
+
+class TestMqttLamps(LedOutputContract):
+    plugin = MQTT
+    wrong_parameters = ({"broker": ""}, {"broker": "hub", "password_file": "missing"}, {"topic": "lamps/set"})
+    device = MqttBrokerDevice
+
+    def parameters(self, device: MqttBrokerDevice) -> dict[str, object]:
+        return {"broker": f"{device.host}:{device.port}", "lamp_rate_hz": 100.0, "max_rate_hz": 1000.0}
+
+    def decode(self, received: bytes) -> list[bytes]:
+        """Return the colours of all lamps after each command of Zigbee2MQTT."""
+        topics = [
+            f"zigbee2mqtt/{lamp_id(strip.id, pixel)}/set" for strip in STRIPS for pixel in range(strip.pixels)
+        ]
+        colors = dict.fromkeys(topics, bytes(3))
+        pictures: list[bytes] = []
+        for message in published(received):
+            if message.topic in colors:
+                light = json.loads(message.payload)
+                colors[message.topic] = bytes(light["color"].values()) if light["state"] == "ON" else bytes(3)
+                pictures.append(b"".join(colors.values()))
+        return pictures

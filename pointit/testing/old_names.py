@@ -13,7 +13,7 @@ def harness(name: str, contract: type[Contract]) -> Callable[..., type[Contract]
     """Return a function that makes a class of `contract` of the fields of the harness `name`."""
 
     def make(**fields: Any) -> type[Contract]:
-        sentence = f"{name} is now {contract.__name__}, a class to inherit; the next minor version takes that only"
+        sentence = f"{name} is now {contract.__name__}, to be inherited; the next minor version has that only"
         warnings.warn(sentence, DeprecationWarning, stacklevel=2)
         if "patience_s" in fields:
             fields["timeout_s"] = fields.pop("patience_s")

@@ -105,9 +105,7 @@ def no_log_handler_is_left() -> Iterator[None]:
     root, other = logging.getLogger(), logging.getLogger("asyncio")
     handlers, levels = [*root.handlers], (root.level, other.level)
     yield
-    for handler in [*root.handlers]:
-        if handler not in handlers:
-            root.removeHandler(handler)
+    root.handlers[:] = handlers
     root.setLevel(levels[0])
     other.setLevel(levels[1])
 

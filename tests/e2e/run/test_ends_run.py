@@ -181,7 +181,6 @@ def one_sentence(ended: Ended, *parts: str, code: int = 2) -> None:
         (("replay",), ["`pointit import FILE.csv --to FILE.mcap`", "`pointit replay FILE.mcap`"]),
         (("{folder}/service.yaml",), ["{folder}/service.yaml: site: no service 'puj'"]),
         (("--config", "{folder}/section.yaml"), ["section.yaml: 'puj' is no service", "did you mean pui?"]),
-        (("--set", "selector.window_s=soon"), ["--set selector.window_s=soon: window_s: ", "'soon'"]),
         (("--set", "pui.map={folder}/none.yaml"), ["{folder}/none.yaml: cannot be read"]),
         (("--imu", "sim", "--imu", "sim"), ["--imu is given for 2 people", "--users"]),
         (("--output", "nonsense"), ["--output 'nonsense': no LED output 'nonsense' is installed"]),
@@ -200,13 +199,6 @@ async def test_what_is_typed_or_written_wrong_is_named(
     where = () if {"--listen", "--connect"} & set(arguments) else ("--listen", endpoint)
     ended = await commands.pointit(*MISTAKEN, *filled, *where)
     one_sentence(ended, *(part.replace("{folder}", str(tmp_path)) for part in parts))
-
-
-async def test_a_wrong_variable_is_named(commands: Commands, endpoint: str) -> None:
-    ended = await commands.pointit(
-        *MISTAKEN, "--listen", endpoint, environment={"POINTIT_SELECTOR__WINDOW_S": "soon"}
-    )
-    one_sentence(ended, "variable POINTIT_SELECTOR__WINDOW_S: window_s: ", "'soon'")
 
 
 async def test_a_number_out_of_range(commands: Commands) -> None:

@@ -13,7 +13,7 @@ from pointit.cli.inspect import trace as trace_command
 from pointit.cli.inspect.trace import Trace, Tracer
 from pointit.runtime.bus.contract import AnyTopic, Bus, Sent, Tap
 from pointit.schemas import ClockTick, Cursor, DecodeError, Health, ImuSample, KeyHealth, Message
-from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, STRIPS_FRAME
+from pointit.schemas.topics import CLOCK, CURSOR, HEALTH, IMU, SERVICE_ALIVE, STRIPS_FRAME
 from tests.support.bench import in_virtual_time
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
@@ -42,7 +42,7 @@ class Wire:
         self._taps: dict[str, Tap] = {}
         self._states: dict[str, Callable[[Any, str], None]] = {}
         self.names: dict[str, str] = {}
-        self.on_presence: Callable[[str, bool], None] | None = None
+        self._watches: dict[object, Callable[[str, bool], None]] = {}
 
     def tap(self, topic: AnyTopic, handler: Tap, name: str = "*") -> None:
         self._taps[topic.key] = handler
@@ -51,8 +51,11 @@ class Wire:
     def subscribe(self, topic: AnyTopic, handler: Callable[[Any, str], None]) -> None:
         self._states[topic.key] = handler
 
-    def watch(self, _presence: object, handler: Callable[[str, bool], None]) -> None:
-        self.on_presence = handler
+    def watch(self, presence: object, handler: Callable[[str, bool], None]) -> None:
+        self._watches[presence] = handler
+
+    def set_service(self, instance: str) -> None:
+        self._watches[SERVICE_ALIVE](instance, True)
 
     def tell(self, topic: AnyTopic, message: Message) -> None:
         self._states[topic.key](message, "")
@@ -122,9 +125,8 @@ async def test_a_hop_is_of_the_service_in_the_process_that_published_it(
 @in_virtual_time
 async def test_before_reports_and_without_stamps_presence_and_arrival_have_to_do() -> None:
     wire, tracer = await begun()
-    assert wire.on_presence is not None
     for instance in ("pui", "user-sim.anna", "user-sim.ben"):
-        wire.on_presence(instance, True)
+        wire.set_service(instance)
     wire.put(IMU, imu(), None)
     (hop,) = (await traced(tracer)).path
     assert (hop.service, hop.host) == ("user-sim.anna", "")

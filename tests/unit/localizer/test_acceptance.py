@@ -279,6 +279,7 @@ def test_a_longer_hold_at_a_lamp_or_another_one_tells_no_more_and_longer_followi
     assert denser.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
     assert longer.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
     assert again.yaw_sigma_rad == pytest.approx(base.yaw_sigma_rad, rel=0.05)
+    assert again.position_sigma_m == pytest.approx(base.position_sigma_m, rel=0.05)
     path = [
         (2.5 * math.cos(a), 2.5 * math.sin(a), 0.5 + 0.3 * math.sin(3.0 * a)) for a in np.arange(100) / 16
     ]

@@ -26,7 +26,7 @@ from pointit.services.localizer.static_targets import StaticTargets
 from pointit.services.localizer.verification import held, outlier_lamps, without_spikes
 from pointit.services.pointing.pointer import ArmRay
 from tests.support import there
-from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, solved, told
+from tests.unit.localizer.person import EYES_M, START_NS, Person, config, pointings, told
 from tests.unit.localizer.test_static_targets import TICK_NS
 
 LAMPS: tuple[Vec3, ...] = (
@@ -95,16 +95,6 @@ def test_lamps_that_are_swapped_in_the_map_are_named(swap: tuple[int, int]) -> N
         reasons.append(found.reason)
     assert sum(f"agree if the lamps {first} and {second} are swapped" in reason for reason in reasons) >= 18
     assert all(f"{first} and {second}" in reason for reason in reasons if "swapped" in reason)
-
-
-def test_a_second_visit_to_each_lamp_tells_nothing_new() -> None:
-    """A lamp that is mistaken is so at both visits."""
-    once = pointed(3, LAMPS[:4])[1]
-    again = dataclasses.replace(once, stamps_s=once.stamps_s + 30.0)
-    twice = Pointings(*(np.concatenate([getattr(each, name) for each in (once, again)]) for name in NAMES))
-    one, two = (solved(each, UNLIMITED) for each in (once, twice))
-    assert two.position_sigma_m == pytest.approx(one.position_sigma_m, rel=0.1)
-    assert two.yaw_sigma_rad == pytest.approx(one.yaw_sigma_rad, rel=0.1)
 
 
 @pytest.mark.parametrize("count", [4, 6])

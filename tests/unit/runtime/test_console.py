@@ -5,7 +5,6 @@ import json
 import logging
 import re
 import sys
-from collections.abc import Iterator
 
 import pytest
 from rich.table import Table
@@ -28,16 +27,6 @@ STYLE = re.compile(r"\x1b\[[0-9;]*m")
 @pytest.fixture
 def console() -> PlainConsole:
     return PlainConsole(file=io.StringIO(), force_terminal=True, width=100)
-
-
-@pytest.fixture
-def root() -> Iterator[None]:
-    """Put the root logger back as it was."""
-    logger = logging.getLogger()
-    handlers, level = list(logger.handlers), logger.level
-    yield
-    logger.handlers[:] = handlers
-    logger.setLevel(level)
 
 
 def written(console: PlainConsole) -> str:
@@ -79,7 +68,6 @@ def test_view_shows_names_of_surfaces_as_they_are() -> None:
     assert "strip [/x]?c" in written(console)
 
 
-@pytest.mark.usefixtures("root")
 def test_log_on_a_terminal_is_plain_and_coloured_by_us_alone(console: PlainConsole) -> None:
     setup_logging("warning", console)
     log = logging.getLogger("pointit.test")
@@ -95,7 +83,6 @@ def test_log_on_a_terminal_is_plain_and_coloured_by_us_alone(console: PlainConso
         json.loads(text)
 
 
-@pytest.mark.usefixtures("root")
 def test_json_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)

@@ -3,12 +3,10 @@
 import asyncio
 import errno
 import gc
-import logging
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from typing import ClassVar
 
 import click
@@ -44,16 +42,6 @@ class Sample(Service[SampleConfig]):
     NAME: ClassVar[str] = "sample-one"
     SCOPE: ClassVar[Scope] = "user"
     CONFIG = SampleConfig
-
-
-@pytest.fixture(autouse=True)
-def root() -> Iterator[None]:
-    """Put the root logger back as it was."""
-    logger = logging.getLogger()
-    handlers, level = list(logger.handlers), logger.level
-    yield
-    logger.handlers[:] = handlers
-    logger.setLevel(level)
 
 
 def ended(command: click.Command, *arguments: str) -> int:

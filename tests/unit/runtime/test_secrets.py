@@ -5,7 +5,6 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Iterator
 
 import click
 import pytest
@@ -100,15 +99,6 @@ def test_long_text_of_a_peer_takes_little_time(piece: str) -> None:
     assert time.process_time() - began_s < 2.0
 
 
-@pytest.fixture
-def root() -> Iterator[None]:
-    logger = logging.getLogger()
-    handlers, level = list(logger.handlers), logger.level
-    yield
-    logger.handlers[:] = handlers
-    logger.setLevel(level)
-
-
 def log_secrets() -> None:
     """Log as libraries do: by arguments, in a traceback and its cause, and with a mistake in the call."""
     for name in ("httpx", "pointit.test", "asyncio"):
@@ -124,7 +114,6 @@ def log_secrets() -> None:
             log.exception("failed")
 
 
-@pytest.mark.usefixtures("root")
 def test_logs_of_all_libraries_and_their_tracebacks_have_no_secret(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
@@ -138,7 +127,6 @@ def test_logs_of_all_libraries_and_their_tracebacks_have_no_secret(monkeypatch: 
     assert lines[2]["traceback"].endswith("ValueError: mqtt://***@hub")
 
 
-@pytest.mark.usefixtures("root")
 def test_logs_on_a_terminal_have_no_secret() -> None:
     console = PlainConsole(file=io.StringIO(), force_terminal=True, width=200)
     setup_logging("info", console)
@@ -149,7 +137,6 @@ def test_logs_on_a_terminal_have_no_secret() -> None:
     assert text.count("ValueError: ") == 3
 
 
-@pytest.mark.usefixtures("root")
 def test_logs_of_a_command_that_sets_up_none_have_no_secret(capsys: pytest.CaptureFixture[str]) -> None:
     logging.getLogger().handlers.clear()
     log_secrets()

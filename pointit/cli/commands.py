@@ -252,21 +252,6 @@ COMMANDS: dict[str, tuple[LazyEntry, ...]] = {
 }
 """Commands by the heading of the help."""
 
-OLD_SPELLINGS = {
-    "topics": ("topic", "list"),
-    "echo": ("topic", "echo"),
-    "hz": ("topic", "hz"),
-    "schema": ("topic", "schema"),
-    "user": ("person", "add"),
-    "pose": ("person", "pose"),
-    "anchor": ("person", "anchor"),
-    "calibrate": ("person", "calibrate"),
-    "press": ("person", "press"),
-    "call": ("service", "call"),
-    "leds": ("output",),
-}
-"""First words of version 0.1, which are understood until the next version. `service NAME` is one, too."""
-
 OLD_PAIRS = {
     ("new", "room"): ("map", "new"),
     ("list", "maps"): ("map", "list"),

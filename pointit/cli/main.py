@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import click
 
-from pointit.cli.commands import COMMANDS, OLD_PAIRS, OLD_SPELLINGS
+from pointit.cli.commands import COMMANDS, OLD_PAIRS
 from pointit.cli.common.lazy import (
     COMPLETE,
     LABORATORY,
@@ -41,7 +41,7 @@ class RootGroup(LazyGroup):
 
     @functools.cached_property
     def _installed(self) -> Installed:
-        return Installed(super().parts, OLD_SPELLINGS)
+        return Installed(super().parts)
 
     @property
     def refused(self) -> Mapping[DeclaredCommand, str]:
@@ -65,12 +65,13 @@ class RootGroup(LazyGroup):
         Raises:
             UnknownNameError: If there is none; suggests similar names.
         """
-        count, new = renamed(args)
-        if count:
-            old = " ".join(("pointit", *args[:count]))
+        pair = (args[0], args[1] if len(args) > 1 else "")
+        if new := OLD_PAIRS.get(pair):
             if not ctx.resilient_parsing:
-                click.echo(f"note: `{old}` is now `{' '.join(('pointit', *new))}`", err=True)
-            args = [*new, *args[count:]]
+                click.echo(
+                    f"note: `{' '.join(('pointit', *pair))}` is now `{' '.join(('pointit', *new))}`", err=True
+                )
+            args = [*new, *args[2:]]
         try:
             return super().resolve_command(ctx, args)
         finally:
@@ -128,22 +129,6 @@ PATHS = [path for path, _ in walk(entry for part in COMMANDS.values() for entry 
 
 GROUPS = {path[:-1] for path in PATHS}
 """Words of the groups, () among them."""
-
-
-def renamed(arguments: Sequence[str]) -> tuple[int, tuple[str, ...]]:
-    """Return the number of first words that are an old spelling, and the new one, or `(0, ())`."""
-    word, following = arguments[0], arguments[1] if len(arguments) > 1 else ""
-    if (word, following) in OLD_PAIRS:
-        return 2, OLD_PAIRS[word, following]
-    if word in OLD_SPELLINGS:
-        return 1, OLD_SPELLINGS[word]
-    if word != "service" or not following:
-        return 0, ()
-    if following == "--json":
-        return 1, ("service", "list")
-    actions = [path[1] for path in PATHS if path[0] == "service" and len(path) == 2]
-    is_action = following.startswith("-") or difflib.get_close_matches(following, actions, cutoff=0.6)
-    return (0, ()) if is_action else (1, ("service", "run"))
 
 
 def wrap_message(text: str, width: int | None = None) -> str:

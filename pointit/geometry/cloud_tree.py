@@ -1,33 +1,24 @@
-"""Nearest points to a ray by trees: the exact one of a cloud, and the paper's hit test (§III-C).
+"""The nearest point of a cloud to a ray, by a tree.
 
 The cloud is halved repeatedly across its longest side, down to leaves of some tens of points. 64 neighbouring
 leaves form a node, 64 of these the next. Each lies in a ball around one of its own points. A ray is tested
 against one level at a time, on arrays. The best of the balls' centres is a real point, so all balls wholly
-outside that cone (or tube) are excluded, and only the rest is opened.
-
-The result is the paper's, of querying a k-d tree for the nearest neighbour of every point of the ray. The
-method differs: the points of a ray are evenly spaced, so the nearest to a given point follows by arithmetic,
-and one descent of a tree of the room's points suffices. Kept for comparison with the paper; for lines,
-`ray_cast` is exact and faster.
+outside that cone are excluded, and only the rest is opened.
 """
 
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.polyline import TINY, Hit, Measure, Polyline, make_hit
+from pointit.geometry.polyline import TINY, Hit, make_hit
 from pointit.geometry.vector import Vec3
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-CloudMeasure = Literal["angle", "metres", "samples"]
-"""Quantity to minimize: the angle at the ray's origin, the distance to the ray, or the paper's distance
-to the nearest of points at equal steps along the ray (§III-C)."""
 
 LEAF_POINTS = 64
 """Maximum number of points of a leaf."""
@@ -60,21 +51,8 @@ class _Ray(NamedTuple):
 class CloudTree:
     """Static points, arranged for casting rays at them."""
 
-    def __init__(
-        self,
-        points: Array | Sequence[Vec3],
-        *,
-        measure: CloudMeasure = "angle",
-        step_m: float = 0.05,
-        length_m: float = 20.0,
-    ) -> None:
-        """Arrange `points`, n x 3.
-
-        Args:
-            points: {W}, m.
-            measure: quantity to minimize.
-            step_m: for `samples`: spacing of the ray's points.
-            length_m: for `samples`: distance of the last point, also if it is no multiple of the spacing.
+    def __init__(self, points: Array | Sequence[Vec3]) -> None:
+        """Arrange `points`, n x 3, {W}, m.
 
         Raises:
             ValueError: If there are no points, or one is not finite.
@@ -84,10 +62,6 @@ class CloudTree:
             raise ValueError("a cloud needs at least one point")
         if not np.isfinite(places).all():
             raise ValueError("a cloud's coordinates are finite")
-        self.measure: CloudMeasure = measure
-        self._samples = max(1, math.ceil(length_m / step_m))
-        self._step_m = length_m / self._samples
-        self._length_m = length_m
         self._order, halvings = _halved(places)
         self._levels = _levels(places[self._order], halvings)
 
@@ -99,11 +73,11 @@ class CloudTree:
         Args:
             origin_m: origin of the ray.
             direction: direction of the ray, normalized here.
-            tolerance: rad for `angle`, m otherwise.
+            tolerance: rad.
             reach_m: points further along the ray are ignored.
 
         Returns:
-            The hit, with its misses to the ray itself. The resolution is 2e-8 rad, or 1e-7 m.
+            The hit, with its misses to the ray itself. The resolution is 2e-8 rad.
         """
         direction = vector.normalized(direction)
         ray = _Ray(np.array(origin_m)[:, None], np.array(direction), reach_m)
@@ -149,15 +123,9 @@ class CloudTree:
         return (-1 if math.isinf(cost) else int(leaves[row]) * costs.shape[1] + column), cost
 
     def _costs(self, along: Array, square: Array, ray: _Ray) -> Array:
-        """Return the misses of points, rad or m, infinite beyond the reach."""
-        if self.measure == "angle":
-            cosines = along / np.sqrt(np.maximum(square, TINY))
-            costs = np.arccos(np.minimum(np.maximum(cosines, -1.0), 1.0))
-        else:
-            ahead = np.maximum(along, 0.0)
-            if self.measure == "samples":
-                ahead = np.minimum(np.rint(ahead / self._step_m), self._samples) * self._step_m
-            costs = np.sqrt(np.maximum(square - ahead * (2.0 * along - ahead), 0.0))
+        """Return the misses of points, rad, infinite beyond the reach."""
+        cosines = along / np.sqrt(np.maximum(square, TINY))
+        costs = np.arccos(np.minimum(np.maximum(cosines, -1.0), 1.0))
         if ray.reach_m < math.inf:
             costs[along > ray.reach_m] = math.inf
         return costs
@@ -166,16 +134,10 @@ class CloudTree:
         self, along: Array, square: Array, radii: Array, ray: _Ray, bound: float
     ) -> tuple[Indices, Indices]:
         """Return the rows and columns of the balls that come within `bound` of the ray."""
-        if self.measure == "angle":
-            cone = min(bound, math.pi)
-            across = np.sqrt(np.maximum(square - along * along, 0.0))
-            # the centre's distance to the cone if that is in front, otherwise a smaller value
-            near = across * math.cos(cone) - along * math.sin(cone) <= radii
-        else:
-            end_m = self._length_m if self.measure == "samples" else math.inf
-            ahead = np.minimum(np.maximum(along, 0.0), end_m)
-            across = np.sqrt(np.maximum(square - ahead * (2.0 * along - ahead), 0.0))
-            near = across - radii <= bound
+        cone = min(bound, math.pi)
+        across = np.sqrt(np.maximum(square - along * along, 0.0))
+        # the centre's distance to the cone if that is in front, otherwise a smaller value
+        near = across * math.cos(cone) - along * math.sin(cone) <= radii
         if ray.reach_m < math.inf:
             near &= along - radii <= ray.reach_m
         rows, columns = near.nonzero()
@@ -185,8 +147,8 @@ class CloudTree:
 class CloudCaster:
     """Clouds, numbered as given, in one tree."""
 
-    def __init__(self, clouds: Sequence[Array], *, measure: Measure) -> None:
-        self._tree = CloudTree(np.concatenate(clouds), measure=measure)
+    def __init__(self, clouds: Sequence[Array]) -> None:
+        self._tree = CloudTree(np.concatenate(clouds))
         self._ends = np.cumsum([len(cloud) for cloud in clouds])
 
     def cast(
@@ -238,64 +200,3 @@ def _levels(points: Array, halvings: int) -> list[_Level]:
         levels.append(_Level(places, radii.reshape(2**halvings, -1)))
         if is_top:
             return levels[::-1]
-
-
-STEP_M = 0.05
-REACH_M = 20.0
-
-
-class PointTree:
-    """Lines, points and clouds as points. Targets are numbered in the order lines, points, clouds."""
-
-    def __init__(
-        self,
-        lines: Sequence[Polyline],
-        points: Sequence[Vec3] = (),
-        clouds: Sequence[Array] = (),
-        *,
-        step_m: float = STEP_M,
-        reach_m: float = REACH_M,
-    ) -> None:
-        """Put points on every line at most `step_m` apart, including both ends.
-
-        Args:
-            lines: targets represented by their points.
-            points: targets of one point each.
-            clouds: targets, each n x 3.
-            step_m: spacing of the points of lines and ray.
-            reach_m: distance of the ray's last point.
-
-        Raises:
-            ValueError: If there are no targets.
-        """
-        if not lines and not points and not clouds:
-            raise ValueError("a point tree needs at least one line, point or cloud")
-        positions = [_spread(line.length_m, step_m) for line in lines]
-        places = [line.points_at(at) for line, at in zip(lines, positions, strict=True)]
-        counts = [len(at) for at in positions] + [1] * len(points) + [len(cloud) for cloud in clouds]
-        if points:
-            places.append(np.array(points, dtype=np.float64))
-        places += clouds
-        self._positions: Array = np.concatenate([np.zeros(0), *positions])
-        self._targets = np.repeat(np.arange(len(counts)), counts)
-        self._tree = CloudTree(np.concatenate(places), measure="samples", step_m=step_m, length_m=reach_m)
-
-    def cast(
-        self, origin_m: Vec3, direction: Vec3, tolerance_m: float = math.inf, reach_m: float = math.inf
-    ) -> Hit | None:
-        """Return the point nearest to any point of the ray, or None beyond `tolerance_m` from those.
-
-        Points further along the ray than `reach_m` are ignored. The misses of the hit are to the ray
-        itself, not to its points.
-        """
-        hit = self._tree.cast(origin_m, direction, tolerance_m, reach_m)
-        if hit is None:
-            return None
-        index = hit.target
-        position_m = float(self._positions[index]) if index < len(self._positions) else 0.0
-        return hit._replace(target=int(self._targets[index]), position_m=position_m)
-
-
-def _spread(length_m: float, step_m: float) -> Array:
-    """Return positions from 0 to `length_m`, ends included, at most `step_m` apart."""
-    return np.linspace(0.0, length_m, max(1, math.ceil(length_m / step_m)) + 1)

@@ -1,4 +1,4 @@
-"""Polylines by arc length: strips, belts, lanes; closest point of a segment to a ray, by angle and by metres.
+"""Polylines by arc length: strips, belts, lanes; closest point of a segment to a ray, by angle.
 
 A ray starts at o and has the unit direction d. A segment runs from o + a to o + a + u. Its points are
 o + a + t·u with t from 0 to 1. Plain Python for single segments; `ray_cast` has the same formulas on arrays.
@@ -6,16 +6,12 @@ o + a + t·u with t from 0 to 1. Plain Python for single segments; `ray_cast` ha
 
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pointit.geometry import vector
 from pointit.geometry.vector import Vec3
-
-Measure = Literal["angle", "metres"]
-"""Quantity to minimize: the angle at the ray's origin, or the distance to the ray."""
 
 TINY = 1e-30
 """Replaces vanishing denominators, so that quotients grow large but not infinite."""
@@ -70,25 +66,6 @@ def nearest_in_angle(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
     if 0.0 < t < 1.0:  # beyond, it is an end
         square = aa + t * (2.0 * au + t * uu)
         cost = -(p + t * q) / math.sqrt(square) if square > TINY else 1.0
-        if cost < best_cost:
-            best_t, best_cost = t, cost
-    return best_t, best_cost
-
-
-def nearest_in_metres(a: Vec3, u: Vec3, d: Vec3) -> tuple[float, float]:
-    """Return t of the segment's point nearest to the ray, and its squared distance, m².
-
-    Two points are compared: the one nearest to the whole line (correct unless it lies behind the ray's
-    origin) and the one nearest to the origin. If the segment is parallel to the ray, any of its equally near
-    points may be returned.
-    """
-    p, q = vector.dot(d, a), vector.dot(d, u)
-    aa, au, uu = vector.dot(a, a), vector.dot(a, u), vector.dot(u, u)
-    best_t, best_cost = 0.0, math.inf
-    for quotient in ((p * q - au) / max(uu - q * q, TINY), -au / max(uu, TINY)):
-        t = min(max(quotient, 0.0), 1.0)
-        ahead = max(p + t * q, 0.0)
-        cost = aa + t * (2.0 * au + t * uu) - ahead * ahead
         if cost < best_cost:
             best_t, best_cost = t, cost
     return best_t, best_cost

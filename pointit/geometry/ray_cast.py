@@ -1,7 +1,7 @@
 """Exact closest point of many lines and points to a ray, in tens of microseconds.
 
 Lines are divided into short runs of segments, each in a ball around a point of the line itself. The best of
-the balls' centres is a real point, so every run whose ball lies wholly outside that cone (or cylinder) is
+the balls' centres is a real point, so every run whose ball lies wholly outside that cone is
 excluded. The closed form then decides among the remaining few.
 """
 
@@ -15,16 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.polyline import (
-    TINY,
-    Hit,
-    Measure,
-    Polyline,
-    clip_to_reach,
-    make_hit,
-    nearest_in_angle,
-    nearest_in_metres,
-)
+from pointit.geometry.polyline import TINY, Hit, Polyline, clip_to_reach, make_hit, nearest_in_angle
 from pointit.geometry.solids import MAX_EYES, Solid
 from pointit.geometry.vector import Vec3
 
@@ -33,7 +24,7 @@ Array = NDArray[np.float64]
 FEW_SOLIDS = 6
 """Number of solids up to which plain Python on each ball is faster than arrays."""
 SLACK_RAD = 1e-6
-"""Margin of bounds by balls, rad (m by metres)."""
+"""Margin of bounds by balls, rad."""
 ROUNDING = 1e-14
 """Margin of cosines."""
 SAME = 1e-9
@@ -43,15 +34,14 @@ SAME = 1e-9
 class SolidCaster:
     """Static solids. Targets are numbered as given."""
 
-    def __init__(self, solids: Sequence[Solid], *, measure: Measure = "angle") -> None:
-        """Create from the solids, and the quantity to minimize.
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        """Create from the solids.
 
         Raises:
             ValueError: If there are no solids.
         """
         if not solids:
             raise ValueError("a solid caster needs at least one solid")
-        self.measure: Measure = measure
         self._solids = list(solids)
         self._centres = np.array([solid.bounding_sphere[0] for solid in solids]).T.copy()
         """3 x n."""
@@ -66,7 +56,7 @@ class SolidCaster:
         Args:
             origin_m: origin of the ray.
             direction: direction of the ray, normalized here.
-            tolerance: rad, or m.
+            tolerance: rad.
             reach_m: points further along the ray are ignored.
         """
         direction = vector.normalized(direction)
@@ -109,11 +99,11 @@ class SolidCaster:
         for bound, i in near:
             if bound > best_miss + SLACK_RAD:
                 break
-            point = self._solids[i].closest_approach(origin_m, direction, self.measure)
+            point = self._solids[i].closest_approach(origin_m, direction)
             if point is None or vector.dot(direction, vector.subtract(point, origin_m)) > reach_m:
                 continue
             hit = make_hit(i, 0.0, point, origin_m, direction)
-            miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
+            miss = hit.miss_rad
             if miss <= best_miss and (best is None or miss < best_miss - SAME or hit.range_m < best.range_m):
                 best, best_miss = hit, miss
         return None if best is None else best._replace(uv_m=self._solids[best.target].uv_at(best.point_m))
@@ -123,18 +113,10 @@ class SolidCaster:
         if len(self._solids) <= FEW_SOLIDS:
             bounds = [(self._bound(i, origin_m, direction), i) for i in range(len(self._solids))]
             return [each for each in bounds if each[0] <= tolerance + SLACK_RAD]
-        if self.measure == "angle":
-            sights, balls, min_cosine = self._cones(origin_m, tolerance)
-            cosines = np.array(direction) @ sights
-            near = (cosines >= min_cosine).nonzero()[0]
-            misses = np.arccos(np.minimum(cosines[near], 1.0)) - balls[near]
-        else:
-            c = self._centres - np.array(origin_m)[:, None]
-            ahead = np.maximum(np.array(direction) @ c, 0.0)
-            square = np.einsum("ij,ij->j", c, c)
-            misses = np.sqrt(np.maximum(square - ahead * ahead, 0.0)) - self._radii
-            near = (misses <= tolerance + SLACK_RAD).nonzero()[0]
-            misses = misses[near]
+        sights, balls, min_cosine = self._cones(origin_m, tolerance)
+        cosines = np.array(direction) @ sights
+        near = (cosines >= min_cosine).nonzero()[0]
+        misses = np.arccos(np.minimum(cosines[near], 1.0)) - balls[near]
         return list(zip(misses.tolist(), near.tolist(), strict=True))
 
     def _cones_from(self, origin_m: Vec3, tolerance: float) -> tuple[Array, Array, Array]:
@@ -154,10 +136,7 @@ class SolidCaster:
         distance = vector.norm(reach)
         if distance <= radius:
             return -math.inf
-        if self.measure == "angle":
-            return vector.angle_between(direction, reach) - math.asin(radius / distance)
-        ahead = max(vector.dot(direction, reach), 0.0)
-        return math.sqrt(max(distance * distance - ahead * ahead, 0.0)) - radius
+        return vector.angle_between(direction, reach) - math.asin(radius / distance)
 
 
 RUN_M = 0.25
@@ -186,17 +165,14 @@ class RayCaster:
     Targets are numbered lines first, then points, as given.
     """
 
-    def __init__(
-        self, lines: Sequence[Polyline], points: Sequence[Vec3] = (), *, measure: Measure = "angle"
-    ) -> None:
-        """Create from the targets, and the quantity to minimize.
+    def __init__(self, lines: Sequence[Polyline], points: Sequence[Vec3] = ()) -> None:
+        """Create from the targets.
 
         Raises:
             ValueError: If there are no targets.
         """
         if not lines and not points:
             raise ValueError("a ray caster needs at least one line or point")
-        self.measure: Measure = measure
         whole = [piece for target, line in enumerate(lines) for piece in _segments(line, target)]
         alone = [
             _Segment(point, (0.0, 0.0, 0.0), 0.0, 0.0, len(lines) + index)
@@ -235,10 +211,10 @@ class RayCaster:
     def cast(
         self, origin_m: Vec3, direction: Vec3, tolerance: float = math.inf, reach_m: float = math.inf
     ) -> Hit | None:
-        """Return the closest point to the ray, or None beyond `tolerance` (rad, or m).
+        """Return the closest point to the ray, or None beyond `tolerance`, rad.
 
         Points further along the ray than `reach_m` are ignored. The choice between points has a resolution of
-        2e-8 rad, or 1e-7 m; the misses of the hit are exact.
+        2e-8 rad; the misses of the hit are exact.
         """
         direction = vector.normalized(direction)
         if self._few:
@@ -251,11 +227,9 @@ class RayCaster:
         (x, y, z), (u, v, w), position_m, length_m, target = segment
         point = (x + u * t, y + v * t, z + w * t)
         hit = make_hit(target, position_m + t * length_m, point, origin_m, direction)
-        miss = hit.miss_rad if self.measure == "angle" else hit.miss_m
-        return hit if miss <= tolerance else None
+        return hit if hit.miss_rad <= tolerance else None
 
     def _among_few(self, origin_m: Vec3, direction: Vec3, reach_m: float) -> tuple[_Segment, float] | None:
-        nearest = nearest_in_angle if self.measure == "angle" else nearest_in_metres
         best: tuple[_Segment, float] | None = None
         min_distance = math.inf
         ox, oy, oz = origin_m
@@ -270,7 +244,7 @@ class RayCaster:
                 a, u = vector.add(a, vector.scale(span, low)), vector.scale(span, high - low)
             else:
                 low, high, u = 0.0, 1.0, span
-            t, cost = nearest(a, u, direction)
+            t, cost = nearest_in_angle(a, u, direction)
             if cost < min_distance:
                 best, min_distance = (segment, low + t * (high - low)), cost
         return best
@@ -292,7 +266,7 @@ class RayCaster:
             a, u, uu = a + low * u, (high - low) * u, (high - low) ** 2 * uu
             p, q = p + low * q, (high - low) * q
         aa, au = np.einsum("ij,ij->j", a, a), np.einsum("ij,ij->j", a, u)
-        t, cost = _by_angle(p, q, aa, au, uu) if self.measure == "angle" else _by_metres(p, q, aa, au, uu)
+        t, cost = _nearest_in_angle(p, q, aa, au, uu)
         if low is not None and high is not None:
             cost[:, high < low] = math.inf
             t = low + t * (high - low)
@@ -308,18 +282,13 @@ class RayCaster:
         along = d @ c
         square = np.einsum("ij,ij->j", c, c)
         is_near = True if math.isinf(reach_m) else along - self._radii <= reach_m
-        if self.measure == "angle":
-            across = np.sqrt(np.maximum(square - along * along, 0.0))
-            cosines = along / np.sqrt(np.maximum(square, TINY))
-            if reach_m < math.inf:
-                cosines[along > reach_m] = -1.0
-            cone = min(math.acos(min(max(float(cosines.max()), -1.0), 1.0)), tolerance)
-            # the centre's distance to the cone if that is in front, otherwise a smaller value
-            return np.flatnonzero((across * math.cos(cone) - along * math.sin(cone) <= self._radii) & is_near)
-        ahead = np.maximum(along, 0.0)
-        across = np.sqrt(np.maximum(square - ahead * ahead, 0.0))
-        min_distance = float(across[along <= reach_m].min(initial=math.inf))
-        return np.flatnonzero((across - self._radii <= min(min_distance, tolerance)) & is_near)
+        across = np.sqrt(np.maximum(square - along * along, 0.0))
+        cosines = along / np.sqrt(np.maximum(square, TINY))
+        if reach_m < math.inf:
+            cosines[along > reach_m] = -1.0
+        cone = min(math.acos(min(max(float(cosines.max()), -1.0), 1.0)), tolerance)
+        # the centre's distance to the cone if that is in front, otherwise a smaller value
+        return np.flatnonzero((across * math.cos(cone) - along * math.sin(cone) <= self._radii) & is_near)
 
 
 def _spans_within(p: Array, q: Array, reach_m: float) -> tuple[Array, Array]:
@@ -330,23 +299,13 @@ def _spans_within(p: Array, q: Array, reach_m: float) -> tuple[Array, Array]:
     return low, np.where(np.minimum(p, p + q) > reach_m, -1.0, high)
 
 
-def _by_angle(p: Array, q: Array, aa: Array, au: Array, uu: Array) -> tuple[Array, Array]:
+def _nearest_in_angle(p: Array, q: Array, aa: Array, au: Array, uu: Array) -> tuple[Array, Array]:
     """Return t and minus the cosine at the starts, the ends and the stationary points, each 3 x n."""
     t = np.zeros((3, len(p)))
     t[1] = 1.0
     t[2] = np.minimum(np.maximum((q * aa - p * au) / np.maximum(p * uu - q * au, TINY), 0.0), 1.0)
     square = aa + t * (2.0 * au + t * uu)
     return t, (p + t * q) / -np.sqrt(np.maximum(square, TINY))
-
-
-def _by_metres(p: Array, q: Array, aa: Array, au: Array, uu: Array) -> tuple[Array, Array]:
-    """Return t and the squared distance for the line and for the ray's origin, each 2 x n."""
-    t = np.empty((2, len(p)))
-    t[0] = (p * q - au) / np.maximum(uu - q * q, TINY)
-    t[1] = -au / np.maximum(uu, TINY)
-    t = np.minimum(np.maximum(t, 0.0), 1.0)
-    ahead = np.maximum(p + t * q, 0.0)
-    return t, aa + t * (2.0 * au + t * uu) - ahead * ahead
 
 
 def _segments(line: Polyline, target: int) -> list[_Segment]:

@@ -2,12 +2,10 @@
 
 The closest point by angle is on the outline: two upright lines that rays from the origin touch, and the two
 rims. The lines are segments, solved in closed form. A rim is an equation of fourth degree, solved by golden
-section search around its lowest samples. By metres, the distance from the ray's points to a convex body falls
-and then rises along the ray, so its minimum is found by bisection.
-
+section search around its lowest samples.
 The closest point of a convex solid by angle is on its outline: on an edge of a box, or on the cone that
-touches a sphere. By metres it may also be inside a face, nearest to the ray's origin. A ray from inside
-intersects the wall from within.
+touches a sphere. A ray from inside intersects
+the wall from within.
 """
 
 import math
@@ -17,7 +15,7 @@ from itertools import combinations, pairwise, product
 from typing import Protocol
 
 from pointit.geometry import vector
-from pointit.geometry.polyline import TINY, Measure, nearest_in_angle, nearest_in_metres
+from pointit.geometry.polyline import TINY, nearest_in_angle
 from pointit.geometry.vector import Vec3
 
 Vec2 = tuple[float, float]
@@ -26,7 +24,6 @@ RIM_POINTS = 24
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 GOLDEN_STEPS = 40
 """Steps of the golden section search, which shrink the bracket by 4e-9."""
-HALVINGS = 60
 
 Edge = tuple[Vec3, Vec3]
 """Start of an edge, and vector to its end."""
@@ -139,11 +136,10 @@ class CylinderSolid:
             return None
         return _first_ahead(first, last)
 
-    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the closest point to a ray that does not intersect it."""
         own = vector.subtract(origin_m, self._foot)
-        found = self._by_angle(own, direction) if measure == "angle" else self._by_metres(own, direction)
-        return vector.add(self._foot, found)
+        return vector.add(self._foot, self._closest_point(own, direction))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on its side, or on the end that is nearer to `point_m` than the side."""
@@ -151,7 +147,7 @@ class CylinderSolid:
         on_side = abs(math.hypot(x, y) - self._radius) <= min(abs(z), abs(self._height - z))
         return (self._radius * math.atan2(y, x), z) if on_side else (x, y)
 
-    def _by_angle(self, own: Vec3, d: Vec3) -> Vec3:
+    def _closest_point(self, own: Vec3, d: Vec3) -> Vec3:
         best, min_distance = own, math.inf
         for x, y, outwards in self._touched(own):
             start, span = (x, y, 0.0), (0.0, 0.0, self._height)
@@ -220,24 +216,6 @@ class CylinderSolid:
         z -= own[2]
         return -(d[0] * x + d[1] * y + d[2] * z) / max(math.sqrt(x * x + y * y + z * z), 1e-12)
 
-    def _by_metres(self, own: Vec3, d: Vec3) -> Vec3:
-        centre = (0.0, 0.0, self._height / 2.0)
-        low = 0.0
-        high = max(0.0, vector.dot(d, vector.subtract(centre, own))) + self.bounding_sphere[1]
-        for _ in range(HALVINGS):
-            middle = (low + high) / 2.0
-            at = vector.add(own, vector.scale(d, middle))
-            if vector.dot(d, vector.subtract(at, self._nearest(at))) < 0.0:
-                low = middle
-            else:
-                high = middle
-        return self._nearest(vector.add(own, vector.scale(d, low)))
-
-    def _nearest(self, point: Vec3) -> Vec3:
-        x, y, z = point
-        shrink = min(1.0, self._radius / max(math.hypot(x, y), 1e-12))
-        return (x * shrink, y * shrink, min(max(z, 0.0), self._height))
-
 
 class Solid(Protocol):
     """A convex solid."""
@@ -253,7 +231,7 @@ class Solid(Protocol):
         """Return the distance along the ray (unit direction) to the first intersection, or None."""
         ...
 
-    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the closest point to a ray that does not intersect it, or None if there is none."""
         ...
 
@@ -296,10 +274,10 @@ class BoxSolid:
             first, last = max(first, min(near, far)), min(last, max(near, far))
         return _first_ahead(first, last)
 
-    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3:
         """Return the closest point to a ray that does not intersect it."""
-        passed_m = self.passed_at(origin_m, direction) if measure == "angle" else None
-        return self._on_edges(origin_m, direction, measure) if passed_m is None else passed_m
+        passed_m = self.passed_at(origin_m, direction)
+        return self._on_edges(origin_m, direction) if passed_m is None else passed_m
 
     def passed_at(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the point at the smallest angle from a ray, or None if the ray intersects the box."""
@@ -308,7 +286,7 @@ class BoxSolid:
                 self._outlines.clear()
             self._outlines[origin_m] = None
             met = self.intersect(origin_m, direction)
-            return self._on_edges(origin_m, direction, "angle") if met is None else None
+            return self._on_edges(origin_m, direction) if met is None else None
         outline = self._outlines[origin_m]
         if outline is None:
             outline = self._outlines[origin_m] = _outline(self._half, self._own(origin_m))
@@ -321,13 +299,9 @@ class BoxSolid:
         (t, _), start, span = min(found, key=lambda each: each[0][1])
         return self._in_room(vector.add(start, vector.scale(span, t)))
 
-    def _on_edges(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
+    def _on_edges(self, origin_m: Vec3, direction: Vec3) -> Vec3:
         own, ahead = self._own(origin_m), vector.rotate_z(direction, -self._yaw)
-        found = nearest_on_edges(_box_edges(self._half), own, ahead, measure)
-        if measure == "metres":
-            foot = tuple(min(max(x, -half), half) for x, half in zip(own, self._half, strict=True))
-            found = nearer((foot[0], foot[1], foot[2]), found, own, ahead)
-        return self._in_room(found)
+        return self._in_room(nearest_on_edges(_box_edges(self._half), own, ahead))
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position on the face of `point_m`."""
@@ -367,14 +341,10 @@ class SphereSolid:
             return along - half
         return along + half if along + half >= 0.0 else None
 
-    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
+    def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
         """Return the closest point to a ray that does not intersect it."""
         reach = vector.subtract(self._center, origin_m)
         along = vector.dot(direction, reach)
-        if measure == "metres":
-            nearest = vector.add(origin_m, vector.scale(direction, max(along, 0.0)))
-            outwards = vector.normalized(vector.subtract(nearest, self._center))
-            return vector.add(self._center, vector.scale(outwards, self._radius))
         distance = vector.norm(reach)
         if distance <= self._radius:
             return None  # on its surface, pointing away
@@ -398,26 +368,14 @@ class SphereSolid:
         return (self._radius * vector.azimuth(own), self._radius * vector.elevation(own))
 
 
-def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3:
+def nearest_on_edges(edges: Iterable[Edge], origin_m: Vec3, direction: Vec3) -> Vec3:
     """Return the closest point of the edges to the ray."""
-    nearest = nearest_in_angle if measure == "angle" else nearest_in_metres
     best, min_distance = origin_m, math.inf
     for start, span in edges:
-        t, cost = nearest(vector.subtract(start, origin_m), span, direction)
+        t, cost = nearest_in_angle(vector.subtract(start, origin_m), span, direction)
         if cost < min_distance:
             best, min_distance = vector.add(start, vector.scale(span, t)), cost
     return best
-
-
-def nearer(a: Vec3, b: Vec3, origin_m: Vec3, direction: Vec3) -> Vec3:
-    """Return the one of two points that is nearer to the ray, in metres."""
-    return min(a, b, key=lambda point: distance_to_ray(point, origin_m, direction))
-
-
-def distance_to_ray(point_m: Vec3, origin_m: Vec3, direction: Vec3) -> float:
-    """Return the distance from the ray to a point."""
-    ahead = max(vector.dot(direction, vector.subtract(point_m, origin_m)), 0.0)
-    return math.dist(point_m, vector.add(origin_m, vector.scale(direction, ahead)))
 
 
 @lru_cache(1024)
@@ -500,16 +458,11 @@ class PlaneSolid:
                 return None
         return ahead
 
-    def closest_approach(self, origin_m: Vec3, direction: Vec3, measure: Measure) -> Vec3 | None:
-        """Return the point of its rim, or the nearest to the ray's origin, that is closest to the ray."""
+    def closest_approach(self, origin_m: Vec3, direction: Vec3) -> Vec3 | None:
+        """Return the point of its rim that is closest to the ray."""
         if self._half is None or abs(vector.dot(direction, self._normal)) <= self._grazing:
             return None
-        found = nearest_on_edges(self._edges, origin_m, direction, measure)
-        if measure == "metres":
-            u, v = self.uv_at(origin_m)
-            held = (min(max(u, -self._half[0]), self._half[0]), min(max(v, -self._half[1]), self._half[1]))
-            found = nearer(self._point(*held), found, origin_m, direction)
-        return found
+        return nearest_on_edges(self._edges, origin_m, direction)
 
     def uv_at(self, point_m: Vec3) -> tuple[float, float]:
         """Return the position of a point, projected onto the plane."""

@@ -1,6 +1,6 @@
 """Parameters of led-driver."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator
 
@@ -40,20 +40,12 @@ class StyleConfig(Config):
 class CursorsConfig(Config):
     """Appearance of cursors. Their colour, width and colormap are in each person's profile."""
 
-    draw_snapped: bool = Field(
-        default=False, description="draw cursors where the selector snaps them to, not at their true position"
-    )
     passed_level: Level = Field(
         default=0.5, description="brightness of the blinking pixel nearest to a ray that passes everything"
-    )
-    distance: Literal["angle", "metres"] = Field(
-        default="angle",
-        description="quantity shown by a cursor's colormap: angle or distance by which the ray misses",
     )
     range_deg: float = Field(
         default=10.0, gt=0, le=180, description="angle at the start of the colormap; its end is 0"
     )
-    range_m: float = Field(default=0.5, gt=0, le=1000, description="distance at the start of the colormap, m")
 
 
 class LampsConfig(Config):
@@ -75,18 +67,6 @@ class LampsConfig(Config):
         return name
 
 
-class StateLampConfig(Config):
-    """Appearance of the state lamp."""
-
-    idle_color: Rgb = Field(default=(40, 40, 40), description="colour while no person points")
-    pointing_color: Rgb = Field(default=(0, 120, 60), description="colour while a person points")
-    localizing_color: Rgb = Field(
-        default=(0, 60, 255), description="colour of the pulses while a person localizes"
-    )
-    pulse_hz: float = Field(default=1.0, gt=0, le=2, description="pulses per second while localizing")
-    flash_s: float = Field(default=0.4, ge=0.1, le=5, description="length of a cue's flash, s")
-
-
 class LedDriverConfig(Config):
     """Appearance of strips, rate of drawing, and outputs."""
 
@@ -104,10 +84,6 @@ class LedDriverConfig(Config):
     style: StyleConfig = Field(default=StyleConfig(), description="colours and levels")
     cursors: CursorsConfig = Field(default=CursorsConfig(), description="appearance of cursors")
     lamps: LampsConfig = Field(default=LampsConfig(), description="lamps coloured by the angle of the ray")
-    state_lamp: Annotated[str, Field(pattern=r"^([A-Za-z0-9_][A-Za-z0-9_.\-]{0,63})?$")] = Field(
-        default="", description="id of the lamp that shows the state of the site; no lamp if empty"
-    )
-    state: StateLampConfig = Field(default=StateLampConfig(), description="appearance of the state lamp")
     outputs: tuple[SerializeAsAny[Annotated[OutputConfig, BeforeValidator(validate_output)]], ...] = Field(
         default=(), description="the controllers"
     )

@@ -10,9 +10,9 @@ from collections.abc import Callable, Collection
 from typing import Literal, NamedTuple
 
 from pointit.geometry.colormap import colormap
-from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Hover, LampLease, Localization, Selection
+from pointit.schemas import NS_PER_S, Cursor, Environment, Hover, LampLease, Localization, Selection
 from pointit.schemas.base import Rgb
-from pointit.services.led_driver.config import LedDriverConfig, StateLampConfig
+from pointit.services.led_driver.config import LedDriverConfig
 
 MAX_LOCALIZATION_AGE_NS = 3 * NS_PER_S
 """Age after which a localization by lamps counts as ended, ns. Active ones are published once a second."""
@@ -193,8 +193,6 @@ class ThingLamps:
 DARK: Rgb = (0, 0, 0)
 TARGET: Rgb = (255, 255, 255)
 """Colour of a lamp that a person localizes by."""
-PULSE_STEP_NS = NS_PER_S // 20
-"""Time between two steps of a pulse, ns."""
 FLASHES = 3
 """Limit of flashes in any second. A flash is two changes of brightness or of a colour, up and down (WCAG 2,
 2.3.1)."""
@@ -206,15 +204,13 @@ _LUMINANCE = (0.2126, 0.7152, 0.0722)
 class Lamps:
     """Colours of all lamps. Pure.
 
-    While a person localizes, only lamps that they are to point at are lit, and the state lamp. Otherwise a
-    lamp shows the state of its thing while that is hovered or selected, and else what it was set to.
+    While a person localizes, only lamps that they are to point at are lit. Otherwise a lamp shows the state
+    of its thing while that is hovered or selected, and else what it was set to.
     """
 
     def __init__(self, config: LedDriverConfig, things: ThingLamps) -> None:
         self._config = config.lamps
         self._things = things
-        self._id = config.state_lamp
-        self._state = _StateLamp(config.state)
         self._timeout_ns = int(config.cursor_timeout_s * NS_PER_S)
         self.queue = LampQueue(int(config.lamps.localization_timeout_s * NS_PER_S))
         self._cursors: dict[str, tuple[int, Cursor]] = {}
@@ -222,13 +218,13 @@ class Lamps:
         """Colours of lamps that were set."""
         self._near: set[str] = set()
         """Lamps that were ever near a ray, and are in the map."""
-        self._guards: dict[str, FlashGuard] = {self._id: FlashGuard()} if self._id else {}
+        self._guards: dict[str, FlashGuard] = {}
         """By lamp: all that were ever in a map or near a ray. Those without another colour are dark."""
 
     @property
     def follow_people(self) -> bool:
         """True if the colour of any lamp depends on cursors."""
-        return bool(self._id or self._near)
+        return bool(self._near)
 
     def set_lamps(self, ids: Collection[str]) -> None:
         """Set the `ids` of the lamps of a new map. Those that are gone are switched off."""
@@ -248,22 +244,15 @@ class Lamps:
         """Show `color` on a lamp. None: what it shows by itself.
 
         Raises:
-            ValueError: If there is no such lamp, or it shows the state of the site.
+            ValueError: If there is no such lamp.
         """
-        if lamp_id == self._id:
-            raise ValueError(f"lamp {lamp_id} shows the state of the site; choose another one")
         if lamp_id not in self._guards:
-            known = sorted(self._guards.keys() - {self._id})
-            raise ValueError(f"there is no lamp {lamp_id!r}; there are {', '.join(known) or 'none'}")
+            known = ", ".join(sorted(self._guards)) or "none"
+            raise ValueError(f"there is no lamp {lamp_id!r}; there are {known}")
         if color is None:
             self._set.pop(lamp_id, None)
         else:
             self._set[lamp_id] = color
-
-    def on_feedback(self, feedback: Feedback) -> None:
-        """Flash the state lamp in the colour of a cue."""
-        if feedback.color is not None and self._id:
-            self._state.flash(feedback.color)
 
     def colors(self, now_ns: int) -> dict[str, Rgb]:
         """Return the colours of all lamps at `now_ns`."""
@@ -278,22 +267,16 @@ class Lamps:
             wanted |= {lamp_id: self._by_angle(lamp_id) for lamp_id in self._near}
         if not is_localizing:
             wanted |= self._set | of_things
-        if self._id:
-            state = "localizing" if is_localizing else "pointing" if self._cursors else "idle"
-            wanted[self._id] = self._state.color(state, now_ns)
         wanted |= dict.fromkeys(self.queue.service().targets & wanted.keys(), TARGET)
         return {lamp_id: self._guards[lamp_id].show(color, now_ns) for lamp_id, color in wanted.items()}
 
-    def next_change_ns(self, now_ns: int) -> int | None:
+    def next_change_ns(self) -> int | None:
         """Return the time at which colours change without new messages, or None."""
         times = [at + self._timeout_ns for at, _ in self._cursors.values()]
         times += self._things.ends_ns()
         times += [guard.free_ns for guard in self._guards.values() if guard.free_ns is not None]
         if (expiry_ns := self.queue.next_expiry_ns()) is not None:
             times.append(expiry_ns)
-        if self._id:
-            change_ns = self._state.next_change_ns(now_ns, pulses=self.queue.is_in_use)
-            times += [] if change_ns is None else [change_ns]
         return min(times, default=None)
 
     def _guard(self, ids: Collection[str]) -> None:
@@ -308,52 +291,6 @@ class Lamps:
         ]
         share = min(misses_rad, default=math.inf) / math.radians(self._config.range_deg)
         return colormap(self._config.colormap).rgb(1.0 - min(share, 1.0))
-
-
-class _StateLamp:
-    """One lamp for the state of the site: dim when idle, with flashes for cues."""
-
-    def __init__(self, config: StateLampConfig) -> None:
-        self._config = config
-        self._flash_ns = int(config.flash_s * NS_PER_S)
-        self._colors = {"idle": config.idle_color, "pointing": config.pointing_color}
-        self._waiting: Rgb | None = None
-        self._flashing: tuple[int, Rgb] | None = None
-        self._pulse_ns: int | None = None
-        """Time at which the pulse began, ns."""
-
-    def flash(self, color: Rgb) -> None:
-        """Show `color` briefly, after the current flash. Of several, the newest is shown."""
-        self._waiting = color
-
-    def color(self, state: str, now_ns: int) -> Rgb:
-        """Return the colour of the lamp in `state` at `now_ns`."""
-        if self._waiting is not None and not self._busy(now_ns, 2 * self._flash_ns):
-            self._flashing, self._waiting = (now_ns, self._waiting), None
-        if self._flashing is not None and self._busy(now_ns, self._flash_ns):
-            return self._flashing[1]
-        if state != "localizing":
-            self._pulse_ns = None
-            return self._colors[state]
-        if self._pulse_ns is None:
-            self._pulse_ns = now_ns
-        phase = (now_ns - self._pulse_ns) / NS_PER_S * self._config.pulse_hz
-        level = 0.6 - 0.4 * math.cos(2.0 * math.pi * phase)
-        red, green, blue = (round(value * level) for value in self._config.localizing_color)
-        return (red, green, blue)
-
-    def _busy(self, now_ns: int, for_ns: int) -> bool:
-        return self._flashing is not None and 0 <= now_ns - self._flashing[0] < for_ns
-
-    def next_change_ns(self, now_ns: int, *, pulses: bool) -> int | None:
-        """Return the time at which its colour changes by itself."""
-        if pulses:
-            return now_ns + PULSE_STEP_NS
-        if self._flashing is not None and self._busy(now_ns, self._flash_ns):
-            return self._flashing[0] + self._flash_ns
-        if self._waiting is not None:
-            return now_ns if self._flashing is None else max(now_ns, self._flashing[0] + 2 * self._flash_ns)
-        return None
 
 
 class FlashGuard:

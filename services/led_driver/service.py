@@ -18,7 +18,6 @@ from pointit.schemas import (
     Cursor,
     Done,
     Environment,
-    Feedback,
     Hover,
     LampColor,
     LampLeases,
@@ -94,7 +93,6 @@ class LedDriver(Service[LedDriverConfig]):
         self.bus.subscribe(topics.PROFILE, self._on_profile)
         self.bus.subscribe(topics.SELECTION, self._on_selection)
         self.bus.subscribe(topics.LOCALIZATION, self._on_localization)
-        self.bus.subscribe(topics.FEEDBACK, self._on_feedback)
         self.bus.subscribe(topics.OBJECTS, self._on_objects)
         self.bus.subscribe(topics.HOVER, self._on_hover)
         # a cursor without a point removes what was shown, which is never too late
@@ -187,10 +185,6 @@ class LedDriver(Service[LedDriverConfig]):
         if instance.startswith(LOCALIZER):
             self._on_person(instance.removeprefix(LOCALIZER), present)
 
-    def _on_feedback(self, feedback: Feedback, _user: str) -> None:
-        self._lights.lamps.on_feedback(feedback)
-        self._schedule_lamps()
-
     async def _set_brightness(self, query: SetBrightness, _name: str) -> Done:
         try:
             self._lights.set_brightness(query.brightness, query.strips)
@@ -281,7 +275,7 @@ class LedDriver(Service[LedDriverConfig]):
             self._lease_seq += 1
             leases = LampLeases(stamp_ns=now_ns, seq=self._lease_seq, leases=self._lamp_service.leases)
             self._leases.put(leases)
-        change_ns = self._lights.lamps.next_change_ns(now_ns)
+        change_ns = self._lights.lamps.next_change_ns()
         if change_ns is not None:
             self._look_at_lamps_in((change_ns - now_ns) / NS_PER_S / self.clock.speed)
 

@@ -324,7 +324,7 @@ class StripContent:
                 marks.append(
                     CursorMark(
                         line=line,
-                        at_m=self._drawn_at_m(user, cursor),
+                        at_m=cursor.position_m,
                         width_m=profile.cursor_width_m,
                         color=self._color(profile, cursor),
                     )
@@ -352,20 +352,10 @@ class StripContent:
         _, entries = self._layout.lit(np.array([line], dtype=np.intp), at_m, at_m)
         return [int(pixel) for pixel in self._layout.pixels[entries]]
 
-    def _drawn_at_m(self, user: str, cursor: Cursor) -> float:
-        if self._cursor_looks.draw_snapped and user in self._hovers:
-            snapped_m = self._hovers[user][1].snapped_position_m
-            if snapped_m is not None:
-                return snapped_m
-        return cursor.position_m
-
     def _color(self, profile: UserProfile, cursor: Cursor) -> Rgb:
         if not profile.cursor_colormap:
             return profile.cursor_color
-        if self._cursor_looks.distance == "angle":
-            share = cursor.miss_rad / math.radians(self._cursor_looks.range_deg)
-        else:
-            share = cursor.miss_m / self._cursor_looks.range_m
+        share = cursor.miss_rad / math.radians(self._cursor_looks.range_deg)
         return colormap(profile.cursor_colormap).rgb(1.0 - min(share, 1.0))
 
     def segments(self, now_ns: int) -> Segments:

@@ -33,73 +33,14 @@ def _in_radians(config: Config, *but: str) -> dict[str, Any]:
 
 
 class TrustConfig(Config):
-    """Noise of rays, and acceptance limits of poses."""
+    """Latency of trackers, and acceptance limits of poses."""
 
-    ray_sigma_deg: float = Field(
-        default=_degrees(_SETTINGS.ray_sigma_rad),
-        gt=0,
-        le=30,
-        description="1 sigma sideways of pointing at moving targets, degrees",
-    )
-    elevation_sigma_deg: float = Field(
-        default=_degrees(_SETTINGS.elevation_sigma_rad), gt=0, le=30, description="the same upwards, degrees"
-    )
-    act_sigma_deg: float = Field(
-        default=_degrees(_SETTINGS.act_sigma_rad),
-        gt=0,
-        le=30,
-        description="1 sigma sideways of one pointing at a target at rest, degrees",
-    )
-    bias_sigma_deg: float = Field(
-        default=_degrees(_SETTINGS.bias_sigma_rad),
-        gt=0,
-        le=45,
-        description="1 sigma of people's elevation bias, degrees; ~1 once known",
-    )
-    body_sigma_m: float = Field(
-        default=_SETTINGS.body_sigma_m, ge=0, le=1, description="1 sigma of the eyes' horizontal position, m"
-    )
-    height_sigma_m: float = Field(
-        default=_SETTINGS.height_sigma_m, ge=0, le=1, description="1 sigma of the height of the eyes, m"
-    )
-    independent_hz: float = Field(
-        default=_SETTINGS.independent_hz,
-        gt=0,
-        le=100,
-        description="independent pointings per second, Hz: a hold counts as one",
-    )
     latency_sigma_s: float = Field(
         default=_SETTINGS.latency_sigma_s,
         ge=0,
         le=10,
         description="moving_target: 1 sigma of the latency of a tracker that does not state it "
         "(`TrackedObjects.latency_sigma_s`), s",
-    )
-    min_samples: int = Field(default=_SETTINGS.min_samples, ge=4, le=8192, description="rays needed, count")
-    model_sigma_deg: float = Field(
-        default=_degrees(_SETTINGS.model_sigma_rad),
-        ge=0,
-        le=45,
-        description="1 sigma of a constant error of the rays, fixed to the body: eyes or finger "
-        "off the model, degrees",
-    )
-    max_residual_deg: float = Field(
-        default=_degrees(_SETTINGS.max_residual_rad),
-        gt=0,
-        le=90,
-        description="moving_target: rms angle above which the person did not follow it, degrees",
-    )
-    max_act_residual_deg: float = Field(
-        default=_degrees(_SETTINGS.max_act_residual_rad),
-        gt=0,
-        le=90,
-        description="static_targets: rms angle above which the person did not point at the lamps, degrees",
-    )
-    bias_sigma_limit: float = Field(
-        default=_SETTINGS.bias_sigma_limit,
-        gt=0,
-        le=10,
-        description="sigmas of the elevation bias beyond which the person did not point",
     )
     min_right_probability: float = Field(
         default=_SETTINGS.min_right_probability,
@@ -148,12 +89,6 @@ class DriftConfig(Config):
         gt=0,
         le=10,
         description="1 sigma of an IMU's yaw drift before it is known, degrees/s",
-    )
-    anchor_sigma_deg: float = Field(
-        default=_degrees(_DRIFT.anchor_sigma_rad),
-        gt=0,
-        le=30,
-        description="1 sigma of one pointing at a lamp, sideways, degrees",
     )
     max_yaw_sigma_deg: float = Field(
         default=15.0,

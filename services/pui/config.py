@@ -36,20 +36,11 @@ class PuiConfig(Config):
     opaque: tuple[SolidKind, ...] = Field(
         default=OPAQUE, description="kinds that hide what is behind them, whether pointable or not; []: none"
     )
-    method: Literal["exact", "kd_tree"] = Field(
-        default="exact", description="exact: closed form; kd_tree: the paper's points on the ray, in metres"
-    )
     tolerance_deg: float = Field(
         default=12.0,
         gt=0,
         lt=90,
         description="maximum angle between ray and surface for a cursor, degrees at the eyes",
-    )
-    tolerance_m: float | None = Field(
-        default=None,
-        gt=0,
-        le=20,
-        description="maximum distance between ray and surface instead of the angle, m; kd_tree: 0.7 if empty",
     )
     grazing_deg: float = Field(
         default=5.0,
@@ -77,10 +68,6 @@ class PuiConfig(Config):
     workspace_distance_m: float = Field(
         default=2.0, ge=0.2, le=100, description="distance of the other workspaces from the person, m"
     )
-    kd_step_m: float = Field(
-        default=0.05, ge=0.005, le=1, description="spacing of the points of kd_tree on lines and ray, m"
-    )
-    kd_reach_m: float = Field(default=20.0, gt=0, le=100, description="length of the ray of kd_tree, m")
 
     @property
     def map_to_read(self) -> str:

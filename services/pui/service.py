@@ -148,11 +148,7 @@ class Pui(Service[PuiConfig]):
         surfaces = Surfaces(
             environment,
             config.surfaces,
-            method=config.method,
             tolerance_rad=math.radians(config.tolerance_deg),
-            tolerance_m=config.tolerance_m,
-            step_m=config.kd_step_m,
-            reach_m=config.kd_reach_m,
             clouds=clouds,
             priority=config.priority,
             opaque=config.opaque,
@@ -224,8 +220,7 @@ class Pui(Service[PuiConfig]):
         if query.path:
             # beside the loop: people go on pointing while a large map is read
             environment, room = await asyncio.to_thread(self._read_room, self._map_file(query.path))
-            if (tolerance_rad := self._room.surfaces.tolerance_rad) is not None:
-                room.surfaces.set_tolerance(tolerance_rad)
+            room.surfaces.tolerance_rad = self._room.surfaces.tolerance_rad
             self._enter(room)
             self._map, self._environment = _full_name(query.path), environment
             self._maps().put(environment)
@@ -262,20 +257,10 @@ class Pui(Service[PuiConfig]):
     async def _on_tolerance(self, query: SetTolerance, _name: str) -> SetToleranceReply:
         surfaces = self._room.surfaces
         if query.tolerance_rad is not None:
-            try:
-                surfaces.set_tolerance(query.tolerance_rad)
-            except ValueError as error:
-                raise RefusedError(f"{error} here: {self._by_metres()}") from error
+            surfaces.tolerance_rad = query.tolerance_rad
         tolerance_rad = surfaces.tolerance_rad
-        if tolerance_rad is None:
-            return SetToleranceReply(message=f"the tolerance is in metres: {self._by_metres()}")
         message = f"a ray may pass what it points at by {math.degrees(tolerance_rad):.1f}°"
         return SetToleranceReply(message=message, tolerance_rad=min(tolerance_rad, WIDEST_RAD))
-
-    def _by_metres(self) -> str:
-        if self.config.method == "kd_tree":
-            return "the method is kd_tree; start pui with method=exact to have an angle"
-        return f"tolerance_m is {self.config.tolerance_m}; start pui without it to have an angle"
 
     def _on_pose(self, pose: UserPose, user: str) -> None:
         self._person(user).set_pose(pose, self.clock.now_ns())

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointit.geometry import vector
-from pointit.geometry.polyline import Hit, Measure, Polyline
+from pointit.geometry.polyline import Hit, Polyline
 from pointit.geometry.ray_cast import SAME, RayCaster, SolidCaster
 from pointit.geometry.solids import GRAZING_RAD, BoxSolid, CylinderSolid, PlaneSolid, Solid, SphereSolid
 from pointit.geometry.vector import Vec3
@@ -143,8 +143,6 @@ def solids_of(
     return [(Surface(kind, name), solid) for kind in solids if kind in kinds for name, solid in solids[kind]]
 
 
-PAPER_TOLERANCE_M = 0.7
-
 WIDENING_RAD = (math.radians(45.0), math.inf)
 """Cone angles of the search for the nearest of many things: those outside the first are skipped at once."""
 
@@ -179,11 +177,7 @@ class Surfaces:
         environment: Environment,
         kinds: Sequence[Kind] = ("strip", "belt"),
         *,
-        method: Literal["exact", "kd_tree"] = "exact",
         tolerance_rad: float = math.radians(12.0),
-        tolerance_m: float | None = None,
-        step_m: float = 0.05,
-        reach_m: float = 20.0,
         clouds: Clouds | None = None,
         priority: Mapping[str, int] | None = None,
         opaque: Sequence[SolidKind] = OPAQUE,
@@ -195,11 +189,7 @@ class Surfaces:
         Args:
             environment: map.
             kinds: pointable kinds.
-            method: closed form, or the paper's discretization of lines, lamps and clouds, in metres.
-            tolerance_rad: maximum angle at the eyes, unless metres are used.
-            tolerance_m: if given, nearest and tolerance are in metres.
-            step_m: spacing of the paper's points.
-            reach_m: length of the ray of the paper's method.
+            tolerance_rad: maximum angle at the eyes.
             clouds: points of the map's clouds by id.
             priority: priority by id or kind. The highest within the tolerance is pointed at.
             opaque: kinds that hide what is behind them, pointable or not.
@@ -212,32 +202,11 @@ class Surfaces:
         groups = group_by_priority(
             environment, kinds, clouds or {}, priority or {}, grazing_rad, may_be_empty=may_be_empty
         )
-        self._measure: Measure = "angle" if method == "exact" and tolerance_m is None else "metres"
-        if method == "kd_tree":
-            self._tolerance = PAPER_TOLERANCE_M if tolerance_m is None else tolerance_m
-        else:
-            self._tolerance = tolerance_rad if tolerance_m is None else tolerance_m
-        self._groups = [
-            self._parties(shapes, method, step_m, reach_m)
-            for _, shapes in sorted(groups.items(), reverse=True)
-        ]
+        self.tolerance_rad = tolerance_rad
+        """Maximum angle at the eyes."""
+        self._groups = [_caster_groups(shapes) for _, shapes in sorted(groups.items(), reverse=True)]
         hiding = solids_of(environment, opaque, grazing_rad)
         self._screens = Occluders([solid for _, solid in hiding]) if hiding else None
-
-    @property
-    def tolerance_rad(self) -> float | None:
-        """Return the maximum angle at the eyes, or None if the tolerance is in metres."""
-        return self._tolerance if self._measure == "angle" else None
-
-    def set_tolerance(self, tolerance_rad: float) -> None:
-        """Set the maximum angle at the eyes.
-
-        Raises:
-            ValueError: If the tolerance is in metres.
-        """
-        if self._measure != "angle":
-            raise ValueError("the tolerance is in metres")
-        self._tolerance = tolerance_rad
 
     def hit_test(self, origin_m: Vec3, direction: Vec3) -> tuple[Surface, Hit] | None:
         """Return the surface and hit of a ray (in {W}, unit direction), or None beyond the tolerance."""
@@ -247,10 +216,10 @@ class Surfaces:
             best: tuple[Surface, Hit] | None = None
             for party in parties:
                 if is_clear:
-                    hit = party.caster.cast(origin_m, direction, self._tolerance)
+                    hit = party.caster.cast(origin_m, direction, self.tolerance_rad)
                 else:
                     hit = self._seen(party.caster, origin_m, direction, first_m)
-                if hit is not None and (best is None or self._is_better(hit, best[1])):
+                if hit is not None and (best is None or _is_better(hit, best[1])):
                     best = (party.surfaces[hit.target], hit)
             if best is not None:
                 return best
@@ -264,53 +233,46 @@ class Surfaces:
         best: tuple[Surface, Hit] | None = None
         for party in (party for parties in self._groups for party in parties):
             hit = None
-            for tolerance in WIDENING_RAD if self._measure == "angle" else (math.inf,):
+            for tolerance in WIDENING_RAD:
                 hit = hit or party.caster.cast(origin_m, direction, tolerance)
             if hit is not None and (best is None or hit.miss_rad < best[1].miss_rad):
                 best = (party.surfaces[hit.target], hit)
         if best is None:
             return None
-        miss = best[1].miss_rad if self._measure == "angle" else best[1].miss_m
-        return best if miss > self._tolerance else None
+        return best if best[1].miss_rad > self.tolerance_rad else None
 
     def _seen(self, caster: Caster, origin_m: Vec3, direction: Vec3, first_m: float) -> Hit | None:
         """Return the closest hit, or if it is hidden, the closest that is nearer than the hiding thing."""
-        hit = caster.cast(origin_m, direction, self._tolerance)
+        hit = caster.cast(origin_m, direction, self.tolerance_rad)
         screens = self._screens
         if hit is None or screens is None or not screens.hides(hit, origin_m, direction, first_m):
             return hit
-        return caster.cast(origin_m, direction, self._tolerance, screens.reach(first_m))
+        return caster.cast(origin_m, direction, self.tolerance_rad, screens.reach(first_m))
 
-    def _is_better(self, a: Hit, b: Hit) -> bool:
-        more = a.miss_rad - b.miss_rad if self._measure == "angle" else a.miss_m - b.miss_m
-        return more < -SAME or (more <= SAME and a.range_m < b.range_m)
 
-    def _parties(
-        self, shapes: list[Shape], method: Literal["exact", "kd_tree"], step_m: float, reach_m: float
-    ) -> list[_CasterGroup]:
-        def targets(*kinds: Kind) -> tuple[list[Surface], list[Any]]:
-            own = [shape for shape in shapes if shape.surface.kind in kinds]
-            return [surface for surface, _ in own], [form for _, form in own]
+def _is_better(a: Hit, b: Hit) -> bool:
+    more = a.miss_rad - b.miss_rad
+    return more < -SAME or (more <= SAME and a.range_m < b.range_m)
 
-        on_lines, lines = targets("strip", "belt")
-        at_points, points = targets("lamp")
-        in_clouds, clouds = targets("points")
-        on_solids, solids = targets(*get_args(SolidKind))
-        parties: list[_CasterGroup] = []
-        if method == "kd_tree" and (lines or points or clouds):
-            trees = import_room("pointit.geometry.cloud_tree", "the method kd_tree")
-            tree = trees.PointTree(lines, points, clouds, step_m=step_m, reach_m=reach_m)
-            parties.append(_CasterGroup(tree, on_lines + at_points + in_clouds))
-        elif lines or points:
-            parties.append(
-                _CasterGroup(RayCaster(lines, points, measure=self._measure), on_lines + at_points)
-            )
-        if clouds and method == "exact":
-            trees = import_room("pointit.geometry.cloud_tree", "pointing at clouds")
-            parties.append(_CasterGroup(trees.CloudCaster(clouds, measure=self._measure), in_clouds))
-        if solids:
-            parties.append(_CasterGroup(SolidCaster(solids, measure=self._measure), on_solids))
-        return parties
+
+def _caster_groups(shapes: list[Shape]) -> list[_CasterGroup]:
+    def targets(*kinds: Kind) -> tuple[list[Surface], list[Any]]:
+        own = [shape for shape in shapes if shape.surface.kind in kinds]
+        return [surface for surface, _ in own], [form for _, form in own]
+
+    on_lines, lines = targets("strip", "belt")
+    at_points, points = targets("lamp")
+    in_clouds, clouds = targets("points")
+    on_solids, solids = targets(*get_args(SolidKind))
+    groups: list[_CasterGroup] = []
+    if lines or points:
+        groups.append(_CasterGroup(RayCaster(lines, points), on_lines + at_points))
+    if clouds:
+        trees = import_room("pointit.geometry.cloud_tree", "pointing at clouds")
+        groups.append(_CasterGroup(trees.CloudCaster(clouds), in_clouds))
+    if solids:
+        groups.append(_CasterGroup(SolidCaster(solids), on_solids))
+    return groups
 
 
 class Occluders:

@@ -197,8 +197,8 @@ class Plant:
         self.router = self.start(self.a, "router", "--site-folder", str(self.folder), name="")
         await self.router.says("router listens")
         self.run = self.start(self.a, "run", "scenario_4", "--site-only", "--no-view", name="supervisor")
-        self.here = self.start(self.a, "user", HERE, "--no-view", "--place", "1", name=HERE)
-        self.there = self.start(self.b, "user", THERE, "--no-view", "--place", "2", name=THERE)
+        self.here = self.start(self.a, "person", "add", HERE, "--no-view", "--place", "1", name=HERE)
+        self.there = self.start(self.b, "person", "add", THERE, "--no-view", "--place", "2", name=THERE)
 
     def start(self, host: Host, *arguments: str, name: str) -> Command:
         return host.pointit(self.commands, *arguments, environment=self.environment(host, name))

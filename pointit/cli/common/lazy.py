@@ -8,7 +8,7 @@ import contextlib
 import os
 import re
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -199,8 +199,8 @@ class DeclaredCommand(NamedTuple):
 class Installed:
     """Commands that are installed: those of the table that are there, and those that other packages add."""
 
-    def __init__(self, table: Mapping[str, Sequence[LazyEntry]], taken: Collection[str]) -> None:
-        """Look for packages with commands. None may have a name of `table` or of `taken`."""
+    def __init__(self, table: Mapping[str, Sequence[LazyEntry]]) -> None:
+        """Look for packages with commands. None may have a name of `table`."""
         found = list(declared())
         pairs = {(each.name, each.package) for each in found}
         ours = {entry.name: entry.package for part in table.values() for entry in part}
@@ -210,7 +210,7 @@ class Installed:
         for each in found:
             if ours.get(each.name) == each.package:
                 continue
-            if each.name in ours or each.name in taken:
+            if each.name in ours:
                 self.refused[each] = (
                     f"{each.package} adds no command {each.name!r}, which is a name of PointIt's own: "
                     "rename its entry point."

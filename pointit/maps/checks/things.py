@@ -268,7 +268,7 @@ def _apart_deg(one: BoxSolid, other: BoxSolid, start_m: Vec3, eyes_m: Vec3, enou
         towards = vector.normalized(vector.subtract(point_m, eyes_m))
         if solid.intersect(eyes_m, towards) is not None:
             return 0.0
-        point_m = solid.closest_approach(eyes_m, towards, "angle")
+        point_m = solid.closest_approach(eyes_m, towards)
         apart_rad = vector.angle_between(towards, vector.subtract(point_m, eyes_m))
         if apart_rad < math.radians(enough_deg):
             break

@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from pointit.cli.commands import COMMANDS, OLD_PAIRS, OLD_SPELLINGS
+from pointit.cli.commands import COMMANDS, OLD_PAIRS
 from pointit.cli.common import lazy
 from pointit.cli.common.lazy import HEADING, LAB, LazyEntry, LazyGroup
 from pointit.cli.main import EXAMPLES, PATHS, command, front, main
@@ -203,19 +203,10 @@ def test_a_bad_parameter_of_a_service_names_source_field_and_value() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "rest"),
     [
-        ("topics", "topic list", "--json"),
-        ("schema", "topic schema", "Cursor"),
-        ("call", "service call", "--json"),
-        ("pose", "person pose", "anna x"),
-        ("user", "person add", "--help"),
-        ("calibrate", "person calibrate", "mounting --help"),
         ("new room", "map new", "--lamps 0 --strips 0"),
         ("list maps", "map list", "--json"),
         ("list plugins", "plugin list", "--json"),
         ("list services", "service list", "--json"),
-        ("service", "service run", "pui --help"),
-        ("service", "service run", "puj"),
-        ("service", "service list", "--json"),
     ],
 )
 def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: str, rest: str) -> None:
@@ -225,11 +216,8 @@ def test_an_old_spelling_does_what_the_new_one_does_after_a_note(old: str, new: 
 
 
 def test_every_old_spelling_leads_to_a_command_of_the_help_and_is_not_shown_itself() -> None:
-    assert {*OLD_SPELLINGS.values(), *OLD_PAIRS.values()} <= set(PATHS)
+    assert set(OLD_PAIRS.values()) <= set(PATHS)
     assert not set(OLD_PAIRS) & set(PATHS)
-    assert not {(word,) for word in OLD_SPELLINGS} & set(PATHS)
-    renamed = {old: new[-1] for old, new in OLD_SPELLINGS.items() if old != new[-1]}
-    assert renamed == {"topics": "list", "user": "add", "leds": "output"}
 
 
 WAVES = """
@@ -296,7 +284,7 @@ def test_command_that_cannot_be_loaded_costs_no_other_one(tmp_path: Path, source
             sys.modules.pop("stranger_broken", None)
 
 
-@pytest.mark.parametrize("name", ["run", "hz", "evaluate"])
+@pytest.mark.parametrize("name", ["run", "evaluate"])
 def test_name_of_a_command_of_ours_is_not_given_away(tmp_path: Path, name: str) -> None:
     with with_command(tmp_path, "stranger_thief", f"{name} = stranger_thief:wave"):
         told = " ".join(call("--help").output.split())

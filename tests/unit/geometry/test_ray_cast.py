@@ -1,4 +1,4 @@
-"""One segment and one ray by closed forms; many targets: arrays against each alone, rigid motions, trees."""
+"""One segment and one ray by closed forms; many targets: arrays against each alone, rigid motions."""
 
 import math
 import random
@@ -10,15 +10,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pointit.geometry import vector
-from pointit.geometry.cloud_tree import PointTree
-from pointit.geometry.polyline import Hit, Measure, Polyline, make_hit, nearest_in_angle, nearest_in_metres
+from pointit.geometry.polyline import Polyline, make_hit, nearest_in_angle
 from pointit.geometry.ray_cast import FEW, RayCaster
 from pointit.geometry.vector import Vec3
 from tests.support import there
 
-MEASURES: list[Measure] = ["angle", "metres"]
 seeds = st.integers(0, 2**32 - 1)
-measures = st.sampled_from(MEASURES)
 
 
 def some_point(rng: random.Random, size_m: float = 5.0) -> Vec3:
@@ -46,13 +43,8 @@ def scene(rng: random.Random) -> tuple[list[Polyline], list[Vec3]]:
     return lines, [some_point(rng) for _ in range(rng.randint(FEW, FEW + 3))]
 
 
-def miss(hit: Hit, measure: Measure) -> float:
-    return hit.miss_rad if measure == "angle" else hit.miss_m
-
-
-def least(lines: list[Polyline], points: list[Vec3], o: Vec3, d: Vec3, measure: Measure) -> float:
+def least(lines: list[Polyline], points: list[Vec3], o: Vec3, d: Vec3) -> float:
     """Return the least miss of all segments, each on its own."""
-    nearest = nearest_in_angle if measure == "angle" else nearest_in_metres
     ends = [(p, p) for p in points]
     for line in lines:
         vertices = [(v[0], v[1], v[2]) for v in line.vertices_m.tolist()]
@@ -60,26 +52,26 @@ def least(lines: list[Polyline], points: list[Vec3], o: Vec3, d: Vec3, measure: 
     misses: list[float] = []
     for start, end in ends:
         span = vector.subtract(end, start)
-        t, _ = nearest(vector.subtract(start, o), span, d)
-        misses.append(miss(make_hit(0, 0.0, vector.add(start, vector.scale(span, t)), o, d), measure))
+        t, _ = nearest_in_angle(vector.subtract(start, o), span, d)
+        misses.append(make_hit(0, 0.0, vector.add(start, vector.scale(span, t)), o, d).miss_rad)
     return min(misses)
 
 
-@given(seeds, measures)
-def test_no_segment_is_overlooked(seed: int, measure: Measure) -> None:
+@given(seeds)
+def test_no_segment_is_overlooked(seed: int) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
-    hit = there(RayCaster(lines, points, measure=measure).cast(o, d))
-    assert miss(hit, measure) == pytest.approx(least(lines, points, o, d, measure), abs=3e-7)
+    hit = there(RayCaster(lines, points).cast(o, d))
+    assert hit.miss_rad == pytest.approx(least(lines, points, o, d), abs=3e-7)
 
 
-@given(seeds, measures)
-def test_the_hit_is_on_its_target_and_says_its_own_misses(seed: int, measure: Measure) -> None:
+@given(seeds)
+def test_the_hit_is_on_its_target_and_says_its_own_misses(seed: int) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
-    hit = there(RayCaster(lines, points, measure=measure).cast(o, d))
+    hit = there(RayCaster(lines, points).cast(o, d))
     if hit.target < len(lines):
         assert 0.0 <= hit.position_m <= lines[hit.target].length_m + 1e-9
         expected = lines[hit.target].point_at(hit.position_m)
@@ -94,12 +86,11 @@ def test_the_hit_is_on_its_target_and_says_its_own_misses(seed: int, measure: Me
     assert hit.miss_m == pytest.approx(math.dist(reach, vector.scale(d, ahead)), abs=1e-9)
 
 
-@pytest.mark.parametrize("measure", MEASURES)
-def test_the_tolerance_decides_at_its_own_value(measure: Measure) -> None:
+def test_the_tolerance_decides_at_its_own_value() -> None:
     line = Polyline([(2.0, 1.0, 0.0), (2.0, 1.0, 5.0)])
-    exact = math.atan2(1, 2) if measure == "angle" else 1.0
+    exact = math.atan2(1, 2)
     for lines in ([line], [line] * (FEW + 1)):  # in plain Python, and on arrays
-        caster = RayCaster(lines, measure=measure)
+        caster = RayCaster(lines)
         assert caster.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), exact * 1.000001) is not None
         assert caster.cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), exact * 0.999999) is None
 
@@ -116,9 +107,8 @@ def test_grazing_along_a_long_strip() -> None:
 def test_eyes_on_a_line_or_lamp_give_finite_hits() -> None:
     line = Polyline([(x / 10, 0.0, 0.0) for x in range(101)])
     lamps: list[Vec3] = [(5.0, 0.0, 0.0)]
-    for measure in MEASURES:
-        hit = there(RayCaster([line], lamps, measure=measure).cast((5.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-        assert all(math.isfinite(x) for x in (*hit.point_m, hit.miss_m, hit.miss_rad, hit.range_m))
+    hit = there(RayCaster([line], lamps).cast((5.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    assert all(math.isfinite(x) for x in (*hit.point_m, hit.miss_m, hit.miss_rad, hit.range_m))
 
 
 def test_a_direction_of_nearly_norm_one_is_taken_as_one() -> None:
@@ -127,64 +117,11 @@ def test_a_direction_of_nearly_norm_one_is_taken_as_one() -> None:
     assert (hit.miss_rad, hit.miss_m, hit.range_m) == (0.0, 0.0, 2.0)
 
 
-# the paper's k-d tree
-
-
-@given(seeds)
-def test_the_tree_agrees_with_the_exact_cast_within_its_step(seed: int) -> None:
-    rng = random.Random(seed)
-    lines, points = scene(rng)
-    o, d = some_point(rng), some_direction(rng)
-    exact = there(RayCaster(lines, points, measure="metres").cast(o, d))
-    found = there(PointTree(lines, points, step_m=0.05, reach_m=20.0).cast(o, d))
-    # half a step along the line and half a step along the ray, at worst
-    assert exact.miss_m - 1e-9 <= found.miss_m <= exact.miss_m + 0.05 + 1e-9
-
-
-@given(seeds)
-def test_the_tree_finds_the_nearest_neighbour_of_any_point_of_the_ray(seed: int) -> None:
-    rng = random.Random(seed)
-    lines, points = scene(rng)
-    o, d, tolerance = some_point(rng), some_direction(rng), rng.choice([0.05, 0.3, 0.7, 3.0])
-    samples = [
-        line.point_at(line.length_m * i / n)
-        for line in lines
-        for n in [max(1, math.ceil(line.length_m / 0.05))]
-        for i in range(n + 1)
-    ]
-    on_ray = np.array(o) + np.linspace(0, 20, 401)[:, None] * np.array(d)
-    between = np.linalg.norm(on_ray[:, None] - np.array(samples + points)[None], axis=2)
-    hit = PointTree(lines, points).cast(o, d, tolerance)
-    assume(abs(between.min() - tolerance) > 1e-6)
-    assert (hit is not None) == (between.min() <= tolerance)
-    if hit is not None:
-        here = np.linalg.norm(on_ray - np.array(hit.point_m), axis=1).min()
-        assert here == pytest.approx(between.min(), abs=1e-9)
-
-
-def test_both_ends_of_every_line_are_in_the_tree() -> None:
-    lines = [Polyline([(3.0, y, 0.0), (4.02, y, 0.0)]) for y in (0.0, 2.0)]
-    tree = PointTree(lines)
-    for target, line in enumerate(lines):
-        for position in (0.0, line.length_m):
-            x, y, _ = line.point_at(position)
-            hit = there(tree.cast((x, y, 2.0), (0.0, 0.0, -1.0), 0.01))
-            assert hit.target == target
-            assert hit.position_m == pytest.approx(position)
-
-
-def test_the_tree_sees_only_as_far_as_its_ray() -> None:
-    line = Polyline([(5.0, -1.0, 0.0), (5.0, 1.0, 0.0)])
-    ray: tuple[Vec3, Vec3] = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    assert PointTree([line], reach_m=4.0).cast(*ray, 0.7) is None
-    assert PointTree([line], reach_m=4.9).cast(*ray, 0.7) is not None
-
-
 # what is further along the ray
 
 
-@given(seeds, measures, st.floats(-1.0, 6.0))
-def test_what_is_beyond_the_reach_is_cut_off(seed: int, measure: Measure, reach_m: float) -> None:
+@given(seeds, st.floats(-1.0, 6.0))
+def test_what_is_beyond_the_reach_is_cut_off(seed: int, reach_m: float) -> None:
     rng = random.Random(seed)
     lines, points = scene(rng)
     o, d = some_point(rng), some_direction(rng)
@@ -194,13 +131,13 @@ def test_what_is_beyond_the_reach_is_cut_off(seed: int, measure: Measure, reach_
             places = [line.point_at(line.length_m * i / 300) for i in range(301)]
             pieces += [(p, p) for p in places]
         near = [p for p, _ in pieces if vector.dot(d, vector.subtract(p, o)) <= reach_m]
-        hit = RayCaster(some, alone, measure=measure).cast(o, d, math.inf, reach_m)
+        hit = RayCaster(some, alone).cast(o, d, math.inf, reach_m)
         assert hit is not None or not near
         if hit is None:
             continue
         assert vector.dot(d, vector.subtract(hit.point_m, o)) <= reach_m + 1e-9
-        best = min((miss(make_hit(0, 0.0, p, o, d), measure) for p in near), default=math.inf)
-        assert miss(hit, measure) <= best + 3e-7
+        best = min((make_hit(0, 0.0, p, o, d).miss_rad for p in near), default=math.inf)
+        assert hit.miss_rad <= best + 3e-7
         if hit.target < len(some):
             assert math.dist(some[hit.target].point_at(hit.position_m), hit.point_m) < 1e-9
 
@@ -213,14 +150,13 @@ directions = st.builds(vector.direction, azimuths, elevations)
 AHEAD: Vec3 = (1.0, 0.0, 0.0)
 
 
-def least_misses(a: Vec3, u: Vec3, d: Vec3, count: int = 2001) -> tuple[float, float]:
-    """Return the least angle and the least distance of many points of the segment."""
+def least_angle(a: Vec3, u: Vec3, d: Vec3, count: int = 2001) -> float:
+    """Return the least angle of many points of the segment."""
     t = np.linspace(0.0, 1.0, count)[:, None]
     q = np.array(a) + t * np.array(u)
     along = q @ np.array(d)
     across = np.linalg.norm(np.cross(np.array(d), q), axis=1)
-    distance = np.sqrt(across**2 + np.minimum(along, 0.0) ** 2)
-    return float(np.arctan2(across, along).min()), float(distance.min())
+    return float(np.arctan2(across, along).min())
 
 
 def along(a: Vec3, u: Vec3, t: float) -> Vec3:
@@ -233,37 +169,24 @@ def test_no_point_is_at_a_smaller_angle(a: Vec3, u: Vec3, d: Vec3) -> None:
     assume(min(vector.norm(along(a, u, i / 200)) for i in range(201)) > 0.1)
     t, _ = nearest_in_angle(a, u, d)
     assert 0.0 <= t <= 1.0
-    assert vector.angle_between(d, along(a, u, t)) <= least_misses(a, u, d)[0] + 5e-8
-
-
-@given(points, points, directions)
-def test_no_point_is_nearer_in_metres(a: Vec3, u: Vec3, d: Vec3) -> None:
-    t, _ = nearest_in_metres(a, u, d)
-    assert 0.0 <= t <= 1.0
-    assert make_hit(0, 0.0, along(a, u, t), (0.0, 0.0, 0.0), d).miss_m <= least_misses(a, u, d)[1] + 5e-7
+    assert vector.angle_between(d, along(a, u, t)) <= least_angle(a, u, d) + 5e-8
 
 
 def test_a_ray_along_the_segment() -> None:
     a, u = (2.0, 0.0, 0.0), (3.0, 0.0, 0.0)
-    assert nearest_in_metres(a, u, AHEAD)[1] == pytest.approx(0.0, abs=1e-12)
     assert nearest_in_angle(a, u, AHEAD)[1] == pytest.approx(-1.0)
     backwards = (-1.0, 0.0, 0.0)
-    assert nearest_in_metres(a, u, backwards) == (0.0, 4.0)
     assert nearest_in_angle(a, u, backwards)[1] == pytest.approx(1.0)
 
 
 def test_a_segment_without_length_is_a_point() -> None:
-    for nearest, expected in ((nearest_in_angle, -0.6), (nearest_in_metres, 16.0)):
-        t, cost = nearest((3.0, 4.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
-        assert 0.0 <= t <= 1.0
-        assert cost == pytest.approx(expected)
+    t, cost = nearest_in_angle((3.0, 4.0, 0.0), (0.0, 0.0, 0.0), AHEAD)
+    assert 0.0 <= t <= 1.0
+    assert cost == pytest.approx(-0.6)
 
 
 def test_eyes_on_the_segment() -> None:
     a, u = (-1.0, -1.0, 0.0), (3.0, 3.0, 0.0)
-    t, cost = nearest_in_metres(a, u, AHEAD)
-    assert cost == pytest.approx(0.0, abs=1e-12)
-    assert t == pytest.approx(1 / 3)
     t, cost = nearest_in_angle(a, u, AHEAD)  # all points ahead are at 45 degrees, the eyes' own at none
     assert t == 1.0
     assert math.acos(-cost) == pytest.approx(math.radians(45))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pointit.geometry import polyline, vector
 from pointit.geometry.floor_area import FloorArea, point_segment_m
-from pointit.geometry.polyline import Measure, Polyline
+from pointit.geometry.polyline import Polyline
 from pointit.geometry.ray_cast import SolidCaster
 from pointit.geometry.solids import (
     MAX_EYES,
@@ -29,7 +29,6 @@ from tests.unit.geometry.test_cloud_tree import misses
 
 Array = NDArray[np.float64]
 
-MEASURES: list[Measure] = ["angle", "metres"]
 FORMS = ["box", "sphere", "cylinder", "plane"]
 seeds = st.integers(0, 2**32 - 1)
 forms = st.sampled_from(FORMS)
@@ -92,17 +91,16 @@ def some_solid(rng: random.Random, form: str) -> tuple[Solid, Array]:
 
 
 @settings(max_examples=150)
-@given(seeds, forms, st.sampled_from(MEASURES))
-def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str, measure: Measure) -> None:
+@given(seeds, forms)
+def test_no_point_of_the_skin_is_missed_by_less(seed: int, form: str) -> None:
     rng = random.Random(seed)
     solid, skin = some_solid(rng, form)
     origin = some_point(rng)
     near = vector.subtract(some_point(rng, 3.0), origin)
     direction = vector.normalized(near) if rng.random() < 0.7 else some_direction(rng)
-    hit = there(SolidCaster([solid], measure=measure).cast(origin, direction))
-    least = misses(skin, origin, direction, measure).min()
-    miss = hit.miss_rad if measure == "angle" else hit.miss_m
-    assert miss <= least + 1e-7
+    hit = there(SolidCaster([solid]).cast(origin, direction))
+    least = misses(skin, origin, direction).min()
+    assert hit.miss_rad <= least + 1e-7
     # and it is a point of the skin
     inwards = vector.scale(vector.subtract(solid.bounding_sphere[0], hit.point_m), 1e-5)
     if form == "plane":
@@ -125,8 +123,8 @@ def test_a_box_is_passed_at_its_outline_from_any_number_of_eyes_that_come_back(s
             assert (passed is None) == (solid.intersect(origin, direction) is not None)
             if passed is not None:
                 miss = vector.angle_between(direction, vector.subtract(passed, origin))
-                assert miss <= misses(skin, origin, direction, "angle").min() + 1e-7
-                assert solid.closest_approach(origin, direction, "angle") == pytest.approx(passed)
+                assert miss <= misses(skin, origin, direction).min() + 1e-7
+                assert solid.closest_approach(origin, direction) == pytest.approx(passed)
 
 
 @given(seeds, forms)
@@ -172,8 +170,7 @@ def test_what_lies_behind_is_not_met(form: str) -> None:
     }
     assert solid[form].intersect((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is None
     assert solid[form].intersect((-9.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is not None
-    for measure in MEASURES:
-        assert SolidCaster([solid[form]], measure=measure).cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5) is None
+    assert SolidCaster([solid[form]]).cast((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5) is None
 
 
 # places
@@ -237,20 +234,19 @@ def test_a_plane_without_end_is_met_or_not_there() -> None:
 # many
 
 
-@given(seeds, st.sampled_from(MEASURES), st.integers(1, 15), st.floats(0.02, 1.0))
-def test_the_first_met_or_else_the_closest(seed: int, measure: Measure, count: int, tolerance: float) -> None:
+@given(seeds, st.integers(1, 15), st.floats(0.02, 1.0))
+def test_the_first_met_or_else_the_closest(seed: int, count: int, tolerance: float) -> None:
     rng = random.Random(seed)
     solids = [some_solid(rng, rng.choice(["box", "sphere", "plane"]))[0] for _ in range(count)]
     origin = some_point(rng)
     direction = vector.normalized(vector.subtract(some_point(rng, 2.5), origin))
-    alone = [SolidCaster([solid], measure=measure).cast(origin, direction, tolerance) for solid in solids]
-    hit = SolidCaster(solids, measure=measure).cast(origin, direction, tolerance)
-    known = [(h.miss_rad if measure == "angle" else h.miss_m, h.range_m) for h in alone if h is not None]
+    alone = [SolidCaster([solid]).cast(origin, direction, tolerance) for solid in solids]
+    hit = SolidCaster(solids).cast(origin, direction, tolerance)
+    known = [(h.miss_rad, h.range_m) for h in alone if h is not None]
     assert (hit is not None) == bool(known)
     if hit is not None:
-        miss = hit.miss_rad if measure == "angle" else hit.miss_m
-        assert miss == pytest.approx(min(known)[0], abs=2e-9)
-        if miss == 0.0:
+        assert hit.miss_rad == pytest.approx(min(known)[0], abs=2e-9)
+        if hit.miss_rad == 0.0:
             assert hit.range_m == min(known)[1]
         assert solids[hit.target].uv_at(hit.point_m) == hit.uv_m
 

@@ -1,4 +1,4 @@
-"""Lamps: the angle of the ray, the state of the site, the targets of people who localize, few flashes."""
+"""Lamps: the angle of the ray, the targets of people who localize, few flashes."""
 
 import math
 from collections.abc import Sequence
@@ -10,23 +10,19 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.geometry.colormap import colormap
-from pointit.schemas import NS_PER_S, Cursor, Environment, Feedback, Lamp, LampLeases, LampMiss, Localization
+from pointit.schemas import NS_PER_S, Cursor, Environment, Lamp, LampLeases, LampMiss, Localization
 from pointit.schemas.codec import decode, encode
-from pointit.services.led_driver.config import LampsConfig, LedDriverConfig, StateLampConfig
+from pointit.services.led_driver.config import LampsConfig, LedDriverConfig
 from pointit.services.led_driver.lamps import DARK, MAX_PEOPLE, TARGET, FlashGuard, LampQueue
 from pointit.services.led_driver.light_state import LightState
 from tests.unit.led_driver.stage import NOW_NS, Color
 
 VIRIDIS = colormap("viridis")
-IDLE, POINTING = (40, 40, 40), (0, 120, 60)
 MS = NS_PER_S // 1000
 
 
-def lights(state_lamp: str = "", lamps: str = "", **state: Any) -> LightState:
-    config = LedDriverConfig(
-        lamps=LampsConfig(range_deg=30.0), state_lamp=state_lamp, state=StateLampConfig(**state)
-    )
-    shining = LightState(config)
+def lights(lamps: str = "") -> LightState:
+    shining = LightState(LedDriverConfig(lamps=LampsConfig(range_deg=30.0)))
     shining.on_map(room(lamps))
     return shining
 
@@ -46,10 +42,6 @@ def localization(target_id: str = "", lamps: Sequence[str] = (), **more: Any) ->
 
 
 ENDED = Localization(stamp_ns=NOW_NS, phase="solved")
-
-
-def cue(color: Color | None) -> Feedback:
-    return Feedback(stamp_ns=NOW_NS, cue="selected", color=color)
 
 
 def test_lamps_are_coloured_by_the_angle_to_the_ray() -> None:
@@ -75,10 +67,10 @@ def test_lamps_are_dark_when_nobody_points_any_more_and_say_when() -> None:
     shining = lights()
     shining.on_cursor("anna", cursor(a=0.0), NOW_NS)
     shining.lamps.colors(NOW_NS)
-    end_ns = shining.lamps.next_change_ns(NOW_NS)
+    end_ns = shining.lamps.next_change_ns()
     assert end_ns == NOW_NS + 500 * MS
     assert shining.lamps.colors(end_ns) == {"a": DARK}
-    assert shining.lamps.next_change_ns(end_ns) is None
+    assert shining.lamps.next_change_ns() is None
 
 
 def test_a_new_map_leaves_no_lamp_lit() -> None:
@@ -87,7 +79,7 @@ def test_a_new_map_leaves_no_lamp_lit() -> None:
     assert shining.lamps.colors(NOW_NS) == {"a": VIRIDIS.rgb(1.0), "b": VIRIDIS.rgb(1.0)}
     shining.on_map(room("b"))
     assert shining.lamps.colors(NOW_NS) == {"a": DARK, "b": VIRIDIS.rgb(1.0)}
-    end_ns = shining.lamps.next_change_ns(NOW_NS)
+    end_ns = shining.lamps.next_change_ns()
     assert end_ns is not None
     assert shining.lamps.colors(end_ns) == {"a": DARK, "b": DARK}
     shining.on_cursor("anna", cursor(a=0.0), end_ns)
@@ -120,46 +112,13 @@ def test_who_crashed_while_localizing_does_not_keep_the_lamps_for_ever(
         "ben", localization("b", "b") if by_lamps else localization("robot"), NOW_NS
     )
     later_ns = NOW_NS + round(silence_s * NS_PER_S)
-    assert shining.lamps.next_change_ns(NOW_NS) == later_ns
+    assert shining.lamps.next_change_ns() == later_ns
     shining.on_cursor("anna", cursor(a=0.0), later_ns - MS)
     assert shining.lamps.colors(later_ns - MS)["a"] == DARK
     assert shining.lamps.colors(later_ns) == {"a": VIRIDIS.rgb(1.0), "b": DARK}
 
 
-def test_the_state_lamp_tells_idle_pointing_and_localizing() -> None:
-    shining = lights("state")
-    assert shining.lamps.colors(NOW_NS) == {"state": IDLE}
-    shining.on_cursor("anna", cursor(), NOW_NS)
-    assert shining.lamps.colors(NOW_NS) == {"state": POINTING}
-    shining.lamps.queue.on_localization("ben", localization("robot"), NOW_NS)
-    blues = [shining.lamps.colors(NOW_NS + k * 50 * MS)["state"][2] for k in range(40)]
-    rises = [k for k in range(1, 39) if blues[k - 1] < blues[k] >= blues[k + 1]]
-    assert len(rises) == 2  # in two seconds
-    assert max(blues) == 255
-    assert min(blues) > 0
-    shining.lamps.queue.on_localization("ben", localization("state", ["state"]), NOW_NS + 3 * NS_PER_S)
-    assert shining.lamps.colors(NOW_NS + 3 * NS_PER_S) == {"state": TARGET}
-
-
-def test_cues_flash_one_after_the_other() -> None:
-    shining = lights("state", flash_s=0.4)
-    shining.lamps.colors(NOW_NS)
-    shining.lamps.on_feedback(cue((0, 255, 0)))
-    shining.lamps.on_feedback(cue(None))
-    assert shining.lamps.colors(NOW_NS) == {"state": (0, 255, 0)}
-    shining.lamps.on_feedback(cue((255, 0, 0)))
-    assert shining.lamps.colors(NOW_NS + 399 * MS) == {"state": (0, 255, 0)}
-    assert shining.lamps.next_change_ns(NOW_NS + 399 * MS) == NOW_NS + 400 * MS
-    assert shining.lamps.colors(NOW_NS + 400 * MS) == {"state": IDLE}
-    assert shining.lamps.next_change_ns(NOW_NS + 400 * MS) == NOW_NS + 800 * MS
-    assert shining.lamps.colors(NOW_NS + 800 * MS) == {"state": (255, 0, 0)}
-    assert shining.lamps.colors(NOW_NS + 1200 * MS) == {"state": IDLE}
-    assert shining.lamps.next_change_ns(NOW_NS + 1200 * MS) is None
-
-
-def test_pulses_faster_than_twice_a_second_and_unknown_colormaps_are_refused() -> None:
-    with pytest.raises(ValidationError):
-        StateLampConfig(pulse_hz=2.5)
+def test_unknown_colormaps_are_refused() -> None:
     with pytest.raises(ValidationError, match="there is no colormap 'rainbow'"):
         LampsConfig(colormap="rainbow")
 
@@ -214,37 +173,6 @@ def test_a_colour_that_is_held_back_is_shown_a_second_after_the_first_change_tha
     assert guard.free_ns == NOW_NS + 1100 * MS
 
 
-actions = st.lists(
-    st.tuples(st.integers(0, 200), st.sampled_from(["cue", "cursor", "lost", "start", "stop"])), max_size=60
-)
-
-
-@given(actions, st.floats(0.2, 2.0), st.floats(0.1, 1.0))
-def test_whatever_happens_the_state_lamp_flashes_three_times_a_second_at_most(
-    happenings: list[tuple[int, str]], pulse_hz: float, flash_s: float
-) -> None:
-    shining = lights("state", pulse_hz=pulse_hz, flash_s=flash_s)
-    now_ns = NOW_NS
-    shown: list[tuple[int, Color]] = []
-    for wait_ms, what in happenings:
-        for _ in range(wait_ms // 50 + 1):
-            now_ns += 50 * MS
-            shown.append((now_ns, shining.lamps.colors(now_ns)["state"]))
-        match what:
-            case "cue":
-                shining.lamps.on_feedback(cue((255, 255, 255)))
-            case "cursor":
-                shining.on_cursor("anna", cursor(), now_ns)
-            case "lost":
-                now_ns += 600 * MS
-            case "start":
-                shining.lamps.queue.on_localization("anna", localization("robot"), now_ns)
-            case _:
-                shining.lamps.queue.on_localization("anna", ENDED, now_ns)
-    for signal in range(4):
-        assert flashes_in_a_second([(at_ns, signals(color)[signal]) for at_ns, color in shown]) <= 3
-
-
 def test_a_lamp_shows_what_it_is_set_to_except_while_people_localize() -> None:
     shining = lights(lamps="ab")
     shining.lamps.set_color("a", (255, 136, 0))
@@ -261,12 +189,10 @@ def test_a_lamp_shows_what_it_is_set_to_except_while_people_localize() -> None:
     assert shining.lamps.colors(later_ns + 3 * NS_PER_S)["a"] == DARK
 
 
-def test_a_lamp_that_is_not_in_the_map_or_shows_the_state_cannot_be_set() -> None:
-    shining = lights(state_lamp="s", lamps="ab")
+def test_a_lamp_that_is_not_in_the_map_cannot_be_set() -> None:
+    shining = lights(lamps="ab")
     with pytest.raises(ValueError, match="there is no lamp 'z'; there are a, b"):
         shining.lamps.set_color("z", (1, 2, 3))
-    with pytest.raises(ValueError, match="lamp s shows the state of the site; choose another one"):
-        shining.lamps.set_color("s", (1, 2, 3))
     shining.lamps.set_color("b", (1, 2, 3))
     shining.on_map(room("a"))
     shining.on_map(room("ab"))

@@ -181,11 +181,10 @@ async def test_lamps_are_told_what_changes_and_are_dark_at_the_end() -> None:
     told: list[tuple[str, tuple[int, ...]]] = []
     async with memory_bench(clock) as bench:
         bench.bus.subscribe(at.LAMP_COLOR, lambda news, lamp: told.append((lamp, news.color)))
-        await started(bench, FAST.model_copy(update={"state_lamp": "state"}))
-        await until(lambda: told == [("state", (40, 40, 40))])
+        await started(bench)
         near = cursor(clock, 0.5).model_copy(update={"lamps": (LampMiss(id="a", miss_rad=0.0),)})
         bench.put(at.CURSOR, near, "anna")
-        await until(lambda: {lamp for lamp, _ in told[1:]} == {"a", "state"})
+        await until(lambda: {lamp for lamp, _ in told} == {"a"})
         count = len(told)
         for _ in range(3):
             bench.put(at.CURSOR, near, "anna")
@@ -193,16 +192,14 @@ async def test_lamps_are_told_what_changes_and_are_dark_at_the_end() -> None:
         assert len(told) == count  # nothing changed
         bench.put(at.LOCALIZATION, Localization(stamp_ns=1, phase="sampling", target_id="robot"), "ben")
         await until(lambda: dict(told)["a"] == (0, 0, 0), what="darkness")
-        assert dict(told)["state"][2] > dict(told)["state"][1]  # it pulses
         count = len(told)
         bench.put(at.CURSOR, cursor(clock, 0.5), "anna")
         await asyncio.sleep(0.06)
-        assert all(lamp == "state" for lamp, _ in told[count:])
-        count = len(told)
+        assert len(told) == count
         bench.put(at.CURSOR, near, "anna")
         bench.put(at.LOCALIZATION, Localization(stamp_ns=1, phase="solved"), "ben")
         await until(lambda: "a" in {lamp for lamp, _ in told[count:]}, what="lamp a again")
-    assert dict(told) == {"a": (0, 0, 0), "state": (0, 0, 0)}
+    assert dict(told) == {"a": (0, 0, 0)}
 
 
 async def test_lamps_change_twenty_times_a_second_at_most() -> None:

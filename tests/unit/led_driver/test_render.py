@@ -197,23 +197,11 @@ def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
         stage = Stage(cursors=cursors).profile("anna", GREEN, cursor_colormap="viridis")
         return stage.point("anna", 0.55, **miss).shown()[5]
 
-    angle, metres = CursorsConfig(range_deg=10.0), CursorsConfig(distance="metres", range_m=2.0)
+    angle = CursorsConfig(range_deg=10.0)
     viridis = colormap("viridis")
     assert color(angle, miss_rad=0.0, miss_m=9.0) == viridis.rgb(1.0)
     assert color(angle, miss_rad=np.radians(2.5), miss_m=9.0) == viridis.rgb(0.75)
     assert color(angle, miss_rad=1.0) == viridis.rgb(0.0)
-    assert color(metres, miss_rad=1.0, miss_m=0.5) == viridis.rgb(0.75)
-
-
-def test_the_true_cursor_is_drawn_unless_the_snapped_one_is_asked_for() -> None:
-    def lit(cursors: CursorsConfig) -> list[int]:
-        stage = Stage(cursors=cursors).profile("anna").point("anna", 0.55)
-        return stage.hover("anna", snapped_position_m=0.85).lit()
-
-    assert lit(CursorsConfig()) == [4, 5, 6]
-    assert lit(CursorsConfig(draw_snapped=True)) == [7, 8, 9]
-    stage = Stage(cursors=CursorsConfig(draw_snapped=True)).profile("anna").point("anna", 0.55)
-    assert stage.hover("anna").lit() == [4, 5, 6]  # drawn to nothing
 
 
 def test_brightness_scales_everything() -> None:

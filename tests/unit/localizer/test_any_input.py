@@ -1,6 +1,7 @@
 """Whatever valid messages others put on the bus, a localization refuses, or gives a pose that can travel."""
 
 import math
+from unittest import mock
 
 import pytest
 from hypothesis import example, given, settings
@@ -8,18 +9,17 @@ from hypothesis import strategies as st
 
 from pointit.geometry.vector import Vec3
 from pointit.schemas import FARTHEST, Environment, Lamp, PointingRay, SetPose, TrackedObject, TrackedObjects
-from pointit.services.localizer.config import LocalizerConfig, TrustConfig
+from pointit.services.localizer.config import LocalizerConfig
+from pointit.services.localizer.estimation.estimator import SolverSettings
 from pointit.services.localizer.moving_target import MovingTarget
 from pointit.services.localizer.pose_manager import PoseManager
 from pointit.services.localizer.static_targets import StaticTargets
-from tests.unit.localizer.person import ANY_TRUST, START_NS, angles, config
+from tests.unit.localizer.person import LOOSE, START_NS, angles, config
 
 S = 1_000_000_000
 
 far = st.one_of(st.floats(-5.0, 5.0), st.floats(-FARTHEST, FARTHEST), st.sampled_from([-FARTHEST, FARTHEST]))
 places = st.tuples(far, far, far)
-
-LOOSE = ANY_TRUST.model_copy(update={"bias_sigma_deg": 30.0, "max_act_residual_deg": 500.0})
 
 
 def ray(origin: tuple[float, float, float], azimuth: float, elevation: float, stamp_ns: int) -> PointingRay:
@@ -60,7 +60,7 @@ AT_THE_EDGE = ((FARTHEST, 2.0), (FARTHEST, -2.0), (FARTHEST - 2.0, 0.0))
     st.lists(st.tuples(places, places), min_size=1, max_size=5),
     st.lists(st.tuples(places, angles, angles), min_size=1, max_size=4),
     st.sampled_from([0, 2**62, -START_NS]),
-    st.sampled_from([TrustConfig(), LOOSE]),
+    st.sampled_from([SolverSettings(), LOOSE]),
 )
 @example(  # a pose that is accepted, further away than can be told
     [((x, y, 0.0), (x, y, 0.0)) for x, y in AT_THE_EDGE for _ in range(3)],
@@ -72,9 +72,10 @@ def test_any_robots_and_rays_give_a_refusal_or_a_valid_pose(
     robots: list[tuple[tuple[float, float, float], tuple[float, float, float]]],
     rays: list[tuple[tuple[float, float, float], float, float]],
     off_ns: int,
-    trust: TrustConfig,
+    solver_settings: SolverSettings,
 ) -> None:
-    procedure = MovingTarget(config(autostart=True).model_copy(update={"trust": trust}))
+    with mock.patch.object(LocalizerConfig, "believed", return_value=solver_settings):
+        procedure = MovingTarget(config(autostart=True))
     procedure.start(max(0, START_NS + off_ns))
     for tick in range(200):
         now_ns = START_NS + off_ns + (tick + 1) * S // 50

@@ -363,10 +363,10 @@ async def test_a_sensor_that_is_worn_otherwise_begins_a_new_memory() -> None:
 
 def test_configuration_speaks_degrees_and_the_solver_radians() -> None:
     layers = Layers()
-    layers.add({"trust": {"ray_sigma_deg": 3.0}, "lamps": ["a", "b"], "hold_s": 4}, "file")
+    layers.add({"trust": {"max_yaw_sigma_deg": 3.0}, "lamps": ["a", "b"], "hold_s": 4}, "file")
     config = layers.build(LocalizerConfig)
     assert config.lamps == ("a", "b")
-    assert config.believed().ray_sigma_rad == pytest.approx(math.radians(3.0))
+    assert config.believed().max_yaw_sigma_rad == pytest.approx(math.radians(3.0))
     assert config.hold_s == 4.0
     layers.add({"metod": "fixed"}, "file")
     with pytest.raises(ConfigError, match="metod"):
@@ -379,7 +379,6 @@ def test_defaults_of_configuration_and_cores_are_equal() -> None:
     for name in want.__dataclass_fields__:
         assert getattr(have, name) == pytest.approx(getattr(want, name)), name
     drift, settings = config.drift.settings(), DriftSettings()
-    assert drift.anchor_sigma_rad == pytest.approx(settings.anchor_sigma_rad)
     assert drift.rate_sigma_radps == pytest.approx(settings.rate_sigma_radps)
     assert want.max_position_sigma_m < UNSURE_M
     assert config.trust.max_yaw_sigma_deg < UNSURE_DEG == config.drift.max_yaw_sigma_deg

@@ -2,7 +2,6 @@
 
 import math
 from itertools import pairwise
-from typing import Literal
 
 import pytest
 from hypothesis import example, given
@@ -82,20 +81,6 @@ def test_only_a_ray_within_the_angle_tolerance_hits_the_strip(angle_deg: float, 
     cursor = there(person.cursor(offset(angle_deg, pose)))
     assert (cursor.surface == "strip") is hit
     assert (cursor.point_m is not None) is hit
-
-
-@pytest.mark.parametrize("method", ["exact", "kd_tree"])
-def test_metres_forgive_far_away_what_they_refuse_nearby(method: Literal["exact", "kd_tree"]) -> None:
-    surfaces = Surfaces(LAB, method=method, tolerance_m=0.7)
-    x, y, _ = on_strip(1, 2.5)
-    for distance_m, hit in ((6.0, True), (2.0, False)):
-        pose = pose_at((x, y - distance_m, 0.0))
-        ray = offset(6.0 if hit else 25.0, pose)
-        origin = vector.add(pose.position_m, EYES)
-        met = surfaces.hit_test(origin, vector.rotate_z(ray.direction, pose.yaw_rad))
-        assert (met is not None) is hit
-        if met is not None:
-            assert met[1].miss_m == pytest.approx(6.0 * math.sin(math.radians(6)), abs=0.06)
 
 
 def test_ending_takes_back_one_cursor_once_and_never_an_older_stamp() -> None:
@@ -341,15 +326,14 @@ class Placed:
         return Surface("lamp", "l"), Hit(0, 0.0, self._point_m, 1.0, 1.0, 1.0)
 
 
-@pytest.mark.parametrize(("method", "advice"), [("exact", "lower your arm"), ("kd_tree", "turn left")])
-async def test_the_service_publishes_the_cue(method: str, advice: str) -> None:
-    async with room(method=method) as here:
+async def test_the_service_publishes_the_cue() -> None:
+    async with room() as here:
         cues = here.bench.collect(FEEDBACK)
         await here.pose()
         cursors = [await here.point(vector.direction(0.0, math.radians(40.0))) for _ in range(101)]
         passed = there(cursors[-1].passed)
         assert [cue.text for cue in cues] == [passed.text]
-        assert advice in passed.text  # the nearest by angle, or in metres
+        assert "lower your arm" in passed.text
         assert (cues[0].cue, cues[0].target_id) == ("target", passed.surface_id)
 
 

@@ -189,10 +189,9 @@ async def test_the_service_takes_the_bias_out_and_the_newer_pose() -> None:
         assert there(cursor).miss_rad < 1e-6
 
 
-@pytest.mark.parametrize("method", ["exact", "kd_tree"])
-async def test_no_ray_makes_a_cursor_that_is_not_a_number(method: str) -> None:
+async def test_no_ray_makes_a_cursor_that_is_not_a_number() -> None:
     # cursors are strict and finite: one with a NaN would raise in the handler and count as an error
-    async with room(method=method, surfaces=("strip", "lamp")) as here:
+    async with room(surfaces=("strip", "lamp")) as here:
         on_a_lamp = vector.subtract(LAB.lamps[0].position_m, EYES)
         on_the_strip = vector.subtract(on_strip(0, 2.0), EYES)
         for position in (on_a_lamp, on_the_strip, (4.85, -5.0, -0.74)):  # the last: in line with strip 0
@@ -236,23 +235,6 @@ async def test_it_holds_for_everybody_from_the_next_ray_on() -> None:
         await until(lambda: bool(reports))
         figures = [(each.name, each.value, each.unit) for each in reports[-1].figures]
         assert ("default tolerance", 12.0, "°") in figures, "that of the start"
-
-
-@pytest.mark.parametrize(
-    ("config", "why"),
-    [
-        ({"tolerance_m": 0.7}, "tolerance_m is 0.7; start pui without it"),
-        ({"method": "kd_tree"}, "the method is kd_tree; start pui with method=exact"),
-    ],
-)
-async def test_where_metres_tell_there_is_no_angle_to_set(config: dict[str, Any], why: str) -> None:
-    async with room(**config) as here:
-        reply = await tolerate(here)
-        assert reply.tolerance_rad is None
-        assert why in reply.message
-        with pytest.raises(RefusedError, match=f"the tolerance is in metres here: {why}"):
-            await tolerate(here, 5.0)
-        assert await beside(here, 4.0) == "strip"  # 0.36 m beside
 
 
 # workspaces

@@ -214,7 +214,7 @@ def test_names_in_studies_are_literal_text(tmp_path: Path) -> None:
     file = tmp_path / "s.yaml"
     file.write_text(
         "name: s\nparticipants: [01, 1, 2e1, on]\norder: as_written\ntask: {kind: reach, strips: [010]}\n"
-        "settings: {led-driver.state_lamp: 010, led-driver.max_rate_hz: 060}\n"
+        "settings: {localizer.robot_id: 010, led-driver.max_rate_hz: 060}\n"
         "factors: {m: {vary: between, levels: {on: {pui.map: 1.10}, off: {pui.map: no}}}}\n"
         "instructions: {on: 12:30, off: 7}\n"
     )
@@ -227,9 +227,9 @@ def test_names_in_studies_are_literal_text(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="map 'no' is not shipped"):
         run.check()
     settings = {name: value for name, value in study.services({"m": "on"}).items() if name != "pui.map"}
-    (driver,) = (each for each in pointit.run(settings=settings).check() if each.service.NAME == "led-driver")
-    assert driver.config.model_dump()["state_lamp"] == "010"
-    assert driver.config.model_dump()["max_rate_hz"] == 60.0
+    configs = {each.service.NAME: each.config.model_dump() for each in pointit.run(settings=settings).check()}
+    assert configs["localizer"]["robot_id"] == "010"
+    assert configs["led-driver"]["max_rate_hz"] == 60.0
 
 
 RATIOS = """

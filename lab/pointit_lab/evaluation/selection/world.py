@@ -198,7 +198,6 @@ class World:
                 case Claim() | Announced():
                     pass  # of shards only, and for people who hear names
                 case Feedback():
-                    self._lights.lamps.on_feedback(message)
                     present = self._present.get(output.user)
                     if present is not None:
                         present.person.see(now_ns, message, output.user)

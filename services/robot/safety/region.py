@@ -10,8 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from pointit.geometry.floor_area import FloorArea, point_segment_m
-from pointit.geometry.solids import Vec2
+from pointit.geometry.solids import FloorArea, Vec2, point_segment_m
 from pointit.geometry.vector import Vec3, add, dot, norm, scale, subtract
 from pointit.schemas.environment import Fence
 

@@ -1,4 +1,4 @@
-"""Solids and areas: planes, rectangles, upright cylinders, boxes, spheres and floors; rays and closest points.
+"""Planes, rectangles, upright cylinders, boxes, spheres, floor areas: intersections with rays, closest points.
 
 The closest point by angle is on the outline: two upright lines that rays from the origin touch, and the two
 rims. The lines are segments, solved in closed form. A rim is an equation of fourth degree, solved by golden

@@ -1,4 +1,4 @@
-"""Planes, rectangles, upright cylinders, boxes, spheres, floor areas: intersections with rays, closest points.
+"""Planes, rectangles, cylinders, boxes, spheres, floor areas: intersections with rays, closest points.
 
 The closest point by angle is on the outline: two upright lines that rays from the origin touch, and the two
 rims. The lines are segments, solved in closed form. A rim is an equation of fourth degree, solved by golden

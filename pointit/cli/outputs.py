@@ -13,10 +13,10 @@ from typing import Any, TypeVar, Unpack
 
 import click
 
+from pointit.cli.common.completions import scenarios
 from pointit.cli.common.keyboard import has_keyboard, key_bytes, keys
 from pointit.cli.common.output import interruptible, json_option, say, to_json
 from pointit.cli.common.panels import Finite
-from pointit.cli.common.remembered_options import scenarios
 from pointit.cli.common.site_link import AtSite, join_site, quiet, site_options
 from pointit.geometry.vector import Vec3
 from pointit.launch.plan.launches import Choices

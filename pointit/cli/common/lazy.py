@@ -84,19 +84,15 @@ class LazyGroup(click.Group):
         return self._entries.get(name)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command, or None if there is no such name. For completion, it only has its options."""
+        """Return the command, or None if there is no such name, or a completion cannot load it."""
         entry = self.entry(cmd_name) or self.entry(cmd_name.replace("_", "-"))
-        if entry is None or entry.actions or not ctx.resilient_parsing:
+        if entry is None or not ctx.resilient_parsing:
             return None if entry is None else entry.load()
-        if entry.package:
-            from pointit.runtime.errors import ConfigError  # noqa: PLC0415 - takes longer than the help
+        from pointit.runtime.errors import ConfigError  # noqa: PLC0415 - takes longer than the help
 
-            with contextlib.suppress(ConfigError):  # reported when it is called
-                return entry.load()
-            return None
-        from pointit.cli.common.remembered_options import remembered  # noqa: PLC0415 - only in a completion
-
-        return remembered((*ctx.command_path.split()[1:], entry.name), entry.load)
+        with contextlib.suppress(ConfigError):  # reported when it is called
+            return entry.load()
+        return None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -127,7 +123,7 @@ class LazyGroup(click.Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
         """Return the names that begin with `incomplete`, without loading any, and the options."""
-        from pointit.cli.common.remembered_options import beginning  # noqa: PLC0415 - only in a completion
+        from pointit.cli.common.completions import beginning  # noqa: PLC0415 - only in a completion
 
         names = beginning(((entry.name, entry.about) for entry in self.entries), incomplete)
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]

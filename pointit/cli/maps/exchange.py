@@ -16,10 +16,10 @@ import click
 from pointit.bridges.home_assistant.config import HomeAssistantConfig
 from pointit.bridges.home_assistant.connection import HomeAssistantConnection, connected, is_list
 from pointit.bridges.ros2.config import NAME, BackendConfig
+from pointit.cli.common.completions import maps
 from pointit.cli.common.lazy import UnknownNameError
 from pointit.cli.common.output import INTERRUPTED, OutputSection, print_file, say, show
 from pointit.cli.common.panels import Finite, PanelCommand
-from pointit.cli.common.remembered_options import maps
 from pointit.cli.common.site_link import notify_if_slow as notify_if_slow_site
 from pointit.cli.common.site_link import quiet
 from pointit.cli.maps.map_file import notify_if_slow, print_findings

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 import click
 
+from pointit.cli.common.completions import maps
 from pointit.cli.common.output import json_option, print_json
 from pointit.cli.common.panels import Finite
-from pointit.cli.common.remembered_options import maps
 from pointit.cli.maps.point import Point, person_option, point
 from pointit.maps.checks.check import contents, examined
 from pointit.maps.checks.finding import MapFinding

@@ -7,9 +7,9 @@ from typing import Literal
 
 import click
 
+from pointit.cli.common.completions import maps
 from pointit.cli.common.output import interruptible, progress
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.common.remembered_options import maps
 from pointit.runtime.errors import ConfigError
 
 TASK = "pointing"

@@ -13,8 +13,8 @@ import click
 from rich.console import Console
 from rich.text import Text
 
+from pointit.cli.common.completions import scenarios
 from pointit.cli.common.panels import Finite, PanelCommand
-from pointit.cli.common.remembered_options import scenarios
 from pointit.cli.parts import DISPLAY_PARTS, LIVE_VIEWS
 from pointit.cli.run import run_options
 from pointit.cli.summary import check_writable, figures, write_summary

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
+from pointit.cli.common.completions import scenarios
 from pointit.cli.common.lazy import LazyEntry, LazyGroup, print_help_without_action
 from pointit.cli.common.panels import PanelCommand
-from pointit.cli.common.remembered_options import scenarios
 from pointit.cli.common.site_link import join_site
 from pointit.cli.parts import PERSON_CHECKS
 from pointit.cli.run.run import execute

@@ -86,7 +86,7 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command, or None if there is no such name, or a completion cannot load it."""
         entry = self.entry(cmd_name) or self.entry(cmd_name.replace("_", "-"))
-        if entry is None or not ctx.resilient_parsing:
+        if entry is None or entry.actions or not ctx.resilient_parsing:
             return None if entry is None else entry.load()
         from pointit.runtime.errors import ConfigError  # noqa: PLC0415 - takes longer than the help
 

@@ -75,9 +75,8 @@ class _Carrier:
     states: dict[str, ThingState] = field(default_factory=dict[str, ThingState])
     newest_ns: dict[str, int] = field(default_factory=dict[str, int])
     """Stamp of the newest report of each thing, a result or a state. Older ones are out of date."""
-    is_present: bool = False
-    is_lost: bool = False
-    """True if it was present and has ended without taking leave."""
+    is_present: bool | None = None
+    """False if it has ended without taking leave, None if its presence was never seen."""
     absent_ns: int = 0
     """Time of the first check in which it was absent, ns. 0 if there was none."""
 
@@ -106,7 +105,7 @@ class Acts:
             state = carrier.states.get(object_id)
             if state is None or not _is_act(event, mode, state):
                 continue
-            if carrier.is_lost and not self._is_carried(object_id):
+            if carrier.is_present is False and not self._is_carried(object_id):
                 return f"{name} has ended: start it again"
             if carrier.is_present and state.state == "unavailable":
                 return state.reason or f"{name} tells that it is unavailable"
@@ -177,7 +176,6 @@ class Acts:
     def on_presence(self, carrier: str, *, present: bool) -> list[PendingAct]:
         """Note that a carrier runs, or has ended. Return the acts that have failed by that."""
         known = self._carriers.setdefault(carrier, _Carrier())
-        known.is_lost = known.is_present and not present
         known.is_present = present
         known.newest_ns.clear()
         if not present and not known.states:  # it took leave

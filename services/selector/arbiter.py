@@ -154,8 +154,6 @@ class Arbiter:
             self._is_decided(user, stamp_ns)
         for record, is_newest in pending:
             self._acts.resume(record, is_newest=is_newest)
-            if is_newest and record.event == "deselected":
-                self._ledger.note_release(record)
 
     def is_pending(self, object_id: str) -> bool:
         """Return True if the result of an act on the object is not known yet."""
@@ -328,7 +326,7 @@ class Arbiter:
             is_back = not self._acts.has_state(object_id, "on" if act.event == "selected" else "off")
             if is_back and act.is_newest and self._positions.mode(object_id) != "button":
                 after_ns = max(now_ns, self._ledger.changed_ns(object_id) + 1)
-                record = self._ledger.correct(object_id, after_ns, f"{NOT_DONE}{text}")
+                record = self._ledger.take_back(act.record, after_ns, f"{NOT_DONE}{text}")
                 outputs += [] if record is None else self._publisher.event(record)
             outputs.append(self._publisher.cue(act.record.user, "refused", f"{name}: {text}", now_ns))
             self._latch(object_id, "")

@@ -92,11 +92,6 @@ class Ledger:
         """Replace what is selected by `entries`."""
         self._entries = dict(entries)
 
-    def note_release(self, record: Record) -> None:
-        """Note that `record` deselected an object before a restart, so that `correct` can undo it."""
-        owned = Owned(record.owner, record.kind, record.since_ns)
-        self._released[record.object_id] = owned, record.stamp_ns
-
     def toggle(
         self,
         object_id: str,
@@ -202,21 +197,14 @@ class Ledger:
             _record("left", object_id, entry, entry.user, now_ns, reason=reason) for object_id, entry in left
         ]
 
-    def correct(self, object_id: str, now_ns: int, reason: str) -> Record | None:
-        """Undo the last change of `object_id`, which came too late at `now_ns`.
-
-        None if that is done, or if the refusal is older than the last change and so refuses an earlier one.
-        """
-        entry = self._entries.get(object_id)
-        if entry is not None:
-            if entry.since_ns >= now_ns:
-                return None
-            record = self._deselect(object_id, entry.user, now_ns, cause="", reason=reason)
-            del self._released[object_id]
-            return record
-        released, released_ns = self._released.get(object_id, (None, 0))
-        if released is None or released_ns > now_ns:
+    def take_back(self, record: Record, now_ns: int, reason: str) -> Record | None:
+        """Undo `record`, the last change of its object, which was not done. None if it is undone already."""
+        object_id, entry = record.object_id, self._entries.get(record.object_id)
+        if (entry is None) is (record.event == "selected"):
             return None
+        if entry is not None:
+            return self._deselect(object_id, entry.user, now_ns, cause="", reason=reason)
+        released, _ = self._released.get(object_id, (Owned(record.owner, record.kind, 0), 0))
         owned = dataclasses.replace(released, since_ns=now_ns)
         return self._select(object_id, owned, owned.user, now_ns, cause="", reason=reason)
 

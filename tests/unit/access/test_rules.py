@@ -234,7 +234,6 @@ def test_each_persons_key_is_thinned_by_a_rule_of_its_own() -> None:
     (quic,) = (endpoint for endpoint in made["listen"]["endpoints"] if endpoint.startswith("quic"))
     assert "?multistream=0#" in quic  # else questions overtake the keys they are about
     assert configuration([routed()])["downsampling"] == [people, history]
-    assert history["rules"] == [{"key_expr": "pointit/lab/selector/history", "freq": 5.0}]
 
 
 def test_each_key_that_a_person_may_write_but_samples_and_rays_has_a_rate_of_its_own() -> None:

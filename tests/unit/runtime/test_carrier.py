@@ -12,6 +12,7 @@ from pointit.runtime.clock import VirtualClock
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.service.carrier import MAX_AT_ONCE, Act, ActFailedError, Carrier, check_carrier
 from pointit.schemas import ActResult, SelectionEvent, ThingState, ThingStates
+from pointit.schemas.selection import REPEATED_REASON
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, SELECTION_EVENTS, THING_STATES
 from tests.support.bench import Bench, in_virtual_time, memory_bench, until
 
@@ -75,6 +76,23 @@ async def test_a_result_has_the_state_after_it_and_only_what_names_the_carrier_i
         (result,) = home.results
         assert (result.object_id, result.event_ns, result.result, result.state) == ("lamp", 7, "done", "on")
         assert len(lamp.acts) == 1
+
+
+@in_virtual_time
+async def test_an_event_that_is_told_again_after_a_restart_of_the_selector_is_not_carried_out() -> None:
+    async with site() as home:
+        lamp = Lamp()
+        home.carrier.use({"lamp": [lamp]})
+        again = {"stamp_ns": 1, "event": "selected", "object_id": "lamp", "carriers": ("home",)}
+        event = SelectionEvent.model_validate(again | {"reason": REPEATED_REASON})
+        home.bench.put(SELECTION_EVENTS, event)
+        await home.act(number=2)
+        await until(lambda: bool(home.results))
+        assert [(each.event.stamp_ns, each.on) for each in lamp.acts] == [(2, True)]
+        await until(lambda: len(home.states) == 2)
+        assert home.states[-1].things[0].state == "on", (
+            "a selector that starts later does not know the result"
+        )
 
 
 @in_virtual_time

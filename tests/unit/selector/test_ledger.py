@@ -85,22 +85,13 @@ def test_undoing_everything_leads_back_to_nothing(toggles: list[tuple[str, str]]
         assert selected(kept) == before.pop()
 
 
-def test_a_refusal_older_than_the_deselection_brings_nothing_back_and_a_newer_one_still_does() -> None:
-    kept = ledger()
-    kept.toggle("a", "red", "anna", 100)
-    kept.toggle("a", "red", "anna", 200)
-    assert kept.correct("a", 150, "too late") is None
-    assert selected(kept) == {}
-    back = kept.correct("a", 250, "too late")
-    assert back is not None
-    assert back.event == "selected"
-    assert selected(kept) == {"a": ("anna", 250)}
-
-
-def test_a_refusal_of_what_was_selected_again_and_left_brings_nothing_back() -> None:
-    kept = ledger()
-    for stamp_ns in (100, 200, 300):
-        kept.toggle("a", "red", "anna", stamp_ns)
-    kept.drop(["a"], 400)
-    assert kept.correct("a", 450, "too late") is None
-    assert selected(kept) == {}
+def test_what_was_not_done_is_taken_back_once_also_if_the_change_was_before_a_restart() -> None:
+    kept, restarted = ledger(), ledger()
+    on, off = (kept.toggle("a", "red", "anna", stamp_ns) for stamp_ns in (100, 200))
+    for each in (kept, restarted):
+        back = each.take_back(off, 250, "no power")
+        assert back is not None
+        assert (back.event, back.reason, selected(each)) == ("selected", "no power", {"a": ("anna", 250)})
+        assert each.take_back(off, 260, "no power") is None
+        assert each.take_back(on, 300, "no power") is not None
+        assert selected(each) == {}

@@ -22,13 +22,12 @@ class PendingAct:
     """An act whose carriers have not all told a final result."""
 
     record: Record
-    waits_for: set[str]
+    waits_for: dict[str, bool]
+    """Carriers without a final result, and whether it runs for long in each."""
     began_ns: int = 0
     """Time of the first check, ns. 0 until then."""
     is_newest: bool = True
     """False if its object has changed since."""
-    started: set[str] = field(default_factory=set[str])
-    """Carriers in which it runs for long."""
     is_reported: bool = False
     """True if its start was reported."""
     problem: tuple[FailureCode, str] = ("", "")
@@ -143,7 +142,7 @@ class Acts:
 
     def resume(self, record: Record, *, is_newest: bool) -> None:
         """Wait for the carriers of `record`."""
-        act = PendingAct(record, {*record.carriers.split()}, is_newest=is_newest)
+        act = PendingAct(record, dict.fromkeys(record.carriers.split(), False), is_newest=is_newest)
         self._pending[act.key] = act
 
     def on_result(self, carrier: str, result: ActResult) -> PendingAct | None:
@@ -159,8 +158,8 @@ class Acts:
         if is_final:
             is_failed = result.result == "failed"
             return self._settle(act, carrier, (result.code or "error", result.text) if is_failed else None)
-        act.started.add(carrier)
-        return self._start(act)
+        act.waits_for[carrier] = True
+        return self._advance(act)
 
     def on_states(self, carrier: str, states: ThingStates) -> set[str]:
         """Note what a carrier reports. Return the things whose state was known before."""
@@ -232,21 +231,21 @@ class Acts:
         states = [states[act.record.object_id] for states in carriers if act.record.object_id in states]
         return max((each.limit_s for each in states), default=DEFAULT_LIMIT_S)
 
-    def _start(self, act: PendingAct) -> PendingAct | None:
-        if act.is_reported or not act.waits_for <= act.started:
-            return None
-        act.is_reported = True
-        return act
-
     def _settle(
         self, act: PendingAct, carrier: str, problem: tuple[FailureCode, str] | None
     ) -> PendingAct | None:
-        act.waits_for.discard(carrier)
+        del act.waits_for[carrier]
         if problem is not None and not act.problem[0]:
             act.problem = problem
-        if act.waits_for:
-            return None if act.problem[0] else self._start(act)
-        del self._pending[act.key]
+        return self._advance(act)
+
+    def _advance(self, act: PendingAct) -> PendingAct | None:
+        if not act.waits_for:
+            del self._pending[act.key]
+            return act
+        if act.problem[0] or act.is_reported or not all(act.waits_for.values()):
+            return None
+        act.is_reported = True
         return act
 
 

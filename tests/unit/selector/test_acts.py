@@ -197,6 +197,18 @@ def test_a_thing_with_two_carriers_is_done_when_both_are_and_failed_when_one_is(
     assert home.selected == [("lamp", False)], "the lamp itself is on"
 
 
+def test_a_failure_is_told_once_when_another_carrier_still_runs() -> None:
+    home = Home()
+    home.report(ThingState(id="lamp"), carrier="reactions")
+    home.take(home.engine.on_carrier("reactions", True, at(home.time_s)))
+    home.set("lamp")
+    home.tell("failed", code="error", text="no power", state="off")
+    home.tell("started", "reactions")
+    assert home.outcomes == []
+    home.tell("done", "reactions")
+    assert [(each.result, each.text) for each in home.outcomes] == [("failed", "no power")]
+
+
 def test_what_runs_for_long_is_told_when_it_has_started_and_again_if_it_fails() -> None:
     home = Home(ThingState(id="screws"), limit_s=60.0)
     home.set("screws")

@@ -1,5 +1,6 @@
 """A session with a QTM server: names, times, axes, and bodies and frames that are not used."""
 
+import asyncio
 import math
 import struct
 
@@ -7,7 +8,7 @@ import pytest
 
 from pointit.bridges.mocap.bodies import Bodies, TimedFrame
 from pointit.bridges.mocap.config import MocapConfig
-from pointit.bridges.mocap.qtm_client import QtmSession
+from pointit.bridges.mocap.qtm_client import QtmClient, QtmSession
 from pointit.geometry import rotation
 from pointit.schemas import NS_PER_S
 from tests.support.bench import START_NS
@@ -212,16 +213,26 @@ def test_no_frames_and_no_connection_are_told_apart() -> None:
     assert talk.session.problem(talk.now_ns + 4 * NS_PER_S) == ""
 
 
+SETTINGS_1_25 = """<QTM_Parameters_Ver_1.25>
+    <The_3D><AxisUpwards>+Z</AxisUpwards></The_3D>
+    <The_6D>
+        <Body><Name>refined</Name><Enabled>true</Enabled><Color R="0" G="255" B="0"/>
+            <Mesh><Name>Arqus.obj</Name><Scale>0.01</Scale></Mesh>
+            <Points><Point X="-67.9" Y="29.8" Z="-1.6" Virtual="0" Name="Layout 3 - 1"/></Points>
+        </Body>
+        <Body><Name>Table</Name><Enabled>true</Enabled></Body>
+    </The_6D>
+</QTM_Parameters_Ver_1.25>"""
+"""Elements and names as in Tests/Data/6Dof.h of the maker's qualisys_cpp_sdk (MIT), shortened."""
+
+
 @pytest.mark.parametrize(
     ("text", "names"),
     [
         (settings(["Körper", ""]).encode(), ["Körper", "body 2"]),
         (settings(["Körper", ""]).encode("cp1252"), ["Körper", "body 2"]),
         (b'<?xml version="1.0" encoding="UTF-8"?>' + settings([" a ", "b&amp;c"]).encode(), ["a", "b&c"]),
-        (
-            settings(["a", "b"]).replace("1.8", "1.25").replace("<The_3D>", "<The_3D><New/>").encode(),
-            ["a", "b"],
-        ),
+        (SETTINGS_1_25.encode(), ["refined", "Table"]),
     ],
 )
 def test_settings_of_other_versions_and_encodings_are_read(text: bytes, names: list[str]) -> None:
@@ -237,6 +248,41 @@ def test_settings_of_other_versions_and_encodings_are_read(text: bytes, names: l
 def test_settings_that_are_no_xml_are_refused(text: bytes) -> None:
     with pytest.raises(ValueError, match="its settings"):
         QtmConversation().session.set_parameters(text)
+
+
+PACKET = bytes.fromhex(
+    "5c000000 03000000"  # size 92, data
+    "d204000000000000 07000000 01000000"  # 1234 us, frame 7, one component
+    "44000000 0b000000"  # size 68, type 11: 6D with residual
+    "01000000 0000 0000"  # one body; drop rate, out of synchronisation rate
+    "00007a44 0000fa44 0080bb44"  # 1000, 2000, 1500 mm
+    "00000000 0000803f 00000000"  # a quarter turn about z: the columns of its matrix
+    "000080bf 00000000 00000000"
+    "00000000 00000000 0000803f"
+    "0000003f"  # 0.5 mm
+)
+"""A data packet written by hand after QTM's description of its RT protocol: data packet, 6DOF residual."""
+
+
+class Connection(asyncio.Transport):
+    def pause_reading(self) -> None:
+        pass
+
+    def resume_reading(self) -> None:
+        pass
+
+
+async def test_a_packet_as_the_protocol_describes_it_is_read() -> None:
+    pytest.importorskip("qtm_rt", reason="qtm-rt is not installed")
+    talk = QtmConversation()
+    client = QtmClient(talk.session, lambda: talk.now_ns, lambda _: None)
+    client.connection_made(Connection())
+    client.data_received(PACKET[:50])
+    client.data_received(PACKET[50:])
+    (name, body), *others = talk.used[-1].bodies
+    assert (name, body.position_m, body.error_m, others) == ("cup", (1.0, 2.0, 1.5), 0.0005, [])
+    half = math.sqrt(0.5)
+    assert body.orientation_xyzw == pytest.approx((0.0, 0.0, half, half))
 
 
 def test_the_encoder_of_these_tests_agrees_with_the_makers_decoder() -> None:

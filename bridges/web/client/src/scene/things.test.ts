@@ -37,3 +37,20 @@ test("an object with a size is a box of that size and yaw: dim, in the colour of
   site.selection = { objects: [{ id: "t", user: "ada" }], reserved: [] } as never;
   near(drawn(), linear(color));
 });
+
+test("in the viewer's own room a box is seen by its edges and hides what is behind it, and is solid again outside", () => {
+  const factory = new MeshFactory(true, DARK), things = new Things(factory, () => null), site = emptySite();
+  const object = { id: "t", kind: "screws", position_m: [1, 2, 1.4], velocity_mps: [0, 0, 0], length_m: 0.6, size_m: [0.4, 0.2, 0.3], yaw_rad: Math.PI / 2 } as unknown as TrackedObject;
+  site.objects.set("things", { objects: [object], stamp_ns: 0, seq: 0, latency_sigma_s: null });
+  things.set(site);
+  things.place(0);
+  const box = factory.group.children.find(({ name }) => name === "box screws") as THREE.InstancedMesh, writes = () => (box.material as THREE.Material).colorWrite;
+  const edges = () => factory.group.children.filter((each) => (each as THREE.LineSegments).isLineSegments && each.visible);
+  assert.deepEqual([edges().length, writes()], [0, true]);
+  things.setImmersed(true);
+  const [edge, ...more] = edges();
+  assert.deepEqual([more.length, writes(), box.renderOrder < edge!.renderOrder], [0, false, true]);
+  assert.deepEqual([edge!.position.toArray(), edge!.scale.toArray(), edge!.rotation.z], [[1, 2, 1.4], [0.4, 0.2, 0.3], Math.PI / 2]);
+  things.setImmersed(false);
+  assert.deepEqual([edges().length, writes()], [0, true]);
+});

@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from zeroconf import IPVersion
+from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
 from pointit.runtime.clock import WallClock
+from pointit.runtime.host import name_lookup
 from pointit.runtime.host.name_lookup import resolve
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip
@@ -127,3 +130,24 @@ def know(monkeypatch: pytest.MonkeyPatch, name: str, *addresses: str) -> None:
         return wanted
 
     monkeypatch.setattr(socket, "getaddrinfo", answer)
+
+
+@pytest.mark.skipif(not name_lookup.found_addresses(socket.AF_INET6), reason="no IPv6 here")
+async def test_a_light_that_is_announced_in_a_network_without_ipv4_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def addresses(family: socket.AddressFamily = socket.AF_INET) -> list[str]:
+        return [] if family == socket.AF_INET else ["fd00::2"]
+
+    monkeypatch.setattr(name_lookup, "found_addresses", addresses)
+    light = AsyncServiceInfo(
+        "_wled._tcp.local.",
+        "desk-v6._wled._tcp.local.",
+        addresses=[socket.inet_pton(socket.AF_INET6, "fd00::5")],
+        port=80,
+        server="desk-v6.local.",
+    )
+    async with AsyncZeroconf(ip_version=IPVersion.V6Only) as announcer:
+        await (await announcer.async_register_service(light))
+        found = {(each.name, each.address) for each in await name_lookup.browse("_wled._tcp", 4.0)}
+    assert ("desk-v6", "fd00::5") in found

@@ -8,6 +8,7 @@ from collections.abc import AsyncGenerator, Iterator
 
 import pytest
 
+import pointit
 from pointit.api.feed import MAX_AT_ONCE, FunctionTarget, is_reaction
 from pointit.api.loop_thread import LoopThread
 from pointit.api.site import Site
@@ -20,6 +21,7 @@ from pointit.schemas.environment import Thing, ThingMode
 from pointit.schemas.selection import RESTORED
 from pointit.schemas.topics import ACT_RESULTS, CARRIER_ALIVE, MAP, SELECTION, SELECTION_EVENTS
 from tests.contract.public_api import in_memory
+from tests.docs.blocks import ROOT, blocks
 from tests.support.acts import act_on
 from tests.support.bench import PATIENCE_S, Bench, in_virtual_time, until
 
@@ -31,6 +33,7 @@ def thing(name: str, mode: ThingMode = "button") -> Thing:
 ROOM = Environment(
     stamp_ns=1, name="shop", things=(thing("screws"), thing("radio", "switch"), thing("door", "claim"))
 )
+SHELF = ROOT / "docs" / "tutorial" / "shelf.md"
 MISSPELT = r"the map has no thing 'scews'; did you mean screws\?"
 
 
@@ -220,6 +223,20 @@ def test_script_waits_for_the_map_and_says_that_it_has_not_come() -> None:
         for act in (lambda: next(site.pointed("screws")), site.on_pointed):
             with pytest.raises(NoMessageError, match="nothing came on map within 2 s"):
                 act()
+
+
+def test_the_tutorials_program_ends_with_one_sentence_if_the_map_lacks_a_thing(
+    script: Shop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextlib.contextmanager
+    def opened(**_: object) -> Iterator[SyncSite]:
+        yield script.site
+
+    monkeypatch.setattr(pointit, "open", opened)
+    (program,) = (each.code for each in blocks(SHELF, SHELF.read_text()) if each.title == "my_order.py")
+    with pytest.raises(SystemExit, match=r"^my_order\.py: the map has no thing 'nuts'.*$") as ended:
+        exec(compile(program, "my_order.py", "exec"), {})  # noqa: S102 - the tutorial's own
+    assert "\n" not in str(ended.value)
 
 
 def test_function_that_exits_is_named(script: Shop, caplog: pytest.LogCaptureFixture) -> None:

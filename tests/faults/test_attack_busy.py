@@ -19,6 +19,7 @@ from pointit.runtime.zenoh.zenoh_bus import ZenohBus
 from pointit.schemas import Cursor, PointingRay, UserPose
 from pointit.schemas.topics import BUTTON, CLAIM, CURSOR, POSE, RAY, USER_ALIVE
 from tests.faults.account import Account
+from tests.faults.attackers import DECLARATIONS
 from tests.integration.access.secured import link_of, make_site
 from tests.support.bench import until
 from tests.support.commands import Command, Commands
@@ -85,8 +86,10 @@ class Central:
         self.came_s.clear()
         await until(lambda: all(len(self.came_s[person]) > RAY_HZ / 2 for person in PEOPLE), what="cursors")
 
-    async def gap_of_three(self) -> tuple[float, float]:
+    async def gap_of_three(self, what: str) -> tuple[float, float]:
         """Return the longest gap under three insiders that are blocked, and the longest that there may be.
+
+        They write the key `what`, or do what it says.
 
         They write until killed. Their own work takes as much of the machine as processes that only compute.
         """
@@ -94,7 +97,7 @@ class Central:
             alone_s = await self.longest_gap_s()
         with contextlib.ExitStack() as stack:
             for insider in INSIDERS[:3]:
-                stack.enter_context(self.flooded(insider, CLAIM.at(insider), RATES_HZ[-1]))
+                stack.enter_context(self.flooded(insider, what.format(insider), RATES_HZ[-1]))
             for insider in INSIDERS[:3]:
                 await self.router.says(f"lab/{insider} has written or asked 10000 messages more")
             await self.fresh()
@@ -197,17 +200,18 @@ async def test_an_insider_takes_nobodys_cursor_and_is_named(tmp_path: Path, acco
         await site.router.says(f"lab/{INSIDERS[0]} writes {CLAIM.at(INSIDERS[0])} ")
 
 
+@pytest.mark.parametrize("what", ["users/{}/claim", *DECLARATIONS])
 async def test_three_insiders_who_come_back_whenever_they_are_blocked_take_nobodys_cursor(
-    tmp_path: Path, account: Account
+    tmp_path: Path, account: Account, what: str
 ) -> None:
     async with central_site(tmp_path) as site:
         gap_s, most_s = math.inf, 0.0
         for _ in range(TRIES):  # another job of the machine may take as long
-            gap_s, most_s = await site.gap_of_three()
+            gap_s, most_s = await site.gap_of_three(what)
             if gap_s <= most_s:
                 break
         account.add(
-            "three insiders who come back",
+            f"three insiders who come back ({what.format('…')})",
             None,
             "doctor: router; its log",
             None,

@@ -19,7 +19,7 @@ import threading
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Mapping
 
-from pointit.access.rights import BURST, INTERNAL_COST, REQUEST_COST, max_rate_hz
+from pointit.access.rights import INTERNAL_COST, REQUEST_COST, max_rate_hz
 from pointit.runtime.link.link import ROOM
 from pointit.schemas.problems import DENIED, Problem
 
@@ -250,16 +250,9 @@ FILTER = (
 class DeniedOperations:
     """Counts operations that a router has denied, and excessive writes. Thread-safe."""
 
-    def __init__(
-        self, on_identity: Callable[[], object] = bool, on_load: Callable[[], object] = bool
-    ) -> None:
-        """Count from now on. The callbacks run in the thread of `take`.
-
-        `on_identity`: an identity has become known. `on_load`: questions and declarations of a load of
-        `BURST` have come.
-        """
-        self._on_identity, self._on_load = on_identity, on_load
-        self._load = 0.0
+    def __init__(self, on_identity: Callable[[], object] = bool) -> None:
+        """Count from now on. `on_identity` is called in the thread of `take` when one becomes known."""
+        self._on_identity = on_identity
         self._lock = threading.Lock()
         """Needed as the log is read in a separate thread."""
         self.total = 0
@@ -410,10 +403,6 @@ class DeniedOperations:
             if len(self._requests) >= MAX_WRITTEN:
                 return
         self._requests[request] += times
-        self._load += request[1] * times
-        if self._load >= BURST:
-            self._load = 0.0
-            self._on_load()
 
     def _decide_dropped(self, line: str, where: str) -> None:
         """Count the last dropped message of a thread as too long, unless `line` is on its further readers."""

@@ -5,14 +5,14 @@ import contextlib
 import json
 import logging
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 from click.core import ParameterSource
 
 from pointit.access.denied_operations import FILTER, MARKS, DeniedOperations, RecentDenials
-from pointit.access.rights import MAX_CONNECTIONS, ConnectionLimits, LimitedConnection
+from pointit.access.rights import BURST, MAX_CONNECTIONS, ConnectionLimits, LimitedConnection
 from pointit.access.router_configuration import configuration
 from pointit.access.site_folder import SiteFolder
 from pointit.cli.common.panels import PanelCommand
@@ -27,6 +27,8 @@ log = logging.getLogger(__name__)
 
 TELL_S = 1.0
 """Interval at which denied operations are reported."""
+HOLD_PERIOD_S = 0.1
+"""Interval at which questions and declarations are compared with the limit, s."""
 BESIDE = ("ca.pem", "cert.pem", "key.pem", "users.txt")
 """Files beside a router configuration of `pointit site` that it refers to."""
 
@@ -134,19 +136,20 @@ async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
             held = [each for each in _connections(router, denied) if each.identity in limits.held]
             router.cut(each.address for each in held if each.can_be_cut)
 
-    def hold() -> None:
-        """Cut off who floods, without waiting for the next check."""
-        limits.hold(_connections(router, denied), router.roles, denied.loads(), loop.time())
-        close_blocked()
+    async def hold() -> None:
+        """Cut off who floods, without waiting for the next report."""
+        while True:
+            await asyncio.sleep(HOLD_PERIOD_S)
+            loads = {name: load for name, load in denied.loads().items() if load >= BURST}
+            if loads:
+                limits.hold(_connections(router, denied), router.roles, loads, loop.time())
+                close_blocked()
 
-    def in_loop(callback: Callable[[], None]) -> Callable[[], None]:
-        def schedule() -> None:
-            with contextlib.suppress(RuntimeError):  # the loop is gone
-                loop.call_soon_threadsafe(callback)
+    def on_identity() -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is gone
+            loop.call_soon_threadsafe(close_blocked)
 
-        return schedule
-
-    denied = DeniedOperations(in_loop(close_blocked), in_loop(hold))
+    denied = DeniedOperations(on_identity)
     router.is_held = lambda identity: identity in limits.held
     with captured_log(FILTER, denied.take, MARKS):
         await router.open()
@@ -154,6 +157,7 @@ async def _guard(router: Router, max_connections: int = MAX_CONNECTIONS) -> int:
             click.echo(f"router listens on {', '.join(router.listens)}; Ctrl-C ends it")
             async with asyncio.TaskGroup() as group:
                 group.create_task(_tell(router, denied, limits), name="refused")
+                group.create_task(hold(), name="floods")
                 group.create_task(router.reload_on_change(), name="router")
         finally:
             await router.close()

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import threading
-from collections.abc import AsyncGenerator, Iterator
+from collections.abc import AsyncGenerator, Generator, Iterator
 
 import pytest
 
@@ -229,7 +229,7 @@ def test_the_tutorials_program_ends_with_one_sentence_if_the_map_lacks_a_thing(
     script: Shop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextlib.contextmanager
-    def opened(**_: object) -> Iterator[SyncSite]:
+    def opened(**_: object) -> Generator[SyncSite]:
         yield script.site
 
     monkeypatch.setattr(pointit, "open", opened)

@@ -68,8 +68,8 @@ of late subscribers and of tests of rights: many at a start."""
 BURST = 10_000.0
 """Number of messages beyond `MAX_HZ` at which an identity is cut off. A stalled link delivers at most a
 lease (3 s) of messages at once."""
-START_LOAD = 1750.0
-"""Messages that each new connection may have in addition. A viewer of all topics declares 1600."""
+START_LOAD = 3500.0
+"""The same for each connection in addition: two starts of a viewer of all topics, who declares 1600."""
 TIMEOUT = 3
 """Number of consecutive checks, one per second, without reading before a connection is reported."""
 HOLD_S = 30.0
@@ -111,10 +111,7 @@ class ConnectionLimits:
         self._seen: dict[tuple[str, str], LimitedConnection] = {}
         """Connections by session and address, in order of arrival. Their identity may be known later."""
         self._excess: dict[str, float] = {}
-        """Number of messages beyond `MAX_HZ` by identity, which shrinks again at lower rates.
-
-        It is negative while connections have not declared all that they may at their start.
-        """
+        """Number of messages beyond `MAX_HZ` by identity, which shrinks again at lower rates."""
         self._counts = Counter[str]()
         """Number of connections by identity."""
         self.held: dict[str, float] = {}
@@ -177,7 +174,8 @@ class ConnectionLimits:
         """Cut off who is beyond the limit by its load since the last check alone, messages by identity."""
         counts = Counter(each.identity for each in connections)
         for name, load in loads.items():
-            if roles.get(name) in LIMITED and self._messages(name, load, counts[name]) >= BURST:
+            messages = self._excess.get(name, 0.0) + load - MAX_HZ
+            if roles.get(name) in LIMITED and messages >= self._limit(name, counts[name]):
                 self.held[name] = now_s + HOLD_S
 
     def stuck(self, unread: Mapping[LimitedConnection, int]) -> dict[str, str]:
@@ -198,18 +196,19 @@ class ConnectionLimits:
             if times >= TIMEOUT and each.identity
         }
 
-    def _messages(self, name: str, load: float, count: int) -> float:
-        """Return the number of messages beyond `MAX_HZ` with `load` in a second and `count` connections."""
-        start_load = START_LOAD * max(0, count - self._counts[name])
-        return self._excess.get(name, 0.0) + load - MAX_HZ - start_load
+    def _limit(self, name: str, count: int) -> float:
+        return BURST + START_LOAD * max(count, self._counts[name])
 
     def _hold(self, rates_hz: Mapping[str, float], counts: Counter[str], now_s: float) -> None:
         self.held = {name: held for name, held in self.held.items() if held > now_s}
-        for name in {*self._excess, *counts, *rates_hz}:
-            messages = self._messages(name, rates_hz.get(name, 0.0), counts[name])
-            self._excess[name] = max(-START_LOAD * counts[name], min(BURST, messages))
-            if messages >= BURST:
+        for name in {*self._excess, *rates_hz}:
+            limit = self._limit(name, counts[name])
+            messages = self._excess.get(name, 0.0) + rates_hz.get(name, 0.0) - MAX_HZ
+            if messages >= limit:
                 self.held[name] = now_s + HOLD_S
+            elif counts[name] < self._counts[name]:  # what they declared is allowed without them, too
+                messages = min(messages, BURST - MAX_HZ)
+            self._excess[name] = max(0.0, min(limit, messages))
         self._counts = counts
         self._excess = {name: messages for name, messages in self._excess.items() if messages}
 

@@ -296,8 +296,8 @@ async def test_sixteen_viewers_who_return_at_once_are_not_cut_off(folder: SiteFo
         await asyncio.sleep(CHECKED_S)
         folder.add({"carla": "user"}, now())  # the router opens again, and all connections with it
         await until(lambda: "that there are now" in router.said, what="the new rules")
+        await until(lambda: all(viewer.connected for viewer in viewers), what="all to be back")
         await asyncio.sleep(CHECKED_S)
-        assert all(viewer.connected for viewer in viewers)
         for viewer in viewers:
             await viewer.close()
         assert "dashboard1" not in router.said

@@ -99,7 +99,7 @@ class Witness(Onlooker):
 
     def told(self) -> list[tuple[int, str, str]]:
         """Return number, object and event of the published selections, each once, in order."""
-        mine = [event for event in self.events if event.event in SELECTORS and not _is_conveyors(event)]
+        mine = [event for event in self.events if event.event in SELECTORS]
         return sorted({(e.seq, e.object_id, e.event) for e in mine if e.seq >= self._first})
 
     def processes(self) -> dict[str, tuple[int, float]]:
@@ -137,7 +137,7 @@ class Witness(Onlooker):
         await until(lambda: self.told()[: len(kept)] == kept, FLOWS_S, f"{kept}, not {self.told()}")
 
         def missing() -> set[int]:
-            dispatches = {event.seq for event in self.events if _is_conveyors(event)}
+            dispatches = {event.seq for event in self.events if event.event in ("left", "dispatched")}
             return set(range(min(dispatches, default=0), max(dispatches, default=0))) - dispatches
 
         await until(lambda: not missing(), FLOWS_S, "the conveyor's events without a gap")
@@ -192,11 +192,6 @@ class Witness(Onlooker):
         """Return the number of cursors since then that were older than `old_s` at that time."""
         oldest_ns = since_ns - round(old_s * 1e9)
         return sum(stamp_ns < oldest_ns for _, stamp_ns, came_ns in self.arrivals if came_ns >= since_ns)
-
-
-def _is_conveyors(event: SelectionEvent) -> bool:
-    # Both writers number and refuse. Only the selector's refusals have a cause; the reasons can be the same.
-    return event.event in ("left", "dispatched") or (event.event == "refused" and not event.cause)
 
 
 @contextlib.asynccontextmanager

@@ -62,9 +62,9 @@ SWITCH_S = 15.0
 class Selecting:
     """Stays with one object until it is done, gone or timed out, then finds the next.
 
-    That is the one that leaves first among those with enough time left, or of resting ones the one that has
-    fired least recently, then the nearest to the last one. Objects that other people have, or are about to
-    have, are left alone.
+    That is the one that leaves first among those with enough time left, or of resting ones the one that the
+    person left least recently, done or given up, then the nearest to the last one. Objects that other people
+    have, or are about to have, are left alone.
     """
 
     def __init__(self, config: UserSimConfig, things: PerceivedObjects, times: DecisionTimes) -> None:
@@ -87,8 +87,10 @@ class Selecting:
         self._leave_ns: int | None = None
         self._goal = REST
         self._pause_until_ns: dict[str, int] = {}
-        self._fired_ns: dict[str, int] = {}
-        """Time at which each button fired last, ns."""
+        self._switched_ns: dict[str, int] = {}
+        """Time at which the person switched each switch last, ns."""
+        self._left_ns: dict[str, int] = {}
+        """Time at which the person turned from each object last, done or given up, ns."""
         self._is_instructed = False
         self._presses = 0
         self._confirmed_ns = 0
@@ -123,20 +125,19 @@ class Selecting:
         """End with the current object if it is done or timed out."""
         seen = sight.find(self._current, now_ns)
         if seen is not None and seen.thing.mode == "button" and self._things.status(self._current) == "mine":
-            self._fired_ns[self._current] = now_ns
             self._things.believe(self._current, "free", now_ns)  # anybody may fire it again
-            self._end()
+            self._end(now_ns)
         elif seen is not None and self._is_switched(seen):
-            self._fired_ns[self._current] = now_ns
-            self._end()
+            self._switched_ns[self._current] = now_ns
+            self._end(now_ns)
         elif seen is None or not self._is_task(seen) or self._is_decided(seen, now_ns):
-            self._end()
+            self._end(now_ns)
         elif self._leave_ns is not None and now_ns >= self._leave_ns:
             self._things.believe(self._current, "mine", now_ns)
-            self._end()
+            self._end(now_ns)
         elif not 0 <= now_ns - self._since_ns <= self._give_up_ns:
             self._pause_until_ns[self._current] = now_ns + self._retry_ns
-            self._end()
+            self._end(now_ns)
         elif (asked_ns := self._asked_ns(seen, now_ns, sight)) not in (0, self._confirmed_ns):
             self._confirmed_ns = asked_ns
             self._presses += 1
@@ -149,7 +150,8 @@ class Selecting:
         named = sight.named(now_ns)
         return sight.announced.began_ns if named is not None and named.thing.id == seen.thing.id else 0
 
-    def _end(self) -> None:
+    def _end(self, now_ns: int) -> None:
+        self._left_ns[self._current] = now_ns
         self._current = self._mistaken = ""
         self._leave_ns = None
 
@@ -208,7 +210,7 @@ class Selecting:
         """Return True if an object needs a change of selection now, and there is time for it."""
         if not self._is_task(seen) or not sight.has_come(seen, now_ns):
             return False
-        switched_ns = self._fired_ns.get(seen.thing.id) if self._is_switch(seen) else None
+        switched_ns = self._switched_ns.get(seen.thing.id) if self._is_switch(seen) else None
         if switched_ns is not None and 0 <= now_ns - switched_ns < SWITCH_S * NS_PER_S:
             return False
         until_ns = self._pause_until_ns.get(seen.thing.id, 0)
@@ -216,10 +218,10 @@ class Selecting:
         return not is_paused and sight.time_left_s(seen, now_ns) >= self._needed_s
 
     def _last(self, seen: SeenObject) -> tuple[int, float]:
-        """Return the time at which the object fired last, ns, and its distance from the last one, m."""
+        """Return the time at which the person left the object, ns, and its distance from the last one, m."""
         here: Vec3 | None = self._goal.point_m
         way_m = 0.0 if here is None else math.dist(here, seen.thing.position_m)
-        return self._fired_ns.get(seen.thing.id, 0), way_m
+        return self._left_ns.get(seen.thing.id, 0), way_m
 
     def _mistake(self, target: SeenObject, objects: list[SeenObject]) -> SeenObject:
         """Return the thing nearest to `target`, which is mistaken for it."""

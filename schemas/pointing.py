@@ -314,7 +314,7 @@ class Feedback(Message):
         Many[Annotated[int, Field(gt=0, le=2000)]],
         Field(description="vibration pattern: on, off, on ..., ms; empty for none"),
     ] = ()
-    color: Annotated[Rgb | None, Field(description="short flash of a state lamp")] = None
+    color: Annotated[Rgb | None, Field(description="short flash of the light of a wrist")] = None
     target_id: Annotated[Id, Field(description="target that the person should point at")] = ""
     waits: Annotated[bool, Field(description="there is nothing to do yet but wait for the next cue")] = False
     point_m: Annotated[Vec3 | None, Field(description="position that it refers to, {W}, or None")] = None

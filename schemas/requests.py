@@ -239,7 +239,7 @@ class SetToleranceReply(Reply):
     """The tolerance in use now."""
 
     tolerance_rad: Annotated[
-        float | None, Field(gt=0, lt=1.57, description="None if the tolerance is in metres")
+        float | None, Field(gt=0, lt=1.57, description="None before the first one")
     ] = None
 
 

@@ -238,9 +238,7 @@ class SetTolerance(Query):
 class SetToleranceReply(Reply):
     """The tolerance in use now."""
 
-    tolerance_rad: Annotated[
-        float | None, Field(gt=0, lt=1.57, description="None before the first one")
-    ] = None
+    tolerance_rad: Annotated[float | None, Field(gt=0, lt=1.57, description="angle at the eyes")] = None
 
 
 class UseMap(Query):

@@ -33,9 +33,19 @@ from pointit.runtime.clock import Clock, run_virtually
 from pointit.runtime.errors import RequestError, first_cause
 from pointit.runtime.host.state_file import using_state_directory
 from pointit.runtime.service.instance_takeover import LISTEN_S
-from pointit.schemas import NS_PER_S, Configuration, Health, Message, Query, ServedRequest
+from pointit.schemas import (
+    NS_PER_S,
+    ActResult,
+    Configuration,
+    Health,
+    Message,
+    Query,
+    SelectionEvent,
+    ServedRequest,
+)
 from pointit.schemas.system import split_instance
 from pointit.schemas.topics import (
+    ACT_RESULTS,
     CLOCK,
     CONFIGURATION,
     HEALTH,
@@ -144,6 +154,52 @@ class RecordedRequests:
             self._mine.append((entry.key, query))
         with contextlib.suppress(RequestError):  # a refusal is published like a reply
             await self._bus.call(row, query, entry.name)
+
+
+class RecordedResults:
+    """Tells the results of acts, each after the event that now stands for the recorded one.
+
+    Two events stand for each other if they are the first, second, … with carriers on their object.
+    """
+
+    def __init__(self, edge: Edge) -> None:
+        self._edge = edge
+        self._recorded: dict[str, list[int]] = {}
+        """By object, stamps of the recorded events that services publish again, ns."""
+        self._again: dict[str, list[int]] = {}
+        """The same of the events that they publish now."""
+        self._waiting: list[Entry] = []
+
+    def on_recorded(self, entry: Entry) -> None:
+        """Note an event of the recording."""
+        _note_act(self._recorded, entry.body)
+
+    def on_again(self, entry: Entry) -> None:
+        """Note an event of the replay, and tell what waited for it."""
+        _note_act(self._again, entry.body)
+        waiting, self._waiting = self._waiting, []
+        for each in waiting:
+            self.repeat(each)
+
+    def repeat(self, entry: Entry) -> None:
+        """Tell the result of `entry`, or keep it until its event is published again."""
+        body = entry.body
+        if not isinstance(body, ActResult):
+            return
+        recorded, again = (each.get(body.object_id, []) for each in (self._recorded, self._again))
+        if body.event_ns not in recorded:  # of an event before the beginning, or of the edge
+            self._edge.repeat(entry)
+        elif (number := recorded.index(body.event_ns)) < len(again):
+            self._edge.repeat(entry._replace(body=body.model_copy(update={"event_ns": again[number]})))
+        else:
+            self._waiting.append(entry)
+
+
+def _note_act(events: dict[str, list[int]], body: object) -> None:
+    if isinstance(body, SelectionEvent) and body.carriers:
+        stamps = events.setdefault(body.object_id, [])
+        if body.stamp_ns not in stamps:  # an event may be told again
+            stamps.append(body.stamp_ns)
 
 
 class Collector:
@@ -355,6 +411,7 @@ class _Player:
             changed["pui"] = {"map": str(room)}
         service_bus = ReplayedServices(self._buses.services, self._clock, group, changed)
         self._requests = RecordedRequests(self._buses.edge, self._clock, group)
+        self._results = RecordedResults(self._edge)
         collector = Collector(self._buses.observer, self._clock, self._on_result)
         await self._put_retained(service_bus)
         for entry in self._source.entries():
@@ -365,6 +422,8 @@ class _Player:
                 await self._follow(entry, service_bus)
             elif isinstance(entry.row, Request):
                 self._listener.replayed(entry, is_recomputed=False)
+            elif entry.row is ACT_RESULTS:
+                self._results.repeat(entry)
             else:
                 self._edge.repeat(entry)
         await self._wait_until(self._source.ended_ns + SETTLE_NS)
@@ -428,6 +487,7 @@ class _Player:
         elif entry.row is not HEALTH:
             if not (self._live and self._is_start(entry)):
                 self._listener.recorded(entry)
+            self._results.on_recorded(entry)
             self._requests.repeat(entry)
 
     def _is_start(self, entry: Entry) -> bool:
@@ -448,6 +508,8 @@ class _Player:
             return  # the recorded one stands for it; and wall times differ in every replay
         if isinstance(entry.row, Request):
             self._requests.on_answered(entry)
+        if is_recomputed:
+            self._results.on_again(entry)
         is_start = (self._live or bool(self._beginning.retained)) and self._is_start(entry)
         is_compared = is_recomputed and not is_start and not isinstance(entry.row, Presence)
         self._listener.replayed(entry, is_recomputed=is_compared)

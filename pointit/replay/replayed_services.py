@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 import math
 import re
 import tempfile
@@ -13,13 +14,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, assert_never, cast
 
+from pydantic import ValidationError
+
 from pointit.maps.edit import dump_yaml
 from pointit.maps.file import shipped_maps
 from pointit.maps.model import OBJECT
 from pointit.recording.entries import AnyRow, Entry
 from pointit.runtime.bus.contract import AnyTopic, Bus
 from pointit.runtime.clock import Clock
-from pointit.runtime.config.config import Layers
+from pointit.runtime.config.config import Config, Layers, validate
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import StateFile, site_folder
 from pointit.runtime.service.service import Launch, run_service
@@ -49,6 +52,8 @@ from pointit.services.selector.journal import Journal
 from pointit.services.selector.selection_publisher import Record
 from pointit.services.supervisor.life_cycle import LAST_WORD_PURPOSE
 from pointit.services.supervisor.transitions import OFFSET_PURPOSE
+
+log = logging.getLogger(__name__)
 
 MAX_BURST = 256
 """Entries that are put at once, at most, before the services get their turn, as queues are bounded."""
@@ -440,11 +445,13 @@ class ReplayedServices:
         try:
             row = registry.process(name)
             service = row.load()
+            recorded = parameters_of(configuration)
+            if gone := remove_unknown(recorded, service.CONFIG):
+                log.warning(
+                    "%s runs without %s: this version has no such parameters", instance, ", ".join(gone)
+                )
             layers = Layers()
-            layers.add(
-                {**parameters_of(configuration), **self._changed.get(name, {})},
-                f"recorded configuration of {instance}",
-            )
+            layers.add({**recorded, **self._changed.get(name, {})}, f"recorded configuration of {instance}")
             config = layers.build(service.CONFIG)
         except KeyError as error:
             raise ReplayError(f"{instance} cannot be replayed: {error.args[0]}") from error
@@ -454,6 +461,22 @@ class ReplayedServices:
             check_map(config.map_to_read)
         which = "" if configuration.user else split_instance(instance)[1]
         return Launch(service=service, config=config, user=configuration.user, name=which, plugin=row.label)
+
+
+def remove_unknown(parameters: dict[str, Any], kind: type[Config]) -> list[str]:
+    """Remove the parameters that this version has no longer, at any depth. Return their dotted names."""
+    try:
+        validate(kind, parameters)
+    except ValidationError as error:
+        paths = [each["loc"] for each in error.errors() if each["type"] == "extra_forbidden"]
+    else:
+        return []
+    for path in paths:
+        values: Any = parameters
+        for part in path[:-1]:  # a path also names the kind of a value where there are several
+            values = values[part] if isinstance(values, list) or part in values else values
+        del values[path[-1]]
+    return [".".join(str(part) for part in path) for path in paths]
 
 
 def parameters_of(configuration: Configuration) -> dict[str, Any]:

@@ -147,7 +147,8 @@ class ActDetector:
         act = None
         if event.carriers and len(self._pending) < MAX_SELECTED:
             self._pending[event.object_id, event.stamp_ns] = None
-        if event.event in ("selected", "deselected", "refused") and event.cause in ("", "dwell", "button"):
+        is_own = not event.takes_back and event.cause in ("", "dwell", "button")
+        if is_own and event.event in ("selected", "deselected", "refused"):
             act = self._open_act(event)
         if event.event == "selected":
             self._close_selection(event)  # taken over

@@ -65,6 +65,8 @@ class ActResults:
     def __init__(self) -> None:
         self._pending: OrderedDict[tuple[str, int], tuple[SelectionEvent, bool]] = OrderedDict()
         """By object and stamp: events without a final outcome, and whether each was shown as started."""
+        self._outcomes: OrderedDict[tuple[str, int], ActOutcome] = OrderedDict()
+        """Outcomes that were read before their events: two topics have no common order."""
 
     @property
     def pending(self) -> int:
@@ -77,15 +79,19 @@ class ActResults:
             key = message.object_id, message.event_ns
             event, has_started = self._pending.pop(key, (None, True))
             if event is None:
+                _remember(self._outcomes, key, message)
                 return None
             if message.result == "started":
                 self._pending[key] = event, True
             if message.result == "failed":
                 return event.model_copy(update={"event": "refused", "reason": message.text, "carriers": ()})
             return None if has_started else event.model_copy(update={"carriers": ()})
-        if message.carriers:
-            _remember(self._pending, (message.object_id, message.stamp_ns), (message, False))
-        return None if message.carriers or message.takes_back else message
+        if message.takes_back or not message.carriers:
+            return None if message.takes_back else message
+        key = message.object_id, message.stamp_ns
+        _remember(self._pending, key, (message, False))
+        outcome = self._outcomes.pop(key, None)
+        return None if outcome is None else self.take(outcome)
 
 
 class SiteState:

@@ -17,6 +17,10 @@ MAX_ABSENCE_NS = 60 * NS_PER_S
 """Time after which a carrier that has ended without taking leave is forgotten, ns."""
 
 
+MAX_LATE_NS = 10 * NS_PER_S
+"""Time by which a report of a carrier may be overtaken by its next one, ns."""
+
+
 @dataclass
 class PendingAct:
     """An act whose carriers have not all told a final result."""
@@ -24,6 +28,8 @@ class PendingAct:
     record: Record
     waits_for: dict[str, bool]
     """Carriers without a final result, and whether it runs for long in each."""
+    done: list[str] = field(default_factory=list[str])
+    """Carriers that have done it."""
     began_ns: int = 0
     """Time of the first check, ns. 0 until then."""
     is_newest: bool = True
@@ -80,10 +86,14 @@ class _Carrier:
     """Time of the first check in which it was absent, ns. 0 if there was none."""
 
     def is_newer(self, thing: str, stamp_ns: int) -> bool:
-        """Return True if a report of this stamp is not older than the newest one, and note it."""
-        newest_ns = self.newest_ns.get(thing, 0)
-        self.newest_ns[thing] = max(stamp_ns, newest_ns)
-        return stamp_ns >= newest_ns
+        """Return True if a report of this stamp is not older than the newest one, and note it.
+
+        One that is older by more than `MAX_LATE_NS` is newer: the carrier's clock was set back.
+        """
+        if 0 < self.newest_ns.get(thing, 0) - stamp_ns <= MAX_LATE_NS:
+            return False
+        self.newest_ns[thing] = stamp_ns
+        return True
 
 
 class Acts:
@@ -235,7 +245,9 @@ class Acts:
         self, act: PendingAct, carrier: str, problem: tuple[FailureCode, str] | None
     ) -> PendingAct | None:
         del act.waits_for[carrier]
-        if problem is not None and not act.problem[0]:
+        if problem is None:
+            act.done.append(carrier)
+        elif not act.problem[0]:
             act.problem = problem
         return self._advance(act)
 

@@ -315,26 +315,35 @@ class Arbiter:
         outputs = [output for act in acts for output in self._conclude(act, now_ns)]
         return outputs + self._follow_targets(now_ns)
 
-    def _conclude(self, act: PendingAct, now_ns: int) -> list[Output]:
-        """Tell the result of an act. A switch that failed goes back, unless a target says that it did not."""
+    def _conclude(self, act: PendingAct, now_ns: int, newer_user: str = "") -> list[Output]:
+        """Tell the result of an act. A switch that failed goes back, unless a target says that it did not.
+
+        `newer_user`: who replaced it, whom the cue of the newer act tells enough.
+        """
         object_id, kind = act.record.object_id, act.record.kind
         name, (code, text) = kind or object_id, act.problem
         outputs = [self._publisher.outcome(act.outcome(now_ns))]
-        if code == "replaced":  # the cue of the newer act tells enough
-            return outputs
+        if code == "replaced":
+            return outputs if act.user == newer_user else [*outputs, self._cue_of(act, now_ns)]
         if code:
             is_back = not self._acts.has_state(object_id, "on" if act.event == "selected" else "off")
             if is_back and act.is_newest and self._positions.mode(object_id) != "button":
                 after_ns = max(now_ns, self._ledger.changed_ns(object_id) + 1)
                 record = self._ledger.take_back(act.record, after_ns, f"{NOT_DONE}{text}")
-                outputs += [] if record is None else self._publisher.event(record)
-            outputs.append(self._publisher.cue(act.record.user, "refused", f"{name}: {text}", now_ns))
+                if record is not None:  # those that have done it go back, too
+                    outputs += self._publisher.event(record, act.done)
+            outputs.append(self._cue_of(act, now_ns))
             self._latch(object_id, "")
         elif act.result == "started" or not act.is_reported:
             status = act.event if act.result == "done" else "started"
             outputs.append(self._publisher.cue(act.record.user, act.event, f"{name} {status}", now_ns))
         first = Output("", self.selection(now_ns))
         return [first, *outputs, *self._follow_targets(now_ns, {object_id})]
+
+    def _cue_of(self, act: PendingAct, now_ns: int) -> Output:
+        """Return the cue of an act that failed."""
+        text = f"{act.record.kind or act.record.object_id}: {act.problem[1]}"
+        return self._publisher.cue(act.record.user, "refused", text, now_ns)
 
     def _follow_targets(self, now_ns: int, changed: Collection[str] = ()) -> list[Output]:
         """Give switches the states that their targets report. Others react to those of `changed`."""
@@ -443,7 +452,7 @@ class Arbiter:
                 continue
             mode = self._positions.mode(record.object_id)
             for act in self._acts.replace(record.object_id, mode):
-                earlier_outputs += self._conclude(act, now_ns)
+                earlier_outputs += self._conclude(act, now_ns, record.user)
             events.append(self._acts.begin(record, mode))
         outputs = [Output("", self.selection(now_ns))] if changes else []
         outputs += earlier_outputs

@@ -92,6 +92,15 @@ async def test_a_restart_switches_nothing_off_and_nothing_reacts_to_it(port: int
         assert switched(heard, bench) == ["ON", "OFF", "ON", "OFF"]
 
 
+async def test_beside_a_site_that_runs_nothing_is_on_again(port: int) -> None:
+    async with after_a_run(port) as heard, selecting() as bench:
+        events = bench.collect(SELECTION_EVENTS)
+        async with published(port, bench, is_new_run=False) as watcher:
+            watcher.on_map(ROOM)
+            await until(lambda: bool(switched(heard, bench)), what="the state")
+        assert (switched(heard, bench), list(events)) == (["OFF"], [])
+
+
 async def test_what_the_selector_has_restored_is_not_told_as_the_state_of_a_target(port: int) -> None:
     async with after_a_run(port) as heard, selecting() as bench:
         await switch(bench)

@@ -28,8 +28,8 @@ ROOM = room(thing("screws", label="Screws, 4 mm"), thing("radio", "switch"), thi
 
 
 @contextlib.asynccontextmanager
-async def published(port: int, bench: Bench) -> AsyncGenerator[MqttThings]:
-    watcher = MqttThings(broker_of(f"127.0.0.1:{port}"))
+async def published(port: int, bench: Bench, *, is_new_run: bool = True) -> AsyncGenerator[MqttThings]:
+    watcher = MqttThings(broker_of(f"127.0.0.1:{port}"), is_new_run=is_new_run)
     listening = watcher.attach(bench.bus, lambda _text, _user: None)
     try:
         yield watcher

@@ -258,12 +258,13 @@ def broker_of(address: str, ca_file: str = "") -> BrokerConfig:
 class MqttThings:
     """Watcher of a run that announces its things at a broker. Carries out acts: publishes their events."""
 
-    def __init__(self, config: BrokerConfig, prefix: str = "") -> None:
+    def __init__(self, config: BrokerConfig, prefix: str = "", *, is_new_run: bool = True) -> None:
         """Prepare; nothing is opened yet.
 
         Args:
             config: the broker.
             prefix: as of `discovery_prefix`.
+            is_new_run: switches that the broker retains as on are on again. A site that runs knows better.
 
         Raises: ConfigError: If a file of `config` cannot be read, or `prefix` is no topic.
         """
@@ -274,7 +275,7 @@ class MqttThings:
         self._selection: Selection | None = None
         self._retained: Mapping[str, object] | None = None
         """Payloads by topic that the broker had retained at the first connection."""
-        self._restoring: set[str] | None = None
+        self._restoring: set[str] | None = None if is_new_run else set()
         """Switches that the broker retains as on, and the selector does not have yet. None until known."""
         self._shown: dict[str, str] = {}
         """Payloads by topic that the broker has retained."""

@@ -162,7 +162,7 @@ def react_to_things(
     reactions = [each for text in on for each in reactions_in(text)]
     watchers: list[Watcher] = []
     if mqtt or mqtt_ca_file:
-        watchers.append(MqttThings(broker_of(mqtt, mqtt_ca_file), mqtt_discovery_prefix))
+        watchers.append(MqttThings(broker_of(mqtt, mqtt_ca_file), mqtt_discovery_prefix, is_new_run=False))
     if not watchers and not reactions:
         raise click.UsageError(
             "nothing to do: name a FILE.yaml, THING=PROGRAM or THING=URL, or --mqtt BROKER"

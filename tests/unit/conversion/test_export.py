@@ -336,6 +336,14 @@ def test_an_act_and_its_selection_have_the_result_of_the_carriers(result: str) -
     assert only_selection(found).ended_by == {"done": "deselected", "failed": "failed"}[result]
 
 
+def test_what_goes_back_is_no_act_of_a_person() -> None:
+    found = ActDetector(BEGAN_NS)
+    hover(found, 1.0, 3.0, "a")
+    found.on_event(happened(1.5, "selected", "a", carriers=("home",)))
+    found.on_event(happened(2.1, "deselected", "a", reason="not done: no power"))
+    assert only_act(found).duration_s == 2.0
+
+
 def test_a_dispatched_object_has_its_bay() -> None:
     found = ActDetector(BEGAN_NS)
     found.on_event(happened(1.5, "selected", "a"))

@@ -181,7 +181,45 @@ def test_the_newest_act_on_a_switch_counts_whoever_did_it() -> None:
     assert home.selected == [("lamp", True)]
     home.tell("done", event=again, state="on")
     assert home.selected == [("lamp", False)]
-    assert home.cues == [("carl", "selected", "lamp selected")]
+    late = "lamp: it was switched again before it was done"
+    assert home.cues == [
+        ("anna", "refused", late), ("bert", "refused", late), ("carl", "selected", "lamp selected"),
+    ]  # fmt: skip
+
+
+def test_who_switches_again_hears_only_of_the_newer_act() -> None:
+    home = Home()
+    home.set("lamp")
+    home.set("lamp")
+    home.tell("done", state="off")
+    assert home.cues == [("anna", "deselected", "lamp deselected")]
+
+
+def test_a_carrier_that_has_done_what_another_could_not_goes_back_too() -> None:
+    home = Home()
+    home.report(ThingState(id="lamp"), carrier="reactions")
+    home.take(home.engine.on_carrier("reactions", True, at(home.time_s)))
+    home.set("lamp")
+    home.tell("done", "reactions")
+    home.tell("failed", code="no_answer", text="no answer", state="off")
+    assert (home.events[-1].event, home.events[-1].carriers) == ("deselected", ("reactions",))
+    assert home.selected == []
+    home.set("lamp")
+    assert home.events[-1].event == "selected", "nobody waits for the one that goes back"
+
+
+def test_a_carrier_whose_clock_was_set_back_is_heard() -> None:
+    home = Home()
+    home.set("lamp")
+    home.tell("done", state="on", stamp_ns=at(home.time_s + 3600.0))
+    home.set("lamp")
+    home.tell("done", state="off")
+    assert home.point(80.0, 0.5) == []
+    assert home.selected == []
+    home.report(LAMP.model_copy(update={"state": "on"}))
+    assert [(each.event, each.reason) for each in home.events[-2:]] == [
+        ("deselected", ""), ("selected", ""),
+    ]  # fmt: skip
 
 
 def test_a_thing_with_two_carriers_is_done_when_both_are_and_failed_when_one_is() -> None:

@@ -221,6 +221,20 @@ def test_an_act_is_told_when_its_carriers_have_told_the_result(
     assert site.act_results.pending == pending
 
 
+def test_an_outcome_that_is_read_before_its_event_shows_it(site: SiteState, changes: list[Change]) -> None:
+    put(site, OUTCOMES, "", acted("done"))
+    put(site, SELECTION_EVENTS, "", acted())
+    assert [each.message.event for each in changes if isinstance(each.message, SelectionEvent)] == [
+        "selected"
+    ]
+    assert site.act_results.pending == 0
+
+
+def test_what_goes_back_waits_for_nobody(site: SiteState) -> None:
+    put(site, SELECTION_EVENTS, "", acted(event="deselected", reason="not done: no power"))
+    assert site.act_results.pending == 0
+
+
 def test_the_things_of_a_carrier_end_and_return_with_it(site: SiteState, changes: list[Change]) -> None:
     put(site, THING_STATES, "home", ThingStates(stamp_ns=1))
     site.set_carrier("home", True)

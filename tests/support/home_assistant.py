@@ -192,11 +192,11 @@ class MemoryHome:
         self.client = LocalSocket(here, there, self.is_alive)
         self._client_queue = here
         serving = asyncio.create_task(self._serve(cast("ServerConnection", server)))
-        await self.client.recv()
-        await self.client.send(json.dumps({"type": "auth", "access_token": config.read_token()}))
-        await self.client.recv()
-        self.client.messages.clear()
         try:
+            await self.client.recv()
+            await self.client.send(json.dumps({"type": "auth", "access_token": config.read_token()}))
+            await self.client.recv()
+            self.client.messages.clear()
             yield HomeAssistantConnection(cast("ClientConnection", self.client))
         finally:
             serving.cancel()

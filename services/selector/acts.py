@@ -103,6 +103,8 @@ class Acts:
         self._carriers: dict[str, _Carrier] = {}
         self._pending: dict[tuple[str, int], PendingAct] = {}
         """By object and stamp of the event."""
+        self._checked_ns = 0
+        """Time of the last check, ns."""
 
     def is_pending(self, object_id: str) -> bool:
         """Return True if the result of an act on the object is not known yet."""
@@ -200,6 +202,7 @@ class Acts:
 
     def expire(self, now_ns: int, speed: float) -> list[PendingAct]:
         """Return the acts whose carriers have not told a result in time. `speed`: of the site's time."""
+        self._follow_clock(now_ns, speed)
         for act in self._pending.values():
             act.began_ns = act.began_ns or now_ns
         late = [
@@ -212,6 +215,16 @@ class Acts:
             act.problem = ("no_answer", f"{names} did not tell the result in time: look at `pointit doctor`")
             del self._pending[act.key]
         return late
+
+    def _follow_clock(self, now_ns: int, speed: float) -> None:
+        """Move the times of what runs with a clock that was set, or that stood still meanwhile."""
+        passed_ns = now_ns - self._checked_ns
+        if not 0 <= passed_ns <= MAX_LATE_NS * speed:
+            for act in self._pending.values():
+                act.began_ns += passed_ns if act.began_ns else 0
+            for carrier in self._carriers.values():
+                carrier.absent_ns += passed_ns if carrier.absent_ns else 0
+        self._checked_ns = now_ns
 
     def forget_absent(self, now_ns: int) -> None:
         """Forget the carriers that have been absent for `MAX_ABSENCE_NS`."""

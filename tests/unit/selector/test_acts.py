@@ -222,6 +222,18 @@ def test_a_carrier_whose_clock_was_set_back_is_heard() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("step_s", [3600.0, -3600.0])
+def test_a_clock_that_is_set_ends_no_act_and_makes_none_last(step_s: float) -> None:
+    home = Home()
+    home.set("lamp")
+    home.point(80.0, 1.0)
+    home.time_s += step_s
+    home.point(80.0, 1.0)
+    assert home.outcomes == []
+    home.point(80.0, 6.0)
+    assert [each.code for each in home.outcomes] == ["no_answer"]
+
+
 def test_a_thing_with_two_carriers_is_done_when_both_are_and_failed_when_one_is() -> None:
     home = Home()
     home.report(ThingState(id="lamp"), carrier="reactions")

@@ -222,6 +222,15 @@ def test_a_carrier_whose_clock_was_set_back_is_heard() -> None:
     ]  # fmt: skip
 
 
+def test_without_a_result_in_time_the_state_counts() -> None:
+    home = Home()
+    home.set("lamp")
+    home.report(LAMP.model_copy(update={"state": "on"}))
+    home.point(80.0, 7.0)
+    assert [(each.result, each.code) for each in home.outcomes] == [("done", "")]
+    assert home.selected == [("lamp", False)]
+
+
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_a_clock_that_is_set_ends_no_act_and_makes_none_last(step_s: float) -> None:
     home = Home()

@@ -82,13 +82,23 @@ find_pip() {
     newest="$(find_python)"
     if has_pip "$newest"; then
         PIP=("$newest" -m pip --python "$PYTHON") # since pip 22.3
-    elif ! "$PYTHON" -m ensurepip >/dev/null 2>&1; then
+    elif ! "$PYTHON" -m ensurepip --default-pip >/dev/null 2>&1; then
         die "${newest:-$PYTHON} has no pip; on Debian and Ubuntu: apt install python3-venv"
     fi
 }
 
 # pip's configuration may say `user = true`, which is refused in a .venv (Manjaro ships it)
 export PIP_USER=0
+
+# Gives .venv the command `pip` if it has none: in an activated .venv, another Python's would run.
+write_pip() {
+    # shellcheck disable=SC2016 # the file expands it
+    local command='env PATH="${0%/*}:$PATH" VIRTUAL_ENV="${0%/*}/.." uv pip'
+    if has_pip "$PYTHON"; then return; fi
+    if [ ! -x "$VENV/bin/uv" ] && ! command -v uv >/dev/null; then command="env PIP_USER=0 ${PIP[*]@Q}"; fi
+    printf '#!/bin/sh\nexec %s "$@"\n' "$command" >"$VENV/bin/pip"
+    chmod +x "$VENV/bin/pip"
+}
 
 # by_pip SENTENCE WHAT...
 by_pip() { quietly "$1" "${PIP[@]}" install --quiet --disable-pip-version-check "${@:2}"; }
@@ -168,5 +178,6 @@ ensure_venv() {
         tail -n 20 "$LOG" >&2
         die "${BUILD_PROBLEM:-PointIt could not be installed into .venv; what was said stands above}"
     fi
+    write_pip
     printf '%s\n' "$wanted" >"$VENV/.installed${extra:+-$extra}"
 }

@@ -57,6 +57,12 @@ class Contract:
     """Time that the plug-in may take to start, to connect, to notice a loss, and to warn, s."""
 
 
+def require_plugin(contract: type[Contract]) -> None:
+    """Raise ConfigError unless `contract` names a plug-in."""
+    if not hasattr(contract, "plugin"):
+        raise ConfigError(f"{contract.__name__} names no plug-in: add a line such as `plugin = SOURCE`")
+
+
 def require(condition: object, problem: str, remedy: str = "") -> None:
     """Raise CheckFailedError with `problem`, a clause, and `remedy`, a sentence, unless `condition` holds."""
     if not condition:
@@ -85,6 +91,7 @@ def promise(
     def decorated(method: Callable[[C], Coroutine[Any, Any, None]]) -> Callable[[C], None]:
         @functools.wraps(method)
         def test(self: C) -> None:
+            require_plugin(type(self))
             if not applies(self):
                 raise SkipTest("the device of the contract cannot show it")
             loop = VirtualTimeLoop() if self.virtual_time and not real_time else asyncio.new_event_loop()

@@ -11,7 +11,7 @@ from typing import Any
 
 from pointit.geometry import vector
 from pointit.plugins import Item, Quaternion, RawReading, Reading, Reconnected, Source, rotation
-from pointit.testing.contract import TRIES, called, promise, require, require_bounded_memory
+from pointit.testing.contract import TRIES, CheckFailedError, called, promise, require, require_bounded_memory
 from pointit.testing.devices import UdpDevice
 from pointit.testing.trial import DeviceContract, Trial
 
@@ -47,6 +47,7 @@ core that a busy machine leaves."""
 SKIP = (
     "Treat what cannot be parsed as one bad reading: catch the parser's error, and limit a message's length"
 )
+ORDER = "`encode` of the contract and the source must agree on the order of numbers"
 KEEP_UP = "Deliver what has arrived at once, without a pause for each reading; drop old ones rather than lag"
 
 
@@ -78,7 +79,14 @@ class ImuTrial(Trial):
         """Wait until a reading is delivered, if the source has any."""
         failure = f"{situation}, and no reading was delivered"
         if self.contract.sends:
-            await self.hear(failure)
+            try:
+                await self.hear(failure)
+            except CheckFailedError as error:
+                self.require_running()
+                if not self.readings:
+                    raise
+                other = f"{situation} and sent {POSTURE}, and {self.readings[-1]} was delivered"
+                raise CheckFailedError(f"{other}. {ORDER}") from error
         elif self.contract.delivers:
             await self.until(lambda: self.count > 0, failure)
 
@@ -183,7 +191,6 @@ class ImuSourceContract(DeviceContract):
     @promise(lambda self: self.delivers)
     async def test_delivers(self) -> None:
         """Delivers the device's orientation, a unit quaternion x, y, z, w, stamped by the given clock."""
-        remedy = "`encode` of the contract and the source must agree on the order of numbers"
         async with self.trial() as trial:
             last_ns = trial.clock.now_ns()
             await trial.begin()
@@ -199,7 +206,7 @@ class ImuSourceContract(DeviceContract):
                 )
                 last_ns = each.stamp_ns
             if self.sends:
-                await trial.hear("a second orientation was not delivered", OTHER_POSTURE, remedy)
+                await trial.hear("a second orientation was not delivered", OTHER_POSTURE, ORDER)
 
     @promise(_sends)
     async def test_bad_bytes(self) -> None:

@@ -188,6 +188,20 @@ def test_the_pip_of_the_python_fetches_uv_into_the_venv(machine: Machine) -> Non
     ]
 
 
+@pytest.mark.parametrize("tool", ["uv", "fetched uv", "python -m"])
+def test_pip_of_the_venv_installs_into_it(machine: Machine, tool: str) -> None:
+    machine.add("python3", PYTHON)
+    machine.add("uv" if tool == "uv" else "pip", UV)
+    index = {"PIP_CONFIG": ":env:.index-url='https://pypi.example'"} if tool == "python -m" else {}
+    assert machine.run("setup", **index).returncode == 0
+    environment = {"PATH": str(machine.bin), "CALLS": str(machine.calls_file)}
+    subprocess.run(
+        [machine.root / ".venv/bin/pip", "install", "my-wrist"], env=environment, check=True, timeout=30
+    )
+    into = f" --python {machine.root}/.venv/bin/python" if tool == "python -m" else ""
+    assert machine.calls[-1] == f"{tool} pip{into} install my-wrist"
+
+
 def test_a_failed_installation_shows_why_and_is_tried_again(machine: Machine) -> None:
     machine.add("python3", PYTHON)
     done = machine.run("demo", NO_NET="no route to the index")

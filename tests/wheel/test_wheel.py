@@ -115,8 +115,8 @@ async def test_commands_find_what_they_read(plain: Path, commands: Commands) -> 
     listed = await says("list")
     assert all(name in listed for name in ("scenario_3", "conveyor", "--imu serial", "--output expander:"))
     assert "of pointit cannot be imported" not in listed
-    assert "is up to date" in await says("schema", "--check")
-    assert "ImuSample.v1" in await says("schema", "ImuSample.v1")
+    assert "is up to date" in await says("topic", "schema", "--check")
+    assert "ImuSample.v1" in await says("topic", "schema", "ImuSample.v1")
     refused = await says("map", "plot", "conveyor", "-o", "conveyor.svg", code=2)
     assert "pictures need matplotlib, which is not installed; run `pip install 'pointit[plot]'`" in refused
 
@@ -135,13 +135,14 @@ async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, com
     assert refused.err == (
         f"Error: `pointit evaluate` is a command of pointit-lab, which is not installed; run {remedy}\n"
     )
-    ended = await commands.run([str(plain), "plugin", "check", "hold"]).end()
-    assert "11 of 11 promises are kept" in ended.out
+    refused = await commands.run([str(plain), "plugin", "check", "hold"]).end()
+    assert (refused.code, refused.out) == (2, "")
+    assert refused.err == "Error: pytest is not installed; run `pip install pytest`\n"
     refused = await commands.run([str(plain), "plugin", "check", "simulated"]).end()
     assert (refused.code, refused.out) == (2, "")
     assert f"with devices of pointit-lab, which is not installed; run {remedy}" in refused.err
     python = plain.with_name("python")
-    run(UV, "pip", "install", "--quiet", "--python", python, *LOCK, laboratory, cwd=plain.parent)
+    run(UV, "pip", "install", "--quiet", "--python", python, *LOCK, laboratory, "pytest", cwd=plain.parent)
     try:
         ended = await commands.run([str(plain), "--help"]).end()
         assert "evaluate" in ended.out
@@ -151,7 +152,7 @@ async def test_laboratory_beside_adds_its_commands(wheel: Path, plain: Path, com
         ended = await commands.run([str(plain), "plugin", "check", "simulated"]).end()
         assert ended.code == 0, ended.out
     finally:
-        run(UV, "pip", "uninstall", "--quiet", "--python", python, "pointit-lab", cwd=plain.parent)
+        run(UV, "pip", "uninstall", "--quiet", "--python", python, "pointit-lab", "pytest", cwd=plain.parent)
 
 
 async def test_uvx_without_arguments_does_what_scripts_demo_does(wheel: Path, commands: Commands) -> None:

@@ -23,6 +23,7 @@ from pointit.runtime.config.installed import OURS
 from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.selector.config import SelectorConfig
 from pointit.testing import CheckFailedError, Contract, SelectionMethodContract, ServiceContract
+from pointit.testing.contract import require_plugin
 
 FAKE_DEVICES = "pointit.fake_devices"
 COMMAND = "command"
@@ -172,6 +173,7 @@ def installed_contract(name: str, plugin: Plugin) -> type[Contract] | None:
                 f"fake device {name!r}: {entry.value} inherits no contract of pointit.testing; "
                 "see docs/how-to/write-a-plug-in.md"
             )
+        require_plugin(contract)
         if contract.plugin is plugin:
             return contract
     without_device: dict[type[Plugin], type[Contract]] = {

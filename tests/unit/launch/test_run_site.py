@@ -96,7 +96,9 @@ def test_who_has_a_page_open_looks_on_until_it_was_not_heard_for_a_while() -> No
 
 
 PLAN = Plan(name="anna", person="anna", launches=(), link=Link())
-LINES = [(Launch(service=Pointing, config=Pointing.CONFIG(), user="anna"), ("pointit", "user", "anna"))]
+LINES = [
+    (Launch(service=Pointing, config=Pointing.CONFIG(), user="anna"), ("pointit", "person", "add", "anna"))
+]
 AWAY_NS = 10**9
 
 

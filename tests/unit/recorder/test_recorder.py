@@ -167,7 +167,7 @@ async def test_pseudonyms_stand_for_people_everywhere(site: Site) -> None:
 
 
 async def test_names_are_nowhere_in_the_file_also_if_they_are_learnt_late(site: Site) -> None:
-    command = ("pointit", "service", "pointing", "--user", "anna")
+    command = ("pointit", "service", "run", "pointing", "--user", "anna")
     expected = models.ExpectedService(service="pointing", user="anna", command=command)
     web = WebConfig(places={"Chris": Place(position_m=(1.0, 0.0, 0.0))})
     parameters = published_parameters(web)

@@ -109,7 +109,9 @@ class StampsWithDeviceTime(ChangesReadings):
         return replace(reading, stamp_ns=12345)
 
 
-@caught_by("delivers", "was connected, and no reading")
+@caught_by(
+    "delivers", r"was connected and sent .*world_from_sensor=.* was delivered\. .*the order of numbers"
+)
 class ScalarFirst(ChangesReadings):
     def change(self, reading: Reading) -> Reading:
         x, y, z, w = reading.world_from_sensor

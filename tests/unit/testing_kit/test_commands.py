@@ -85,6 +85,22 @@ def test_broken_promise_is_named_with_its_remedy(
     assert said[1] in result.output
 
 
+def test_contract_that_names_no_plugin_is_told_and_hides_no_other(
+    tmp_path: Path, stack: contextlib.ExitStack
+) -> None:
+    package = written("imu-source", "my-nameless-wrist", tmp_path)
+    module = package / "src/my_nameless_wrist/promises.py"
+    module.write_text(module.read_text().replace("    plugin = SOURCE\n", ""))
+    with (package / "pyproject.toml").open("a") as project:
+        project.write('[project.entry-points."pointit.selection_methods"]\n')
+        project.write('my-other-way = "pointit.testing.templates.selection_method:METHOD"\n')
+    install(package, stack)
+    result = invoke(check.command)  # all of other packages
+    assert result.exit_code == 1
+    assert "SourcePromises names no plug-in: add a line such as `plugin = SOURCE`\n" in result.output
+    assert "kept   selection-method my-other-way: selects the object" in result.output
+
+
 def test_plugin_without_a_fake_device_is_told_how_to_get_one(
     tmp_path: Path, stack: contextlib.ExitStack
 ) -> None:

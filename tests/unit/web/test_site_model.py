@@ -33,7 +33,7 @@ from pointit.schemas.environment import Thing
 from pointit.schemas.system import RUN
 from pointit.schemas.topics import DEPLOYMENT, HEALTH, LAMP_COLOR, MAP, POSE, SELECTION_EVENTS
 
-DEPLOYED_PUI = ExpectedService(service="pui", command=("pointit", "service", "pui"))
+DEPLOYED_PUI = ExpectedService(service="pui", command=("pointit", "service", "run", "pui"))
 DEPLOYED = {"run.s": Deployment(stamp_ns=0, name="s", services=(DEPLOYED_PUI,))}
 
 

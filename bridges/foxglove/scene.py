@@ -1,6 +1,6 @@
 """The scene, in parts that a viewer can show and hide, and log lines of what happens in it."""
 
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -360,6 +360,8 @@ def _is_on_object(hover: Message | None) -> bool:
 
 HISTORY = 200
 """Lines kept for viewers that join late."""
+MAX_TOLD = 1000
+"""Maximum number of people and robots whose last line is remembered; the oldest go first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,6 +385,8 @@ class EventLog:
     def __init__(self, site: SiteState) -> None:
         self.history: deque[LogLine] = deque(maxlen=HISTORY)
         self._site = site
+        self._told: OrderedDict[tuple[type[Message], str], Message] = OrderedDict()
+        """Last states by type and name. They outlive their services, with which they return unchanged."""
         self._writers: dict[type[Message], Callable[[Any, Any], Iterator[tuple[LogLevel, str]]]] = {
             Health: self._health,
             SelectionEvent: self._selection,
@@ -398,7 +402,14 @@ class EventLog:
         writer = None if message is None else self._writers.get(type(message))
         if writer is None:
             return []
-        return self._lines_of(writer(message, change.previous), change.name or "selection", now_ns)
+        previous = change.previous
+        if isinstance(message, Localization | Interaction | RobotState):
+            key = type(message), change.name
+            previous = self._told.pop(key, None)
+            self._told[key] = message
+            if len(self._told) > MAX_TOLD:
+                self._told.popitem(last=False)
+        return self._lines_of(writer(message, previous), change.name or "selection", now_ns)
 
     def presence(self, instance: str, now_ns: int, *, present: bool) -> list[LogLine]:
         """Return the line that says that a service has started or ended."""

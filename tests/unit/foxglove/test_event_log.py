@@ -1,5 +1,6 @@
 """Log lines from messages, each once."""
 
+import pytest
 from foxglove.messages import LogLevel
 
 from pointit.bridges.foxglove.scene import HISTORY, LogLine
@@ -7,7 +8,7 @@ from pointit.schemas import Feedback, Health, Interaction, Localization, RobotSt
 from pointit.schemas.problems import Problem
 from pointit.schemas.system import KeyHealth
 from tests.integration.foxglove.protobuf import read
-from tests.unit.foxglove.site_scene import SiteLog
+from tests.unit.foxglove.site_scene import TOPIC_OF, SiteLog
 
 
 def health(*warnings: str, errors: int = 0, lost: int = 0, invalid: int = 0) -> Health:
@@ -89,6 +90,33 @@ def test_a_localization_is_told_phase_by_phase_and_target_by_target() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("state", "service", "line"),
+    [
+        (
+            Localization(stamp_ns=1, phase="refused", reason="arm moved"),
+            "localizer.anna",
+            "localization refused: arm moved",
+        ),
+        (
+            Interaction(stamp_ns=1, state="pointing", reason="located"),
+            "supervisor.anna",
+            "is pointing: located",
+        ),
+    ],
+)
+def test_a_state_that_returns_with_its_service_is_not_told_again(
+    state: Localization | Interaction, service: str, line: str
+) -> None:
+    chronicle = SiteLog()
+    chronicle.site.set_service(service, True)
+    told = chronicle.hear(state, "anna", 5)
+    chronicle.site.set_service(service, False)
+    chronicle.site.set_service(service, True)  # adds to the lines of the last message, if any
+    assert [each.text for each in told] == [line]
+    assert len(chronicle.site.all(TOPIC_OF[type(state)])) == 1, "it is valid again"
+
+
 def test_newcomers_read_the_last_lines_only() -> None:
     chronicle = SiteLog()
     for number in range(HISTORY + 5):
@@ -121,4 +149,8 @@ def test_who_steers_a_robot_and_why_it_stands_is_told_once() -> None:
     assert told(user="anna", phase="stopped", reason="ben is 0.9 m away") == near
     assert told(user="anna", phase="stopped", reason="ben is 0.8 m away") == []
     assert told(user="anna") == []
+    chronicle.site.set_service("robot.cart", True)
+    chronicle.site.set_service("robot.cart", False)
+    chronicle.site.set_service("robot.cart", True)
     assert told() == [(LogLevel.Info, "cart", "nobody steers it")]
+    assert told() == []

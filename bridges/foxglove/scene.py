@@ -360,8 +360,8 @@ def _is_on_object(hover: Message | None) -> bool:
 
 HISTORY = 200
 """Lines kept for viewers that join late."""
-MAX_TOLD = 1000
-"""Maximum number of people and robots whose last line is remembered; the oldest go first."""
+MAX_STATES = 1000
+"""Maximum number of states that are remembered; the oldest go first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -385,7 +385,7 @@ class EventLog:
     def __init__(self, site: SiteState) -> None:
         self.history: deque[LogLine] = deque(maxlen=HISTORY)
         self._site = site
-        self._told: OrderedDict[tuple[type[Message], str], Message] = OrderedDict()
+        self._states: OrderedDict[tuple[type[Message], str], Message] = OrderedDict()
         """Last states by type and name. They outlive their services, with which they return unchanged."""
         self._writers: dict[type[Message], Callable[[Any, Any], Iterator[tuple[LogLevel, str]]]] = {
             Health: self._health,
@@ -405,10 +405,10 @@ class EventLog:
         previous = change.previous
         if isinstance(message, Localization | Interaction | RobotState):
             key = type(message), change.name
-            previous = self._told.pop(key, None)
-            self._told[key] = message
-            if len(self._told) > MAX_TOLD:
-                self._told.popitem(last=False)
+            previous = self._states.pop(key, None)
+            self._states[key] = message
+            if len(self._states) > MAX_STATES:
+                self._states.popitem(last=False)
         return self._lines_of(writer(message, previous), change.name or "selection", now_ns)
 
     def presence(self, instance: str, now_ns: int, *, present: bool) -> list[LogLine]:

@@ -203,10 +203,10 @@ INGRESS = " (ingress) on "
 EGRESS = " (egress) on "
 DROPPED = "interceptor: Msg intercepted!"
 SLOWED_TARGET = "\x1b[2mzenoh::net::routing::interceptor::downsampling\x1b"
-PUSH = "interceptor: Push("
+DROP = "interceptor: "
 FROM = ") from:"
-TOO_FREQUENT = re.compile(r"interceptor: Push\((.+)\) from:\S*/(\w+):\d+$", re.DOTALL)
-"""Key, which matches one of a person, and the first characters of the connection's name."""
+TOO_FREQUENT = re.compile(r"interceptor: (Push|Request)\((.+)\) from:\S*/(\w+):\d+$", re.DOTALL)
+"""Write or question, its key, and the first characters of the connection's name."""
 
 VERBS = {
     "Put": "write",
@@ -325,7 +325,7 @@ class DeniedOperations:
         if works_out >= 0 and (decision < 0 or works_out < decision):  # the key that follows may be any text
             self._working_out[where] = KINDS
         elif line.startswith(SLOWED_TARGET, end + 2):
-            slowed = line[line.find(PUSH) :]
+            slowed = line[line.find(DROP) :]
             if FROM in slowed and (slowed in self._slowed or len(self._slowed) < MAX_WRITTEN):
                 self._slowed[slowed] += times
         elif decision < 0:
@@ -378,6 +378,9 @@ class DeniedOperations:
         for (line, cost), count in self._requests.items():
             if decision := DECIDED.match(line):
                 loads[self._identity_of(decision[1])] += count * cost
+        for line, count in self._slowed.items():
+            if (found := TOO_FREQUENT.match(line)) and found[1] == "Request":
+                loads[self._identity_of(self._connection_of(found[3]))] += count * REQUEST_COST
         return loads
 
     def _take_let_in(self, line: str, times: int) -> None:
@@ -441,6 +444,14 @@ class DeniedOperations:
     def _name_of(self, connection: str) -> str:
         return self._names.get(connection, f"connection {connection[:8]}")
 
+    def _connection_of(self, start: str) -> str:
+        """Return the connection whose name begins so, or `start` if those of several identities do.
+
+        Who takes the first characters of the name of another's connection blames nobody.
+        """
+        owners = {self._identity_of(each): each for each in self._names if each.startswith(start)}
+        return next(iter(owners.values())) if len(owners) == 1 else start
+
     def _count(self, line: str, verbs: dict[str, str], times: int) -> None:
         read = self._read(line)
         verb = verbs.get(read[1]) if read is not None else None
@@ -463,17 +474,15 @@ class DeniedOperations:
         """
         slowed: set[str] = set()
         for line, count in self._slowed.items():
-            if (found := TOO_FREQUENT.match(line)) is None:
+            if (found := TOO_FREQUENT.match(line)) is None or found[1] != "Push":
                 continue
-            # Who takes the first characters of the name of another's connection blames nobody.
-            owners = {self._identity_of(each): each for each in self._names if each.startswith(found[2])}
-            connection = next(iter(owners.values())) if len(owners) == 1 else found[2]
+            connection = self._connection_of(found[3])
             denied = self._attempts.get(self._name_of(connection), Counter())
-            if (attempt := ("write", _without(found[1]))) in denied:
+            if (attempt := ("write", _without(found[2]))) in denied:
                 denied[attempt] += count
                 self.total += count
                 continue
-            written = f"{connection}{WRITES}{found[1][:MAX_KEY]}"
+            written = f"{connection}{WRITES}{found[2][:MAX_KEY]}"
             self._written[written] += count
             slowed.add(written)
         return slowed

@@ -138,8 +138,8 @@ its key, and the router drops it silently."""
 UNSLOWED = (IMU, RAY)
 """Topics without a maximum rate. Zenoh would pass the oldest of a late batch, of which the newest counts
 (200 Hz in batches of 50 ms: 46 instead of 1 ms old). Readers keep the newest, so a flood harms little."""
-MAX_HISTORY_HZ = 5.0
-"""Maximum rate of questions for past events, of each connection: an answer has up to 256 KiB."""
+MAX_HISTORY_HZ = 10.0
+"""Maximum rate of questions for past events, of each connection: half of what a selector answers."""
 MAX_SESSIONS = 1000
 ACCEPT_MS = 3000
 MAX_UNKNOWN_CONNECTIONS = 500

@@ -6,6 +6,7 @@ model itself.
 """
 
 import asyncio
+import contextlib
 import functools
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -64,7 +65,17 @@ from pointit.schemas import DecodeError, Environment, Message, Query, Reply, Sch
 from pointit.schemas.problems import MAX_SUBJECT, ROUTER_LOST, Problem
 from pointit.schemas.table_types import NAME
 from pointit.schemas.text import one_line
-from pointit.schemas.topics import ACCOUNTS, ANY, LAMP_COLOR, MAP, Delivery, Presence, Request, Topic
+from pointit.schemas.topics import (
+    ACCOUNTS,
+    ANY,
+    LAMP_COLOR,
+    MAP,
+    READ_HISTORY,
+    Delivery,
+    Presence,
+    Request,
+    Topic,
+)
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Query)
@@ -241,6 +252,8 @@ class ZenohBus(MemoryBus):
         self._allowlist = NameAllowlist()
         self._state_fetcher: RetainedStateFetcher | None = None
         self._turned_away = OverflowCounter()
+        self._history_turn = asyncio.Lock()
+        """Questions for past events go one by one: of several at once, routers of secured sites pass one."""
         self._watch = LinkWatch(session, link, self._on_back) if link.connect else None
         self._is_observer = link.credentials is not None and link.credentials.is_observer
         """True if health and presence of this process are not sent, since the router would refuse them."""
@@ -345,7 +358,12 @@ class ZenohBus(MemoryBus):
         key = request.at(name)
         if not self.connected:
             raise NoAnswerError(f"{request.server} cannot be asked for {key}: {self.problem}")
-        reply = self.spawn(send_query(self.session, request, key, query, timeout_s), f"call {key}")
+
+        async def ask() -> R:
+            async with self._history_turn if request is READ_HISTORY else contextlib.nullcontext():
+                return await send_query(self.session, request, key, query, timeout_s)
+
+        reply = self.spawn(ask(), f"call {key}")
         try:
             return await self._wait_for(reply, request, key, timeout_s)
         finally:

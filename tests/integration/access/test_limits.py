@@ -211,6 +211,21 @@ async def test_who_asks_for_past_events_all_the_time_gets_few_answers_and_all_ot
             await bus.close()
 
 
+async def test_eight_questions_for_past_events_at_once_are_answered(folder: SiteFolder) -> None:
+    async def answer(query: ReadHistory, _name: str) -> ReadHistoryReply:
+        return ReadHistoryReply(message=str(query.last))
+
+    with routed(folder):
+        services, anna = [
+            await ZenohBus.open(link_of(folder, name), patience_s=30) for name in ("services", "anna")
+        ]
+        services.serve(READ_HISTORY, answer)
+        asked = [anna.call(READ_HISTORY, ReadHistory(last=last), timeout_s=30) for last in range(1, 9)]
+        assert [reply.message for reply in await asyncio.gather(*asked)] == list("12345678")
+        for bus in (anna, services):
+            await bus.close()
+
+
 def test_connections_beyond_the_limit_of_an_identity_are_cut_and_named(folder: SiteFolder) -> None:
     more = 8
     with RouterProgram("--site-folder", str(folder.path)) as router, ExitStack() as stack:
@@ -227,8 +242,8 @@ def test_connections_beyond_the_limit_of_an_identity_are_cut_and_named(folder: S
 FLOOD_HZ = 2000.0
 SETTLE_S = 0.5
 """Time in which what a router has already read goes out."""
-CHECKED_S = 2.5
-"""Time in which a router has checked what has been declared."""
+CHECKS = 3
+"""Number of a router's reports after which it has checked what had been declared before the first."""
 
 
 @contextmanager
@@ -286,21 +301,27 @@ def test_who_declares_or_asks_without_end_is_named_and_cut_off(folder: SiteFolde
 
 async def test_sixteen_viewers_who_return_at_once_are_not_cut_off(folder: SiteFolder) -> None:
     with RouterProgram("--site-folder", str(folder.path)) as router:
-        link = link_of(folder, "dashboard1")
+        link, reports = link_of(folder, "dashboard1"), list[Health]()
+
+        async def is_checked() -> None:
+            count = len(reports) + CHECKS
+            await until(lambda: len(reports) >= count, what="the router's checks")
+
         viewers = [await ZenohBus.open(link, patience_s=30) for _ in range(16)]
         for viewer in viewers:
             for topic in viewer_topics():
                 viewer.subscribe(topic, lambda _message, _name: None)
             for presence in PRESENCES:
                 viewer.watch(presence, lambda _name, _is_present: None)
-        await asyncio.sleep(CHECKED_S)
+        viewers[0].subscribe(HEALTH, lambda health, _name: reports.append(health), "router")
+        await is_checked()
         folder.add({"carla": "user"}, now())  # the router opens again, and all connections with it
         await until(lambda: "that there are now" in router.said, what="the new rules")
         await until(lambda: all(viewer.connected for viewer in viewers), what="all to be back")
-        await asyncio.sleep(CHECKED_S)
+        await is_checked()
         for viewer in viewers:
             await viewer.close()
-        assert "dashboard1" not in router.said
+        assert "lab/dashboard1 has " not in router.said, "neither of many messages nor of many connections"
 
 
 class Ends:

@@ -231,6 +231,17 @@ def test_who_writes_what_is_dropped_as_too_frequent_is_told_and_it_counts() -> N
     assert sentences(known, *[slowed("12ab34cd", flow="to")] * 5000) == [], "a dashboard's"
 
 
+def test_questions_that_are_dropped_as_too_frequent_count_as_questions() -> None:
+    name = "12ab34cd" * 4
+    known = f"{ANNA.replace('12ab', name)} is authorized to Query (ingress) on pointit/lab/selector/history"
+    refused = DeniedOperations()
+    for line in (HEAD + known, *[slowed("12ab34cd", "selector/history").replace("Push", "Request")] * 9):
+        refused.take(line)
+    assert refused.loads() == {"lab/anna": 10 * REQUEST_COST}
+    assert refused.take_sentences(1.0) == {}
+    assert refused.rates_hz == {"lab/anna": 10.0 * REQUEST_COST}
+
+
 def test_attempts_that_are_dropped_as_too_frequent_count() -> None:
     claim = "users/ben/claim"
     denied = f"{HEAD}{ANNA} is unauthorized to Put (ingress) on pointit/lab/{claim}"

@@ -109,7 +109,7 @@ async def test_the_result_of_an_act_is_told_by_the_next_selector_and_it_is_carri
     await shop.start_selector()
     assert shop.radio == [True]
     (shop.folder / "go").touch()
-    await until(lambda: shop.radio == [False], what="the result")
+    await until(lambda: shop.radio == [False] and bool(shop.outcomes), what="the result")
     assert [(each.object_id, each.result, each.user) for each in shop.outcomes] == [("radio", "done", "anna")]
     assert (shop.folder / "told").read_text() == "on\n"
 

@@ -159,6 +159,17 @@ FailureCode = Literal["", "unavailable", "refused", "no_effect", "no_answer", "b
 once; a newer act replaced it; a fault."""
 
 
+class ActResult(Message):
+    """Result of an act by one carrier. The act is the selection event of this object with this stamp."""
+
+    object_id: Id
+    event_ns: Ns
+    result: ResultKind
+    state: Annotated[TargetState, Field(description="state of the thing after it")] = ""
+    code: FailureCode = ""
+    text: Annotated[str, Field(max_length=500, description="cause of the failure, and the remedy")] = ""
+
+
 class ThingState(SchemaModel):
     """The state that the target of a thing reports."""
 
@@ -170,29 +181,22 @@ class ThingState(SchemaModel):
     limit_s: Annotated[
         float, Field(gt=0, le=MAX_ACT_S, description="time after which an act on it has failed, s")
     ] = 5.0
+    last: Annotated[
+        ActResult | None, Field(description="result of the last act on it, for readers that begin later")
+    ] = None
 
 
 class ThingStates(Message):
     """All things that a carrier has targets for. An act on one that is unavailable is refused at once."""
 
+    version: ClassVar[int] = 2
     max_bytes: ClassVar[int] = 1024 * 1024
 
     things: Many[ThingState] = ()
 
 
-class ActResult(Message):
-    """ResultKind of an act by one carrier. The act is the selection event of this object with this stamp."""
-
-    object_id: Id
-    event_ns: Ns
-    result: ResultKind
-    state: Annotated[TargetState, Field(description="state of the thing after it")] = ""
-    code: FailureCode = ""
-    text: Annotated[str, Field(max_length=500, description="cause of the failure, and the remedy")] = ""
-
-
 class ActOutcome(Message):
-    """ResultKind of an act by all its carriers. People are told of success only after it."""
+    """Result of an act by all its carriers. People are told of success only after it."""
 
     event: Literal["selected", "deselected"]
     object_id: Id

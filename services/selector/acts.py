@@ -211,18 +211,9 @@ class Acts:
             if now_ns - act.began_ns > (MARGIN_S + self._limit_s(act)) * speed * NS_PER_S
         ]
         for act in late:
-            wanted = "on" if act.event == "selected" else "off"
-            for name in [*act.waits_for]:  # its result may have been told while no selector ran
-                carrier = self._carriers.get(name, _Carrier())
-                state = carrier.states.get(act.record.object_id)
-                if carrier.is_present and state is not None and state.state == wanted:
-                    self._settle(act, name, None)
-            if names := ", ".join(sorted(act.waits_for)):
-                act.problem = (
-                    "no_answer",
-                    f"{names} did not tell the result in time: look at `pointit doctor`",
-                )
-            self._pending.pop(act.key, None)
+            names = ", ".join(sorted(act.waits_for))
+            act.problem = ("no_answer", f"{names} did not tell the result in time: look at `pointit doctor`")
+            del self._pending[act.key]
         return late
 
     def _follow_clock(self, now_ns: int, speed: float) -> None:

@@ -306,8 +306,15 @@ class Arbiter:
         return [] if act is None else self._conclude(act, now_ns)
 
     def on_states(self, carrier: str, states: ThingStates, now_ns: int) -> list[Output]:
-        """Note the states that a carrier reports, and give its switches these."""
-        return self._follow_targets(now_ns, self._acts.on_states(carrier, states))
+        """Note the states that a carrier reports, and give its switches these.
+
+        They have the last results, too, which it may have told while no selector ran.
+        """
+        known = self._acts.on_states(carrier, states)
+        results = [self._acts.on_result(carrier, each.last) for each in states.things if each.last]
+        ended = [act for act in results if act is not None]
+        outputs = [output for act in ended for output in self._conclude(act, now_ns)]
+        return outputs + self._follow_targets(now_ns, known)
 
     def on_carrier(self, carrier: str, present: bool, now_ns: int) -> list[Output]:  # noqa: FBT001
         """Note that a carrier runs, or has ended."""

@@ -76,9 +76,11 @@ class Carrier:
         self._bus, self._clock, self._name = bus, clock, name
         self._targets: Mapping[str, Sequence[Target]] = {}
         self._running: dict[asyncio.Task[None], Act] = {}
+        self._results: dict[str, ActResult] = {}
+        """Result of the last act on each thing that has ended."""
         self._last_states: tuple[ThingState, ...] | None = None
         self._states = bus.publisher(THING_STATES, name)
-        self._results = bus.publisher(ACT_RESULTS, name)
+        self._told = bus.publisher(ACT_RESULTS, name)
         self._subscription = bus.subscribe(SELECTION_EVENTS, self._on_event)
         self._presence = bus.announce(CARRIER_ALIVE, name)
         self.done = 0
@@ -89,11 +91,15 @@ class Carrier:
     def use(self, targets: Mapping[str, Sequence[Target]]) -> None:
         """Use these targets of each thing from now on."""
         self._targets = {name: each for name, each in targets.items() if each}
+        self._results = {name: each for name, each in self._results.items() if name in self._targets}
         self.tell()
 
     def tell(self) -> None:
         """Tell the states of all things, if one has changed."""
-        states = tuple(_merged(name, targets) for name, targets in self._targets.items())
+        states = tuple(
+            _merged(name, targets).model_copy(update={"last": self._results.get(name)})
+            for name, targets in self._targets.items()
+        )
         if states != self._last_states:
             self._last_states = states
             self._states.put(ThingStates(stamp_ns=self._clock.now_ns(), things=states))
@@ -159,18 +165,19 @@ class Carrier:
     ) -> None:
         targets = self._targets.get(event.object_id, ())
         state: TargetState = _merged(event.object_id, targets).state if targets else "unavailable"
+        told = ActResult(
+            stamp_ns=self._clock.now_ns(),
+            object_id=event.object_id,
+            event_ns=event.stamp_ns,
+            result=result,
+            state=state,
+            code=problem.code if problem else "",
+            text=one_line(hide_secrets(str(problem)), MAX_TEXT) if problem else "",
+        )
+        if targets and result != "started":
+            self._results[event.object_id] = told
         with contextlib.suppress(PointItError):  # the bus is closed
-            self._results.put(
-                ActResult(
-                    stamp_ns=self._clock.now_ns(),
-                    object_id=event.object_id,
-                    event_ns=event.stamp_ns,
-                    result=result,
-                    state=state,
-                    code=problem.code if problem else "",
-                    text=one_line(hide_secrets(str(problem)), MAX_TEXT) if problem else "",
-                )
-            )
+            self._told.put(told)
             self.tell()  # after the result, which then ends an act that waits for it
 
 

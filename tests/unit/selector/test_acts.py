@@ -222,13 +222,18 @@ def test_a_carrier_whose_clock_was_set_back_is_heard() -> None:
     ]  # fmt: skip
 
 
-def test_without_a_result_in_time_the_state_counts() -> None:
+@pytest.mark.parametrize("result", ["done", "failed"])
+def test_a_result_that_nobody_heard_is_read_with_the_states_once(result: str) -> None:
+    is_on = result == "done"
     home = Home()
     home.set("lamp")
-    home.report(LAMP.model_copy(update={"state": "on"}))
-    home.point(80.0, 7.0)
-    assert [(each.result, each.code) for each in home.outcomes] == [("done", "")]
-    assert home.selected == [("lamp", False)]
+    for event_ns in (1, home.acts[0].stamp_ns, home.acts[0].stamp_ns):
+        last = ActResult.model_validate(
+            {"stamp_ns": at(home.time_s), "object_id": "lamp", "event_ns": event_ns, "result": result}
+        )
+        home.report(ThingState(id="lamp", state="on" if is_on else "off", last=last))
+    assert [each.result for each in home.outcomes] == [result]
+    assert home.selected == [("lamp", False)] * is_on
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])

@@ -80,7 +80,7 @@ class Carrier:
         """Result of the last act on each thing that has ended."""
         self._last_states: tuple[ThingState, ...] | None = None
         self._states = bus.publisher(THING_STATES, name)
-        self._told = bus.publisher(ACT_RESULTS, name)
+        self._result_publisher = bus.publisher(ACT_RESULTS, name)
         self._subscription = bus.subscribe(SELECTION_EVENTS, self._on_event)
         self._presence = bus.announce(CARRIER_ALIVE, name)
         self.done = 0
@@ -165,7 +165,7 @@ class Carrier:
     ) -> None:
         targets = self._targets.get(event.object_id, ())
         state: TargetState = _merged(event.object_id, targets).state if targets else "unavailable"
-        told = ActResult(
+        act_result = ActResult(
             stamp_ns=self._clock.now_ns(),
             object_id=event.object_id,
             event_ns=event.stamp_ns,
@@ -175,9 +175,9 @@ class Carrier:
             text=one_line(hide_secrets(str(problem)), MAX_TEXT) if problem else "",
         )
         if targets and result != "started":
-            self._results[event.object_id] = told
+            self._results[event.object_id] = act_result
         with contextlib.suppress(PointItError):  # the bus is closed
-            self._told.put(told)
+            self._result_publisher.put(act_result)
             self.tell()  # after the result, which then ends an act that waits for it
 
 

@@ -142,7 +142,8 @@ class Member:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.session.close()
+        with contextlib.suppress(zenoh.ZError):  # the router has cut it, and does not answer any more
+            self.session.close()
 
     def put(self, *keys: str, size: int = 1) -> None:
         for key in keys:

@@ -1,7 +1,7 @@
 """A browser, and a running site with its page, for tests of the window."""
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Generator, Iterator
 
 import pytest
 import pytest_asyncio
@@ -11,6 +11,16 @@ from pointit.bridges.web.server.bundle import STATIC
 from tests.e2e.web.site import SitePage, running
 from tests.support.browser import NAMES, installed, joined, shared_chromium
 from tests.support.commands import Commands
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Add what its site has said to the report of a test that failed."""
+    report = yield
+    site = getattr(item, "funcargs", {}).get("shared_site") or getattr(item, "funcargs", {}).get("site")
+    if report.failed and isinstance(site, SitePage):
+        report.sections.append(("the site said", site.command.err))
+    return report
 
 
 @pytest.fixture(scope="session")

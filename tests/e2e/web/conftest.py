@@ -1,6 +1,8 @@
 """A browser, and a running site with its page, for tests of the window."""
 
 import asyncio
+import sys
+import traceback
 from collections.abc import AsyncIterator, Generator, Iterator
 
 import pytest
@@ -11,15 +13,21 @@ from pointit.bridges.web.server.bundle import STATIC
 from tests.e2e.web.site import SitePage, running
 from tests.support.browser import NAMES, installed, joined, shared_chromium
 from tests.support.commands import Commands
+from tests.support.forked import run
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add what its site has said to the report of a test that failed."""
+    """Add to the report of a test that failed what its site said, how it is, and what this process does."""
     report = yield
-    site = getattr(item, "funcargs", {}).get("shared_site") or getattr(item, "funcargs", {}).get("site")
+    known = getattr(item, "funcargs", {})
+    site = known.get("shared_site") or known.get("site")
     if report.failed and isinstance(site, SitePage):
-        report.sections.append(("the site said", site.command.err))
+        code, doctor, _ = run(["doctor", "--connect", site.endpoint], 60.0)
+        stacks = ["".join(traceback.format_stack(frame, 8)) for frame in sys._current_frames().values()]
+        report.sections.append(("site", site.command.err))
+        report.sections.append((f"doctor ended with {code}", doctor))
+        report.sections.append(("threads of this process", "\n".join(stacks)))
     return report
 
 

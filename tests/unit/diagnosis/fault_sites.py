@@ -1,7 +1,7 @@
 """Snapshots of three sites that are well, as real ones report, and of each with one fault."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from pointit.diagnosis.observation import DiagnosisReport, Observation, StoppedProcess
@@ -199,10 +199,3 @@ DEPLOYMENTS: Mapping[str, Make] = {
     "--processes": processes,
     "router": router_with_people,
 }
-
-
-def with_processes(site: Site, change: Callable[[Process], Process], *names: str) -> Site:
-    """Return `site` with each of the processes `names` changed."""
-    for name in names:
-        site.processes[name] = change(replace(site.processes[name]))
-    return site

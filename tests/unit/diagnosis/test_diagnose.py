@@ -1,7 +1,6 @@
-"""One test for each thing that can be found, and one for a site that is well."""
+"""Things that can be found, and what is no fault."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -65,31 +64,6 @@ WELL = (
     health("pui", key(RAY, "in"), key(CURSOR, "out")),
     health("selector", key(CURSOR, "in"), key(HOVER, "out"), key(FEEDBACK, "out")),
 )
-
-
-def test_a_site_that_is_well() -> None:
-    expected = deployment(ExpectedService(service="pointing", user="anna"), ExpectedService(service="pui"))
-    assert diagnose(observation(*WELL, before=WELL, deployments=expected)) == []
-    assert is_healthy([])
-
-
-def test_reports_an_error_when_no_service_is_present() -> None:
-    finding = only(observation())
-    assert (finding.code, finding.severity) == ("empty", "error")
-    assert "`pointit run`" in finding.remedy
-
-
-def test_another_site_that_runs_there_is_named() -> None:
-    finding = only(replace(observation(), other_sites=("hall", "plant")))
-    assert (finding.code, finding.severity) == ("empty", "error")
-    assert finding.sentence == "no service runs on this site, but sites are there: hall, plant"
-    assert finding.remedy == "name the right one: --site hall"
-
-
-def test_who_may_do_nothing_is_told_so_instead_of_that_nobody_is_there() -> None:
-    finding = only(observation(denied="this identity (anna) may do nothing here: it was revoked"))
-    assert (finding.code, finding.severity) == ("denied", "error")
-    assert finding.sentence.startswith("this identity (anna)")
 
 
 def test_a_router_alone_is_no_site_that_is_well() -> None:
@@ -248,13 +222,6 @@ def test_errors_of_handlers_are_reported() -> None:
     seen = observation(health("pui", errors=2), before=[health("pui", errors=1)])
     assert (only(seen).code, only(seen).severity) == ("failing", "error")
     assert "traceback" in only(seen).remedy
-
-
-def test_warnings_are_the_services_own_words() -> None:
-    seen = observation(health("pui", status="degraded", warnings=("the map is empty; name one",)))
-    finding = only(seen)
-    assert (finding.code, finding.severity) == ("warning", "warning")
-    assert finding.sentence == "the map is empty; name one"
 
 
 def test_high_latency_is_reported() -> None:

@@ -80,6 +80,8 @@ OWN_PLACE = 0.5
 """Probability before the rays that `here` is the speaker's own place, if no target is meant."""
 NO_RAYS = "no rays at that time: the person did not point, or is not localized"
 
+MAX_AHEAD_S = 0.3
+"""Time by which words may end after they arrive, s."""
 UTTERANCES = 5
 """Number of utterances whose arrival decides."""
 WORDS = 24
@@ -412,9 +414,7 @@ def _swept(targets: Sequence[ReferentTarget], densities: Floats, model: Referent
 class RecogniserClock:
     """Compares times of words with their arrival and with gestures."""
 
-    def __init__(self, limit_s: float) -> None:
-        """`limit_s`: time by which words may end after they arrive."""
-        self._limit_s = limit_s
+    def __init__(self) -> None:
         self._ahead_s = deque[float](maxlen=UTTERANCES)
         self._lags_s = deque[float](maxlen=WORDS)
         self._asked = deque[Spoken](maxlen=WORDS)
@@ -457,7 +457,7 @@ class RecogniserClock:
     def problem(self) -> str:
         """Return a sentence on the recogniser's clock, or `""` if it may be right."""
         ahead_s = max(self._ahead_s, default=0.0)
-        if ahead_s > self._limit_s:
+        if ahead_s > MAX_AHEAD_S:
             return f"words end {ahead_s:.1f} s after they arrive: the recogniser's clock is ahead; {REMEDY}"
         lag_s = median(self._lags_s) if len(self._lags_s) == WORDS else TYPICAL_S
         if EARLIEST_S <= lag_s <= LATEST_S:

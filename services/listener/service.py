@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from typing import ClassVar, TypeVar
 
-from pydantic import Field
-
 from pointit.errors import RefusedError
 from pointit.geometry.floor_sigma import yaw_sigma_rad
 from pointit.runtime.config.config import Config
@@ -12,23 +10,7 @@ from pointit.runtime.service.service import Context, Scope, Service
 from pointit.schemas import NS_PER_S, Cursor, FindReferents, Message, Referents, Speech, topics
 from pointit.schemas.text import round_beyond
 from pointit.services.listener.referents import RecogniserClock, Room, Spoken, referents
-from pointit.services.listener.stays import PointingMemory
-
-
-class ListenerConfig(Config):
-    """Length of the memory, and the clock of the recogniser.
-
-    The memory is never written to a file or published.
-    """
-
-    memory_s: float = Field(default=10.0, ge=2, le=30, description="time for which rays are kept, s")
-    clock_s: float = Field(
-        default=0.3,
-        gt=0,
-        le=10,
-        description="health warns if words of a recogniser end so much later than they arrive, s",
-    )
-
+from pointit.services.listener.stays import MEMORY_S, PointingMemory
 
 M = TypeVar("M", bound=Message)
 
@@ -36,19 +18,19 @@ AHEAD_S = 0.25
 """Time by which a word may be later than now, s: two clocks are never the same."""
 
 
-class Listener(Service[ListenerConfig]):
+class Listener(Service[Config]):
     """Keeps the last seconds of one person, in memory only, and answers what they mean by a word."""
 
     NAME: ClassVar[str] = "listener"
     SCOPE: ClassVar[Scope] = "user"
-    CONFIG = ListenerConfig
+    CONFIG = Config
     MAKES_USER_PRESENT: ClassVar[bool] = False
 
-    def __init__(self, config: ListenerConfig, context: Context) -> None:
+    def __init__(self, config: Config, context: Context) -> None:
         super().__init__(config, context)
-        self._memory = PointingMemory(config.memory_s)
+        self._memory = PointingMemory()
         self._room = room = Room()
-        self._recogniser_clock = RecogniserClock(config.clock_s)
+        self._recogniser_clock = RecogniserClock()
         self.bus.serve(topics.FIND_REFERENTS, self._find, self.user)
         self.bus.watch(topics.USER_ALIVE, self._on_presence)
         self.bus.subscribe(topics.MAP, lambda environment, _name: room.on_map(environment))
@@ -75,9 +57,9 @@ class Listener(Service[ListenerConfig]):
         now_ns = self.clock.now_ns()
         at_ns = now_ns if query.at_ns is None else query.at_ns
         ago_s = (now_ns - at_ns) / NS_PER_S
-        if ago_s > self._memory.memory_s:
-            kept = f"only the last {self._memory.memory_s:g} s are kept"
-            raise RefusedError(f"that was {round_beyond(ago_s, self._memory.memory_s)} s ago: {kept}")
+        if ago_s > MEMORY_S:
+            kept = f"only the last {MEMORY_S:g} s are kept"
+            raise RefusedError(f"that was {round_beyond(ago_s, MEMORY_S)} s ago: {kept}")
         if ago_s < -AHEAD_S:
             raise RefusedError(f"that is {-ago_s:.1f} s ahead of the site's time: synchronize the clocks")
         self._memory.forget(now_ns)

@@ -13,21 +13,17 @@ from numpy.typing import NDArray
 
 from pointit.schemas import NS_PER_S, Cursor
 
+MEMORY_S = 10.0
+"""Time for which cursors are kept, s. They are never written to a file or published."""
 MAX_CURSORS = 4096
 """Limit of cursors that are kept, whatever their rate."""
 
 
 class PointingMemory:
-    """Cursors with a ray, in the order of their stamps, none older than `memory_s`."""
+    """Cursors with a ray, in the order of their stamps, none older than `MEMORY_S`."""
 
-    def __init__(self, memory_s: float) -> None:
-        self._memory_ns = round(memory_s * NS_PER_S)
+    def __init__(self) -> None:
         self._cursors: deque[Cursor] = deque(maxlen=MAX_CURSORS)
-
-    @property
-    def memory_s(self) -> float:
-        """Return the time for which cursors are kept, s."""
-        return self._memory_ns / NS_PER_S
 
     def add(self, cursor: Cursor) -> None:
         """Keep `cursor`. One that is older than the last is ignored, unless the clock was set back."""
@@ -42,7 +38,7 @@ class PointingMemory:
 
     def forget(self, now_ns: int) -> None:
         """Remove what is too old at `now_ns`."""
-        while self._cursors and self._cursors[0].stamp_ns < now_ns - self._memory_ns:
+        while self._cursors and self._cursors[0].stamp_ns < now_ns - round(MEMORY_S * NS_PER_S):
             self._cursors.popleft()
 
     def between(self, first_ns: int, last_ns: int) -> list[Cursor]:

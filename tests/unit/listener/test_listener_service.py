@@ -195,7 +195,7 @@ async def test_a_recogniser_whose_clock_is_half_a_second_ahead_is_named() -> Non
     ],
 )
 def test_a_recogniser_whose_clock_is_half_a_second_off_is_named_by_gestures(off_s: float, named: str) -> None:
-    words, memory = RecogniserClock(0.3), PointingMemory(10.0)
+    words, memory = RecogniserClock(), PointingMemory()
     rays = gesture([(-20.0, 0.0, 1.0), (20.0, 1.5, 2.0), (-20.0, 3.0, 4.0)])
     for index in range(WORDS):
         start_s = 8.0 * index
@@ -265,7 +265,7 @@ async def test_a_word_before_any_ray_or_long_after_the_last_means_nothing() -> N
 
 
 def test_the_memory_is_bounded_in_time_and_number_and_ignores_late_cursors() -> None:
-    memory = PointingMemory(10.0)
+    memory = PointingMemory()
     cursors = gesture([(0.0, 0.0, 14.0)])
     for cursor in cursors:
         memory.add(cursor)

@@ -50,11 +50,6 @@ class AppendOnlyCsv:
             unless_used.callback(self._file.close)
             _lock(self._file, path)
             table = parse_table(path, columns)
-            if missing := [name for name in columns if name not in table.columns]:
-                raise ConfigError(
-                    f"{path}: an earlier version of PointIt began it, without the column {missing[0]}: go on "
-                    "with that version, or begin in a new folder with `--to`"
-                )
             if table.tail:
                 self._move_aside(table.tail, on_note)
             self.rows = table.rows

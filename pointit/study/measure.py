@@ -22,7 +22,7 @@ from pointit.schemas import (
     SelectionEvent,
     Step,
 )
-from pointit.study.table_file import ADDED, Outcome, utc
+from pointit.study.table_file import SPOKEN, Outcome, utc
 
 STEP_RAD = math.radians(0.5)
 """Step of the ray that counts as way: smaller ones are tremor and noise."""
@@ -58,7 +58,7 @@ class Attempt:
     selection_s: float | None = None
     corrections: int = 0
     names: Counter[str] | None = None
-    """Numbers of the columns `ADDED`. None if names are not spoken to the participant."""
+    """Numbers of the columns `SPOKEN`. None if names are not spoken to the participant."""
     path_rad: float = 0.0
     passed_s: float = 0.0
     """Time from the beginning to the last cursor, s."""
@@ -230,7 +230,7 @@ class Attempt:
             "target_distance_deg": _angle_deg(first, first_m, self.before_m),
             "target_width_deg": math.degrees(2.0 * math.atan2(self.width_m / 2.0, far_m)) if far_m else None,
         }
-        columns |= {name: None if self.names is None else self.names[name] for name in ADDED}
+        columns |= {name: None if self.names is None else self.names[name] for name in SPOKEN}
         for index, axis in enumerate("xyz"):
             columns[f"target_{axis}_m"] = self.target_m[index]
             columns[f"selected_{axis}_m"] = None if point_m is None else point_m[index]

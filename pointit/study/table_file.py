@@ -23,9 +23,9 @@ COLUMNS = tuple((name, unit, meaning) for name, unit, meaning in csv.reader(io.S
 FIXED = frozenset(name for name, _, _ in COLUMNS)
 COUNTS = ("block", "trial", "attempt", "practice")
 """Columns of whole numbers, which are never empty."""
-ADDED = ("announced", "stepped", "confirmed")
-"""Columns that tables of version 0.2 lack, in which they are not known."""
-NUMBERS = ("corrections", *ADDED, *(name for name, unit, _ in COLUMNS if unit))
+SPOKEN = ("announced", "stepped", "confirmed")
+"""Columns of counts that are known where names are spoken."""
+NUMBERS = ("corrections", *SPOKEN, *(name for name, unit, _ in COLUMNS if unit))
 """Columns of numbers that may be empty, which means not known."""
 MAX_ERROR_APART_M = 0.01
 """Maximum difference between the column `error_m` and the distance of its two points, m."""
@@ -85,8 +85,6 @@ class TrialTable(NamedTuple):
     """Values by column, in the order of the file."""
     tail: bytes
     """Last row that was cut off while it was written. It is not in `rows`."""
-    columns: tuple[str, ...]
-    """Names of its columns in the order of the file."""
 
 
 def one_line(text: str) -> str:
@@ -107,7 +105,7 @@ def spreadsheet_row(row: Row) -> Row:
 
 
 def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
-    """Return the content of a table with `columns`, or those of version 0.2.
+    """Return the content of a table with `columns`.
 
     Raises: ConfigError: If the table cannot be read, or has other bytes than the study writes.
     """
@@ -117,27 +115,25 @@ def parse_table(path: Path, columns: Sequence[str]) -> TrialTable:
         raise ConfigError(f"{path}: cannot be read ({error.strerror or error})") from error
     cut = content.rfind(b"\n") + 1
     whole, tail = content[:cut], content[cut:]
-    if not whole and table_line(columns).startswith(tail):  # the header was cut off
-        return TrialTable([], tail, tuple(columns))
-    headers = (tuple(columns), tuple(name for name in columns if name not in ADDED))
-    names = next((each for each in headers if whole.startswith(table_line(each))), None)
-    if names is None:
-        start, ours = max((_common_start(content, line), line) for line in map(table_line, headers))
+    header = table_line(columns)
+    if not whole and header.startswith(tail):  # the header was cut off
+        return TrialTable([], tail)
+    if not whole.startswith(header):
+        start = _common_start(content, header)
         raise ConfigError(
             f"{path}: another program has rewritten it (line 1 has {_shown(content, start)}, and the study "
-            f"writes {_shown(ours, start)}): {REMEDY}"
+            f"writes {_shown(header, start)}): {REMEDY}"
         )
     rows: list[Row] = []
-    unknown = {name: "" for name in columns if name not in names}
     for number, line in enumerate(whole.splitlines(keepends=True)[1:], 2):
         try:
-            rows.append({**_row(names, line), **unknown})
+            rows.append(_row(columns, line))
         except (ValueError, csv.Error) as error:  # UnicodeDecodeError is one
             raise ConfigError(
                 f"{path}, line {number}: {error}; another program has rewritten the table, or it is damaged: "
                 f"{REMEDY}"
             ) from error
-    return TrialTable(rows, tail, names)
+    return TrialTable(rows, tail)
 
 
 def _common_start(content: bytes, line: bytes) -> int:

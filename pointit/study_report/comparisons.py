@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from pointit.errors import ConfigError
-from pointit.study.table_file import ADDED, OUTCOMES
+from pointit.study.table_file import SPOKEN, OUTCOMES
 from pointit.study_report.reading import MEASURES, TrialRow, Trials
 from pointit.study_report.table import LEVEL, Table, summary
 
@@ -148,7 +148,7 @@ def names(trials: Trials) -> Table:
     Trials of all outcomes count in which names were spoken. `with_step` is the share of those with a step,
     with its bootstrap interval. Raises: ConfigError: If no name was spoken.
     """
-    spoken = [row for row in trials.counted if ADDED[0] in row.numbers]
+    spoken = [row for row in trials.counted if SPOKEN[0] in row.numbers]
     if not spoken:
         raise ConfigError(f"{trials.folder}: no name was spoken; see `pointit run --announce`")
     table = Table()
@@ -158,7 +158,7 @@ def names(trials: Trials) -> Table:
             if row.levels == levels:
                 people[row.participant].append(row)
         if people:
-            means = {name: _mean_of_means(people, name) for name in ADDED}
+            means = {name: _mean_of_means(people, name) for name in SPOKEN}
             shares = [np.mean([row.numbers["stepped"] > 0 for row in rows]) for rows in people.values()]
             count = sum(map(len, people.values()))
             columns = summary([*map(float, shares)], "with_step", np.mean, trials=count, **means)

@@ -11,7 +11,7 @@ import yaml
 
 from pointit.errors import ConfigError
 from pointit.runtime.host.extras import pointit_version
-from pointit.study.table_file import ADDED
+from pointit.study.table_file import SPOKEN
 from pointit.study_report import comparisons, figures, table, tapping_movements
 from pointit.study_report.reading import MEASURES, Trials
 from pointit.study_report.table import RESAMPLES, Table
@@ -58,7 +58,7 @@ def sections(trials: Trials) -> Iterator[Section]:
             about = ABOUT["differences"]
             yield Section(f"Differences: {MEASURES[measure]}", about, _both("differences", measure))
     yield Section("Outcomes", ABOUT["outcomes"], _both("outcomes"))
-    if trials.has(ADDED[0]):
+    if trials.has(SPOKEN[0]):
         yield Section("Spoken names", ABOUT["names"], (ReportStep(comparisons.names),))
     yield Section("Learning", ABOUT["learning"], _both("learning"))
     for unit, title in (("m", "Throughput and Fitts' law"), ("deg", "Throughput and Fitts' law of angles")):

@@ -11,7 +11,6 @@ import pytest
 from pointit.errors import ConfigError, PointItError
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.study_folder import read_table
-from pointit.study.table_file import ADDED
 
 OURS = """\
 participant,block,trial,attempt,practice,method,reason,outcome,began_utc,selection_s,error_m,\
@@ -179,16 +178,6 @@ def test_zeros_that_a_power_cut_has_left_are_moved_to_a_file_of_their_own(tmp_pa
     AppendOnlyCsv(path, HEADER, KEY).close()
     assert path.read_bytes() == OURS.encode()
     assert (tmp_path / "incomplete_trials.csv").read_bytes() == zeros
-
-
-def test_table_of_an_earlier_version_is_read_and_not_appended_to(tmp_path: Path) -> None:
-    path = tmp_path / "trials.csv"
-    path.write_text(OURS, encoding="utf-8")
-    columns = (*HEADER[:9], *ADDED, *HEADER[9:])
-    assert read_table(path, columns) == [row | dict.fromkeys(ADDED, "") for row in EXPECTED]
-    with pytest.raises(ConfigError, match=r"an earlier version of PointIt began it.*new folder with `--to`"):
-        AppendOnlyCsv(path, columns, KEY)
-    assert path.read_text(encoding="utf-8") == OURS
 
 
 def test_table_that_a_backup_has_restored_with_the_same_bytes_is_appended_to(tmp_path: Path) -> None:

@@ -46,8 +46,6 @@ REMEDY = "set columns in the map to those of x, y and z, by name or number, such
 """End of sentences about columns."""
 
 _AXES: tuple[Vec3, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_PTX_CELLS = [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]
-"""Numbers in the first lines of a PTX: columns, rows, pose of the scanner, transformation."""
 _OFF_WORDS = ("OFF", "COFF", "NOFF", "CNOFF", "STOFF")
 """First lines of meshes in the Object File Format."""
 
@@ -179,8 +177,6 @@ def _read_text(path: Path, wanted: Wanted) -> Points:
 
 
 def _text_layout(sample: Sequence[str], wanted: Wanted) -> TextLayout:
-    if [len(line.split()) for line in sample[: len(_PTX_CELLS)]] == _PTX_CELLS:
-        raise ConfigError("is a PTX, which begins with the pose of its scanner; export it as PTS or PLY")
     if sample and sample[0].strip() in _OFF_WORDS:
         raise ConfigError("is an OFF mesh, whose faces are no points; export it as PLY")
     if pcd := read_pcd_header(sample):

@@ -93,11 +93,6 @@ def from_csv(
     pixels, is_of_wire, unused = pixels_of(text, columns)
     if unused:
         on_note(f"columns {join_names(unused)} are not used")
-    if len(unseen := [str(pixel.line) for pixel in pixels if not pixel.point.any()]) > 1:
-        on_note(
-            f"{len(unseen)} pixels are at 0, 0, 0 (lines {join_names(unseen[:10])}), as programs write it "
-            "for those that they have not seen: remove these lines then"
-        )
     groups: dict[str, list[TablePixel]] = {}
     for pixel in pixels:
         groups.setdefault(pixel.strip, []).append(pixel)

@@ -1,7 +1,6 @@
 """WLED's JSON: segments of a state, a preset or the configured outputs, the cells of a ledmap, panels."""
 
 import json
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +21,6 @@ GAP = -1
 _NO_PIXEL = 65535
 """Number from which on WLED takes a cell of a ledmap as a gap."""
 _EXAMPLE = '{"seg": [{"start": 0, "stop": 60, "n": "desk"}]}'
-_WHOLE = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
 Json = Mapping[str, Any]
 
 
@@ -242,13 +240,10 @@ def _count(data: Json, key: str, where: str, otherwise: int) -> int:
 
 
 def whole_number(value: object, where: str) -> int:
-    """Return the whole number `value`, which may be written as 60.0 or "60"."""
-    if isinstance(value, str) and _WHOLE.fullmatch(value):
-        return int(value)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 2**32
-    if not is_number or value != value // 1:
+    """Return the whole number `value`. Raises: ConfigError: If it is none."""
+    if not isinstance(value, int) or isinstance(value, bool) or abs(value) > 2**32:
         raise ConfigError(f"{where} is {format_value(value)}; write a whole number")
-    return int(value)
+    return value
 
 
 def read_json(text: str) -> Any:

@@ -107,8 +107,8 @@ def test_a_ledmap_without_positions_is_refused_with_the_remedy(data: Any, messag
         exchange.from_ledmap(json.dumps(data), 0.05)
 
 
-def test_numbers_of_a_ledmap_may_be_text_and_65535_is_a_gap_as_in_wled() -> None:
-    text = json.dumps({"width": "3", "height": 1.0, "map": ["0", 65535, 1.0], "n": "x", "physical": []})
+def test_65535_is_a_gap_of_a_ledmap_as_in_wled() -> None:
+    text = json.dumps({"width": 3, "height": 1, "map": [0, 65535, 1], "n": "x", "physical": []})
     assert sorted(lights(exchange.from_ledmap(text, 0.05))) == [0, 1]
 
 
@@ -250,9 +250,8 @@ SOURCES: dict[str, Any] = {
         "0": {}, "1": {**STATE, "n": "Red"}, "4": {**STATE, "n": "Blue"},
         "7": {"playlist": {"ps": [1, 4]}, "on": True},
     },
-    "lengths, text and missing numbers": {
-        "seg": [
-            {"id": 0, "start": "5", "len": 30.0, "n": "shelf"}, {"id": 1, "start": 40, "stop": 60, "n": None}]
+    "lengths and missing names": {
+        "seg": [{"id": 0, "start": 5, "len": 30, "n": "shelf"}, {"id": 1, "start": 40, "stop": 60, "n": None}]
     },
     "outputs": {"hw": {"led": {"total": 60, "ins": [
         {"start": 5, "len": 30, "pin": [2], "type": 22}, {"start": 40, "len": 20, "pin": [4], "skip": 0}]}}},

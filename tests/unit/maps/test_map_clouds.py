@@ -369,11 +369,3 @@ def test_a_table_that_cannot_be_understood_is_refused_with_the_remedy(text: str,
 def test_a_declaration_that_is_none_is_refused(columns: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         parse_pixel_columns(columns)
-
-
-def test_pixels_that_a_program_has_not_seen_are_noted() -> None:
-    notes: list[str] = []
-    exchange.from_csv("pixel,x,y,z\n0,1,2,3\n1,0,0,0\n2,1.1,2,3\n3,0,0,0\n4,1.2,2,3\n", notes.append)
-    assert notes[0].startswith(
-        "2 pixels are at 0, 0, 0 (lines 3, 5), as programs write it for those that they"
-    )

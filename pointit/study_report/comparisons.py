@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from pointit.errors import ConfigError
-from pointit.study.table_file import SPOKEN, OUTCOMES
+from pointit.study.table_file import OUTCOMES, SPOKEN
 from pointit.study_report.reading import MEASURES, TrialRow, Trials
 from pointit.study_report.table import LEVEL, Table, summary
 

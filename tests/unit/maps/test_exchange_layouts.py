@@ -386,47 +386,6 @@ def test_strips_that_share_pixels_of_the_wire_are_found() -> None:
     assert "has pixels of the wire that a has, too" in found[0][1]
 
 
-ROOMS: dict[str, dict[str, Any]] = {
-    "lamps": {"lamps": {"a": [0.4, 0.3, 1.9], "b": [4.1, 0.2, 1.2], "c": [2.0, 3.6, 2.4]}},
-    "lamps on a desk": {"lamps": {"a": [0.1, 0.0, 0.75], "b": [1.7, 0.0, 0.8]}},
-    "a large hall": {"lamps": {"a": [0, 0, 4.5], "b": [180, 0, 4.5], "c": [90, 60, 4.0]}},
-    "strips on the floor": {
-        "strips": {"s": ([[0, 0, 0], [3, 0, 0]], 180), "t": ([[0, 2, 0], [3, 2, 0]], 90)}
-    },
-    "things": {
-        "things": {"door": ([3.9, 0.5, 1.0], [0.1, 0.9, 2.0]), "tv": ([0.2, 2.5, 1.1], [0.1, 1.2, 0.7])}
-    },
-}
-
-
-def in_unit(room: dict[str, Any], factor: float) -> MapFile:
-    """Return the map of `room` whose numbers are multiplied with `factor`."""
-
-    def scaled(value: Any) -> Any:
-        return (np.array(value) * factor).tolist()
-
-    return MapFile.model_validate(
-        {
-            "lamps": {name: {"position": scaled(at)} for name, at in room.get("lamps", {}).items()},
-            "strips": {
-                name: {"line": scaled(line), "pixels": count}
-                for name, (line, count) in room.get("strips", {}).items()
-            },
-            "things": {
-                name: {"center": scaled(center), "size": scaled(size)}
-                for name, (center, size) in room.get("things", {}).items()
-            },
-        }
-    )
-
-
-@pytest.mark.parametrize("name", ROOMS)
-def test_a_map_in_millimetres_is_suspected_and_in_metres_it_is_not(name: str) -> None:
-    assert not [each for each in check_map(in_unit(ROOMS[name], 1.0), {}) if each.where == "map"]
-    (finding,) = [each for each in check_map(in_unit(ROOMS[name], 1000.0), {}) if each.where == "map"]
-    assert finding.text.endswith("; give positions in metres")
-
-
 @pytest.mark.parametrize(
     ("corner", "texts"),
     [

@@ -153,6 +153,13 @@ FINDINGS: dict[str, tuple[str, list[tuple[str, str, str]]]] = {
     "millimetres": (
         f"strips: {{s: {strip((0, 0), (5000, 0))}}}",
         [("warning", "map", "is 5000 m wide|; give positions in metres")]),
+    "strips in millimetres on the floor": (
+        f"strips: {{s: {strip((0, 0), (900, 0), pixels=180)}}}", [("warning", "map", "0.2 pixels a metre|")]),
+    "a thing in millimetres": (
+        "lamps: {}\nthings: {a: {center: [3900, 500, 1000], size: [90, 90, 90]}}",
+        [("warning", "lamps", "there are no lamps"), ("warning", "map", "is 0 m wide and 1000 m high")]),
+    "a large hall": (
+        "lamps: {a: {position: [0, 0, 4.5]}, b: {position: [180, 0, 4.5]}, c: {position: [90, 60, 4]}}", []),
     "a fence without room": (
         "fences: {a: {kind: keep_in, outline: [[0, 0], [0.4, 0], [0.4, 2]], high: 0}}",
         [

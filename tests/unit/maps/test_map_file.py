@@ -356,11 +356,6 @@ def test_a_map_too_large_to_travel_is_refused(tmp_path: Path, monkeypatch: pytes
         loaded(path, 0)
 
 
-def test_numbers_that_yaml_takes_for_text_are_numbers(tmp_path: Path) -> None:
-    read = loaded(write(tmp_path, "lamps: {a: {position: [1e-3, 2, 3]}}"), 0)
-    assert read.lamps[0].position_m == (0.001, 2.0, 3.0)
-
-
 def test_strips_are_the_lanes_of_a_map_without_belts(tmp_path: Path) -> None:
     text = """
 strips:

@@ -15,7 +15,6 @@ from pointit.study.study_folder import StudyFolder, read_table
 from pointit.study.study_site import check_ready
 
 COLUMNS = ("trial", "reason")
-DAMAGED = ("trial", "attempt", "selection_s")
 
 
 def test_row_that_a_crash_has_cut_off_is_moved_to_a_file_of_its_own_at_each_byte(tmp_path: Path) -> None:
@@ -39,22 +38,6 @@ def test_row_that_a_crash_has_cut_off_is_moved_to_a_file_of_its_own_at_each_byte
             assert aside.read_bytes() == content[len(whole) : size]
             assert notes == [f"{table.path}: the last row was cut off and is moved to {aside.name}."]
     assert len([*tmp_path.iterdir()]) == len(sizes)
-
-
-@pytest.mark.parametrize(
-    ("row", "sentence"),
-    [
-        ("x,,", "line 3: trial is 'x', not a whole number"),
-        ("1,1,soon", "line 3: selection_s is 'soon', not a number or empty"),
-        ("1,1", "line 3: not 3 values"),
-        ("1,\xff,", "line 3: .utf-8. codec"),
-    ],
-)
-def test_damaged_row_is_said_with_its_line(tmp_path: Path, row: str, sentence: str) -> None:
-    path = tmp_path / "t.csv"
-    path.write_bytes(b"trial,attempt,selection_s\n1,1,2\n" + row.encode("latin-1") + b"\n")
-    with pytest.raises(ConfigError, match=rf"t\.csv, {sentence}"):
-        read_table(path, DAMAGED)
 
 
 def test_full_disk_is_said_and_the_rows_before_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,14 +157,6 @@ def measured(path: Path, *rows: dict[str, object]) -> Path:
     return table.path
 
 
-def test_names_that_a_spreadsheet_takes_for_numbers_are_refused(tmp_path: Path) -> None:
-    path = measured(tmp_path, {"selection_s": 2.5})
-    path.write_bytes(path.read_bytes().replace(b"0.30", b"0.3"))
-    with pytest.raises(ConfigError, match=r"width '0\.3' is not of the study"):
-        study_folder(tmp_path).trials("01")
-    assert any("'0.3' is not of" in each.text for each in check_folder(tmp_path / "data"))
-
-
 @pytest.mark.parametrize("level", ["None", "NA", "null", "nan", "n/a", "#N/A", "<missing>", "."])
 def test_level_that_programs_for_statistics_read_as_missing_is_refused_before_anybody_takes_part(
     tmp_path: Path, level: str
@@ -208,16 +183,6 @@ def test_any_name_of_a_level_is_read_back(tmp_path: Path, level: str) -> None:
     again = folder.trials("01")
     again.close()
     assert [row["width"] for row in again.rows] == [level]
-
-
-def test_time_without_its_decimal_point_is_refused_by_run_and_check(tmp_path: Path) -> None:
-    path = measured(tmp_path, {"selection_s": 2.5})
-    content = path.read_bytes().replace(b"2.5", b"25")
-    path.write_bytes(content)
-    with pytest.raises(ConfigError, match="trial 1: selection_s is 25, limit 20; a spreadsheet") as refused:
-        study_folder(tmp_path).trials("01")
-    assert str(refused.value) in [each.text for each in check_folder(tmp_path / "data")]
-    assert path.read_bytes() == content
 
 
 @pytest.mark.parametrize("content", [None, b"", b"\n", b" \r\n"])

@@ -311,6 +311,8 @@ def test_rows_of_the_plan_are_accepted_by_check_run_and_report(ratios: tuple[Stu
         ("trials.csv", b",1.10,", b",1.1,", "not that of the plan: ratio is '1.1', in the plan '1.10'"),
         ("trials.csv", b"P01,2,2,1,", b"P01,2,7,1,", "trial 7 is not that of the plan, which has 2"),
         ("trials.csv", b"P01,2,2,1,", b"P02,2,2,1,", "P01 has data of P02"),
+        ("trials.csv", b",1.5,", b",25,", "trial 1: selection_s is 25, limit 20; a spreadsheet"),
+        ("trials.csv", b",1.10,", b",1.2,", "ratio '1.2' is not of the study"),
         ("trials.csv", b",1.5,", b",-1.5,", "trial 1: selection_s is -1.5, which is below 0"),
         ("trials.csv", b",12.5,", b",1e999,", "line 2: path_length_deg is '1e999', not a number or empty"),
         ("trials.csv", b",12.5,", b",1234567,", "trial 1: path_length_deg is 1234567, limit 40000"),

@@ -15,46 +15,12 @@ from typing import IO, NamedTuple, TypeVar
 from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.extras import remedy
 
-__all__ = [
-    "BLOCK_BYTES",
-    "DAMAGED",
-    "FREE_RECORDS",
-    "MAX_RECORDS",
-    "MAX_RECORD_BYTES",
-    "MCAP0_MAGIC",
-    "Channel",
-    "Chunk",
-    "CompressionType",
-    "DamagedError",
-    "McapError",
-    "Metadata",
-    "Opcode",
-    "ReadDataStream",
-    "Record",
-    "RecordLocation",
-    "Schema",
-    "Writer",
-    "ZstdDecompressor",
-    "ZstdError",
-    "content",
-    "inner_records",
-    "is_container",
-    "message_content",
-    "message_times",
-    "next_chunk",
-    "parse",
-    "read",
-    "records",
-    "unpack",
-]
-
-
 try:
     from mcap.data_stream import ReadDataStream
     from mcap.exceptions import McapError
     from mcap.opcode import Opcode
     from mcap.records import Channel, Chunk, Metadata, Schema
-    from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+    from mcap.writer import MCAP0_MAGIC, CompressionType, Writer  # noqa: F401 - those of writer.py
     from zstandard import ZstdDecompressor, ZstdError
 except ImportError as error:
     raise ConfigError(f"recordings need {remedy('record')}") from error

@@ -110,7 +110,6 @@ EYES_M = 1.64
 """Height of the eyes of a person of 1.76 m, m."""
 APART_DEG = 5.0
 """Angle between two things, edge to edge, below which pointing alone does not tell which one is meant."""
-"""Pairs of things that are named."""
 TESTED = 200
 """Number of things up to which pointing at them is measured."""
 FLOOR_M = 0.01

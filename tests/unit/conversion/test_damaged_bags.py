@@ -172,7 +172,11 @@ def test_damage_in_the_middle_of_a_file_whose_end_is_whole_is_refused(
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize(
-    "text", [None, "", "rosbag2_bagfile_information:\n  files: [", "rosbag2_bagfile_informa"]
+    "text",
+    [
+        *(None, "", "rosbag2_bagfile_information:\n  files: [", "rosbag2_bagfile_informa"),
+        "rosbag2_bagfile_information: {version: 99}",
+    ],
 )
 def test_bag_without_its_metadata_is_refused_and_its_file_is_read(
     tmp_path: Path, storage: StoragePlugin, text: str | None

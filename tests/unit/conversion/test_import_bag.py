@@ -276,22 +276,6 @@ def test_stamps_of_another_clock_are_refused_until_those_of_the_bag_are_chosen(t
     assert imported(source, "--stamps", "bag")["users/user1/imu"][0].stamp_ns == at(100.0)
 
 
-def test_what_is_no_bag_is_told_in_a_sentence_and_nothing_is_written(tmp_path: Path) -> None:
-    (tmp_path / "broken.db3").write_bytes(b"SQLite format 3\0" + bytes(200))
-    (tmp_path / "broken.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(200))
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "folder" / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 99}")
-    for name, sentence in (
-        ("broken.db3", "broken.db3: is damaged ("),
-        ("broken.mcap", "broken.mcap: is damaged ("),
-        ("folder", "metadata.yaml: is missing or damaged: `ros2 bag reindex"),
-    ):
-        result = run(tmp_path / name)
-        assert result.exit_code != 0
-        assert sentence in str(result.exception), name
-    assert not (tmp_path / "session.mcap").exists()
-
-
 def test_a_bag_without_anything_to_record_writes_nothing_and_says_why(tmp_path: Path) -> None:
     source = bag(
         tmp_path / "bag", [(1.4, "/chatter", "std_msgs/msg/Bool", make("std_msgs/msg/Bool", data=True))]

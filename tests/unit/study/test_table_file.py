@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pointit.errors import ConfigError, PointItError
+from pointit.errors import ConfigError
 from pointit.study.append_only_csv import AppendOnlyCsv
 from pointit.study.study_folder import read_table
 
@@ -189,19 +189,3 @@ def test_table_that_a_backup_has_restored_with_the_same_bytes_is_appended_to(tmp
     with_one.close()
     assert read_table(path, HEADER) == EXPECTED[:2]
     assert [each.name for each in tmp_path.iterdir()] == ["trials.csv"]
-
-
-def test_rows_on_a_file_that_another_program_has_replaced_are_not_lost(tmp_path: Path) -> None:
-    path = tmp_path / "trials.csv"
-    table = AppendOnlyCsv(path, HEADER, KEY)
-    table.append(EXPECTED[0])
-    path.write_bytes(REWRITTEN["excel german"])
-    with pytest.raises(PointItError, match=r"all 2 rows are in measured_trials\.csv: move that to tr"):
-        table.append(EXPECTED[1])
-    table.close()
-    assert path.read_bytes() == REWRITTEN["excel german"]
-    (tmp_path / "measured_trials.csv").replace(path)
-    again = AppendOnlyCsv(path, HEADER, KEY)
-    again.append(EXPECTED[2])
-    again.close()
-    assert read_table(path, HEADER) == EXPECTED

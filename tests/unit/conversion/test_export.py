@@ -219,9 +219,46 @@ def happened(time_s: float, what: str, object_id: str, user: str = "anna", **mor
     )
 
 
-def acts(found: ActDetector) -> list[tuple[str, str, float, float, str]]:
+Step = tuple[float, float, str] | SelectionEvent
+"""Begin and end of hovers of an object, or an event."""
+ACTS: dict[str, tuple[list[Step], list[tuple[str, float, float, str]]]] = {
+    "an act lasts as long as the cursor is on the object": (
+        [(1.0, 1.5, "a"), (1.52, 2.0, "b")], [("a", 1.0, 0.5, "none"), ("b", 1.52, 0.48, "none")]),
+    "a short slip off the object does not end an act, a long one does": (
+        [(1.0, 1.2, "a"), (1.22, 1.4, ""), (1.42, 2.0, "a"), (2.02, 2.5, ""), (2.52, 3.0, "a")],
+        [("a", 1.0, 1.0, "none"), ("a", 2.52, 0.48, "none")]),
+    "an act ends when hovers stop": (
+        [(1.0, 1.2, "a"), (9.0, 9.2, "a")], [("a", 1.0, 0.2, "none"), ("a", 9.0, 0.2, "none")]),
+    "an event just after the act is its outcome, one long after is not": (
+        [(1.0, 1.5, "a"), (1.52, 1.9, "b"), happened(1.6, "refused", "a"), happened(5.0, "selected", "b")],
+        [("a", 1.0, 0.5, "refused"), ("b", 1.52, 0.38, "none")]),
+    "a second outcome on the same object is another act": (
+        [(1.0, 1.5, "a"), happened(1.5, "selected", "a"), (1.52, 2.5, "a"), happened(2.5, "deselected", "a")],
+        [("a", 1.0, 1.5, "selected"), ("a", 1.5, 1.0, "deselected")]),
+    "what somebody else does is no outcome": (
+        [(1.0, 1.5, "a"), happened(1.4, "selected", "a", user="ben")], [("a", 1.0, 0.5, "none")]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ACTS)
+def test_acts_are_found(name: str) -> None:
+    found = ActDetector(BEGAN_NS)
+    steps, expected = ACTS[name]
+    for step in steps:
+        if isinstance(step, SelectionEvent):
+            found.on_event(step)
+        else:
+            hover(found, *step)
     found.end()
-    return [(act.user, act.object_id, act.begin_s, act.duration_s, act.outcome) for act in found.acts]
+    assert [(act.object_id, act.begin_s, act.duration_s, act.outcome) for act in found.acts] == expected
+
+
+def test_people_point_at_the_same_time() -> None:
+    found = ActDetector(BEGAN_NS)
+    for user in ("anna", "ben"):
+        hover(found, 1.0, 1.2, "a", user)
+    found.end()
+    assert {act.user for act in found.acts} == {"anna", "ben"}
 
 
 def only_act(found: ActDetector) -> PointingAct:
@@ -234,37 +271,6 @@ def only_selection(found: ActDetector) -> SelectionCsvRow:
     found.end()
     (row,) = found.selections
     return row
-
-
-def test_an_act_lasts_as_long_as_the_cursor_is_on_the_object() -> None:
-    found = ActDetector(BEGAN_NS)
-    hover(found, 1.0, 1.5, "a")
-    hover(found, 1.52, 2.0, "b")
-    assert acts(found) == [("anna", "a", 1.0, 0.5, "none"), ("anna", "b", 1.52, 0.48, "none")]
-
-
-def test_a_short_slip_off_the_object_does_not_end_an_act_and_a_long_one_does() -> None:
-    found = ActDetector(BEGAN_NS)
-    hover(found, 1.0, 1.2, "a")
-    hover(found, 1.22, 1.4, "")
-    hover(found, 1.42, 2.0, "a")
-    hover(found, 2.02, 2.5, "")
-    hover(found, 2.52, 3.0, "a")
-    assert acts(found) == [("anna", "a", 1.0, 1.0, "none"), ("anna", "a", 2.52, 0.48, "none")]
-
-
-def test_an_act_ends_when_hovers_stop() -> None:
-    found = ActDetector(BEGAN_NS)
-    hover(found, 1.0, 1.2, "a")
-    hover(found, 9.0, 9.2, "a")
-    assert [act[2:4] for act in acts(found)] == [(1.0, 0.2), (9.0, 0.2)]
-
-
-def test_people_point_at_the_same_time() -> None:
-    found = ActDetector(BEGAN_NS)
-    hover(found, 1.0, 1.2, "a")
-    hover(found, 1.0, 1.2, "a", user="ben")
-    assert {act[0] for act in acts(found)} == {"anna", "ben"}
 
 
 def test_an_act_has_its_outcome_kind_distance_and_surface() -> None:
@@ -284,31 +290,6 @@ def test_an_act_has_its_outcome_kind_distance_and_surface() -> None:
     assert act.range_m == 3.5  # the first cursor came before the act
     assert act.miss_rad is not None
     assert round(act.miss_rad, 9) == 0.1
-
-
-def test_an_event_just_after_the_act_is_its_outcome_and_one_long_after_is_not() -> None:
-    found = ActDetector(BEGAN_NS)
-    hover(found, 1.0, 1.5, "a")
-    hover(found, 1.52, 1.9, "b")
-    found.on_event(happened(1.6, "refused", "a"))
-    found.on_event(happened(5.0, "selected", "b"))
-    assert [act[4] for act in acts(found)] == ["refused", "none"]
-
-
-def test_a_second_outcome_on_the_same_object_is_another_act() -> None:
-    found = ActDetector(BEGAN_NS)
-    hover(found, 1.0, 1.5, "a")
-    found.on_event(happened(1.5, "selected", "a"))
-    hover(found, 1.52, 2.5, "a")
-    found.on_event(happened(2.5, "deselected", "a"))
-    assert [act[2:] for act in acts(found)] == [(1.0, 1.5, "selected"), (1.5, 1.0, "deselected")]
-
-
-def test_what_somebody_else_does_is_no_outcome() -> None:
-    found = ActDetector(BEGAN_NS)
-    hover(found, 1.0, 1.5, "a")
-    found.on_event(happened(1.4, "selected", "a", user="ben"))
-    assert only_act(found).outcome == "none"
 
 
 def test_a_selection_has_the_pointing_before_it_and_its_end() -> None:

@@ -94,41 +94,79 @@ def test_restart_command_reaches_the_site_that_was_looked_at() -> None:
     assert remedies["led-driver"] == f"if it should run: `pointit service run led-driver{options}`"
 
 
+def certainty(**figures: float) -> Health:
+    names = {"age": ("anchor age", "s"), "place": (POSITION_SIGMA, "m"), "yaw": (YAW_SIGMA, "°")}
+    return health(
+        "localizer.anna",
+        figures=tuple(
+            {"name": names[short][0], "value": value, "unit": names[short][1]}
+            for short, value in figures.items()
+        ),
+    )
+
+
+def imu_of(written_s: float | None, read_s: float | None) -> Observation:
+    """Return a site where a wrist was written and read at these ages."""
+    return observation(
+        health("user-sim.anna", key(IMU, "out", written_s)), health("pointing.anna", key(IMU, "in", read_s))
+    )
+
+
+FINDINGS: dict[str, tuple[Observation, str, str, str]] = {
+    "a service that has not reported from the beginning": (
+        Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.1, present=frozenset({"pui"})),
+        "error silent pui", "stopped, overloaded or cut off", ""),
+    "two processes under one name": (
+        observation(health("pui", pid=8), before=[health("pui", pid=7)]),
+        "error twice pui", "7 on ? and 8 on ?", ""),
+    "an old input though its writer runs": (
+        imu_of(1.5, 1.5), "error stale pointing.anna", "user-sim.anna", "or input ended?"),
+    "no input though its writer runs": (
+        imu_of(None, None), "error stale pointing.anna", "user-sim.anna", "or input ended?"),
+    "an input that is written is lost in between": (
+        imu_of(0.01, 1.5), "error stale pointing.anna", "", "does write it: what is between the two?"),
+    "a cursor that is written does not arrive": (
+        observation(health("pui", key(CURSOR, "out")), health("selector", key(CURSOR, "in", 9.0))),
+        "error stale selector", "", ""),
+    "errors of handlers": (
+        observation(health("pui", errors=2), before=[health("pui", errors=1)]),
+        "error failing pui", "", "traceback"),
+    "a high latency": (
+        observation(health("pui", latency=Quantiles(p50_s=0.05, p99_s=0.151))),
+        "warning slow pui", "151 ms", ""),
+    "an uncertain position": (
+        observation(certainty(place=UNSURE_M + 0.01, yaw=2.0)),
+        "warning unsure localizer.anna", "position is uncertain by", "press anna --gesture hold"),
+    "an uncertain yaw": (
+        observation(certainty(place=0.2, yaw=UNSURE_DEG + 0.1)),
+        "warning unsure localizer.anna", "yaw is uncertain by", "`pointit person anchor anna`"),
+    "an old anchor": (
+        observation(certainty(yaw=SURE_DEG + 0.1, age=400.0)),
+        "warning old-anchor localizer.anna", "anchor is 7 min old", "`pointit person anchor anna`"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FINDINGS)
+def test_each_of_these_is_one_finding(name: str) -> None:
+    seen, expected, sentence, remedy = FINDINGS[name]
+    finding = only(seen)
+    assert f"{finding.severity} {finding.code} {finding.service}" == expected
+    assert sentence in finding.sentence
+    assert remedy in finding.remedy
+
+
+def test_three_seconds_without_a_report_are_not_yet_silence() -> None:
+    assert not diagnose(observation(present=frozenset({"pui"})))
+
+
 def test_left_while_we_looked() -> None:
     finding = only(observation(WELL[2], left=frozenset({"selector"})))
     assert (finding.code, finding.severity, finding.service) == ("left", "warning", "selector")
     assert "pointit service run selector" in finding.remedy
 
 
-def test_silent_from_the_beginning() -> None:
-    seen = observation(present=frozenset({"pui"}))
-    assert not diagnose(seen)  # three seconds are not more than three seconds
-    later = Observation(began_s=BEGAN_S, now_s=BEGAN_S + 3.1, present=frozenset({"pui"}))
-    finding = only(later)
-    assert (finding.code, finding.severity, finding.service) == ("silent", "error", "pui")
-    assert "stopped, overloaded or cut off" in finding.sentence
-
-
-def test_twice_under_one_name() -> None:
-    seen = observation(health("pui", pid=8), before=[health("pui", pid=7)])
-    finding = only(seen)
-    assert (finding.code, finding.severity) == ("twice", "error")
-    assert "7 on ?" in finding.sentence
-    assert "8 on ?" in finding.sentence
-
-
 def test_restarted_is_not_twice() -> None:
     assert not diagnose(observation(health("pui", pid=8, uptime_s=0.5), before=[health("pui", pid=7)]))
-
-
-@pytest.mark.parametrize("age_s", [1.5, None])
-def test_stale_input_though_the_writer_runs(age_s: float | None) -> None:
-    source = health("user-sim.anna", key(IMU, "out", age_s))
-    reader = health("pointing.anna", key(IMU, "in", age_s))
-    finding = only(observation(source, reader))
-    assert (finding.code, finding.severity, finding.service) == ("stale", "error", "pointing.anna")
-    assert "user-sim.anna" in finding.sentence
-    assert "has its device, recording or input ended?" in finding.remedy
 
 
 def test_stale_input_is_explained_by_what_the_writer_says() -> None:
@@ -138,13 +176,6 @@ def test_stale_input_is_explained_by_what_the_writer_says() -> None:
     reader = health("pointing.anna", key(IMU, "in", None))
     stale = next(f for f in diagnose(observation(source, reader)) if f.code == "stale")
     assert stale.remedy == "look at user-sim.anna, which says: “there is no lamp; choose another map”"
-
-
-def test_stale_input_that_is_written_is_lost_in_between() -> None:
-    finding = only(
-        observation(health("user-sim.anna", key(IMU, "out")), health("pointing.anna", key(IMU, "in", 1.5)))
-    )
-    assert "does write it: what is between the two?" in finding.remedy
 
 
 def test_stale_is_said_of_the_first_cause_only() -> None:
@@ -191,11 +222,6 @@ def test_old_input_that_is_no_fault(writer: Health | None, reader: Health) -> No
     assert not diagnose(observation(*services, present=present))
 
 
-def test_a_cursor_that_is_written_and_does_not_arrive_is_a_fault() -> None:
-    finding = only(observation(health("pui", key(CURSOR, "out")), health("selector", key(CURSOR, "in", 9.0))))
-    assert (finding.code, finding.service) == ("stale", "selector")
-
-
 def test_slow_simulations_have_slow_rates() -> None:
     pair = (health("user-sim.anna", key(IMU, "out", 1.5)), health("pointing.anna", key(IMU, "in", 1.5)))
     assert only(observation(*pair, speed=1.0)).code == "stale"
@@ -218,18 +244,6 @@ def test_only_the_newest_counts_elsewhere_so_drops_are_no_fault() -> None:
     assert not diagnose(observation(health("pui", key(IMU, "in", dropped=9))))
 
 
-def test_errors_of_handlers_are_reported() -> None:
-    seen = observation(health("pui", errors=2), before=[health("pui", errors=1)])
-    assert (only(seen).code, only(seen).severity) == ("failing", "error")
-    assert "traceback" in only(seen).remedy
-
-
-def test_high_latency_is_reported() -> None:
-    finding = only(observation(health("pui", latency=Quantiles(p50_s=0.05, p99_s=0.151))))
-    assert (finding.code, finding.severity) == ("slow", "warning")
-    assert "151 ms" in finding.sentence
-
-
 def late(instance: str, p99_s: float, **fields: float) -> Health:
     return health(instance, latency=Quantiles(p50_s=0.05, p99_s=p99_s), **fields)
 
@@ -246,49 +260,6 @@ def test_the_first_slow_service_is_told_and_those_behind_it_follow() -> None:
     )
     found = {each.service: each.follows for each in diagnose(seen)}
     assert found == {"selector": True, "pui": False, "led-driver": True}
-
-
-def certainty(**figures: float) -> Health:
-    names = {"age": ("anchor age", "s"), "place": (POSITION_SIGMA, "m"), "yaw": (YAW_SIGMA, "°")}
-    return health(
-        "localizer.anna",
-        figures=tuple(
-            {"name": names[short][0], "value": value, "unit": names[short][1]}
-            for short, value in figures.items()
-        ),
-    )
-
-
-@pytest.mark.parametrize(
-    ("figures", "code", "sentence", "remedy"),
-    [
-        (
-            {"place": UNSURE_M + 0.01, "yaw": 2.0},
-            "unsure",
-            "position is uncertain by",
-            "press anna --gesture hold",
-        ),
-        (
-            {"place": 0.2, "yaw": UNSURE_DEG + 0.1},
-            "unsure",
-            "yaw is uncertain by",
-            "`pointit person anchor anna`",
-        ),
-        (
-            {"yaw": SURE_DEG + 0.1, "age": 400.0},
-            "old-anchor",
-            "anchor is 7 min old",
-            "`pointit person anchor anna`",
-        ),
-    ],
-)
-def test_a_pose_that_cannot_be_trusted_any_more(
-    figures: dict[str, float], code: str, sentence: str, remedy: str
-) -> None:
-    finding = only(observation(certainty(**figures)))
-    assert (finding.code, finding.severity, finding.service) == (code, "warning", "localizer.anna")
-    assert sentence in finding.sentence
-    assert remedy in finding.remedy
 
 
 @pytest.mark.parametrize(

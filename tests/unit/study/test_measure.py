@@ -78,41 +78,35 @@ def test_measures_of_a_selection_are_those_computed_by_hand() -> None:
     assert attempt(before_m=(4.0, -1.0, 1.0)).columns()["target_distance_m"] == 1.0
 
 
-def test_names_steps_and_presses_are_counted_until_the_end_where_names_are_spoken() -> None:
+def named(name: str) -> Announced:
+    return Announced(stamp_ns=1, object_id=name, label=name)
+
+
+STEP = Step(stamp_ns=1, by=1)
+PRESSED = selected("t").model_copy(update={"cause": "button"})
+NAMES: dict[str, tuple[list[Announced | Step | SelectionEvent], list[int | None]]] = {
+    "all are counted until the end": (
+        [named("other"), named(""), named("t"), STEP, STEP, PRESSED, named("t"), STEP], [2, 2, 1]),
+    "a step before the first name counts": ([named(""), STEP, named("t")], [1, 1, 0]),
+    "a selection by staying is not confirmed": ([named(""), selected("t")], [0, 0, 0]),
+    "nothing is known where names are not spoken": ([STEP, PRESSED], [None] * 3),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_steps_and_presses_are_counted_where_names_are_spoken(name: str) -> None:
     one = attempt("press")
-    for name in ("other", "", "t"):  # "": the name ends
-        one.on_announced(Announced(stamp_ns=1, object_id=name, label=name), S)
-    one.on_step(Step(stamp_ns=1, by=1), S)
-    one.on_step(Step(stamp_ns=2, by=-1), S)
-    one.on_selection(selected("t").model_copy(update={"cause": "button"}), 2 * S)
-    one.on_announced(Announced(stamp_ns=3, object_id="t", label="t"), 3 * S)
-    one.on_step(Step(stamp_ns=3, by=1), 3 * S)
+    happens, counts = NAMES[name]
+    for number, message in enumerate(happens, 1):
+        match message:
+            case Announced():
+                one.on_announced(message, number * S)
+            case Step():
+                one.on_step(message, number * S)
+            case _:
+                one.on_selection(message, number * S)
     measures = one.columns()
-    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [2, 2, 1]
-
-
-def test_a_step_before_the_first_name_counts_where_names_are_spoken() -> None:
-    one = attempt("press")
-    one.on_announced(Announced(stamp_ns=1), S)
-    one.on_step(Step(stamp_ns=1, by=1), S)
-    one.on_announced(Announced(stamp_ns=2, object_id="t", label="t"), S)
-    measures = one.columns()
-    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [1, 1, 0]
-
-
-def test_selection_by_staying_is_not_confirmed() -> None:
-    one = attempt(names=Counter[str]())
-    one.on_selection(selected("t"), 2 * S)
-    measures = one.columns()
-    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [0, 0, 0]
-
-
-def test_names_steps_and_presses_are_not_known_where_names_are_not_spoken() -> None:
-    one = attempt("press")
-    one.on_step(Step(stamp_ns=1, by=1), S)
-    one.on_selection(selected("t").model_copy(update={"cause": "button"}), 2 * S)
-    measures = one.columns()
-    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == [None] * 3
+    assert [measures[name] for name in ("announced", "stepped", "confirmed")] == counts
 
 
 def test_without_a_surface_the_rays_point_nearest_to_the_target_is_selected() -> None:

@@ -11,7 +11,7 @@ from pointit.schemas.problems import CODES, Problem
 from pointit.schemas.topics import TOPICS
 from pointit.services.imu_bridge import sources
 from tests.architecture.sources import shipped, tree
-from tests.support.remedies import PLACEHOLDER, check_sentence, check_setting, set_options
+from tests.support.remedies import PLACEHOLDER, check_sentence, check_setting
 from tests.unit.diagnosis.fault_sites import READS, Site, one_process, router_with_people
 
 STATED = {
@@ -128,18 +128,6 @@ def test_no_sentence_of_a_service_has_a_placeholder() -> None:
                 value = constants.get(ast.unparse(node), node) if isinstance(node, ast.Name) else node
                 text = value.value if isinstance(value, ast.Constant) else ""
                 assert not PLACEHOLDER.search(str(text)), f"{path}:{call.lineno}"
-
-
-@pytest.mark.parametrize(
-    ("text", "settings"),
-    [
-        ("use --set imu-bridge.udp.host=0.0.0.0 for others", ["imu-bridge.udp.host=0.0.0.0"]),
-        ("`--set pui.map=NAME`; or", ["pui.map=NAME"]),
-        ('(--set \'pui.surfaces=["a", "b"]\') or --set pui.map=x.', ['pui.surfaces=["a", "b"]', "pui.map=x"]),
-    ],
-)
-def test_options_are_found_in_a_sentence(text: str, settings: list[str]) -> None:
-    assert set_options(text) == settings
 
 
 def test_a_placeholder_and_a_wrong_option_are_noticed() -> None:

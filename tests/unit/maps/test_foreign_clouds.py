@@ -43,17 +43,9 @@ CLOUDS: dict[str, tuple[str | bytes, dict[str, Any]]] = {
         binary_ply(Y_UP, "VCGLIB generated", RGBA, b"\1\2\3\xff"),
         {"up": "y"} | FLOOR_OF_PHONE,
     ),
-    "polycam_phone.xyz": (
-        lines(Y_UP, " ", after=" 120 130 140"),
-        {"columns": {"x": 1, "y": 2, "z": 3}, "up": "y"} | FLOOR_OF_PHONE,
-    ),
     "survey_utm.csv": (
         "Easting,Northing,Height\n" + lines(ROOM + np.array([386120, 5820345, 34.2]), form=".3f"),
         {"columns": {"x": "Easting", "y": "Northing", "z": "Height"}, "origin": [386120, 5820345, 34.2]},
-    ),
-    "national_grid.txt": (
-        "x y z\n" + lines(ROOM + np.array([530120, 179345, 11.25]), " ", form=".3f"),
-        {"origin": [530120, 179345, 11.25]},
     ),
     "cloudcompare.asc": (
         "//X Y Z R G B\n4\n" + lines(ROOM, " ", after=" 1 2 3"),
@@ -62,10 +54,6 @@ CLOUDS: dict[str, tuple[str | bytes, dict[str, Any]]] = {
     "livox_viewer.csv": (
         LIVOX + lines(ROOM, before="5,7,1,0,0,0,2,100,", after=",10,0,1000,2000,500,0,0,0"),
         {},
-    ),
-    "cad_mm.pts": (
-        "4\n" + lines(ROOM * 1000, " ", after=" -1022 9 9 9"),
-        {"columns": {"x": 1, "y": 2, "z": 3}, "unit": "mm"},
     ),
     "azure_kinect.ply": (
         binary_ply(Y_DOWN_MM, "unit: mm", RGBA, b"\0" * 4),
@@ -78,10 +66,6 @@ CLOUDS: dict[str, tuple[str | bytes, dict[str, Any]]] = {
     "paraview.csv": (
         '"Intensity","Points:0","Points:1","Points:2"\n' + lines(ROOM, before="7,"),
         {"columns": {"x": "Points:0", "y": "Points:1", "z": "Points:2"}},
-    ),
-    "spreadsheet_cm.csv": (
-        "Position in cm\nX [cm],Y [cm],Z [cm]\n" + lines(ROOM * 100),
-        {"columns": {"x": 1, "y": 2, "z": 3}, "unit": "cm"},
     ),
     "gnss_feet.txt": (
         "# pt north_ft east_ft up_ft\n"
@@ -119,7 +103,7 @@ def test_a_cloud_is_read_right_or_refused_with_parameters_that_work(tmp_path: Pa
         entry[named] = missing.pop(named)
     path.write_text(yaml.safe_dump({"clouds": {"scan": entry}}))
     points = load_map_and_clouds(str(path), 0)[1]["scan"]
-    np.testing.assert_allclose(points, ROOM, atol=0.02 if "utm" in name or "grid" in name else 2e-4)
+    np.testing.assert_allclose(points, ROOM, atol=0.02 if "utm" in name else 2e-4)
 
 
 def test_a_shallow_scan_whose_axis_up_is_not_stated_is_refused_until_it_is(tmp_path: Path) -> None:

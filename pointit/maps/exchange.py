@@ -24,7 +24,7 @@ from pointit.maps.light_files.strip_fit import (
     pixels_along,
     strip_entry,
 )
-from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_matrix, read_segments
+from pointit.maps.light_files.wled import GAP, MAX_CELLS, WledSegment, read_ledmap, read_segments
 from pointit.maps.model import MapFile, StripEntry
 from pointit.maps.text_table import DeclaredColumn
 from pointit.runtime.config.validation_message import format_value, join_names
@@ -214,24 +214,6 @@ def laid_out(segments: Mapping[str, WledSegment], pitch_m: float) -> dict[str, S
     return strips
 
 
-def from_matrix(text: str, pitch_m: float) -> dict[str, StripEntry]:
-    """Return the strips of the matrix in WLED's configuration, on an upright plane, `{}` if it has none.
-
-    They follow the wire through the panels. Pixels of the outputs behind the matrix are a strip above it.
-    Raises: ConfigError: If a panel has no size, or two share a cell.
-    """
-    if (matrix := read_matrix(text)) is None:
-        return {}
-    cells, behind = matrix
-    height = max(row for _, row in cells) + 1
-    strips = _strips_in_grid([(number, *cell) for number, cell in enumerate(cells)], height, pitch_m)
-    if behind:
-        height_m = round((height + 1) * pitch_m, 4)
-        line = [[0.0, 0.0, height_m], [round(behind * pitch_m, 4), 0.0, height_m]]
-        strips["behind_matrix"] = strip_entry(line, behind)
-    return strips
-
-
 def to_ledmap(file: MapFile, view: str, cell_m: float) -> str:
     """Return the strips as WLED's ledmap.json: a grid of cells seen from the top, front or side.
 
@@ -266,13 +248,6 @@ def from_ledmap(text: str, cell_m: float, gap_m: float | None = None) -> dict[st
         ConfigError: If it is not such.
     """
     cells, height = read_ledmap(text)
-    return _strips_in_grid(cells, height, cell_m, gap_m)
-
-
-def _strips_in_grid(
-    cells: Sequence[tuple[int, int, int]], height: int, cell_m: float, gap_m: float | None = None
-) -> dict[str, StripEntry]:
-    """Return the strips of pixels, given by number, column and row, on an upright plane."""
     numbers = np.array([number for number, _, _ in cells], dtype=np.intp)
     points = cell_m * np.array(
         [[column, 0.0, height - 1 - row] for _, column, row in cells], dtype=np.float64

@@ -508,8 +508,6 @@ def _print_notes(strips: Mapping[str, StripEntry]) -> None:
 
 
 def _strips_of_segments(text: str, preset: int | None, pitch_m: float) -> dict[str, StripEntry]:
-    if preset is None and (strips := exchange.from_matrix(text, pitch_m)):
-        return strips
     segments = exchange.from_segments(text, preset, _print_note)
     for name, each in segments.items():
         if each.rows > 1:

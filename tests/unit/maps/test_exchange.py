@@ -3,11 +3,15 @@
 import contextlib
 import json
 import time
+from pathlib import Path
+from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from pointit.cli.maps.exchange import import_
 from pointit.maps import exchange
 from pointit.maps.model import MapFile
 from pointit.runtime.errors import ConfigError
@@ -88,17 +92,8 @@ def test_segments_with_more_pixels_than_a_strip_are_refused(stop: int) -> None:
         exchange.laid_out(counts, 0.01)
 
 
-def panels(*each: dict[str, int]) -> str:
-    return json.dumps({"hw": {"led": {"matrix": {"mpc": len(each), "panels": each}}}})
-
-
 ALIKE = ["".join("!?"[number >> bit & 1] for bit in range(13)) for number in range(4500)]
 LIMITED = {
-    "panels": (
-        panels(*({"w": 120, "h": 120, "x": 120 * n, "y": 0} for n in range(200))),
-        "has 28800 pixels, limit 16384"),
-    "a panel": (panels({"w": 1000, "h": 1000}), "has 1000 x 1000 pixels .*, at most 16384 pixels"),
-    "a place": (panels({"w": 9, "h": 9, "x": 10**17}), "x of panel 0 .* is 10+; write a whole number"),
     "segments": (json.dumps({"seg": [{"start": 0, "stop": 9}] * 30_000}), "more than 1000 segments"),
     "digits": ('{"seg": [{"stop": ' + "9" * 400 + "}]}", "stop of segment 0 is 9{20}.*; write a whole"),
     "wire": (json.dumps({"seg": [{"start": 0, "stop": 10**6}]}), "a whole number from 0 to 262143"),
@@ -115,7 +110,7 @@ def read_any(text: str) -> None:
         exchange.from_csv(text)
     elif "width" in text:
         exchange.from_ledmap(text, 0.05)
-    elif not exchange.from_matrix(text, 0.05):
+    else:
         exchange.from_segments(text)
 
 
@@ -132,3 +127,50 @@ def test_files_beyond_a_limit_are_refused_at_once_in_one_sentence(name: str) -> 
 def test_ledmap_with_too_many_cells_is_refused() -> None:
     with pytest.raises(ConfigError, match="too many"):
         exchange.to_ledmap(BENT, "side", 0.0001)
+
+
+def imported(folder: Path, content: bytes, *options: str) -> tuple[str, int]:
+    source = folder / "source.json"
+    source.write_bytes(content)
+    result = CliRunner().invoke(import_, [str(source), "--as", "segments", *options])
+    return (str(result.exception) if result.exception else result.output), result.exit_code
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_segments_are_imported_in_any_unicode(tmp_path: Path, encoding: str) -> None:
+    text, code = imported(tmp_path, '{"seg": [{"start": 0, "stop": 64, "n": "Küche"}]}'.encode(encoding))
+    assert code == 0
+    assert "pixels: 64" in text
+
+
+def test_a_file_in_another_encoding_is_refused_with_the_line_and_the_remedy(tmp_path: Path) -> None:
+    text, _ = imported(tmp_path, '{"seg": [\n{"start": 0, "stop": 9, "n": "Küche"}]}'.encode("latin-1"))
+    assert text.endswith("source.json: line 2 is not UTF-8; save the file as UTF-8")
+
+
+USED: list[dict[str, Any]] = [
+    {"id": 0, "start": 0, "stop": 30, "grp": 1, "n": "Desk"},
+    {"id": 1, "start": 30, "stop": 60},
+]
+FILLER = {"stop": 0}
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        [*USED, *[FILLER] * 30],
+        [*USED, {"id": 2, "start": 0, "stop": 0, "n": "old"}],
+        [{**USED[0], "fx": 9, "stopY": 1}, {"id": 4, "start": 30, "len": 30}],
+        [USED[0], FILLER, {**USED[1], "n": ""}],
+        USED[::-1],
+    ],
+)
+def test_presets_that_differ_only_in_unused_segments_are_the_same(other: list[dict[str, Any]]) -> None:
+    presets: dict[str, Any] = {
+        "0": {},
+        "1": {"seg": [*USED, *[FILLER] * 14], "n": "A"},
+        "2": {"seg": other, "n": "B"},
+    }
+    presets["3"] = {"playlist": {"ps": [1, 2]}, "on": True, "n": "Loop"}
+    segments = exchange.from_segments(json.dumps(presets))
+    assert [(each.start, each.pixels) for each in segments.values()] == [(0, 30), (30, 30)]

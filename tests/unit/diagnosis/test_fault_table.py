@@ -74,7 +74,7 @@ def problems(findings: list[Finding]) -> list[Finding]:
     [
         (is_starved, one_process, "starved", "process 10 of machine desk"),
         (is_starved, router_with_people, "starved", "process 2 of machine desk"),
-        (runs_twice, router_with_people, "twice", "process 99"),
+        (runs_twice, router_with_people, "twice", "processes 2 on desk and 99 on desk"),
         (has_wrong_rights, processes, "denied", "may not write users/ben/ray"),
         (has_wrong_clock, router_with_people, "clock", "machine laptop-anna"),
     ],

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, pi, radians, sin
+from math import cos, pi, sin
 from typing import Annotated, Literal, TypeVar
 
 import numpy as np
@@ -157,7 +157,6 @@ class Tapping(TaskConfig):
     strip: str = Field(default="", description="strip for tapping in one dimension, about its middle")
     targets: int = Field(default=11, ge=3, le=51, description="number of targets on the circle, odd")
     center_m: Vec3 = Field(default=(3.0, 0.0, 1.4), description="centre of the circle, {W}, m")
-    azimuth_deg: float = Field(default=0.0, description="azimuth of the normal of the circle's plane, deg")
 
     def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`; the next target is across the circle, one further each time.
@@ -205,10 +204,14 @@ class Tapping(TaskConfig):
         )
 
     def _on_circle(self, angle_rad: float) -> Vec3:
-        radius_m, azimuth_rad = self.distance_m / 2.0, radians(self.azimuth_deg)
-        side_m = radius_m * cos(angle_rad)
-        x, y, z = self.center_m
-        return (x - side_m * sin(azimuth_rad), y + side_m * cos(azimuth_rad), z + radius_m * sin(angle_rad))
+        radius_m, (x, y, z) = self.distance_m / 2.0, self.center_m
+        return (x, y + radius_m * cos(angle_rad), z + radius_m * sin(angle_rad))
+
+
+GAP_M = 0.6
+"""Distance between two packages, m."""
+START = 0.1
+"""Position of the hindmost package, share of the lane."""
 
 
 class TargetPackages(TaskConfig):
@@ -217,9 +220,7 @@ class TargetPackages(TaskConfig):
     kind: Literal["packages"]
     lane: str = Field(default="", description="belt; the longest of the map if empty")
     width_m: Width = 0.4
-    gap_m: float = Field(default=0.6, gt=0, le=10, description="between two packages, m")
     others: int = Field(default=2, ge=0, le=20, description="number of blue packages")
-    start: float = Field(default=0.1, ge=0, le=1, description="of the hindmost package, share of the lane")
 
     def scene(self, trial: StudyTrial, room: Environment, before: StudyScene | None) -> StudyScene:
         """Return the scene of `trial`.
@@ -231,8 +232,8 @@ class TargetPackages(TaskConfig):
         lane = self.lane or max(lengths, key=lengths.__getitem__, default="")
         if lane not in lengths:
             raise ConfigError(f"the map has no belt {lane or 'at all'} for task packages")
-        step = (self.width_m + self.gap_m) / lengths[lane]
-        if self.start + self.others * step > 1.0:
+        step = (self.width_m + GAP_M) / lengths[lane]
+        if START + self.others * step > 1.0:
             raise ConfigError(
                 f"{self.others + 1} packages do not fit on belt {lane}; make task.others smaller"
             )
@@ -242,7 +243,7 @@ class TargetPackages(TaskConfig):
                 kind=TARGET if n == now else OTHER,
                 lane=lane,
                 length_m=self.width_m,
-                position=self.start + n * step,
+                position=START + n * step,
             )
             for n in range(self.others + 1)
         ]

@@ -49,28 +49,25 @@ def read_segments(text: str, preset: int | None = None) -> list[WledSegment]:
     """Return the segments with pixels: of a state, of what has one, of presets, or the configured outputs.
 
     Args:
-        text: JSON of `/json`, `/json/state`, `/json/cfg`, `presets.json`, or a list of segments.
+        text: JSON of `/json`, `/json/state`, `/json/cfg` or `presets.json`.
         preset: number of the preset. None: the only one, or any if all have the same segments.
 
     Raises:
         ConfigError: If there are none, or several presets differ. One sentence.
     """
-    data = whole = read_json(text)
-    if isinstance(data, dict):
-        state = cast("Json", data)
-        state = state["state"] if isinstance(state.get("state"), dict) else state
-        if preset is not None or (state and all(key.isdecimal() for key in state)):
-            state = _preset(state, preset)
-        elif outputs := list_of(inside(state, "hw", "led", "ins")):
-            return _used([_output(number, each) for number, each in enumerate(outputs)])
-        data = state.get("seg", state if {"stop", "len"} & state.keys() else None)
-        if isinstance(data, dict):
-            data = [cast("Json", data)]
-    if not isinstance(data, list):
+    whole = read_json(text)
+    state = cast("Json", whole) if isinstance(whole, dict) else {}
+    state = state["state"] if isinstance(state.get("state"), dict) else state
+    if preset is not None or (state and all(key.isdecimal() for key in state)):
+        state = _preset(state, preset)
+    elif outputs := list_of(inside(state, "hw", "led", "ins")):
+        return _used([_output(number, each) for number, each in enumerate(outputs)])
+    seg = state.get("seg")
+    if not (listed := [seg] if isinstance(seg, dict) else list_of(seg)):
         raise ConfigError(f"has no segments of WLED; give its state, such as {_EXAMPLE}")
-    if len(cast("Sequence[Any]", data)) > MAX_SEGMENTS:
+    if len(listed) > MAX_SEGMENTS:
         raise ConfigError(f"has more than {MAX_SEGMENTS} segments, and WLED has 64; give its state")
-    segments = [_segment(number, each) for number, each in enumerate(cast("Sequence[Any]", data))]
+    segments = [_segment(number, each) for number, each in enumerate(listed)]
     return _behind_matrix(_used(segments), _matrix_size(whole))
 
 

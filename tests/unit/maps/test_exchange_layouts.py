@@ -212,11 +212,9 @@ STATE: dict[str, Any] = {
         {"stop": 0},
     ],
 }  # fmt: skip
-FIRST, SECOND = STATE["seg"][:2]
 SOURCES: dict[str, Any] = {
     "a state": STATE,
     "state and info": {"state": STATE, "info": {"leds": {"count": 60}}, "effects": ["Solid"]},
-    "a list": STATE["seg"],
     "presets with the same segments": {
         "0": {}, "1": {**STATE, "n": "Red"}, "4": {**STATE, "n": "Blue"},
         "7": {"playlist": {"ps": [1, 4]}, "on": True},
@@ -239,11 +237,6 @@ def test_segments_have_their_pixels_on_the_wire(name: str) -> None:
     assert [strip.offset for strip in strips.values()] == [5, 40]
     back = json.loads(exchange.to_segments(MapFile.model_validate({"strips": dumped(strips)})))["seg"]
     assert [(each["start"], each["stop"]) for each in back] == [(5, 35), (40, 60)]
-
-
-@pytest.mark.parametrize("segment", [FIRST, {"seg": FIRST}, {"state": {"seg": FIRST}}])
-def test_one_segment_may_stand_without_a_list(segment: Any) -> None:
-    assert [each.pixels for each in exchange.from_segments(json.dumps(segment)).values()] == [30]
 
 
 def test_segments_of_a_matrix_have_the_pixels_of_all_rows() -> None:

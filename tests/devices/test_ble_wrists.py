@@ -63,7 +63,3 @@ async def test_device_time_goes_on_when_its_counter_wraps_and_begins_again_after
         count = len(session.of(Reading))
         await session.until(lambda: len(session.of(Reading)) > count)
         assert session.of(Reading)[count].device_time_ns in range(1_000_000_000)
-
-
-def test_person_with_an_xsens_dot_selects_red_segments() -> None:
-    run_virtually(require_selection("xsens_dot", SimulatedXsensDot(), RATE_HZ))

@@ -95,13 +95,6 @@ async def test_address_to_which_no_network_leads_is_passed_over(monkeypatch: pyt
         assert not health.warnings
 
 
-async def test_light_that_does_not_listen_at_ipv6_is_named_and_ends_dark_when_back() -> None:
-    async with light("::1") as (_, port):
-        pass
-    async with shown(f"ddp:[::1]:{port}") as health:
-        await until(lambda: "does not listen" in health.warnings.get(f"network [::1]:{port}", ""))
-
-
 def test_scope_of_a_link_local_address_is_kept() -> None:
     ((family, address),) = set(resolve("fe80::1%lo", 4048, DGRAM))
     assert family == socket.AF_INET6

@@ -2,10 +2,8 @@
 
 import asyncio
 import contextlib
-import datetime as dt
 import json
 import re
-import ssl
 import sys
 from collections.abc import AsyncGenerator, Iterator
 from pathlib import Path
@@ -17,7 +15,6 @@ from ha_mqtt_discoverable import Settings
 from ha_mqtt_discoverable.sensors import Light, LightInfo
 
 import pointit
-from pointit.bridges.web.server import certificate
 from pointit.runtime.mqtt.broker import connected
 from pointit.schemas import Lamp
 from pointit.services.led_driver.output import mqtt_output
@@ -193,16 +190,6 @@ async def test_availability_in_the_words_of_other_makers_is_described_or_named(p
             await until(lambda: not health.warnings, what="the lamp to be back")
 
 
-async def test_a_bridge_below_a_base_topic_with_levels_tells_that_its_lamps_are_offline(port: int) -> None:
-    await until(lambda: is_listening(port), what="the broker")
-    async with (
-        lamps_on(port, base_topic="home/zigbee2mqtt") as (_output, health),
-        aiomqtt.Client("127.0.0.1", port) as bridge,
-    ):
-        await bridge.publish("home/zigbee2mqtt/bridge/state", '{"state":"offline"}', qos=1, retain=True)
-        await until(lambda: "offline: desk, door;" in str(health.warnings), what="both lamps")
-
-
 async def test_the_state_is_found_in_a_long_message(port: int) -> None:
     await until(lambda: is_listening(port), what="the broker")
     message = json.dumps({"networks": ["x" * 2000], "state": "offline"})
@@ -315,19 +302,5 @@ async def test_a_broker_that_asks_for_a_password_gets_it_from_the_environment_or
         async with (
             overheard(port, "pointit/status", username="anna", password=secret.read_text().strip()) as heard,
             lamps_on(port, username="anna", password_file=str(secret)),
-        ):
-            await until(lambda: heard == [("pointit/status", b"online")], what="a connection")
-
-
-async def test_an_encrypted_broker_is_trusted_by_its_authority_alone(tmp_path: Path) -> None:
-    made = certificate.obtain(tmp_path, ["127.0.0.1"], "hub", dt.datetime.now(dt.UTC))
-    options = f"allow_anonymous true\ncertfile {made.certificate}\nkeyfile {made.key}\nuser root\n"
-    context = ssl.create_default_context(cafile=str(made.certificate))
-    with broker(tmp_path, options=options) as port:
-        async with lamps_on(port, tls=True) as (_output, health):
-            await until(lambda: "certificate" in str(health.warnings).lower(), what="a refusal")
-        async with (
-            overheard(port, "pointit/status", tls_context=context) as heard,
-            lamps_on(port, tls=True, ca_file=str(made.certificate)),
         ):
             await until(lambda: heard == [("pointit/status", b"online")], what="a connection")

@@ -9,8 +9,7 @@ import pytest
 from ha_mqtt_discoverable.sensors import SwitchInfo
 
 from pointit.cli.things import mqtt_events
-from pointit.cli.things.mqtt_events import broker_of
-from pointit.runtime.errors import ConfigError, RefusedError
+from pointit.runtime.errors import RefusedError
 from pointit.schemas import Done, SelectedObject, Selection, SetThing
 from pointit.schemas.topics import ACT_RESULTS, SELECTION, SET_THING
 from tests.support.bench import memory_bench, until
@@ -172,17 +171,3 @@ async def test_bytes_of_others_below_its_announcements_are_taken_back(port: int)
         async with published(port, bench) as watcher:
             watcher.on_map(room())
             await until(lambda: heard[-1:] == [(topic, b"")], what="the last message to be empty")
-
-
-@pytest.mark.parametrize("address", ["", "http://x", "mqtt://u:secret@x", "x:70000", "mqtt://x/y", "mqtt://"])
-def test_what_is_no_broker_is_one_sentence(address: str) -> None:
-    with pytest.raises(ConfigError, match="--mqtt"):
-        broker_of(address)
-
-
-def test_the_ways_to_write_a_broker() -> None:
-    assert broker_of("home").address() == ("home", 1883)
-    assert broker_of("home:1884").address() == ("home", 1884)
-    assert broker_of("[::1]:1884").address() == ("::1", 1884)
-    secured = broker_of("mqtts://anna@home")
-    assert (secured.address(), secured.tls, secured.username) == (("home", 8883), True, "anna")

@@ -28,7 +28,6 @@ from tests.support.pace import Patience
 from tests.support.wled import Packet, announcement, served_info
 
 FRAMES = 40
-SKETCH_PIXELS = 320
 MIXED = (
     {"strip": "0", "reversed": True, "order": "GRB", "offset": 500},
     {"strip": "1", "first": 100, "offset": 10},
@@ -259,48 +258,6 @@ async def test_controller_in_the_network_is_found_beside_others_that_answer_nons
     kitchen = found["Kitchen, 120 pixels, WLED 0.15.1"]
     assert kitchen.address in ("127.0.0.1", "wled-test.local")
     assert kitchen.details == {"pixels": 120, "version": "0.15.1"}
-
-
-def sketch(received: bytearray) -> list[bytes]:
-    """Return the pixels of each Adalight frame, byte by byte as sketches do: no registry has a decoder."""
-    frames: list[bytes] = []
-    at, matched = 0, 0
-    while at < len(received):
-        matched = matched + 1 if received[at] == b"Ada"[matched] else int(received[at] == b"A"[0])
-        at += 1
-        if matched < len(b"Ada"):
-            continue
-        matched = 0
-        high, low, check = received[at : at + 3].ljust(3, b"\0")
-        at += 3
-        if check != high ^ low ^ 0x55:
-            continue
-        size = 3 * (256 * high + low + 1)
-        if at + size <= len(received):
-            frames.append(bytes(received[at : at + size]))
-        at += size
-    return frames
-
-
-async def test_adalight_frames_arrive_pixel_for_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
-    published, device = Published(monkeypatch), PtyDevice()
-    await device.plug()
-    segments = [
-        {"strip": "1", "reversed": True, "order": "BRG"},
-        {"strip": "0", "offset": SKETCH_PIXELS - 150},
-    ]
-    output = {"kind": "adalight", "port": str(device.path), "baud": 2_000_000, "segments": segments}
-    async with scenario_3([output], lambda: len(set(sketch(device.received))) > FRAMES):
-        pass
-    await until(lambda: not any(sketch(device.received)[-1]))
-    wanted: list[bytes] = []
-    for strips in published:
-        turned = [bytes((blue, red, green)) for red, green, blue in reversed(strips["1"])]
-        gap = bytes(3 * (SKETCH_PIXELS - 300))
-        wanted.append(b"".join((*turned, gap, *map(bytes, strips["0"]))))
-    require_shown(sketch(device.received), wanted)
-    await device.unplug()
-    device.close()
 
 
 async def test_outputs_that_block_or_cannot_be_found_cost_another_no_frame(

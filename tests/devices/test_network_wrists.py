@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import socket
 import subprocess
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager, suppress
@@ -10,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pythonosc.osc_message_builder import build_msg
-from pythonosc.udp_client import UDPClient
 
 from pointit.geometry.rotation import Quaternion
 from pointit.plugins import Battery, FoundDevice, Press, Reading, Reconnected, Signal
@@ -132,28 +129,4 @@ async def test_person_with_a_tracker_selects_a_red_segment_of_scenario_3(node: t
     port = free_udp_port()
     async with tracker(node, port) as emulated:
         event = await first_selected(f"slimevr:{MAC}", {"imu-bridge.slimevr.port": port}, emulated.turn)
-    assert event.user == "user1"
-
-
-async def test_person_with_an_osc_app_selects_a_red_segment_of_scenario_3() -> None:
-    port = free_udp_port()
-    with UDPClient("127.0.0.1", port) as client:  # pyrefly: ignore[bad-context-manager]
-
-        def turn(orientation_xyzw: Quaternion) -> None:
-            x, y, z, w = orientation_xyzw
-            client.send(build_msg("/gyrosc/quat", [w, x, y, z]))
-
-        event = await first_selected(f"osc:{port}", {}, turn)
-    assert event.user == "user1"
-
-
-async def test_person_with_a_phone_that_sends_json_selects_a_red_segment_of_scenario_3() -> None:
-    port = free_udp_port()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as phone:
-
-        def turn(orientation_xyzw: Quaternion) -> None:
-            content = {"type": "android.sensor.game_rotation_vector", "values": orientation_xyzw}
-            phone.sendto(json.dumps(content).encode(), ("127.0.0.1", port))
-
-        event = await first_selected(f"udp:{port}", {}, turn)
     assert event.user == "user1"

@@ -90,30 +90,6 @@ async def test_each_frame_arrives_pixel_for_pixel_and_the_last_is_dark(ola: Ola,
         await ola.until(universe, is_dark)
 
 
-@pytest.mark.parametrize("kind", ["e131", "artnet"])
-async def test_strips_of_scenario_3_arrive_as_they_are_drawn(
-    ola: Ola, kind: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drawn = {bytes(900)}
-    show = UdpOutput.show
-
-    def record(output: UdpOutput, frame: StripsFrame, age_s: float = 0.0) -> None:
-        drawn.add(b"".join(strip.rgb for strip in frame.strips))
-        show(output, frame, age_s)
-
-    monkeypatch.setattr(UdpOutput, "show", record)
-    seen = (set[bytes](), set[bytes]())
-    outputs = [{"kind": kind, "host": ola.address, "gamma": 1.0}]
-    async with pointit.run("scenario_3", seed=1, settings={"led-driver.outputs": outputs}):
-        async with asyncio.timeout(90):
-            while min(len(each) for each in seen) < SHOWN:
-                for universe, found in zip(UNIVERSES[kind], seen, strict=True):
-                    found.add((await ola.slots(universe))[:FIRST])
-    assert seen[0] <= {pixels[:FIRST] for pixels in drawn}
-    assert seen[1] <= {pixels[FIRST:] for pixels in drawn}
-    await ola.until(UNIVERSES[kind][0], is_dark)
-
-
 async def test_beam_of_a_moving_head_follows_the_cursor_of_scenario_3(
     ola: Ola, monkeypatch: pytest.MonkeyPatch
 ) -> None:

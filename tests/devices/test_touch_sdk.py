@@ -13,7 +13,7 @@ from bumble.att import ATT_Error
 
 from pointit.geometry import rotation
 from pointit.plugins import Surroundings
-from pointit.runtime.clock import VirtualClock, run_virtually
+from pointit.runtime.clock import VirtualClock
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.ble.ble_source import discover_ble
@@ -30,7 +30,7 @@ from pointit.services.imu_bridge.sources import (
 )
 from pointit.testing.imu import is_near
 from pointit_lab.devices.wrists.touch_sdk_watch import DISCONNECT, PERIOD_MS, SimulatedTouchSdkWatch
-from tests.devices.ble_session import POSTURE, Session, require_selection, worn
+from tests.devices.ble_session import POSTURE, Session, worn
 from tests.devices.bumble_radio import BumbleClient, air
 from tests.support.bench import background, in_virtual_time, until
 
@@ -368,7 +368,3 @@ async def test_watch_that_is_not_the_wanted_one_is_left_alone() -> None:
             lambda: "Touch SDK watch c3d4 is not heard" in session.health.warnings.get("link", "")
         )
         assert session.wrist.connections == 0
-
-
-def test_person_with_a_watch_selects_red_segments() -> None:
-    run_virtually(require_selection("touch_sdk", SimulatedTouchSdkWatch(), RATE_HZ))

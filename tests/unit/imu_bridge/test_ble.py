@@ -21,30 +21,11 @@ from pointit.runtime.clock import run_virtually
 from pointit.schemas import Feedback
 from pointit.services.imu_bridge.ble import metamotion, radio, xsens_dot
 from pointit.services.imu_bridge.ble import witmotion_ble as witmotion
-from pointit.services.imu_bridge.ble.metamotion import METAMOTION, MetaMotion, MetaMotionConfig
+from pointit.services.imu_bridge.ble.metamotion import METAMOTION
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio, describe_error, scanning
-from pointit.services.imu_bridge.ble.touch_sdk import TouchSdkConfig, TouchSdkWatch
-from pointit.services.imu_bridge.ble.witmotion_ble import WitMotionBle, WitMotionBleConfig
-from pointit.services.imu_bridge.ble.wrist import DOUBLE_S, HOLD_S, ButtonGestures, Wrist
-from pointit.services.imu_bridge.ble.xsens_dot import XsensDot
-from pointit.services.imu_bridge.sources import RawReading, Reading
+from pointit.services.imu_bridge.ble.wrist import DOUBLE_S, HOLD_S, ButtonGestures
 from pointit_lab.devices.ble import BleDevice
 from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
-
-WRISTS: list[Wrist] = [
-    *(MetaMotion(MetaMotionConfig()), WitMotionBle(WitMotionBleConfig()), XsensDot()),
-    *(TouchSdkWatch(TouchSdkConfig()), TouchSdkWatch(TouchSdkConfig(orientation="fusion", hand="right"))),
-]
-STARTS = [
-    b"",
-    b"\x0a\x16\x22\x14\x0d\0\0\x80\x3f",
-    b"\x0a\x0c\x0a\x0a\x0d\0\0",
-    b"\x19\x07",
-    b"\x11\x8c",
-    b"\x55\x61",
-    b"\x55\x71\x64\x00",
-    b"\x19\x80",
-]
 
 
 def test_quaternion_of_a_metamotion_is_scalar_first() -> None:
@@ -151,21 +132,6 @@ def test_time_of_an_xsens_dot_goes_on_after_32_bits_and_a_small_step_back_remain
         (2**32 + 20) * 1000,
         (2**32 + 4) * 1000,
     ]
-
-
-@pytest.mark.parametrize("wrist", WRISTS, ids=lambda wrist: type(wrist).__name__)
-@given(st.lists(st.tuples(st.sampled_from(STARTS), st.binary(max_size=80)), max_size=20))
-def test_any_bytes_of_a_wrist_give_finite_unit_readings_or_none(
-    wrist: Wrist, notifications: list[tuple[bytes, bytes]]
-) -> None:
-    wrist.begin("")
-    for start, rest in notifications:
-        for characteristic in wrist.notifications:
-            for item in wrist.received(characteristic, start + rest, 7):
-                if isinstance(item, Reading):
-                    assert math.hypot(*item.world_from_sensor) == pytest.approx(1.0, abs=1e-6)
-                elif isinstance(item, RawReading):
-                    assert all(map(math.isfinite, (*item.acceleration_mps2, *item.angular_velocity_radps)))
 
 
 Reason = BleakBluetoothNotAvailableReason

@@ -199,11 +199,6 @@ async def test_source_without_its_settings_is_refused(values: dict[str, object],
     await bus.close()
 
 
-def test_a_mounting_that_is_no_rotation_is_refused() -> None:
-    with pytest.raises(ValueError, match="a quaternion of norm 2, not 1"):
-        ImuBridgeConfig(mounting_xyzw=(0, 0, 0, 2))
-
-
 async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
     async with memory_bench(WallClock()) as bench:
         samples, presses = bench.collect(IMU, "anna"), bench.collect(BUTTON, "anna")
@@ -223,44 +218,6 @@ async def test_serial_lines_become_samples_and_buttons(tmp_path: Path) -> None:
             assert samples[0].orientation_xyzw == pytest.approx((0, 0, 0.8, 0.6))
             assert [press.gesture for press in presses] == ["press", "hold"]
             await until(lambda: has_warning(reports, "is not text"))
-
-
-async def test_unplugged_and_back_is_said_once_each(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "pointit")
-    async with memory_bench(WallClock()) as bench:
-        samples, reports = bench.collect(IMU), bench.collect(HEALTH)
-        with pty_device(tmp_path / "imu") as device:
-            bench.start(ImuBridge, serial_config(device.path), user="anna")
-            await send_until(device, b"1,0,0,0\n", lambda: bool(samples), what="a sample")
-            device.unplug()
-            await until(lambda: has_warning(reports, "plug the device in"))
-            device.plug()
-            seen = len(samples)
-            await send_until(device, b"1,0,0,0\n", lambda: len(samples) > seen, what="a sample again")
-            await until(lambda: not reports[-1].warnings)
-            said = [record.getMessage() for record in caplog.records if "serial" in record.name]
-    assert len(said) == 3, said
-    assert said[0].endswith("lines of text at 115200 baud")
-    assert "went away" in said[1]
-    assert said[2].endswith("is back")
-
-
-async def test_a_connected_device_that_says_nothing_readable_is_a_warning(tmp_path: Path) -> None:
-    async with memory_bench(WallClock()) as bench:
-        samples, reports = bench.collect(IMU), bench.collect(HEALTH)
-        with pty_device(tmp_path / "imu") as device:
-            bench.start(ImuBridge, serial_config(device.path, timeout_s=0.3), user="anna")
-            await until(lambda: has_warning(reports, "not one byte"))
-            device.send(b"\x55\x59\x82\x5a")
-            device.unplug()
-            device.plug()
-            nonsense = b"\x55\x59\x82"
-            await send_until(device, nonsense, lambda: has_warning(reports, "55 59"), what="the first bytes")
-
-            def is_heard() -> bool:
-                return bool(samples) and not has_warning(reports, "nothing readable")
-
-            await send_until(device, b"\n1,0,0,0\n", is_heard, what="the warning to go")
 
 
 async def test_a_port_that_another_program_holds_is_not_shared(tmp_path: Path) -> None:

@@ -156,6 +156,19 @@ def test_configured_sensor_that_is_not_heard_is_named_with_those_that_are() -> N
     assert sensors.warning == ""
 
 
+def test_port_that_sends_nothing_is_told_from_one_that_sends_nothing_readable() -> None:
+    warnings: list[str | None] = []
+    for data in (b"", b"\x55\x59\x82"):
+        watch, detection = SilenceWatch("the port", 3.0, 0.0), Detection(SerialConfig(baud=9600))
+        detection.feed(data, 0, 4.0)
+        warnings.append(watch.step(data, 4.0, detection))
+    assert warnings[0] == (
+        "the port is connected but sent nothing readable for 3 s, not one byte: check the cable and that the "
+        "device sends"
+    )
+    assert "3 bytes, the first 55 59 82; tried " in (warnings[1] or "")
+
+
 def test_warning_of_a_port_shows_the_line_and_the_parameter_alone() -> None:
     detection, watch, warning = Detection(SerialConfig()), SilenceWatch("the port", 3.0, 0.0), ""
     for number in range(40):

@@ -4,8 +4,6 @@ import re
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pointit.runtime.service.plugin_guard import Surroundings
@@ -21,13 +19,6 @@ from tests.support.running_source import Health
 def test_header_matches_the_golden_bytes(pixels: int, header: str) -> None:
     data = bytes(range(3)) * pixels
     assert adalight.encode_frame(data) == bytes.fromhex(header) + data
-
-
-@given(st.integers(1, adalight.MAX_PIXELS))
-def test_count_and_check_byte_are_those_of_the_pixels(pixels: int) -> None:
-    frame = adalight.encode_frame(bytes(3 * pixels))
-    assert int.from_bytes(frame[3:5], "big") + 1 == pixels
-    assert frame[5] == frame[3] ^ frame[4] ^ 0x55
 
 
 def warning(pixels: int, **fields: object) -> str:

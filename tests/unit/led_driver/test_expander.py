@@ -1,6 +1,5 @@
 """The output: ports of their own, keep-alives, darkness at the end, late and stuck controllers, current."""
 
-import asyncio
 import contextlib
 import functools
 import os
@@ -13,73 +12,24 @@ from typing import Any, cast
 
 import pytest
 
-from pointit.runtime.bus.memory_bus import LocalBroker, MemoryBus
-from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.clock import WallClock
-from pointit.runtime.errors import ConfigError
 from pointit.runtime.host.serial_port import PortSettings
 from pointit.runtime.service.plugin_guard import Surroundings
-from pointit.runtime.service.service import Context
 from pointit.schemas import Environment, Strip
 from pointit.schemas.topics import CURSOR, HEALTH, MAP
 from pointit.services.led_driver.config import LedDriverConfig
 from pointit.services.led_driver.output.expander import ExpanderConfig, ExpanderOutput, draw_time_s
 from pointit.services.led_driver.output.serial_output import KEEP_ALIVE_S, SerialFrame, wire_time_s
 from pointit.services.led_driver.outputs import FRAME_RATE
-from pointit.services.led_driver.service import LedDriver
 from tests.support.bench import ManualClock, memory_bench, until
-from tests.support.pace import within
-from tests.support.pty_device import Listener, PtyDevice, pty_device
+from tests.support.pty_device import PtyDevice, pty_device
 from tests.support.running_source import Health
 from tests.unit.led_driver.driving import FAST, cursor, next_frame, started
 
 pytestmark = pytest.mark.wall_time
 
 
-@pytest.mark.parametrize(
-    "outputs", [(ExpanderConfig(),), (ExpanderConfig(port="x"), ExpanderConfig(port="x"))]
-)
-async def test_an_output_without_a_port_of_its_own_is_refused(outputs: tuple[ExpanderConfig, ...]) -> None:
-    bus = MemoryBus(LocalBroker())
-    view = ServiceBus(bus, WallClock(), "led-driver", "led-driver")
-    with pytest.raises(ConfigError, match=r"outputs\.\d\.port"):
-        LedDriver(LedDriverConfig(outputs=outputs), Context(bus=view, clock=WallClock()))
-    await bus.close()
-
-
-MAGIC = b"UPXL"
-SET_SIZE = 4 + 6 + 60 + 4
-DRAW_SIZE = 10
-
-
 def expander(path: Path) -> LedDriverConfig:
     return FAST.model_copy(update={"outputs": (ExpanderConfig(port=str(path)),)})
-
-
-def colored(stream: bytes) -> list[bool]:
-    """Return for each set-channel frame in a stream of whole frames whether it is not dark."""
-    frames = stream.split(MAGIC)[1:]
-    return [any(frame[6:66]) for frame in frames if frame[1] == 1]
-
-
-async def test_the_expander_gets_a_throw_away_frame_keep_alives_and_darkness_at_the_end(
-    tmp_path: Path,
-) -> None:
-    stream = bytearray()
-    clock = ManualClock()
-    with pty_device(tmp_path / "led") as device, Listener(device, stream.extend):
-        async with memory_bench(clock) as bench:
-            await started(bench, expander(device.path))
-            bench.put(CURSOR, cursor(clock, 0.5), "anna")
-            await until(lambda: any(colored(bytes(stream))))
-            # the standing clock keeps the cursor; nothing changes, and yet it is sent again
-            seen = sum(colored(bytes(stream)))
-            await until(lambda: sum(colored(bytes(stream))) >= seen + 2)
-            began_s = asyncio.get_running_loop().time()
-        assert within(asyncio.get_running_loop().time() - began_s, 2.0)
-        await until(lambda: colored(bytes(stream))[-4:] == [True, False, False, False])
-        one = 2 * SET_SIZE + DRAW_SIZE
-        assert stream[:one] == stream[one : 2 * one]  # the first may be swallowed
 
 
 async def test_what_an_expander_draws_is_shown_and_said_when_it_is_too_much(tmp_path: Path) -> None:

@@ -61,14 +61,6 @@ def test_a_colour_is_a_hue_at_full_value_and_a_brightness(color: Rgb, expected: 
     assert json.loads(command(color)) == expected
 
 
-@given(st.tuples(*[st.integers(0, 255)] * 3).filter(any))
-def test_hue_times_brightness_is_the_colour(color: Rgb) -> None:
-    message = json.loads(command(color))
-    assert 1 <= message["brightness"] <= 254
-    shown = [message["color"][key] * message["brightness"] / 254 for key in "rgb"]
-    assert shown == pytest.approx(color, abs=1.1)
-
-
 @pytest.mark.parametrize(
     ("topic", "payload", "expected"),
     [

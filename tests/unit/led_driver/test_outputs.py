@@ -263,3 +263,5 @@ def test_address_that_nothing_divides_has_one_output() -> None:
     port = {"kind": "adalight", "port": "/dev/x"}
     with pytest.raises(ConfigError, match=r"outputs.1.port: /dev/x is used by two outputs: remove one$"):
         names(port, port)
+    with pytest.raises(ConfigError, match=r"outputs.0.port: is missing; `--output adalight:PORT` sets it"):
+        names({"kind": "adalight"})

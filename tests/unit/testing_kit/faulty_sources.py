@@ -159,15 +159,6 @@ def numbers(line: bytes) -> Quaternion:
     return (x, y, z, w)
 
 
-@caught_by("bad_bytes", "whose norm is 0")
-class TrustsTheNorm(OwnLoop):
-    def orientation(self, line: bytes) -> Quaternion | None:
-        with contextlib.suppress(ValueError):
-            orientation = numbers(line)
-            return orientation if math.isfinite(sum(orientation)) else None
-        return None
-
-
 @caught_by("bad_bytes", "whose norm is nan")
 class LetsNanThrough(OwnLoop):
     def orientation(self, line: bytes) -> Quaternion | None:

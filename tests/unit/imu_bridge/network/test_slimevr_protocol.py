@@ -88,11 +88,6 @@ def test_orientations_of_every_kind(kind: int, payload: bytes, sensor: int) -> N
     assert math.hypot(*packet.orientation_xyzw) == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("numbers", [(0.0,) * 4, (math.nan, 0, 0, 1), (math.inf, 0, 0, 0), (0, 0, 0, 2.0)])
-def test_what_is_no_orientation_is_unreadable(numbers: tuple[float, ...]) -> None:
-    assert decode(datagram(1, struct.pack(">4f", *numbers))) == SlimevrDatagram(7, (), 1)
-
-
 def test_corrections_and_packets_of_other_kinds_are_passed_over() -> None:
     assert decode(datagram(17, b"\x00\x02" + QUARTER_TURN + b"\x00")) == SlimevrDatagram(7, ())
     assert decode(datagram(20, b"\x00" + struct.pack(">f", 31.0))) == SlimevrDatagram(7, ())

@@ -162,18 +162,6 @@ async def test_tracker_that_freezes_is_lost_and_found(monkeypatch: pytest.Monkey
         assert wrist.of(Reconnected)[-1] == Reconnected(keeps_yaw=True)
 
 
-async def test_tracker_that_floods_is_named_and_cut_back() -> None:
-    async with running(SLIMEVR) as wrist, phone_at(wrist.port) as phone:
-        await connect(wrist, phone)
-
-        def flood() -> bool:
-            for _ in range(100):
-                phone.say(rotation(0))
-            return "more than 2000 datagrams a second" in wrist.warnings.get("flood", "")
-
-        await until(flood)
-
-
 async def test_sensor_that_the_tracker_lacks_is_named() -> None:
     async with running(SLIMEVR, sensor=3) as wrist, phone_at(wrist.port) as phone:
         await until(phone.saying(handshake(BOARD, 1), lambda: bool(phone.heard)))
@@ -194,20 +182,6 @@ async def test_fault_of_the_sensor_is_named_until_the_tracker_says_that_it_works
         await until(lambda: "sensor 0 reports the error 5" in wrist.warnings.get("sensor", ""))
         phone.say(struct.pack(">IQBB", 15, 1002, 0, 1))
         await until(lambda: "sensor" not in wrist.warnings)
-
-
-async def test_port_of_another_program_is_told_and_taken_when_it_is_free(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("pointit.services.imu_bridge.network.udp_server.RETRY_S", 0.02)
-    port = free_udp_port()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", port))
-        async with running(SLIMEVR, port=port) as wrist, phone_at(port) as phone:
-            await until(lambda: "such as a SlimeVR server" in wrist.warnings.get("port", ""))
-            other.close()
-            await connect(wrist, phone)
-            assert "port" not in wrist.warnings
 
 
 @pytest.mark.parametrize(

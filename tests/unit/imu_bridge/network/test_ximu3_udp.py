@@ -51,14 +51,6 @@ async def test_messages_of_one_datagram_are_delivered_and_cues_answered() -> Non
         device.close()
 
 
-async def test_datagrams_that_are_none_of_its_messages_are_named() -> None:
-    async with running(XIMU3) as run, phone_at(run.port) as phone:
-        await until(phone.saying(QUATERNION, lambda: bool(run.of(Reading))))
-        await until(
-            phone.saying(b"Q,1,nan,0,0,0", lambda: "not finite" in run.warnings.get("unreadable", ""))
-        )
-
-
 async def test_device_that_sends_angles_alone_is_used() -> None:
     async with running(XIMU3) as run, phone_at(run.port) as phone:
         await until(phone.saying(ximu3_text("A", 1, 0, 0, 0), lambda: bool(run.of(Reading))))

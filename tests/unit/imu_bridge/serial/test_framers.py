@@ -137,14 +137,6 @@ def test_a_flood_of_headers_is_read_in_linear_time(kind: Kind) -> None:
     assert kind.kept(framer) <= kind.most_kept
 
 
-@given(garbage=pieces)
-def test_detection_survives_any_bytes(garbage: list[bytes]) -> None:
-    detection = Detection(SerialConfig())
-    for number, piece in enumerate(garbage):
-        assert all(map(is_unit, detection.feed(piece, 0, number * 0.7)))
-        assert detection.baud > 0
-
-
 @each_kind
 @given(garbage=st.binary(max_size=400), at=st.integers(0, 10))
 def test_a_format_is_not_mistaken_for_another_behind_garbage(kind: Kind, garbage: bytes, at: int) -> None:

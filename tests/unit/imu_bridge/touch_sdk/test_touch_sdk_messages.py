@@ -49,12 +49,6 @@ def test_damaged_messages_raise_value_error_at_most(maker: tuple[str, object], d
         decode_update(bytes(message))
 
 
-@given(st.binary(max_size=200))
-def test_any_bytes_raise_value_error_at_most(data: bytes) -> None:
-    with contextlib.suppress(ValueError):
-        decode_update(data)
-
-
 @pytest.mark.parametrize("length", range(1, 68))
 def test_message_cut_within_its_frame_is_an_error_of_its_length(length: int) -> None:
     frame = encode_bytes(1, encode_bytes(2, b"".join(encode_float(n, 1.0) for n in (1, 2, 3))) * 4)

@@ -1,13 +1,11 @@
 """Parameters of imu-bridge."""
 
-import math
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
-from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
+from pointit.geometry.rotation import Quaternion
 from pointit.runtime.config.plugins import PluginConfig, PluginGroup
-from pointit.schemas.base import QuaternionXyzw
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS
 from pointit.services.imu_bridge.sources import SOURCES, ImuSource
 
@@ -32,15 +30,6 @@ class ImuBridgeConfig(PluginConfig):
         "finger); a measurement of `pointit person calibrate mounting` with the same source and mounting "
         "is stored and overrides it",
     )
-    mounting_xyzw: QuaternionXyzw | None = Field(
-        default=None,
-        description="sensor_from_arm as a quaternion x, y, z, w; overrides `mounting` and, at each start, "
-        "the stored measurement",
-    )
-    mounting_rpy_deg: tuple[float, float, float] | None = Field(
-        default=None,
-        description="the same as roll, pitch and yaw about the fixed axes x, y, z, in that order, °",
-    )
     latency_sigma_s: float | None = Field(
         default=None,
         ge=0,
@@ -62,26 +51,12 @@ class ImuBridgeConfig(PluginConfig):
         return SOURCES
 
     @property
-    def explicit_mounting(self) -> Quaternion | None:
-        """Return sensor_from_arm if it is configured as a rotation, or None if by name."""
-        if self.mounting_rpy_deg is not None:
-            roll, pitch, yaw = map(math.radians, self.mounting_rpy_deg)
-            return from_roll_pitch_yaw(roll, pitch, yaw)
-        return self.mounting_xyzw
-
-    @property
     def configured_mounting(self) -> Quaternion:
         """Return sensor_from_arm as configured, without a measurement."""
-        return self.explicit_mounting or MOUNTINGS[self.mounting]
+        return MOUNTINGS[self.mounting]
 
     @field_validator("source")
     @classmethod
     def _installed(cls, source: str) -> str:
         SOURCES.check_name(source)
         return source
-
-    @model_validator(mode="after")
-    def _one_rotation(self) -> Self:
-        if self.mounting_xyzw is not None and self.mounting_rpy_deg is not None:
-            raise ValueError("mounting_xyzw and mounting_rpy_deg exclude each other: give one of them")
-        return self

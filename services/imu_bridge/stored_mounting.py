@@ -30,7 +30,7 @@ class StoredMountings(SchemaModel):
 
 
 class MountingSelection:
-    """The mounting in use; a rotation in the configuration overrides a stored one."""
+    """The mounting in use: the stored one, or the configured one."""
 
     def __init__(
         self,
@@ -52,13 +52,7 @@ class MountingSelection:
         own = self.stored_mountings.by_source.get(self._key)
         if own is None:
             return
-        if config.explicit_mounting is not None:
-            self.warning = (
-                "a mounting was measured, but mounting_xyzw or mounting_rpy_deg is configured and overrides "
-                "it: remove it from the configuration, or delete the measurement with `pointit person "
-                "calibrate mounting USER --erase`"
-            )
-        elif own.configured != config.mounting:
+        if own.configured != config.mounting:
             self.warning = (
                 f"a mounting was measured while {own.configured} was configured, now it is "
                 f"{config.mounting}, as for another device: the measurement is not used; run "
@@ -76,9 +70,8 @@ class MountingSelection:
     @property
     def label(self) -> str:
         """Return the source and its mounting, as in `ImuSample`; a rotation in thousandths, with w >= 0."""
-        config = self._config
-        if config.explicit_mounting is None and not self.is_measured:
-            return f"{self._key} {config.mounting}"
+        if not self.is_measured:
+            return f"{self._key} {self._config.mounting}"
         sign = math.copysign(1.0, self.sensor_from_arm[3])  # q and -q are the same rotation
         return f"{self._key} {' '.join(f'{sign * value:.3f}' for value in self.sensor_from_arm)}"
 
@@ -116,11 +109,6 @@ class MountingSelection:
     def describe(self) -> str:
         """Return a message about the mounting in use."""
         x, y, z, w = self.sensor_from_arm
-        which = f"x {x:.3f}, y {y:.3f}, z {z:.3f}, w {w:.3f}"
-        config = self._config
         if self.is_measured:
-            wins = config.explicit_mounting is not None
-            until = ", until the next start, where the configured rotation overrides it" if wins else ""
-            return f"the mounting is as measured ({which}){until}"
-        by_name = config.explicit_mounting is None
-        return f"the mounting is as configured ({config.mounting if by_name else which})"
+            return f"the mounting is as measured (x {x:.3f}, y {y:.3f}, z {z:.3f}, w {w:.3f})"
+        return f"the mounting is as configured ({self._config.mounting})"

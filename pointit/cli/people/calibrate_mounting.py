@@ -245,8 +245,7 @@ def command(
 
     USER points level ahead with the palm down, then straight up, and rests for two seconds in each. Neither
     the direction nor the twist of the arm on its way up matters. imu-bridge uses the result at once, and at
-    every start with the same source and mounting; mounting_xyzw and mounting_rpy_deg in its configuration
-    take precedence.
+    every start with the same source and mounting.
 
     Example: pointit person calibrate mounting anna
     """

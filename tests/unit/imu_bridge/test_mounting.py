@@ -11,8 +11,6 @@ from scipy.spatial.transform import Rotation
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion, from_roll_pitch_yaw
 from pointit.runtime.clock import WallClock
-from pointit.runtime.config.config import Layers
-from pointit.runtime.errors import ConfigError
 from pointit.schemas import Health, ImuSample, SetMounting, SetMountingReply
 from pointit.schemas.topics import HEALTH, IMU, SET_MOUNTING
 from pointit.services.imu_bridge.arm_frame import MOUNTINGS, ArmFrame
@@ -69,30 +67,6 @@ def test_measurement_of_another_mounting_is_not_used_and_warned_of() -> None:
     wearing = MountingSelection(ImuBridgeConfig(mounting="metamotion"), state)
     assert wearing.sensor_from_arm == MOUNTINGS["metamotion"]
     assert "measured while plus_x was configured, now it is metamotion" in wearing.warning
-
-
-@pytest.mark.parametrize(
-    "config",
-    [
-        ImuBridgeConfig(mounting_xyzw=(0.0, 0.0, 1.0, 0.0)),
-        ImuBridgeConfig(mounting_rpy_deg=(0.0, 0.0, 180.0)),
-    ],
-)
-def test_a_configured_rotation_wins_at_the_start_and_says_so(config: ImuBridgeConfig) -> None:
-    wearing = MountingSelection(config, kept(ImuBridgeConfig(), TURNED))
-    assert wearing.sensor_from_arm == pytest.approx((0.0, 0.0, 1.0, 0.0))
-    assert "is configured and overrides it" in wearing.warning
-    wearing.set(ask(TURNED), 2)
-    assert wearing.sensor_from_arm == pytest.approx(TURNED)
-    assert not wearing.warning
-    assert "until the next start" in wearing.describe()
-
-
-def test_two_rotations_are_one_too_many() -> None:
-    layers = Layers()
-    layers.add({"mounting_xyzw": [0, 0, 0, 1], "mounting_rpy_deg": [0, 0, 0]}, "file.yaml")
-    with pytest.raises(ConfigError, match="give one of them"):
-        layers.build(ImuBridgeConfig)
 
 
 def still(error_deg: tuple[float, float, float]) -> ImuBridgeConfig:

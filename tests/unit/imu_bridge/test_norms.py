@@ -13,7 +13,6 @@ from pointit.runtime.errors import ConfigError
 from pointit.schemas import WristSample
 from pointit.schemas.base import NORM_TOLERANCE
 from pointit.services.imu_bridge.ble import metamotion, xsens_dot
-from pointit.services.imu_bridge.config import ImuBridgeConfig
 from pointit.services.imu_bridge.network.datagram_source import orientation
 from pointit.services.imu_bridge.network.osc import OscConfig, OscDecoder
 from pointit.services.imu_bridge.network.udp import UdpConfig, UdpDecoder
@@ -81,13 +80,9 @@ def by_message(q: Quaternion) -> Quaternion | None:
     return WristSample(stamp_ns=1, seq=1, orientation_xyzw=q).orientation_xyzw
 
 
-def by_mounting(q: Quaternion) -> Quaternion | None:
-    return ImuBridgeConfig(mounting_xyzw=q).explicit_mounting
-
-
 SOURCES: list[Callable[[Quaternion], Quaternion | None]] = [
     by_line, by_json, by_osc, by_ximu3, by_witmotion, by_metamotion, by_xsens_dot, by_tracker, by_plugin,
-    by_message, by_mounting,
+    by_message,
 ]  # fmt: skip
 
 

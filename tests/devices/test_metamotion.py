@@ -260,7 +260,7 @@ async def test_board_that_drops_each_connection_at_once_is_named_and_not_hammere
 @in_virtual_time
 async def test_wrist_is_chosen_among_several(wanted: Callable[[Sequence[BumbleWrist]], str]) -> None:
     boards = SimulatedMetaMotion(serial_number="05E1F2"), SimulatedMetaMotion(serial_number="05E1F3")
-    async with worn(METAMOTION, *boards, parameters={"address": wanted}) as session:
+    async with worn(METAMOTION, *boards, parameters={"sensor": wanted}) as session:
         await session.until(lambda: bool(session.of(Reading)))
         assert [each.is_connected for each in session.wrists] == [False, True]
         assert not boards[0].commands
@@ -282,16 +282,6 @@ async def test_of_two_boards_of_one_name_the_first_is_used_for_good_and_the_othe
         )
         assert not other.is_connected
         assert len(session.of(Reconnected)) == 1
-
-
-@pytest.mark.parametrize("wanted", [second_serial_number, second_address])
-@in_virtual_time
-async def test_sensor_names_a_wrist_as_address_does(wanted: Callable[[Sequence[BumbleWrist]], str]) -> None:
-    boards = SimulatedMetaMotion(serial_number="05E1F2"), SimulatedMetaMotion(serial_number="05E1F3")
-    async with worn(METAMOTION, *boards, parameters={"sensor": wanted}) as session:
-        await session.until(lambda: bool(session.of(Reading)))
-        assert [each.is_connected for each in session.wrists] == [False, True]
-        assert "sensors" not in session.health.warnings
 
 
 @in_virtual_time

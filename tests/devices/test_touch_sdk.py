@@ -349,7 +349,7 @@ async def test_search_lists_a_watch_by_its_id_by_which_it_is_found_though_its_ad
         await wrist.appear()
         (found,) = await discover_ble(TouchSdkWatch.kind, around.adapter)(2.0)
         assert found.address == "a1b2"
-    parameters = {"address": "A1B2"}
+    parameters = {"sensor": "A1B2"}
     async with worn(
         TOUCH_SDK, SimulatedTouchSdkWatch(), SimulatedTouchSdkWatch(), rate_hz=RATE_HZ, parameters=parameters
     ) as session:
@@ -362,7 +362,7 @@ async def test_search_lists_a_watch_by_its_id_by_which_it_is_found_though_its_ad
 
 @in_virtual_time
 async def test_watch_that_is_not_the_wanted_one_is_left_alone() -> None:
-    parameters = {"address": "c3d4"}
+    parameters = {"sensor": "c3d4"}
     async with worn(TOUCH_SDK, SimulatedTouchSdkWatch(), rate_hz=RATE_HZ, parameters=parameters) as session:
         await session.until(
             lambda: "Touch SDK watch c3d4 is not heard" in session.health.warnings.get("link", "")

@@ -19,7 +19,7 @@ class BleDevice(FakeDevice):
         """Adapter by which the program reaches it."""
         address = f"F0:00:00:00:{number // 256 % 256:02X}:{number % 256:02X}"
         self.peripheral = Peripheral(wrist, address)
-        self.address = {"address": address, "adapter": self.adapter}
+        self.address = {"sensor": address, "adapter": self.adapter}
         self.received = self.peripheral.received
         VIRTUAL_RADIOS[self.adapter] = self._radio()
 

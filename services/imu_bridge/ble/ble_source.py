@@ -99,7 +99,7 @@ class WristSearch:
         self._config = config
         self._warnings = warnings
         self._warn = warn
-        self._wanted = config.wanted.lower()
+        self._wanted = config.sensor.lower()
         self.used = ""
         """Identity of the wrist that was used first, or `""`. No other one replaces it."""
         self.refused: set[str] = set()
@@ -180,7 +180,7 @@ class WristSearch:
 
     def _absence(self, advertisements: dict[str, Advertisement]) -> str:
         what = f"no {self._kind.label}"
-        wanted = (self.used if advertisements else "") or self._config.wanted
+        wanted = (self.used if advertisements else "") or self._config.sensor
         if wanted:
             what = f"{self._kind.label} {wanted}"
         labels = [each.label for each in advertisements.values()]
@@ -228,7 +228,7 @@ class BleSource:
     def __init__(self, wrist: Wrist, config: BleConfig, clock: Clock, warnings: WarningSink) -> None:
         self._wrist = wrist
         self._config = config
-        self._wanted = config.wanted.lower()
+        self._wanted = config.sensor.lower()
         self._clock = clock
         self._warnings = warnings
         self._search = WristSearch(wrist.kind, config, warnings, self._warn)

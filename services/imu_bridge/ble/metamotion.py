@@ -309,7 +309,7 @@ METAMOTION = ImuSource(
     config=MetaMotionConfig,
     make=lambda config, around: BleSource(MetaMotion(config), config, around.clock, around.health),
     check=lambda _config: require_bleak("metamotion"),
-    argument="address",
+    argument="sensor",
     argument_optional=True,
     discover=discover_ble(MetaMotion.kind),
 )

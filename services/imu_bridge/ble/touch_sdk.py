@@ -342,7 +342,7 @@ TOUCH_SDK = ImuSource(
     config=TouchSdkConfig,
     make=_make,
     check=lambda _config: require_bleak("touch_sdk"),
-    argument="address",
+    argument="sensor",
     argument_optional=True,
     discover=discover_ble(TouchSdkWatch.kind),
 )

@@ -183,7 +183,7 @@ WITMOTION_BLE = ImuSource(
     config=WitMotionBleConfig,
     make=lambda config, around: BleSource(WitMotionBle(config), config, around.clock, around.health),
     check=lambda _config: require_bleak("witmotion_ble"),
-    argument="address",
+    argument="sensor",
     argument_optional=True,
     discover=discover_ble(WitMotionBle.kind),
 )

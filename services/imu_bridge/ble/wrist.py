@@ -114,20 +114,14 @@ class Obstacle:
 class BleConfig(Config):
     """The wrist among those within reach, and the adapter that reaches it."""
 
-    address: str = Field(
+    sensor: str = Field(
         default="",
         description="address (macOS: its identifier), serial number or first letters of the name, as "
         "`pointit devices` lists them; the first one found if empty",
     )
-    sensor: str = Field(default="", description="the same as `address`, as for other kinds of sources")
     adapter: str = Field(
         default="", description="Bluetooth adapter on Linux, such as hci1; the system's usual one if empty"
     )
-
-    @property
-    def wanted(self) -> str:
-        """Return the address, serial number or first letters of the name that is wanted, or `""`."""
-        return self.sensor or self.address
 
 
 @dataclass(frozen=True, kw_only=True)

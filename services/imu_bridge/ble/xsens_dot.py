@@ -119,7 +119,7 @@ XSENS_DOT = ImuSource(
     config=XsensDotConfig,
     make=lambda config, around: BleSource(XsensDot(), config, around.clock, around.health),
     check=lambda _config: require_bleak("xsens_dot"),
-    argument="address",
+    argument="sensor",
     argument_optional=True,
     discover=discover_ble(XsensDot.kind),
 )

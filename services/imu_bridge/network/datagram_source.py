@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from pointit.geometry.rotation import Quaternion
 from pointit.geometry.vector import Vec3
@@ -155,36 +155,24 @@ class DatagramConfig(AddressConfig):
         description="address to listen at: 127.0.0.1 is this machine alone, 0.0.0.0 all of its networks; "
         "each program that can send there can move the wrist, since there are no passwords",
     )
-    sender: str = Field(
-        default="", description="IP address of the device; the first that sends something readable if empty"
-    )
-
     sensor: str = Field(
         default="",
         description="the sensor that is used if several send: its IP address, the first if empty; or its "
         "name or number in messages, which are refused if empty",
     )
 
-    @field_validator("sender")
-    @classmethod
-    def _ip(cls, value: str) -> str:
-        try:
-            return str(ipaddress.ip_address(value)) if value else ""
-        except ValueError as error:
-            raise ValueError("must be an IP address; leave it empty for the first that sends") from error
-
     @property
     def sensor_address(self) -> str:
-        """Return `sensor` if it is an IP address, else `sender`."""
+        """Return `sensor` if it is an IP address, else `""`."""
         try:
             return str(ipaddress.ip_address(self.sensor))
         except ValueError:
-            return self.sender
+            return ""
 
     @property
     def sensor_name(self) -> str:
         """Return `sensor` if it is a name in messages, else `""`."""
-        return "" if self.sensor_address != self.sender else self.sensor
+        return "" if self.sensor_address else self.sensor
 
 
 class Decoder(ABC):
@@ -227,7 +215,7 @@ class DatagramSource(PortSource):
         self._decoders: dict[Address, Decoder] = {}
         """Decoders of the sender in use, or of those that have sent no reading yet."""
         self._senders = SenderChoice(config.sensor_address, excludes_rivals=True)
-        self._is_chosen = config.sensor != "" or config.sender != ""
+        self._is_chosen = config.sensor != ""
         self._sensors: dict[str, SensorChoice] = {}
         """Choices of senders by their IP address, which outlast a connection."""
         self._read_s: float | None = None

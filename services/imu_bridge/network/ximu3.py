@@ -4,8 +4,9 @@ import asyncio
 import json
 import math
 from collections.abc import Sequence
+from typing import Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, model_validator
 
 from pointit.runtime.clock import Clock
 from pointit.runtime.config.parameters import set_option
@@ -40,15 +41,18 @@ class Ximu3Config(DatagramConfig):
         le=65535,
         description="UDP port to which the device sends, its `udpSend`; each person has another",
     )
-    sensor: str = Field(default="", description="IP address of the device, as `sender`")
+    sensor: str = Field(
+        default="", description="IP address of the device; the first that sends something readable if empty"
+    )
     commands: int = Field(
         default=9000, ge=1, le=65535, description="UDP port of the device for commands, its `udpReceive`"
     )
 
-    @field_validator("sensor")
-    @classmethod
-    def _sensor_ip(cls, value: str) -> str:
-        return DatagramConfig.model_validate({"port": 1, "sender": value}).sender
+    @model_validator(mode="after")
+    def _is_address(self) -> Self:
+        if self.sensor_name:
+            raise ValueError("sensor: must be an IP address; leave it empty for the first that sends")
+        return self
 
 
 class Ximu3Decoder(Decoder):
@@ -134,7 +138,7 @@ XIMU3 = ImuSource(
     summary="an x-IMU3 in the network, by UDP; on a cable it is a serial device",
     config=Ximu3Config,
     make=lambda config, around: Ximu3Source(config, around.clock, around.health),
-    argument="sender",
+    argument="sensor",
     argument_optional=True,
     example="192.168.1.20",
     discover=discover,

@@ -52,4 +52,4 @@ class TestWitMotionBle(BleContract):
 class TestXsensDot(BleContract):
     plugin = XSENS_DOT
     wrist = SimulatedXsensDot
-    wrong_parameters = ({"address": 7},)
+    wrong_parameters = ({"sensor": 7},)

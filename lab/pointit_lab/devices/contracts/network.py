@@ -82,7 +82,7 @@ class TestOsc(NetworkContract):
 
 class TestUdp(NetworkContract):
     plugin = UDP
-    wrong_parameters = ({"port": 70_000}, {"sender": "my phone"})
+    wrong_parameters = ({"port": 70_000},)
 
     def encode(self, orientation_xyzw: Quaternion) -> bytes:
         """Return SensaGram's message with an orientation."""
@@ -91,7 +91,7 @@ class TestUdp(NetworkContract):
 
 class TestXimu3(NetworkContract):
     plugin = XIMU3
-    wrong_parameters = ({"port": 0}, {"commands": 0})
+    wrong_parameters = ({"port": 0}, {"commands": 0}, {"sensor": "my wrist"})
 
     def parameters(self, device: UdpDevice) -> dict[str, object]:
         return {"port": device.program_port, "commands": device.port}

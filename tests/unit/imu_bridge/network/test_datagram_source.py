@@ -160,7 +160,7 @@ async def test_rates_of_a_phone_without_orientations_are_delivered_also_after_a_
 
 async def test_named_sender_is_used() -> None:
     async with (
-        running(UDP, sender="127.0.0.2") as wrist,
+        running(UDP, sensor="127.0.0.2") as wrist,
         phone_at(wrist.port) as first,
         phone_at(wrist.port, "127.0.0.2") as second,
     ):

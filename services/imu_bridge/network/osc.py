@@ -61,20 +61,11 @@ class OscMessage:
     """Clause about an argument from which on nothing could be read, or `""`."""
 
 
-def parse(data: bytes) -> list[OscMessage]:
+def parse(data: bytes) -> tuple[list[OscMessage], str]:
     """Return the messages of a datagram that can be read, also those of bundles in it.
 
-    Raises:
-        DatagramError: If none can be read.
+    The text is a clause about those that cannot be read, or `""`.
     """
-    messages, problem = parse_each(data)
-    if problem and not messages:
-        raise DatagramError(problem)
-    return messages
-
-
-def parse_each(data: bytes) -> tuple[list[OscMessage], str]:
-    """Return the messages of a datagram that can be read, and a clause about those that cannot, or `""`."""
     if len(data) > LONGEST_DATAGRAM:
         return [], f"has {len(data)} bytes, more than {LONGEST_DATAGRAM}"
     messages: list[OscMessage] = []
@@ -296,7 +287,7 @@ class OscDecoder(Decoder):
         Raises:
             DatagramError: If it is not OSC, or its orientation is none.
         """
-        messages, problem = parse_each(data)
+        messages, problem = parse(data)
         items: list[Item] = []
         senders = Counter[tuple[tuple[str, ...], int | None]]()
         for message in messages:

@@ -13,9 +13,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, Self, cast
+from typing import Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from pointit.geometry import rotation, vector
 from pointit.geometry.rotation import Quaternion
@@ -275,17 +275,6 @@ class SpotlightConfig(AddressConfig, OutputConfig):
     user: str = Field(
         default="", description="person whom the beam follows; who began to point last if empty"
     )
-
-    @field_validator("fixed_channels", mode="before")
-    @classmethod
-    def _are_different(cls, value: object) -> object:
-        if not isinstance(value, dict):
-            return value  # the field's type reports it
-        channels = cast("dict[object, object]", value)
-        numbers = Counter(str(key).strip().lstrip("+0") for key in channels)
-        if twice := [number for number, uses in numbers.items() if uses > 1]:
-            raise ValueError(f"channel {twice[0]} is there twice; keep one")
-        return channels
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:

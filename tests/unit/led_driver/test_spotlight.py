@@ -174,7 +174,6 @@ def test_axis_without_a_fine_channel_is_rounded_and_an_inverted_one_mirrored() -
         {"address": 510},
         {"fixed_channels": {5: 0}},
         {"fixed_channels": {9: 256}},
-        {"fixed_channels": {"9": 1, "09": 2}},
         {"channels": {"dimmer": 0, "red": 0}},
     ],
 )

@@ -13,7 +13,6 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from pointit.runtime.config.config import Config
 from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip
 from pointit.services.led_driver.output.pixel_map import PixelMap, map_pixels
@@ -24,7 +23,7 @@ from pointit.services.led_driver.output.serial_output import (
     SerialOutputConfig,
     wire_time_s,
 )
-from pointit.services.led_driver.outputs import LedOutput, Segment, validated_order
+from pointit.services.led_driver.outputs import LedOutput, Segment
 
 log = logging.getLogger(__name__)
 MAGIC = b"UPXL"
@@ -78,31 +77,19 @@ def _framed(content: bytes) -> bytes:
 
 
 CHANNELS = 64
-
-
-class ChannelConfig(Config):
-    """Connection of a strip to its controller."""
-
-    channel: int = Field(ge=0, le=63, description="board number (0-7) times 8 plus port (0-7)")
-    order: str = Field(
-        default="GRB", description="order of the colours on the LEDs' wire: GRB, RGB, GRBW ..."
-    )
-
-    _order = field_validator("order")(validated_order)
+"""Number of channels: board number (0-7) times 8 plus port (0-7)."""
 
 
 class ExpanderConfig(SerialOutputConfig):
-    """A serial LED expander (UPXL: ElectroMage, Pixelblaze)."""
+    """A serial LED expander (UPXL: ElectroMage, Pixelblaze).
+
+    Strips are on channels 0, 1, 2 ... in the map's order without `segments`, whose `universe` is the channel.
+    """
 
     kind: str = Field(default="expander", description="kind of controller")
     baud: int = Field(default=2_000_000, gt=0, le=MAX_BAUD, description="bits per second")
     board: Literal["v1", "v2", "v3"] = Field(
         default="v2", description="generation of the board: v1, v2, v3 drive 240, 800, 1600 pixels a channel"
-    )
-    channels: dict[str, ChannelConfig] = Field(
-        default={},
-        description="connections by strip id; strips in the map's order on channels 0, 1, 2 ... if empty. "
-        "Parts of strips are in `segments`, whose `universe` is the channel",
     )
 
     @field_validator("segments")
@@ -110,23 +97,10 @@ class ExpanderConfig(SerialOutputConfig):
     def _equally_wide(cls, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
         return segments  # in place of the base's: each channel may have a width of its own
 
-    def strip_ids(self) -> frozenset[str]:
-        """Return the ids of the strips that it shows, empty for all of the map."""
-        return super().strip_ids() | self.channels.keys()
-
     @model_validator(mode="after")
-    def _one_strip_a_channel(self) -> Self:
-        if self.channels and self.segments:
-            raise ValueError("use `channels` or `segments`, not both")
+    def _have_channels(self) -> Self:
         if any(segment.universe not in range(CHANNELS) for segment in self.segments):
             raise ValueError(f"segments: each needs its channel, 0 to {CHANNELS - 1}, as `universe`")
-        taken: dict[int, str] = {}
-        for strip_id, channel in self.channels.items():
-            other = taken.setdefault(channel.channel, strip_id)
-            if other != strip_id:
-                raise ValueError(
-                    f"channels: strips {other!r} and {strip_id!r} share channel {channel.channel}"
-                )
         return self
 
 
@@ -190,21 +164,12 @@ def map_channels(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[Wirin
 def _segments(config: ExpanderConfig, strips: Sequence[Strip]) -> tuple[list[Segment], list[str]]:
     if config.segments:
         return list(config.segments), []
-    if not config.channels:
-        problem = f"the map has {len(strips)} strips, one expander bus drives {CHANNELS}"
-        segments = [
-            Segment(strip=strip.id, universe=number, order="GRB")
-            for number, strip in enumerate(strips[:CHANNELS])
-        ]
-        return segments, [problem] if len(strips) > CHANNELS else []
-    known = {strip.id for strip in strips}
+    problem = f"the map has {len(strips)} strips, one expander bus drives {CHANNELS}"
     segments = [
-        Segment(strip=name, universe=each.channel, order=each.order)
-        for name, each in config.channels.items()
-        if name in known
+        Segment(strip=strip.id, universe=number, order="GRB")
+        for number, strip in enumerate(strips[:CHANNELS])
     ]
-    missing = [name for name in config.channels if name not in known]
-    return segments, [f"the map has no strip {', '.join(missing)}: correct `channels`"] if missing else []
+    return segments, [problem] if len(strips) > CHANNELS else []
 
 
 def frame_bytes(channels: Sequence[PixelChannel]) -> int:

@@ -121,7 +121,6 @@ async def test_output_that_is_made_again_shows_what_does_not_change(monkeypatch:
         (OutputConfig(), set[str]()),
         (OutputConfig.model_validate({"segments": [{"strip": "a"}, {"strip": "a", "first": 3}]}), {"a"}),
         (ExpanderConfig(), set[str]()),
-        (ExpanderConfig.model_validate({"channels": {"a": {"channel": 1}, "b": {"channel": 0}}}), {"a", "b"}),
         (ExpanderConfig.model_validate({"segments": [{"strip": "b", "universe": 0}]}), {"b"}),
     ],
 )

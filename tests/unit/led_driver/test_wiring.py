@@ -13,7 +13,6 @@ from pointit.runtime.service.plugin_guard import Surroundings
 from pointit.schemas import Strip, StripFrame, StripsFrame
 from pointit.services.led_driver.output import expander
 from pointit.services.led_driver.output.expander import (
-    ChannelConfig,
     ExpanderConfig,
     ExpanderOutput,
     frame_bytes,
@@ -36,8 +35,8 @@ def shown(counts: Sequence[int], **fields: object) -> str:
 
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=6), st.sampled_from(["GRB", "RGBW"]))
 def test_frame_size_is_that_of_the_bytes_that_are_sent(counts: list[int], order: str) -> None:
-    channels = {str(k): ChannelConfig(channel=k, order=order) for k in range(len(counts))}
-    wiring, _ = map_channels(ExpanderConfig(channels=channels), strips(counts))
+    segments = [{"strip": str(k), "universe": k, "order": order} for k in range(len(counts))]
+    wiring, _ = map_channels(ExpanderConfig.model_validate({"segments": segments}), strips(counts))
     assert frame_bytes(wiring.channels) == len(wiring.encode(bytes(wiring.pixel_map.size)))
 
 
@@ -55,8 +54,8 @@ def test_frame_size_is_that_of_the_bytes_that_are_sent(counts: list[int], order:
 def test_a_channel_lights_as_many_pixels_as_its_board_drives_with_its_colours(
     board: str, order: str, limit: int
 ) -> None:
-    channels = {"0": {"channel": 0, "order": order}}
-    config = ExpanderConfig.model_validate({"board": board, "channels": channels})
+    segments = [{"strip": "0", "universe": 0, "order": order}]
+    config = ExpanderConfig.model_validate({"board": board, "segments": segments})
     wiring, problems = map_channels(config, strips([limit]))
     assert ([each.pixels for each in wiring.channels], problems) == ([limit], [])
     wiring, problems = map_channels(config, strips([limit + 1]))
@@ -138,12 +137,7 @@ def test_segments_of_a_channel_with_several_orders_are_told() -> None:
 
 
 @pytest.mark.parametrize(
-    "fields",
-    [
-        {"segments": [{"strip": "a"}]},
-        {"segments": [{"strip": "a", "universe": 64}]},
-        {"segments": [{"strip": "a", "universe": 1}], "channels": {"a": {"channel": 1}}},
-    ],
+    "fields", [{"segments": [{"strip": "a"}]}, {"segments": [{"strip": "a", "universe": 64}]}]
 )
 def test_segments_without_a_channel_of_their_own_are_refused(fields: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
@@ -174,37 +168,16 @@ def test_drawing_takes_as_long_as_the_longest_channel() -> None:
     assert 1 / output.draw_time_s() == pytest.approx(133, abs=1)
 
 
-def test_without_channels_strips_go_in_the_maps_order() -> None:
+def test_without_segments_strips_go_in_the_maps_order() -> None:
     wiring, problems = map_channels(ExpanderConfig(port="x"), [strip("b", 10), strip("a", 20)])
     assert [(w.number, w.order, w.pixels) for w in wiring.channels] == [(0, "GRB", 10), (1, "GRB", 20)]
     assert not problems
-
-
-def test_a_channel_for_a_strip_that_is_not_there_is_said() -> None:
-    config = ExpanderConfig(port="x", channels={"no": ChannelConfig(channel=0)})
-    wiring, problems = map_channels(config, [strip("s", 10)])
-    assert wiring.channels == ()
-    assert "no strip no" in problems[0]
 
 
 def test_too_many_strips_are_said() -> None:
     wiring, problems = map_channels(ExpanderConfig(), [strip(str(k), 1) for k in range(65)])
     assert len(wiring.channels) == 64
     assert "65 strips" in problems[0]
-
-
-@pytest.mark.parametrize(
-    "channels",
-    [
-        {"a": {"channel": 1}, "b": {"channel": 1}},
-        {"a": {"channel": 64}},
-        {"a": {"channel": 0, "order": "GGB"}},
-        {"a": {"channel": 0, "order": "GRBX"}},
-    ],
-)
-def test_impossible_channels_are_refused(channels: dict[str, dict[str, object]]) -> None:
-    with pytest.raises(ValidationError):
-        ExpanderConfig.model_validate({"channels": channels})
 
 
 def test_board_that_is_plugged_in_shows_the_picture_from_its_first_frame_on() -> None:

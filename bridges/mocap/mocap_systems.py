@@ -1,7 +1,6 @@
 """Motion capture systems: the session and the client of each, and their search by `pointit devices`."""
 
 from collections.abc import Callable
-from typing import Protocol
 
 from pointit.bridges.mocap import natnet_client as natnet
 from pointit.bridges.mocap import qtm_client as qtm
@@ -12,29 +11,6 @@ from pointit.bridges.mocap.natnet_packets import COMMAND_PORT
 from pointit.bridges.mocap.qtm_client import QtmSession
 from pointit.plugins.device_search import ShippedDevices
 from pointit.runtime.config.plugins import DevicePlugin
-
-
-class MocapSession(Protocol):
-    """Understands one server."""
-
-    damaged: int
-    """Number of packets that could not be read."""
-
-    def problem(self, now_ns: int) -> str:
-        """Return a sentence if there is no usable stream, or something is odd, else `""`."""
-        ...
-
-    def clock_sigma_s(self, now_ns: int) -> float | None:
-        """Return 1 sigma of the server's clock, s, or None if it is not known."""
-        ...
-
-
-class MocapClient(Protocol):
-    """Keeps a connection to one server."""
-
-    async def run(self) -> None:
-        """Receive until cancelled."""
-        ...
 
 
 def check_system(config: MocapConfig) -> None:
@@ -49,7 +25,7 @@ def open_system(
     *,
     on_frame: Callable[[TimedFrame], None],
     warn: Callable[[str], None],
-) -> tuple[MocapSession, MocapClient]:
+) -> tuple[NatNetSession | QtmSession, natnet.NatNetClient | qtm.QtmClient]:
     """Return the session and the client of the configured server; nothing is connected yet.
 
     Args:

@@ -63,8 +63,14 @@ async def shown(text: str) -> AsyncGenerator[Health]:
         await asyncio.wait({work})
 
 
-@pytest.mark.parametrize("kind", MARKS)
-@pytest.mark.parametrize("spelling", ["[::1]:{port}", "[0:0::1]:{port}", "strip.example:{port}"])
+@pytest.mark.parametrize(
+    ("kind", "spelling"),
+    [
+        *((kind, "[::1]:{port}") for kind in MARKS),
+        ("ddp", "[0:0::1]:{port}"),
+        ("ddp", "strip.example:{port}"),
+    ],
+)
 async def test_frames_arrive_in_a_network_without_ipv4(
     monkeypatch: pytest.MonkeyPatch, kind: str, spelling: str
 ) -> None:

@@ -216,16 +216,14 @@ def newest(device: UdpDevice) -> bytes:
     return (e131_frames(bytes(device.received)) or [bytes(512)])[-1]
 
 
-async def test_beam_follows_the_cursor_and_is_dark_without_one(device: UdpDevice) -> None:
+async def test_beam_follows_the_cursor_and_is_dark_where_it_is_without_one_and_at_the_end(
+    device: UdpDevice,
+) -> None:
     async with shining(device) as spotlight:
         spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
         await until(lambda: newest(device)[:8] == THERE + bytes((255, 255, 0, 0)))
         spotlight.show_cursor("ann", cursor(None), RED)
         await until(lambda: newest(device)[:8] == THERE + bytes(4))
-
-
-async def test_head_stays_dark_where_it_is_when_its_stream_is_terminated(device: UdpDevice) -> None:
-    async with shining(device) as spotlight:
         spotlight.show_cursor("ann", cursor((2.0, 0.0, 3.0)), RED)
         await until(lambda: newest(device)[:5] == THERE + bytes((255,)))
     await until(lambda: [packet[112] for packet in device.datagrams[-4:]] == [0, 0x40, 0x40, 0x40])
@@ -242,7 +240,7 @@ async def test_cursor_out_of_reach_is_named_until_it_is_back() -> None:
 
 
 LAMPS = ((0.0, 0.0, 0.5), (4.0, 0.3, 1.0), (3.5, 3.0, 0.0), (0.4, 3.2, 2.0))
-SEEDS = range(20)
+SEEDS = range(6)
 
 
 def mounting(chance: random.Random) -> HeadMounting:
@@ -293,7 +291,7 @@ def test_pose_is_found_from_four_places_pointed_at_to_a_fifth_of_a_degree(seed: 
         assert vector.angle_between(truth.beam(angles), way) * vector.norm(way) < 0.05
 
 
-@pytest.mark.parametrize("seed", SEEDS[:6])
+@pytest.mark.parametrize("seed", SEEDS[:3])
 def test_three_places_give_the_pose_or_say_that_another_fits(seed: int) -> None:
     chance = random.Random(seed)
     truth = mounting(chance)

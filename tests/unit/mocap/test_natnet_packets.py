@@ -6,11 +6,8 @@ import math
 import random
 import struct
 from pathlib import Path
-from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pointit.bridges.mocap.natnet_packets import (
     MalformedPacketError,
@@ -112,24 +109,16 @@ def test_a_request_to_connect_asks_for_version_4_1() -> None:
     assert (message, len(payload), payload[-4:]) == (0, 269, bytes((4, 1, 0, 0)))
 
 
-@given(st.sampled_from(sorted(PACKETS)), st.data())
-def test_damaged_packets_are_refused_or_read_and_raise_nothing_else(name: str, data: Any) -> None:
-    damaged = bytearray(PACKETS[name])
-    for _ in range(data.draw(st.integers(0, 4))):
-        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
-    damaged = damaged[: data.draw(st.integers(0, len(damaged)))]
-    read_all(bytes(damaged), version_of(name))
-
-
-def test_thousands_of_damaged_packets_cost_no_more_than_themselves() -> None:
+def test_thousands_of_damaged_packets_are_refused_or_read_and_raise_nothing_else() -> None:
     dice = random.Random(1)
     names = sorted(PACKETS)
-    for _ in range(4000):
+    for _ in range(2000):
         name = dice.choice(names)
         damaged = bytearray(PACKETS[name])
-        for _ in range(dice.choice((1, 1, 2, 8))):
-            damaged[dice.randrange(4, len(damaged))] = dice.choice((0, 1, 127, 128, 255, dice.randrange(256)))
-        read_all(bytes(damaged), version_of(name))
+        for _ in range(dice.choice((0, 1, 1, 2, 8))):
+            damaged[dice.randrange(len(damaged))] = dice.choice((0, 1, 127, 128, 255, dice.randrange(256)))
+        cut = dice.choice((len(damaged), len(damaged), dice.randrange(len(damaged))))
+        read_all(bytes(damaged[:cut]), version_of(name))
 
 
 def read_all(data: bytes, version: tuple[int, int]) -> None:

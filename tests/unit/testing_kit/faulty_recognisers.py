@@ -91,9 +91,4 @@ class Littering(LoudSounds):
             yield speech
 
 
-class UnlimitedConfig(RecogniserConfig):
-    gap_s: float = 1.0
-
-
-caught_by("parameters", "without a description: gap_s", config=UnlimitedConfig)(LoudSounds)
 caught_by("parameters", "is no line", summary="two\nlines")(LoudSounds)

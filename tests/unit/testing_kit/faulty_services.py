@@ -48,10 +48,5 @@ class Miscounts(SelectionCounter):
         super()._on_event(event, _name)
 
 
-class UndescribedConfig(ServiceConfig):
-    gain: float = 1.0
-
-
-caught_by("parameters", "without a description: gain", config=UndescribedConfig)(SelectionCounter)
 caught_by("uses_declared_rows", "cannot write health", writes=(COUNT, topics.HEALTH))(SelectionCounter)
 caught_by("parameters", "'host' is no parameter", argument="host")(SelectionCounter)

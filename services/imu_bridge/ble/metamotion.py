@@ -17,7 +17,6 @@ from typing import Literal
 
 from pydantic import Field
 
-from pointit.geometry.rotation import Quaternion
 from pointit.schemas import Feedback
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.ble.ble_source import BleSource, discover_ble
@@ -59,57 +58,30 @@ _LED_CHANNELS = ((0, 1), (1, 0), (2, 2))
 
 
 @dataclass(frozen=True, slots=True)
-class Orientation:
-    """world_from_sensor, x, y, z, w with norm 1."""
-
-    orientation_xyzw: Quaternion
-
-
-@dataclass(frozen=True, slots=True)
-class Charge:
-    """State of the battery."""
-
-    level: float
-    """0 to 1."""
-    volts: float
-
-
-@dataclass(frozen=True, slots=True)
-class ButtonState:
-    """The button went down or up."""
-
-    is_down: bool
-
-
-@dataclass(frozen=True, slots=True)
 class ModuleInfo:
-    """Reply to a read of register 0: a module's implementation and revision, or None if it has none."""
+    """Reply to a read of register 0: a module's implementation, or None if it has none."""
 
     module: int
     implementation: int | None
-    revision: int = 0
 
 
-Notification = Orientation | Charge | ButtonState | ModuleInfo
-
-
-def parse(frame: bytes) -> Notification | None:
-    """Return the meaning of a notification, or None if it is another one or broken."""
+def parse(frame: bytes, stamp_ns: int) -> Reading | Battery | ButtonChange | ModuleInfo | None:
+    """Return the content of a notification, or None if it is another one or broken."""
     if len(frame) < 2:
         return None
     module, register, data = frame[0], frame[1], frame[2:]
     if register == READ:
-        return ModuleInfo(module, data[0], data[1]) if len(data) >= 2 else ModuleInfo(module, None)
+        return ModuleInfo(module, data[0] if len(data) >= 2 else None)
     if (module, register) == (0x19, 0x07) and len(data) == 16:
         w, x, y, z = struct.unpack("<4f", data)
         try:
-            return Orientation(unit_quaternion((x, y, z, w)))
+            return Reading(stamp_ns, unit_quaternion((x, y, z, w)))
         except ValueError:  # zeros are a fusion that is not configured
             return None
     if (module, register) == (0x01, 0x01) and len(data) == 1:
-        return ButtonState(data[0] != 0)
+        return ButtonChange(data[0] != 0)
     if (module, register) == (0x11, 0x8C) and len(data) == 3:
-        return Charge(min(data[0], 100) / 100.0, int.from_bytes(data[1:], "little") / 1000.0)
+        return Battery(min(data[0], 100) / 100.0, int.from_bytes(data[1:], "little") / 1000.0)
     return None
 
 
@@ -251,23 +223,16 @@ class MetaMotion(Wrist):
     def received(self, characteristic: str, data: bytes, stamp_ns: int) -> Iterable[WristItem]:
         """Return the items in a notification."""
         del characteristic
-        found = parse(data)
-        match found:
-            case Orientation():
-                self._count += 1
-                if self._count >= RESUMED:
-                    self._runs_on.set()
-                return (Reading(stamp_ns, found.orientation_xyzw),)
-            case ButtonState():
-                return (ButtonChange(found.is_down),)
-            case ModuleInfo():
-                if (waiting := self._modules.get(found.module)) is not None and not waiting.done():
-                    waiting.set_result(found)
-            case Charge():
-                return (Battery(found.level, found.volts),)
-            case None:
-                pass
-        return ()
+        item = parse(data, stamp_ns)
+        if isinstance(item, ModuleInfo):
+            if (waiting := self._modules.get(item.module)) is not None and not waiting.done():
+                waiting.set_result(item)
+            return ()
+        if isinstance(item, Reading):
+            self._count += 1
+            if self._count >= RESUMED:
+                self._runs_on.set()
+        return () if item is None else (item,)
 
     async def ask(self, connection: Connection) -> Iterable[Item]:
         """Ask for the battery, which the board tells in a notification."""

@@ -14,12 +14,11 @@ import asyncio
 import math
 import struct
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
-from pointit.geometry.vector import Vec3
 from pointit.services.imu_bridge.ble.ble_source import BleSource, discover_ble
 from pointit.services.imu_bridge.ble.radio import require_bleak
 from pointit.services.imu_bridge.ble.wrist import BleConfig, Connection, Kind, Wrist, WristItem
@@ -46,34 +45,9 @@ _CHARGE = (
 """Volts of the cell and the charge at them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """Angular velocity, rad/s, and acceleration with gravity, m/s², in the sensor's frame."""
-
-    angular_velocity_radps: Vec3
-    acceleration_mps2: Vec3
-
-
-@dataclass(frozen=True, slots=True)
-class Volts:
-    """Voltage of the battery."""
-
-    volts: float
-
-    @property
-    def level(self) -> float:
-        """Return the charge, 0 to 1, as the voltage suggests."""
-        before = _CHARGE[0]
-        for point in _CHARGE:
-            if self.volts <= point[0]:
-                span = point[0] - before[0]
-                return (
-                    point[1]
-                    if span == 0
-                    else before[1] + (point[1] - before[1]) * ((self.volts - before[0]) / span)
-                )
-            before = point
-        return 1.0
+def charge_level(volts: float) -> float:
+    """Return the charge of the battery, 0 to 1, as its voltage suggests."""
+    return float(np.interp(volts, *zip(*_CHARGE, strict=True)))
 
 
 class Framer:
@@ -82,15 +56,10 @@ class Framer:
     def __init__(self) -> None:
         self._rest = b""
 
-    @property
-    def kept(self) -> int:
-        """Return the number of buffered bytes, less than a frame."""
-        return len(self._rest)
-
-    def feed(self, data: bytes) -> list[Motion | Volts]:
-        """Return the content of the frames that `data` completes. Other bytes are skipped."""
+    def feed(self, data: bytes, stamp_ns: int) -> list[RawReading | Battery]:
+        """Return the items in the frames that `data` completes. Other bytes are skipped."""
         data = self._rest + data
-        found: list[Motion | Volts] = []
+        items: list[RawReading | Battery] = []
         at = 0
         while (at := data.find(b"\x55", at)) >= 0:
             if len(data) - at >= 2 and data[at + 1] not in (0x61, 0x71):
@@ -99,12 +68,12 @@ class Framer:
             frame = data[at : at + FRAME_BYTES]
             if len(frame) < FRAME_BYTES:
                 break
-            content = _content(frame)
-            if content is not None:
-                found.append(content)
+            item = _item(frame, stamp_ns)
+            if item is not None:
+                items.append(item)
             at += FRAME_BYTES
         self._rest = data[at:] if at >= 0 else b""
-        return found
+        return items
 
 
 def set_rate(rate_hz: int) -> bytes:
@@ -112,15 +81,17 @@ def set_rate(rate_hz: int) -> bytes:
     return bytes((0xFF, 0xAA, 0x03, RATES[rate_hz], 0x00))
 
 
-def _content(frame: bytes) -> Motion | Volts | None:
+def _item(frame: bytes, stamp_ns: int) -> RawReading | Battery | None:
     if frame[1] == 0x61:
         ax, ay, az, wx, wy, wz = struct.unpack_from("<6h", frame, 2)
-        return Motion(
+        return RawReading(
+            stamp_ns,
             (wx * RATE_SCALE, wy * RATE_SCALE, wz * RATE_SCALE),
             (ax * ACCELERATION_SCALE, ay * ACCELERATION_SCALE, az * ACCELERATION_SCALE),
         )
     if frame[2] == BATTERY_REGISTER:
-        return Volts(int.from_bytes(frame[4:6], "little") / 100.0)
+        volts = int.from_bytes(frame[4:6], "little") / 100.0
+        return Battery(charge_level(volts), volts)
     return None
 
 
@@ -160,11 +131,7 @@ class WitMotionBle(Wrist):
     def received(self, characteristic: str, data: bytes, stamp_ns: int) -> Iterable[WristItem]:
         """Return the items in a notification."""
         del characteristic
-        for found in self._framer.feed(data):
-            if isinstance(found, Motion):
-                yield RawReading(stamp_ns, found.angular_velocity_radps, found.acceleration_mps2)
-            else:
-                yield Battery(found.level, found.volts)
+        return self._framer.feed(data, stamp_ns)
 
     async def ask(self, connection: Connection) -> Iterable[Item]:
         """Ask for the battery's voltage, which comes as a frame."""

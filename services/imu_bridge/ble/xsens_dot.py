@@ -9,9 +9,7 @@ button and its rates other than 60 Hz are not supported: their bytes could not b
 
 import struct
 from collections.abc import Iterable
-from dataclasses import dataclass
 
-from pointit.geometry.rotation import Quaternion
 from pointit.schemas.base import unit_quaternion
 from pointit.services.imu_bridge.ble.ble_source import BleSource, discover_ble
 from pointit.services.imu_bridge.ble.radio import require_bleak
@@ -24,46 +22,24 @@ BATTERY = "15173001-4947-11e9-8646-d663bd873d93"
 START = bytes.fromhex("010105")
 STOP = bytes.fromhex("010005")
 """Payload 5: orientation as a quaternion."""
-WRAP_US = 2**32
 
 
-@dataclass(frozen=True, slots=True)
-class Payload:
-    """Device time, which wraps after 71 minutes, and world_from_sensor with norm 1."""
+def parse(data: bytes, stamp_ns: int) -> Reading | None:
+    """Return the reading in a short payload, or None if it is broken.
 
-    time_us: int
-    orientation_xyzw: Quaternion
-
-
-def parse(data: bytes) -> Payload | None:
-    """Return the content of a short payload, or None if it is broken."""
+    Its time wraps after 71 minutes, after which imu-bridge goes on.
+    """
     if len(data) < 20:
         return None
     time_us, w, x, y, z = struct.unpack_from("<I4f", data)
     try:
-        return Payload(time_us, unit_quaternion((x, y, z, w)))
+        return Reading(stamp_ns, unit_quaternion((x, y, z, w)), 1000 * time_us)
     except ValueError:
         return None
 
 
-def parse_battery(data: bytes) -> float | None:
-    """Return the charge, 0 to 1, in a value of `BATTERY`, or None if it is empty."""
-    return min(data[0], 100) / 100.0 if data else None
-
-
-class UnwrappedTime:
-    """Continues a 32-bit count of microseconds beyond its end. A smaller step back remains one."""
-
-    def __init__(self) -> None:
-        self._newest_us = 0
-        self._wrapped_us = 0
-
-    def ns(self, time_us: int) -> int:
-        """Return the continued time of a sample, ns."""
-        if self._newest_us - time_us > WRAP_US // 2:
-            self._wrapped_us += WRAP_US
-        self._newest_us = time_us
-        return (self._wrapped_us + time_us) * 1000
+def _battery(data: bytes) -> Iterable[Battery]:
+    return (Battery(min(data[0], 100) / 100.0),) if data else ()
 
 
 class XsensDotConfig(BleConfig):
@@ -76,14 +52,6 @@ class XsensDot(Wrist):
     kind = Kind(label="Xsens DOT", plugin="xsens_dot", names=("Xsens DOT", "Movella DOT"))
     notifications = (SHORT_PAYLOAD, BATTERY)
 
-    def __init__(self) -> None:
-        self._time = UnwrappedTime()
-
-    def begin(self, address: str) -> None:
-        """Start a new count of its time."""
-        del address
-        self._time = UnwrappedTime()
-
     async def configure(self, connection: Connection) -> None:
         """Start a measurement, after one that an earlier program may have left."""
         for command in (STOP, START):
@@ -93,12 +61,8 @@ class XsensDot(Wrist):
         """Return the items in a notification."""
         if characteristic == BATTERY:
             return _battery(data)
-        found = parse(data)
-        return (
-            ()
-            if found is None
-            else (Reading(stamp_ns, found.orientation_xyzw, self._time.ns(found.time_us)),)
-        )
+        reading = parse(data, stamp_ns)
+        return () if reading is None else (reading,)
 
     async def ask(self, connection: Connection) -> Iterable[Item]:
         """Return the battery."""
@@ -107,11 +71,6 @@ class XsensDot(Wrist):
     async def stop(self, connection: Connection) -> None:
         """End the measurement."""
         await connection.write(CONTROL, STOP)
-
-
-def _battery(data: bytes) -> Iterable[Battery]:
-    level = parse_battery(data)
-    return () if level is None else (Battery(level),)
 
 
 XSENS_DOT = ImuSource(

@@ -101,11 +101,6 @@ class PacketCutter:
         self.skipped = 0
         """Number of bytes so far that belong to no packet."""
 
-    @property
-    def buffered_bytes(self) -> int:
-        """Return the number of buffered bytes of an unfinished packet, less than its length."""
-        return len(self._rest)
-
     def feed(self, data: bytes) -> list[bytes]:
         """Return the packets that `data` completes."""
         stream = self._rest + data
@@ -401,11 +396,6 @@ class Ximu3Framer(SerialFramer):
         self._rest = b""
         self._skipping = False
         self._preference = Preference()
-
-    @property
-    def buffered_bytes(self) -> int:
-        """Return the number of buffered bytes of an unfinished message, at most `LONGEST`."""
-        return len(self._rest)
 
     def feed(self, data: bytes, stamp_ns: int) -> list[Item]:
         """Return the items in the messages that `data` completes."""

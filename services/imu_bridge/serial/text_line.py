@@ -18,11 +18,6 @@ class LineSplitter:
         self.overlong = 0
         """Number of discarded pieces that exceeded the longest line."""
 
-    @property
-    def buffered_bytes(self) -> int:
-        """Return the number of buffered bytes of an unfinished line, at most `LONGEST_LINE`."""
-        return len(self._rest)
-
     def feed(self, data: bytes) -> list[bytes]:
         """Return the lines that `data` completes, without their ends and without empty ones."""
         *ended, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")

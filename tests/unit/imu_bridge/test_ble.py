@@ -23,25 +23,27 @@ from pointit.services.imu_bridge.ble import metamotion, radio, xsens_dot
 from pointit.services.imu_bridge.ble import witmotion_ble as witmotion
 from pointit.services.imu_bridge.ble.metamotion import METAMOTION
 from pointit.services.imu_bridge.ble.radio import VIRTUAL_RADIOS, Radio, describe_error, scanning
-from pointit.services.imu_bridge.ble.wrist import DOUBLE_S, HOLD_S, ButtonGestures
+from pointit.services.imu_bridge.ble.wrist import DOUBLE_S, HOLD_S, ButtonChange, ButtonGestures
+from pointit.services.imu_bridge.sources import Battery, RawReading, Reading
 from pointit_lab.devices.ble import BleDevice
 from pointit_lab.devices.wrists.metamotion import SimulatedMetaMotion
 
 
 def test_quaternion_of_a_metamotion_is_scalar_first() -> None:
-    found = metamotion.parse(bytes.fromhex("1907 1b9b703f 8c5e4dbd 077f1dbe 78029abe"))
-    assert isinstance(found, metamotion.Orientation)
-    assert found.orientation_xyzw == pytest.approx((-0.0501, -0.1538, -0.3008, 0.9399), abs=1e-4)
-    assert math.hypot(*found.orientation_xyzw) == pytest.approx(1.0, abs=1e-12)
+    reading = metamotion.parse(bytes.fromhex("1907 1b9b703f 8c5e4dbd 077f1dbe 78029abe"), 9)
+    assert isinstance(reading, Reading)
+    assert reading.stamp_ns == 9
+    assert reading.world_from_sensor == pytest.approx((-0.0501, -0.1538, -0.3008, 0.9399), abs=1e-4)
+    assert math.hypot(*reading.world_from_sensor) == pytest.approx(1.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("frame", "meaning"),
+    ("frame", "item"),
     [
-        ("010101", metamotion.ButtonState(is_down=True)),
-        ("010100", metamotion.ButtonState(is_down=False)),
-        ("118c633410", metamotion.Charge(0.99, 4.148)),
-        ("13800001", metamotion.ModuleInfo(0x13, 0, 1)),
+        ("010101", ButtonChange(is_down=True)),
+        ("010100", ButtonChange(is_down=False)),
+        ("118c633410", Battery(0.99, 4.148)),
+        ("13800001", metamotion.ModuleInfo(0x13, 0)),
         ("1980", metamotion.ModuleInfo(0x19, None)),
         ("1907" + "00000000" * 4, None),
         ("1907" + "0000803f" * 4, None),
@@ -52,8 +54,8 @@ def test_quaternion_of_a_metamotion_is_scalar_first() -> None:
         ("", None),
     ],
 )
-def test_notifications_of_a_metamotion(frame: str, meaning: metamotion.Notification | None) -> None:
-    assert metamotion.parse(bytes.fromhex(frame)) == meaning
+def test_notifications_of_a_metamotion(frame: str, item: object) -> None:
+    assert metamotion.parse(bytes.fromhex(frame), 9) == item
 
 
 def test_nine_axes_of_a_metamotion_configure_the_magnetometer_before_the_start() -> None:
@@ -87,8 +89,9 @@ def test_no_command_of_a_metamotion_is_longer_than_its_limit() -> None:
 
 def test_frame_of_a_witmotion_is_in_si_units() -> None:
     frame = b"\x55\x61" + struct.pack("<9h", 0, 0, 2048, 16384, 0, -16384, 1, 2, 3)
-    (found,) = witmotion.Framer().feed(frame)
-    assert isinstance(found, witmotion.Motion)
+    (found,) = witmotion.Framer().feed(frame, 9)
+    assert isinstance(found, RawReading)
+    assert found.stamp_ns == 9
     assert found.acceleration_mps2 == pytest.approx((0.0, 0.0, 9.80665))
     assert found.angular_velocity_radps == pytest.approx((math.radians(1000), 0.0, -math.radians(1000)))
 
@@ -97,7 +100,7 @@ def test_frame_of_a_witmotion_is_in_si_units() -> None:
     ("volts", "level"), [(2.0, 0.0), (3.4, 0.0), (3.45, 0.025), (3.93, 0.75), (4.3, 1.0)]
 )
 def test_charge_of_a_witmotion_follows_from_its_voltage(volts: float, level: float) -> None:
-    assert witmotion.Volts(volts).level == pytest.approx(level)
+    assert witmotion.charge_level(volts) == pytest.approx(level)
 
 
 @given(st.lists(st.integers(1, 60), max_size=12), st.binary(max_size=8), st.integers(1, 9))
@@ -109,29 +112,19 @@ def test_frames_of_a_witmotion_are_found_however_they_are_split(
     framer = witmotion.Framer()
     found: list[object] = []
     for cut in cuts:
-        found += framer.feed(stream[:cut])
+        found += framer.feed(stream[:cut], 9)
         stream = stream[cut:]
-        assert framer.kept < witmotion.FRAME_BYTES
-    found += framer.feed(stream)
+        assert len(framer._rest) < witmotion.FRAME_BYTES
+    found += framer.feed(stream, 9)
     assert len(found) == count
     assert len(set(found)) == 1
 
 
 def test_payload_of_an_xsens_dot_is_microseconds_and_a_quaternion_with_the_scalar_first() -> None:
-    found = xsens_dot.parse(struct.pack("<I4f", 1_000_000, 0.6, 0.0, 0.8, 0.0))
-    assert found is not None
-    assert found.time_us == 1_000_000
-    assert found.orientation_xyzw == pytest.approx((0.0, 0.8, 0.0, 0.6))
-
-
-def test_time_of_an_xsens_dot_goes_on_after_32_bits_and_a_small_step_back_remains_one() -> None:
-    time = xsens_dot.UnwrappedTime()
-    assert [time.ns(each) for each in (2**32 - 10, 5, 20, 4)] == [
-        (2**32 - 10) * 1000,
-        (2**32 + 5) * 1000,
-        (2**32 + 20) * 1000,
-        (2**32 + 4) * 1000,
-    ]
+    reading = xsens_dot.parse(struct.pack("<I4f", 1_000_000, 0.6, 0.0, 0.8, 0.0), 9)
+    assert reading is not None
+    assert (reading.stamp_ns, reading.device_time_ns) == (9, 1_000_000_000)
+    assert reading.world_from_sensor == pytest.approx((0.0, 0.8, 0.0, 0.6))
 
 
 Reason = BleakBluetoothNotAvailableReason

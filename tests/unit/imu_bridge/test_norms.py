@@ -58,14 +58,14 @@ def by_witmotion(q: Quaternion) -> Quaternion | None:
 
 def by_metamotion(q: Quaternion) -> Quaternion | None:
     x, y, z, w = q
-    parsed = metamotion.parse(b"\x19\x07" + struct.pack("<4f", w, x, y, z))
-    return parsed.orientation_xyzw if isinstance(parsed, metamotion.Orientation) else None
+    item = metamotion.parse(b"\x19\x07" + struct.pack("<4f", w, x, y, z), 0)
+    return item.world_from_sensor if isinstance(item, Reading) else None
 
 
 def by_xsens_dot(q: Quaternion) -> Quaternion | None:
     x, y, z, w = q
-    parsed = xsens_dot.parse(struct.pack("<I4f", 1, w, x, y, z))
-    return None if parsed is None else parsed.orientation_xyzw
+    reading = xsens_dot.parse(struct.pack("<I4f", 1, w, x, y, z), 0)
+    return None if reading is None else reading.world_from_sensor
 
 
 def by_tracker(q: Quaternion) -> Quaternion | None:

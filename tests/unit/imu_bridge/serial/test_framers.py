@@ -48,28 +48,28 @@ KINDS = {
         TextFramer,
         imu.TestSerial().encode(POSTURE),
         b"\n",
-        lambda framer: framer._splitter.buffered_bytes,  # pyrefly: ignore[missing-attribute]
+        lambda framer: len(framer._splitter._rest),  # pyrefly: ignore[missing-attribute]
         LONGEST_LINE,
     ),
     "witmotion": Kind(
         lambda: WitMotionFramer(configure=True, baud=0),
         witmotion_quaternion(POSTURE),
         b"\0" * WITMOTION_LENGTH,
-        lambda framer: framer._cutter.buffered_bytes,  # pyrefly: ignore[missing-attribute]
+        lambda framer: len(framer._cutter._rest),  # pyrefly: ignore[missing-attribute]
         WITMOTION_LENGTH,
     ),
     "bno085": Kind(
         Bno085Framer,
         bno085_orientation(POSTURE),
         b"\0" * BNO085_LENGTH,
-        lambda framer: framer._cutter.buffered_bytes,  # pyrefly: ignore[missing-attribute]
+        lambda framer: len(framer._cutter._rest),  # pyrefly: ignore[missing-attribute]
         BNO085_LENGTH,
     ),
     "ximu3": Kind(
         Ximu3Framer,
         ximu3_quaternion(POSTURE, 77),
         b"\n",
-        lambda framer: framer.buffered_bytes,  # pyrefly: ignore[missing-attribute]
+        lambda framer: len(framer._rest),  # pyrefly: ignore[missing-attribute]
         LONGEST,
     ),
 }

@@ -344,11 +344,11 @@ class SlimevrSource(PortSource):
                 return Reading(stamp_ns, orientation_xyzw) if sensor == self._config.sensor else None
             case protocol.SlimevrButton(gesture):
                 return Press(stamp_ns, gesture)
-            case protocol.BatteryLevel(level, volts):
-                before, self._battery = self._battery, Battery(level, volts)
-                return self._battery if self._battery != before else None
-            case protocol.SignalStrength(dbm):
-                return Signal(dbm)
+            case Battery():
+                before, self._battery = self._battery, packet
+                return packet if packet != before else None
+            case Signal():
+                return packet
             case _:
                 self._answer(packet, used, now_s)
                 return None

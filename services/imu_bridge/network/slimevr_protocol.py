@@ -12,6 +12,7 @@ from typing import Literal
 
 from pointit.geometry.rotation import Quaternion
 from pointit.services.imu_bridge.network.datagram_source import DatagramError, orientation
+from pointit.services.imu_bridge.sources import Battery, Signal
 
 PORT = 6969
 LONGEST_DATAGRAM = 1500
@@ -41,8 +42,6 @@ class Handshake:
     """A tracker that looks for a server."""
 
     board: int = 0
-    mcu: int = 0
-    protocol: int = 0
     firmware: str = ""
     mac: str = ""
     """`AA:BB:CC:DD:EE:FF`, or `""` if it has none that distinguishes it from others."""
@@ -59,15 +58,6 @@ class Rotation:
 
     sensor: int
     orientation_xyzw: Quaternion
-
-
-@dataclass(frozen=True, slots=True)
-class BatteryLevel:
-    """Charge of a tracker's battery."""
-
-    level: float
-    """0 to 1."""
-    volts: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,13 +85,6 @@ class SensorFault:
 
 
 @dataclass(frozen=True, slots=True)
-class SignalStrength:
-    """Strength of the tracker's radio signal."""
-
-    dbm: float
-
-
-@dataclass(frozen=True, slots=True)
 class FlagsRequest:
     """A tracker that tells its features and asks for the server's."""
 
@@ -114,15 +97,7 @@ class Pong:
 
 
 Packet = (
-    Handshake
-    | Rotation
-    | BatteryLevel
-    | SlimevrButton
-    | SensorInfo
-    | SensorFault
-    | SignalStrength
-    | FlagsRequest
-    | Pong
+    Handshake | Rotation | Battery | SlimevrButton | SensorInfo | SensorFault | Signal | FlagsRequest | Pong
 )
 
 
@@ -210,7 +185,7 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
             sensor, meaning, *numbers = struct.unpack_from(">BB4f", payload)
             return Rotation(sensor, orientation(numbers, "xyzw")) if meaning == _NORMAL else None
         case 19:
-            return SignalStrength(float(struct.unpack_from(">xb", payload)[0]))
+            return Signal(float(struct.unpack_from(">xb", payload)[0]))
         case 21:
             return SlimevrButton(_ACTIONS[payload[0]]) if payload[0] in _ACTIONS else None
         case 22:
@@ -224,22 +199,22 @@ def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 
             return None
 
 
-def _battery(payload: bytes) -> BatteryLevel:
+def _battery(payload: bytes) -> Battery:
     first, *rest = struct.unpack_from(">ff" if len(payload) >= 8 else ">f", payload)
     level, volts = (rest[0], first) if rest else (first, 0.0)
     if not 0.0 <= level <= 1.5:
         raise DatagramError(f"has the battery level {level:.3g}")
-    return BatteryLevel(min(level, 1.0), volts if 0.0 < volts < 100.0 else None)
+    return Battery(min(level, 1.0), volts if 0.0 < volts < 100.0 else None)
 
 
 def _handshake(payload: bytes) -> Handshake:
     """Return the handshake: as much of it as there is, since old apps send none of its parts."""
     if len(payload) < 28:
         return Handshake()
-    board, _imu, mcu, _, _, _, protocol = struct.unpack_from(">7i", payload)
+    (board,) = struct.unpack_from(">i", payload)
     end = 29 + (payload[28] if len(payload) > 28 else 0)
     firmware = payload[29:end].split(b"\0")[0].decode("ascii", "replace")
     six = payload[end : end + 6]
     mac = six.hex(":").upper() if len(six) == 6 else ""
     printable = "".join(letter for letter in firmware if letter.isprintable())
-    return Handshake(board, mcu, protocol, printable[:40], "" if mac in SHARED_MACS else mac)
+    return Handshake(board, printable[:40], "" if mac in SHARED_MACS else mac)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from pointit.services.imu_bridge.network import slimevr_protocol as protocol
 from pointit.services.imu_bridge.network.slimevr import MAX_CALLERS, AdmittedDatagram, SlimevrTrackers
 from pointit.services.imu_bridge.network.slimevr_protocol import (
-    BatteryLevel,
     FlagsRequest,
     Handshake,
     Packet,
@@ -18,11 +17,11 @@ from pointit.services.imu_bridge.network.slimevr_protocol import (
     Rotation,
     SensorFault,
     SensorInfo,
-    SignalStrength,
     SlimevrButton,
     SlimevrDatagram,
     decode,
 )
+from pointit.services.imu_bridge.sources import Battery, Signal
 
 IDENTITY = bytes.fromhex("00000011 0000000000000001 00 01 00000000 00000000 00000000 3f800000 00")
 HALF = math.sqrt(0.5)
@@ -53,13 +52,13 @@ def test_rotation_of_the_table() -> None:
 @pytest.mark.parametrize(
     ("kind", "payload", "expected"),
     [
-        (12, struct.pack(">ff", 3.875, 0.75), BatteryLevel(0.75, 3.875)),
-        (12, struct.pack(">f", 0.5), BatteryLevel(0.5, None)),
+        (12, struct.pack(">ff", 3.875, 0.75), Battery(0.75, 3.875)),
+        (12, struct.pack(">f", 0.5), Battery(0.5, None)),
         (13, b"\x00\x01", SlimevrButton("press")),
         (13, b"\x00\x41", SlimevrButton("double")),
         (14, b"\x01\x05", SensorFault(1, 5)),
         (15, b"\x01\x01\x04", SensorInfo(1, 1)),
-        (19, b"\xff\xc4", SignalStrength(-60.0)),
+        (19, b"\xff\xc4", Signal(-60.0)),
         (21, b"\x02", SlimevrButton("double")),
         (21, b"\x03", SlimevrButton("press")),
         (21, b"\x04", SlimevrButton("hold")),
@@ -94,12 +93,12 @@ def test_corrections_and_packets_of_other_kinds_are_passed_over() -> None:
 
 
 def test_handshakes_of_boards_and_apps() -> None:
-    assert only(handshake()) == Handshake(1, 2, 19, "0.6.0", "A4:E5:7C:B6:01:02")
+    assert only(handshake()) == Handshake(1, "0.6.0", "A4:E5:7C:B6:01:02")
     old_app = only(datagram(3, b"", 0))
     assert old_app == Handshake()
-    assert only(datagram(3, struct.pack(">7i", 1, 4, 2, 0, 0, 0, 19), 0)) == Handshake(1, 2, 19, "", "")
+    assert only(datagram(3, struct.pack(">7i", 1, 4, 2, 0, 0, 0, 19), 0)) == Handshake(1, "", "")
     owotrack = only(handshake(13, 3, b"owoTrack8", bytes.fromhex("004500000000")))
-    assert owotrack == Handshake(13, 3, 19, "owoTrack8", "")
+    assert owotrack == Handshake(13, "owoTrack8", "")
     assert isinstance(old_app, Handshake)
     assert isinstance(owotrack, Handshake)
     assert [each.is_owotrack for each in (old_app, owotrack)] == [True, True]
@@ -121,10 +120,10 @@ def test_bundles_of_both_kinds(kind: int, length: str, name: str) -> None:
     data = datagram(kind, b"".join(struct.pack(length, len(each)) + each for each in inner))
     content = decode(data)
     assert content is not None
-    assert [type(packet) for packet in content.packets] == [Rotation, BatteryLevel, SlimevrButton]
+    assert [type(packet) for packet in content.packets] == [Rotation, Battery, SlimevrButton]
     cut = decode(data[:-1])
     assert cut is not None
-    assert [type(packet) for packet in cut.packets] == [Rotation, BatteryLevel]
+    assert [type(packet) for packet in cut.packets] == [Rotation, Battery]
 
 
 def test_answers_are_those_of_the_table() -> None:
@@ -147,7 +146,7 @@ def test_no_datagram_raises_or_gives_an_orientation_that_is_none(kind: int, numb
     for packet in content.packets:
         if isinstance(packet, Rotation):
             assert math.hypot(*packet.orientation_xyzw) == pytest.approx(1.0)
-        if isinstance(packet, BatteryLevel):
+        if isinstance(packet, Battery):
             assert 0.0 <= packet.level <= 1.0
 
 
@@ -157,9 +156,9 @@ def test_datagram_that_is_too_short_or_too_long_is_refused() -> None:
 
 
 ANNA, BEN = ("192.168.1.5", 6969), ("192.168.1.6", 6969)
-BOARD = Handshake(1, 2, 19, "0.6.0", "A4:E5:7C:B6:01:02")
-OTHER_BOARD = Handshake(1, 2, 19, "0.6.0", "A4:E5:7C:B6:01:03")
-PHONE = Handshake(13, 3, 8, "owoTrack8", "")
+BOARD = Handshake(1, "0.6.0", "A4:E5:7C:B6:01:02")
+OTHER_BOARD = Handshake(1, "0.6.0", "A4:E5:7C:B6:01:03")
+PHONE = Handshake(13, "owoTrack8", "")
 FIRST, AGAIN = AdmittedDatagram(is_reconnected=True), AdmittedDatagram(is_reconnected=True, keeps_yaw=True)
 NEXT = AdmittedDatagram()
 

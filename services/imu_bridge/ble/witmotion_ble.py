@@ -38,16 +38,14 @@ READ_BATTERY = bytes.fromhex("ffaa276400")
 RESTART = bytes.fromhex("ffaa00ff00")
 RATES: dict[int, int] = {10: 6, 20: 7, 50: 8, 100: 9, 200: 11}
 """Codes of the rates in Hz."""
-_CHARGE = (
-    (3.40, 0.0), (3.50, 0.05), (3.68, 0.10), (3.70, 0.15), (3.73, 0.20), (3.77, 0.30), (3.79, 0.40),
-    (3.82, 0.50), (3.87, 0.60), (3.93, 0.75), (3.96, 0.90), (4.05, 1.0),
-)  # fmt: skip
-"""Volts of the cell and the charge at them."""
+_CHARGE_VOLTS = (3.40, 3.50, 3.68, 3.70, 3.73, 3.77, 3.79, 3.82, 3.87, 3.93, 3.96, 4.05)
+_CHARGE_LEVELS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.30, 0.40, 0.50, 0.60, 0.75, 0.90, 1.0)
+"""Charge of the cell at each of the `_CHARGE_VOLTS`."""
 
 
 def charge_level(volts: float) -> float:
     """Return the charge of the battery, 0 to 1, as its voltage suggests."""
-    return float(np.interp(volts, *zip(*_CHARGE, strict=True)))
+    return float(np.interp(volts, _CHARGE_VOLTS, _CHARGE_LEVELS))
 
 
 class Framer:

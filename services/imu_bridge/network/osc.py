@@ -53,8 +53,6 @@ class OscMessage:
     """Also those in strings."""
     time_ns: int | None
     """Time of its bundle, or None: Unix ns of the sender, ns since its start if its clock was never set."""
-    types: str = field(default="", compare=False)
-    """Type of each of the `numbers`."""
     strings: tuple[str, ...] = field(default=(), compare=False)
     """Strings that are not numbers."""
     problem: str = field(default="", compare=False)
@@ -120,9 +118,7 @@ def _message(data: bytes, time_ns: int | None) -> OscMessage:
     if not rest.startswith(b","):
         if len(rest) < MIN_UNTYPED or len(rest) % 4:
             raise ValueError("no types of arguments")
-        return OscMessage(
-            address, struct.unpack(f">{len(rest) // 4}f", rest), time_ns, "f" * (len(rest) // 4)
-        )
+        return OscMessage(address, struct.unpack(f">{len(rest) // 4}f", rest), time_ns)
     types, at = _text(data, at)
     message = _typed_message(address, types[1:], data[at:], time_ns)
     if message.problem and not (message.numbers or message.strings):
@@ -132,7 +128,7 @@ def _message(data: bytes, time_ns: int | None) -> OscMessage:
 
 def _typed_message(address: str, types: str, data: bytes, time_ns: int | None) -> OscMessage:
     """Return the message of the arguments in `data`, up to the first that cannot be read."""
-    numbers: list[tuple[str, float]] = []
+    numbers: list[float] = []
     strings: list[str] = []
     problem, at = "", 0
     for kind in types:
@@ -144,9 +140,8 @@ def _typed_message(address: str, types: str, data: bytes, time_ns: int | None) -
         if isinstance(value, str):
             strings.append(value)
         elif value is not None:
-            numbers.append((kind, value))
-    values = tuple(number for _, number in numbers)
-    return OscMessage(address, values, time_ns, "".join(kind for kind, _ in numbers), tuple(strings), problem)
+            numbers.append(value)
+    return OscMessage(address, tuple(numbers), time_ns, tuple(strings), problem)
 
 
 def _argument(kind: str, data: bytes, at: int) -> tuple[float | str | None, int]:

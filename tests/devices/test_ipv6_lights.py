@@ -81,13 +81,6 @@ async def test_frames_arrive_in_a_network_without_ipv4(
         assert not health.warnings
 
 
-@pytest.mark.parametrize("kind", MARKS)
-async def test_frames_arrive_at_host_and_port_of_ipv4(kind: str) -> None:
-    async with light("127.0.0.1") as (receiver, port), shown(f"{kind}:127.0.0.1:{port}") as health:
-        await until(lambda: len(receiver.datagrams) > 2, what="the datagrams")
-        assert not health.warnings
-
-
 async def test_name_of_both_kinds_is_sent_to_by_ipv4_first(monkeypatch: pytest.MonkeyPatch) -> None:
     know(monkeypatch, "strip.example", "::1", "127.0.0.1")
     async with light("127.0.0.1") as (receiver, port), shown(f"ddp:strip.example:{port}"):

@@ -144,9 +144,7 @@ def test_no_announcement_raises(topic: str, payload: bytes) -> None:
 
 
 def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
-    config = MqttConfig(broker="hub:1884")
-    assert config.address() == ("hub", 1884)
-    assert MqttConfig(broker="hub", tls=True).address() == ("hub", 8883)
+    config = MqttConfig(broker="hub")
     assert config.command_topic("desk") == "zigbee2mqtt/desk/set"
     assert config.availability_topics("desk") == ("zigbee2mqtt/desk/availability", "zigbee2mqtt/bridge/state")
     own = MqttConfig.model_validate(
@@ -154,6 +152,12 @@ def test_topics_are_those_of_zigbee2mqtt_or_as_configured() -> None:
     )
     assert [own.command_topic(lamp_id) for lamp_id in "abc"] == ["house/a/cmd", "x/set", ""]
     assert [own.availability_topics(lamp_id) for lamp_id in "abc"] == [(), ("x/up",), ()]
+    config = MqttConfig(broker="hub", base_topic="de/home/z2m")
+    assert config.command_topic("hall/desk") == "de/home/z2m/hall/desk/set"
+    assert config.availability_topics("hall/desk") == (
+        "de/home/z2m/hall/desk/availability",
+        "de/home/z2m/bridge/state",
+    )
 
 
 def test_lights_of_a_zigbee2mqtt_with_levels_in_its_base_topic_are_found() -> None:
@@ -164,27 +168,12 @@ def test_lights_of_a_zigbee2mqtt_with_levels_in_its_base_topic_are_found() -> No
         assert [light.topic for light in lights] == [f"{base}/kitchen/desk/set", f"{base}/bulb/set"]
 
 
-def test_the_base_topic_of_zigbee2mqtt_is_a_parameter() -> None:
-    config = MqttConfig(broker="hub", base_topic="de/home/z2m")
-    assert config.command_topic("hall/desk") == "de/home/z2m/hall/desk/set"
-    assert config.availability_topics("hall/desk") == (
-        "de/home/z2m/hall/desk/availability",
-        "de/home/z2m/bridge/state",
-    )
-    other = MqttConfig(broker="hub", topic="house/lights/{lamp}/set")
-    assert other.availability_topics("desk") == ()
-
-
 FOREIGN = {
-    "zigbee2mqtt 1": (b"online", b"offline", {}),
+    "zigbee2mqtt 1, esphome, wled": (b"online", b"offline", {}),
     "zigbee2mqtt 2": (b'{"state":"online"}', b'{"state":"offline"}', {}),
-    "esphome": (b"online", b"offline", {}),
-    "wled": (b"online", b"offline", {}),
     "tasmota": (b"Online", b"Offline", {"online": "Online", "offline": "Offline"}),
     "shelly": (b"true", b"false", {"online": "true", "offline": "false"}),
     "esp easy": (b"Connected", b"Connection Lost", {"online": "Connected", "offline": "Connection Lost"}),
-    "openhab": (b"ON", b"OFF", {"online": "ON", "offline": "OFF"}),
-    "homie": (b"ready", b"lost", {"online": "ready", "offline": "lost"}),
     "zwave-js-ui": (
         b'{"value":true,"nodeId":4}',
         b'{"value":false,"nodeId":4}',
@@ -221,8 +210,6 @@ def test_the_words_of_a_lamp_are_not_those_of_its_bridge() -> None:
     [
         {"online": True},
         {"lamps": {"a": {"offline": False}}},
-        {"broker": "http://hub"},
-        {"broker": ":1883"},
         {"topic": "zigbee2mqtt/all/set"},
         {"lamps": {"a": {"topic": "x"}, "b": {"topic": "x"}}},
         {"lamps": {"a": {"availability": "+"}}},

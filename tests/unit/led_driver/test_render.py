@@ -204,15 +204,6 @@ def test_a_cursor_may_tell_its_distance_by_a_colormap() -> None:
     assert color(angle, miss_rad=1.0) == viridis.rgb(0.0)
 
 
-def test_brightness_scales_everything() -> None:
-    stage = Stage(FORTH).profile("anna").put(item(0.6)).point("anna", 1.5)
-    full = stage.shown()
-    stage.lights.set_brightness(0.5)
-    assert stage.shown() == [tuple(round(value / 2) for value in color) for color in full]
-    stage.lights.set_brightness(0.0)
-    assert stage.lit() == []
-
-
 def test_brightness_of_one_strip_leaves_the_others_alone() -> None:
     stage = Stage().profile("anna").put(item(0.6)).point("anna", 1.0, "back")
     front, back = stage.shown(), stage.shown("back")

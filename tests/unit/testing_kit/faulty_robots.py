@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 from pointit.plugins import (
     Command,
@@ -13,7 +12,6 @@ from pointit.plugins import (
     ReportItem,
     RobotReport,
     Stop,
-    Surroundings,
     TakeOff,
 )
 from pointit.services.robot.drivers.sim_driver import SimDriver
@@ -118,11 +116,3 @@ class DrownsInCommands(SimDriver):
                 report(item)
 
         await super().run(told)
-
-
-@caught_by("parameters", "`make` raised KeyError")
-class RaisesKeyError(SimDriver):
-    def __init__(self, config: Any, spec: Any, surroundings: Surroundings) -> None:
-        if config.seed == 0 and surroundings.clock.now_ns() > 0:
-            raise KeyError("seed")
-        super().__init__(config, spec, surroundings)

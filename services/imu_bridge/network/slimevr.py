@@ -203,16 +203,11 @@ async def discover(seconds: float) -> Sequence[FoundDevice]:
 
     def on_datagram(data: bytes, address: Address) -> None:
         datagram = protocol.decode(data) if len(found) < MAX_FOUND else None
-        for packet in datagram.packets if datagram is not None else ():
-            if isinstance(packet, protocol.Handshake):
-                tracker = SlimevrTracker(address, packet, 0.0, 0.0, 0.0)
-                details: dict[str, str | float] = {
-                    "ip": address[0],
-                    "firmware": packet.firmware,
-                    "board": float(packet.board),
-                }
-                label = f"{tracker.label()}; {set_option('imu-bridge', 'slimevr.host', ANY_HOST)}"
-                found[tracker.identity] = FoundDevice(tracker.identity, label, details)
+        if datagram is not None and isinstance(call := datagram.packet, protocol.Handshake):
+            tracker = SlimevrTracker(address, call, 0.0, 0.0, 0.0)
+            details = {"ip": address[0], "firmware": call.firmware, "board": float(call.board)}
+            label = f"{tracker.label()}; {set_option('imu-bridge', 'slimevr.host', ANY_HOST)}"
+            found[tracker.identity] = FoundDevice(tracker.identity, label, details)
 
     await receive_shared(protocol.PORT, seconds, on_datagram, remedy=TAKEN)
     return [found[identity] for identity in sorted(found)]
@@ -313,8 +308,8 @@ class SlimevrSource(PortSource):
         datagram = protocol.decode(data)
         if datagram is None:
             return
-        if len(datagram.packets) == 1 and isinstance(datagram.packets[0], protocol.Handshake):
-            tracker = self._trackers.called(address, datagram.packets[0], now_s)
+        if isinstance(datagram.packet, protocol.Handshake):
+            tracker = self._trackers.called(address, datagram.packet, now_s)
             if tracker is not None:
                 self._server.connect(address)
                 self._send(protocol.HANDSHAKE_ANSWER, tracker)
@@ -326,18 +321,15 @@ class SlimevrSource(PortSource):
         if admission.is_reconnected:
             self._pass_on(Reconnected(keeps_yaw=admission.keeps_yaw))
             self._battery = None
-        if datagram.unreadable:
-            self._unreadable += datagram.unreadable
+        if not datagram.is_readable:
+            self._unreadable += 1
             self._unreadable_s = now_s
-        stamp_ns = self._clock.now_ns()
-        for packet in datagram.packets:
-            item = self._item(packet, used, stamp_ns, now_s)
-            if item is not None:
-                self._pass_on(item)
+        item = self._item(datagram.packet, used, now_s)
+        if item is not None:
+            self._pass_on(item)
 
-    def _item(
-        self, packet: protocol.Packet, used: SlimevrTracker, stamp_ns: int, now_s: float
-    ) -> Item | None:
+    def _item(self, packet: protocol.Packet | None, used: SlimevrTracker, now_s: float) -> Item | None:
+        stamp_ns = self._clock.now_ns()
         match packet:
             case protocol.Rotation(sensor, orientation_xyzw):
                 self._sensors.add(sensor)
@@ -353,7 +345,7 @@ class SlimevrSource(PortSource):
                 self._answer(packet, used, now_s)
                 return None
 
-    def _answer(self, packet: protocol.Packet, used: SlimevrTracker, now_s: float) -> None:
+    def _answer(self, packet: protocol.Packet | None, used: SlimevrTracker, now_s: float) -> None:
         match packet:
             case protocol.SensorInfo(sensor, status):
                 self._send(protocol.sensor_answer(packet), used)

@@ -1,12 +1,10 @@
 """SlimeVR's tracker protocol: datagrams to packets, and answers to datagrams (hardware.md A.5).
 
-All numbers are big-endian. A tracker's datagram is `u32 kind | u64 number | payload`. A bundle holds packets
-without numbers of their own. Answers have the number 0, but for the handshake's and the sensor info's, which
-have none.
+All numbers are big-endian. A tracker's datagram is `u32 kind | u64 number | payload`. Answers have the number
+0, but for the handshake's and the sensor info's, which have none.
 """
 
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,11 +14,9 @@ from pointit.services.imu_bridge.sources import Battery, Signal
 
 PORT = 6969
 LONGEST_DATAGRAM = 1500
-MAX_BUNDLED = 64
-"""Packets of a bundle that are read; the rest is dropped."""
 WHOLE_TRACKER = 255
 """Number in place of a sensor's, for the tracker as a whole."""
-HEARTBEAT, HANDSHAKE, PING, BUNDLE, SHORT_BUNDLE = 1, 3, 10, 100, 101
+HEARTBEAT, HANDSHAKE, PING = 1, 3, 10
 HANDSHAKE_ANSWER = b"\x03Hey OVR =D 5".ljust(64, b"\0")
 HEARTBEAT_DATAGRAM = struct.pack(">IQ", HEARTBEAT, 0)
 FLAGS_ANSWER = struct.pack(">IQB", 22, 0, 0)
@@ -103,13 +99,14 @@ Packet = (
 
 @dataclass(frozen=True, slots=True)
 class SlimevrDatagram:
-    """Content of a datagram, without packets of other kinds or without sense."""
+    """Content of a datagram."""
 
     number: int
     """Number that rises with each datagram of a tracker, or 0 if it has none."""
-    packets: tuple[Packet, ...]
-    unreadable: int = 0
-    """Packets that are too short or have implausible numbers."""
+    packet: Packet | None
+    """None if it is of another kind, or without sense."""
+    is_readable: bool = True
+    """False if it is too short or has implausible numbers."""
 
 
 def decode(data: bytes) -> SlimevrDatagram | None:
@@ -117,20 +114,12 @@ def decode(data: bytes) -> SlimevrDatagram | None:
     if not _HEAD.size <= len(data) <= LONGEST_DATAGRAM:
         return None
     kind, number = _HEAD.unpack_from(data)
-    parts = _bundled(kind, data[_HEAD.size :])
-    packets: list[Packet] = []
-    unreadable = 0
-    for inner, payload in parts:
-        try:
-            packet = _packet(inner, payload)
-        except (struct.error, IndexError, DatagramError):
-            unreadable += 1
-            continue
-        if packet is not None:
-            packets.append(packet)
     if kind in (HANDSHAKE, PING):  # the former has none, the latter is an echo of ours
         number = 0
-    return SlimevrDatagram(number, tuple(packets), unreadable)
+    try:
+        return SlimevrDatagram(number, _packet(kind, data[_HEAD.size :]))
+    except (struct.error, IndexError, DatagramError):
+        return SlimevrDatagram(number, None, is_readable=False)
 
 
 def ping(number: int) -> bytes:
@@ -146,21 +135,6 @@ def sensor_answer(info: SensorInfo) -> bytes:
 def vibration(duration_s: float, amplitude: float = 1.0) -> bytes:
     """Return the command that lets owoTrack vibrate."""
     return struct.pack(">Ifff", 2, duration_s, 100.0, amplitude)
-
-
-def _bundled(kind: int, payload: bytes) -> Iterator[tuple[int, bytes]]:
-    if kind not in (BUNDLE, SHORT_BUNDLE):
-        yield kind, payload
-        return
-    length_bytes, kind_bytes = (2, 4) if kind == BUNDLE else (1, 1)
-    at = 0
-    for _ in range(MAX_BUNDLED):
-        begin = at + length_bytes
-        at = begin + int.from_bytes(payload[at:begin])
-        if at > len(payload) or begin >= len(payload):
-            return
-        if at - begin > kind_bytes:
-            yield int.from_bytes(payload[begin : begin + kind_bytes]), payload[begin + kind_bytes : at]
 
 
 def _packet(kind: int, payload: bytes) -> Packet | None:  # noqa: C901, PLR0912 - the protocol's table

@@ -108,10 +108,8 @@ class HeadMounting:
     @staticmethod
     def from_degrees(position_m: Vec3, yaw_deg: float, pitch_deg: float, roll_deg: float) -> "HeadMounting":
         """Return the pose whose rotation is roll about x, then pitch about y, then yaw about z of {W}."""
-        yaw = rotation.from_yaw(math.radians(yaw_deg))
-        pitch = rotation.from_axis_angle((0.0, 1.0, 0.0), math.radians(pitch_deg))
-        roll = rotation.from_axis_angle((1.0, 0.0, 0.0), math.radians(roll_deg))
-        return HeadMounting(position_m, rotation.multiply(yaw, rotation.multiply(pitch, roll)))
+        roll, pitch, yaw = map(math.radians, (roll_deg, pitch_deg, yaw_deg))
+        return HeadMounting(position_m, rotation.from_roll_pitch_yaw(roll, pitch, yaw))
 
     def beam(self, angles: Angles) -> Vec3:
         """Return the direction of the beam at `angles`, {W}."""

@@ -41,12 +41,12 @@ def handshake(board: int = 1, mcu: int = 2, firmware: bytes = b"0.6.0", mac: byt
 def only(data: bytes) -> Packet:
     content = decode(data)
     assert content is not None
-    (packet,) = content.packets
-    return packet
+    assert content.packet is not None
+    return content.packet
 
 
 def test_rotation_of_the_table() -> None:
-    assert decode(IDENTITY) == SlimevrDatagram(1, (Rotation(0, (0.0, 0.0, 0.0, 1.0)),))
+    assert decode(IDENTITY) == SlimevrDatagram(1, Rotation(0, (0.0, 0.0, 0.0, 1.0)))
 
 
 @pytest.mark.parametrize(
@@ -88,8 +88,8 @@ def test_orientations_of_every_kind(kind: int, payload: bytes, sensor: int) -> N
 
 
 def test_corrections_and_packets_of_other_kinds_are_passed_over() -> None:
-    assert decode(datagram(17, b"\x00\x02" + QUARTER_TURN + b"\x00")) == SlimevrDatagram(7, ())
-    assert decode(datagram(20, b"\x00" + struct.pack(">f", 31.0))) == SlimevrDatagram(7, ())
+    assert decode(datagram(17, b"\x00\x02" + QUARTER_TURN + b"\x00")) == SlimevrDatagram(7, None)
+    assert decode(datagram(20, b"\x00" + struct.pack(">f", 31.0))) == SlimevrDatagram(7, None)
 
 
 def test_handshakes_of_boards_and_apps() -> None:
@@ -109,21 +109,8 @@ def test_handshakes_of_boards_and_apps() -> None:
 
 def test_echoes_and_handshakes_have_no_number() -> None:
     echo = decode(datagram(10, struct.pack(">I", 9), 4711))
-    assert echo == SlimevrDatagram(0, (Pong(9),))
+    assert echo == SlimevrDatagram(0, Pong(9))
     assert protocol.ping(9) == datagram(10, struct.pack(">I", 9), 0)
-
-
-@pytest.mark.parametrize(("kind", "length", "name"), [(100, ">H", ">I"), (101, ">B", ">B")])
-def test_bundles_of_both_kinds(kind: int, length: str, name: str) -> None:
-    parts = [(17, b"\x00\x01" + QUARTER_TURN + b"\x00"), (12, struct.pack(">ff", 4.1, 1.0)), (60, b"\0")]
-    inner = [struct.pack(name, each) + payload for each, payload in parts]
-    data = datagram(kind, b"".join(struct.pack(length, len(each)) + each for each in inner))
-    content = decode(data)
-    assert content is not None
-    assert [type(packet) for packet in content.packets] == [Rotation, Battery, SlimevrButton]
-    cut = decode(data[:-1])
-    assert cut is not None
-    assert [type(packet) for packet in cut.packets] == [Rotation, Battery]
 
 
 def test_answers_are_those_of_the_table() -> None:
@@ -135,24 +122,22 @@ def test_answers_are_those_of_the_table() -> None:
 
 
 @given(
-    st.sampled_from([0, 1, 3, 4, 10, 12, 13, 14, 15, 16, 17, 19, 21, 22, 23, 60, 100, 101, 200, 2**32 - 1]),
+    st.sampled_from([0, 1, 3, 4, 10, 12, 13, 14, 15, 16, 17, 19, 21, 22, 23, 60, 100, 200, 2**32 - 1]),
     st.integers(0, 2**64 - 1),
     st.binary(max_size=200),
 )
 def test_no_datagram_raises_or_gives_an_orientation_that_is_none(kind: int, number: int, rest: bytes) -> None:
     content = decode(datagram(kind, rest, number))
     assert content is not None
-    assert len(content.packets) <= protocol.MAX_BUNDLED
-    for packet in content.packets:
-        if isinstance(packet, Rotation):
-            assert math.hypot(*packet.orientation_xyzw) == pytest.approx(1.0)
-        if isinstance(packet, Battery):
-            assert 0.0 <= packet.level <= 1.0
+    if isinstance(content.packet, Rotation):
+        assert math.hypot(*content.packet.orientation_xyzw) == pytest.approx(1.0)
+    if isinstance(content.packet, Battery):
+        assert 0.0 <= content.packet.level <= 1.0
 
 
 def test_datagram_that_is_too_short_or_too_long_is_refused() -> None:
     assert decode(bytes(11)) is None
-    assert decode(datagram(100, bytes(protocol.LONGEST_DATAGRAM))) is None
+    assert decode(datagram(17, bytes(protocol.LONGEST_DATAGRAM))) is None
 
 
 ANNA, BEN = ("192.168.1.5", 6969), ("192.168.1.6", 6969)
@@ -164,7 +149,7 @@ NEXT = AdmittedDatagram()
 
 
 def sent(number: int) -> SlimevrDatagram:
-    return SlimevrDatagram(number, ())
+    return SlimevrDatagram(number, None)
 
 
 def connected(trackers: SlimevrTrackers, handshake: Handshake = BOARD, number: int = 5) -> None:

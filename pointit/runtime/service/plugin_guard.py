@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from pointit.geometry import rotation
 from pointit.geometry.rotation import Quaternion
 from pointit.runtime.bus.service_bus import ServiceBus
-from pointit.runtime.clock import Clock, WallClock
+from pointit.runtime.clock import Clock, WallClock, is_virtual
 from pointit.runtime.config.plugins import PluginGroup
 from pointit.runtime.errors import ConfigError, PointItError
 from pointit.runtime.host.state_file import StateFile, state_directory
@@ -266,14 +266,14 @@ _watches: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, "StallWatch"] = w
 
 
 def watch_for_stalls(module: str, label: str, sink: WarningSink, *, is_service: bool = False) -> None:
-    """Report `label` in `sink` if code in the package of `module` blocks the loop.
+    """Report `label` in `sink` if code in the package of `module` blocks the loop. Virtual time never stalls.
 
     `is_service`: of our own code, services are watched only, each by the folder of its module.
     """
     package, _, rest = module.partition(".")
     if package == "pointit" and is_service and rest:
         package = module.rpartition(".")[0]
-    if package != "pointit":
+    if package != "pointit" and not is_virtual():
         loop = asyncio.get_running_loop()
         _watches.setdefault(loop, StallWatch(loop)).add(package, label, sink)
 

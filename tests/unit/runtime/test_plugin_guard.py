@@ -130,6 +130,7 @@ def test_plugin_that_does_not_end_when_cancelled_is_abandoned_and_does_not_hold_
     asyncio.run(site())
 
 
+@pytest.mark.wall_time
 async def test_plugin_that_blocks_the_loop_is_named_with_the_line_for_a_while(
     tmp_path: Path, sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -163,6 +164,7 @@ def block(stop):
         assert called == ("strangers_blocking", "strangers_blocking.py:3 in block"), "also below its calls"
 
 
+@pytest.mark.wall_time
 async def test_service_of_ours_that_blocks_the_loop_for_longer_is_named(
     sink: Sink, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -160,16 +160,20 @@ class Acts:
     def on_result(self, carrier: str, result: ActResult) -> PendingAct | None:
         """Note a result. Return the act if it is complete, or runs for long in all that are left."""
         known = self._carriers.get(carrier)
-        is_final = result.result != "started"
         state = None if known is None else known.states.get(result.object_id)
+        is_final = result.result != "started"
         if is_final and known is not None and state is not None and known.is_newer(state.id, result.stamp_ns):
             known.states[state.id] = state.model_copy(update={"state": result.state})
+        return self.settle(carrier, result)
+
+    def settle(self, carrier: str, result: ActResult) -> PendingAct | None:
+        """Give the act of a result its result, as `on_result` without a look at the state of the thing."""
         act = self._pending.get((result.object_id, result.event_ns))
         if act is None or carrier not in act.waits_for:
             return None
-        if is_final:
+        if result.result != "started":
             is_failed = result.result == "failed"
-            return self._settle(act, carrier, (result.code or "error", result.text) if is_failed else None)
+            return self._end(act, carrier, (result.code or "error", result.text) if is_failed else None)
         act.waits_for[carrier] = True
         return self._advance(act)
 
@@ -198,7 +202,7 @@ class Acts:
             f"{carrier} has ended before it was done: start it again",
         )
         acts = [each for each in self._pending.values() if carrier in each.waits_for]
-        return [act for act in acts if self._settle(act, carrier, problem) is not None]
+        return [act for act in acts if self._end(act, carrier, problem) is not None]
 
     def expire(self, now_ns: int, speed: float) -> list[PendingAct]:
         """Return the acts whose carriers have not told a result in time. `speed`: of the site's time."""
@@ -254,7 +258,7 @@ class Acts:
         states = [states[act.record.object_id] for states in carriers if act.record.object_id in states]
         return max((each.limit_s for each in states), default=DEFAULT_LIMIT_S)
 
-    def _settle(
+    def _end(
         self, act: PendingAct, carrier: str, problem: tuple[FailureCode, str] | None
     ) -> PendingAct | None:
         del act.waits_for[carrier]

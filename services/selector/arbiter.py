@@ -311,7 +311,7 @@ class Arbiter:
         They have the last results, too, which it may have told while no selector ran.
         """
         known = self._acts.on_states(carrier, states)
-        results = [self._acts.on_result(carrier, each.last) for each in states.things if each.last]
+        results = [self._acts.settle(carrier, each.last) for each in states.things if each.last]
         ended = [act for act in results if act is not None]
         outputs = [output for act in ended for output in self._conclude(act, now_ns)]
         return outputs + self._follow_targets(now_ns, known)

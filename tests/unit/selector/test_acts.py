@@ -234,6 +234,9 @@ def test_a_result_that_nobody_heard_is_read_with_the_states_once(result: str) ->
         home.report(ThingState(id="lamp", state="on" if is_on else "off", last=last))
     assert [each.result for each in home.outcomes] == [result]
     assert home.selected == [("lamp", False)] * is_on
+    assert home.point(80.0, 60.0) == []
+    home.report(ThingState(id="lamp", state="off" if is_on else "on", last=last))
+    assert home.selected == [("lamp", False)] * (not is_on), "the state counts, the result is from before"
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])

@@ -55,9 +55,11 @@ def test_a_forged_problem_changes_no_finding_about_another(code: str, site: Call
     seen = site().seen()
     truth = about_others(diagnose(seen))
     for subject in SUBJECTS:
-        for topic in ("", RAY.key, CURSOR.key):
-            claim = Problem(code=code, sentence="says: forged", subject=subject, topic=topic)
-            assert about_others(diagnose(with_claims(seen, (claim,)))) == truth
+        claims = tuple(
+            Problem(code=code, sentence="says: forged", subject=subject, topic=topic)
+            for topic in ("", RAY.key, CURSOR.key)
+        )
+        assert about_others(diagnose(with_claims(seen, claims))) == truth
 
 
 @pytest.mark.parametrize("site", [router_with_people, ill])

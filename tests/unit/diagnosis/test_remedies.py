@@ -13,6 +13,7 @@ from pointit.services.imu_bridge import sources
 from tests.architecture.sources import shipped, tree
 from tests.support.remedies import PLACEHOLDER, check_sentence, check_setting
 from tests.unit.diagnosis.fault_sites import READS, Site, one_process, router_with_people
+from tests.unit.diagnosis.remedies import ACTS
 
 STATED = {
     "ANY_HOST": ("0.0.0.0",),  # noqa: S104
@@ -57,6 +58,16 @@ def options() -> Iterator[str]:
                     if not each[1].startswith({"conveyor-sim": "udp", "imu-bridge": "bay"}.get(each[0], " ")):
                         is_address = each[1] == "ximu3.sensor"  # its sensors are known by their addresses
                         yield f"{each[0]}.{each[1]}={'192.0.2.1' if is_address else each[2]}"
+
+
+def test_words_that_ask_for_an_act_are_those_of_the_product() -> None:
+    said = "\n".join(
+        node.value
+        for path in shipped()
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+    assert [words for words in ACTS.values() if words not in said] == []
 
 
 def test_every_option_of_a_remedy_is_accepted_by_the_parser() -> None:

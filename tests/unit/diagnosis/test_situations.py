@@ -1,16 +1,14 @@
 """Each broken situation of the table is one finding, whose printed remedy mends it; the page is current."""
 
-import ast
 from dataclasses import replace
 
 import pytest
 
 from pointit.diagnosis.diagnose import diagnose, is_healthy
 from pointit.services.registry import person_of
-from tests.architecture.sources import shipped, tree
 from tests.support.remedies import check_sentence
 from tests.unit.diagnosis.page import PAGE, cause, page
-from tests.unit.diagnosis.remedies import ACTS, ended_faults, text_of
+from tests.unit.diagnosis.remedies import ended_faults, text_of
 from tests.unit.diagnosis.situations import SITUATIONS, Situation
 
 rows = pytest.mark.parametrize("row", SITUATIONS, ids=lambda row: row.name)
@@ -44,16 +42,6 @@ def test_the_printed_remedy_mends_the_site_and_nothing_else_does(row: Situation)
     others = [each for other in SITUATIONS for each in other.faults if each.kind != row.faults[0].kind]
     mended = ended_faults(finding, others, row.make())
     assert {each.kind for each in mended} <= {"ended", "stopped"}, "whose process may do either"
-
-
-def test_words_that_ask_for_an_act_are_those_of_the_product() -> None:
-    said = "\n".join(
-        node.value
-        for path in shipped()
-        for node in ast.walk(tree(path))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    )
-    assert [words for words in ACTS.values() if words not in said] == []
 
 
 def test_the_page_is_current() -> None:
